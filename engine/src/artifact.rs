@@ -1,0 +1,247 @@
+//! Artifacts: the typed values that travel along wires, and their canonical bytes.
+
+use std::any::Any;
+use std::sync::Arc;
+
+use cache::Digest;
+
+/// A value that a port can carry.
+///
+/// The encoding is canonical: equal values give equal bytes on every machine, since the content
+/// digest of a value is the digest of its type name, format number and encoded bytes.
+pub trait Artifact: Send + Sync + Sized + 'static {
+    /// Name of the type, in kebab-case; two ports connect when their names are equal.
+    const TYPE: &'static str;
+    /// Number of the byte layout; raised whenever `encode` changes.
+    const FORMAT: u32;
+
+    /// Writes the canonical bytes.
+    fn encode(&self, to: &mut Encoder);
+    /// Reads what [`Artifact::encode`] wrote. Never panics, whatever the bytes are.
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
+    /// Memory held, in bytes; for admission, so a fair estimate is enough.
+    fn bytes(&self) -> usize;
+    /// How far another value lies from this one, in the terms of this type (decibels, metres, rows).
+    fn difference(&self, other: &Self) -> Difference;
+}
+
+/// The distance between two artifacts of one type.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// True when the two encode to the same bytes.
+    pub equal: bool,
+    /// One line a person reads: `PSNR 41.2 dB, largest 0.031 at (12, 80) of view_0`.
+    pub summary: String,
+}
+
+impl Difference {
+    /// No difference at all.
+    pub fn none() -> Self {
+        Self { equal: true, summary: "equal".to_owned() }
+    }
+
+    /// A difference described by one line.
+    pub fn of(summary: impl Into<String>) -> Self {
+        Self { equal: false, summary: summary.into() }
+    }
+}
+
+/// Bytes that do not decode to the type they were stored under.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("stored value does not decode: {0}")]
+pub struct Corrupt(pub String);
+
+/// Appends primitive values in little-endian order. Slices carry their length first.
+#[derive(Debug, Default)]
+pub struct Encoder {
+    bytes: Vec<u8>,
+}
+
+macro_rules! scalar_codec {
+    ($($name:ident: $type:ty),*) => {
+        impl Encoder { $(
+            #[doc = concat!("Appends one `", stringify!($type), "`.")]
+            pub fn $name(&mut self, value: $type) { self.bytes.extend_from_slice(&value.to_le_bytes()); }
+        )* }
+        impl Decoder<'_> { $(
+            #[doc = concat!("Reads one `", stringify!($type), "`.")]
+            pub fn $name(&mut self) -> Result<$type, Corrupt> {
+                let mut raw = [0; size_of::<$type>()];
+                raw.copy_from_slice(self.take(size_of::<$type>())?);
+                Ok(<$type>::from_le_bytes(raw))
+            }
+        )* }
+    };
+}
+scalar_codec!(u8: u8, u32: u32, u64: u64, f32: f32, f64: f64);
+
+macro_rules! slice_codec {
+    ($($name:ident: $type:ty),*) => {
+        impl Encoder { $(
+            #[doc = concat!("Appends a length and that many `", stringify!($type), "`.")]
+            pub fn $name(&mut self, values: &[$type]) {
+                self.u64(values.len() as u64);
+                if cfg!(target_endian = "little") {
+                    self.bytes.extend_from_slice(bytemuck::cast_slice(values));
+                } else {
+                    for value in values { self.bytes.extend_from_slice(&value.to_le_bytes()); }
+                }
+            }
+        )* }
+        impl Decoder<'_> { $(
+            #[doc = concat!("Reads what the encoder's `", stringify!($name), "` wrote.")]
+            pub fn $name(&mut self) -> Result<Vec<$type>, Corrupt> {
+                let count = self.length(size_of::<$type>())?;
+                let raw = self.take(count * size_of::<$type>())?;
+                Ok(raw.chunks_exact(size_of::<$type>())
+                    .map(|chunk| { let mut one = [0; size_of::<$type>()]; one.copy_from_slice(chunk); <$type>::from_le_bytes(one) })
+                    .collect())
+            }
+        )* }
+    };
+}
+slice_codec!(u8s: u8, u32s: u32, f32s: f32, f64s: f64);
+
+impl Encoder {
+    /// Appends one `bool` as a byte.
+    pub fn bool(&mut self, value: bool) {
+        self.u8(u8::from(value));
+    }
+
+    /// Appends a length and UTF-8 text.
+    pub fn str(&mut self, value: &str) {
+        self.u8s(value.as_bytes());
+    }
+
+    /// Appends another artifact in place.
+    pub fn artifact<A: Artifact>(&mut self, value: &A) {
+        value.encode(self);
+    }
+
+    /// The bytes written so far.
+    pub fn finish(self) -> Vec<u8> {
+        self.bytes
+    }
+}
+
+/// Reads what an [`Encoder`] wrote; every length is checked against what is left before allocating.
+#[derive(Debug)]
+pub struct Decoder<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Decoder<'a> {
+    /// A reader at the start of `bytes`.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
+        let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
+            Corrupt(format!("ends after {} bytes where {count} are needed", self.rest.len()))
+        })?;
+        self.rest = rest;
+        Ok(head)
+    }
+
+    /// A count of elements of `size` bytes each, refused when more than what is left.
+    pub fn length(&mut self, size: usize) -> Result<usize, Corrupt> {
+        let count = self.u64()?;
+        match usize::try_from(count) {
+            Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
+            _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
+        }
+    }
+
+    /// Reads one `bool`.
+    pub fn bool(&mut self) -> Result<bool, Corrupt> {
+        match self.u8()? {
+            0 => Ok(false),
+            1 => Ok(true),
+            other => Err(Corrupt(format!("truth value {other}"))),
+        }
+    }
+
+    /// Reads text.
+    pub fn str(&mut self) -> Result<String, Corrupt> {
+        String::from_utf8(self.u8s()?).map_err(|_| Corrupt("text is not UTF-8".to_owned()))
+    }
+
+    /// Reads another artifact in place.
+    pub fn artifact<A: Artifact>(&mut self) -> Result<A, Corrupt> {
+        A::decode(self)
+    }
+
+    /// Succeeds when nothing is left over.
+    pub fn end(&self) -> Result<(), Corrupt> {
+        if self.rest.is_empty() {
+            Ok(())
+        } else {
+            Err(Corrupt(format!("{} bytes left over", self.rest.len())))
+        }
+    }
+}
+
+/// An artifact behind a pointer whose type is known by name only.
+pub type AnyArtifact = Arc<dyn Any + Send + Sync>;
+
+/// What the engine can do with a type without knowing it.
+#[derive(Debug, Clone, Copy)]
+pub struct ArtifactType {
+    /// [`Artifact::TYPE`].
+    pub name: &'static str,
+    /// [`Artifact::FORMAT`].
+    pub format: u32,
+    pub(crate) encode: fn(&AnyArtifact) -> Vec<u8>,
+    pub(crate) decode: fn(&[u8]) -> Result<AnyArtifact, Corrupt>,
+    pub(crate) bytes: fn(&AnyArtifact) -> usize,
+    pub(crate) difference: fn(&AnyArtifact, &AnyArtifact) -> Difference,
+}
+
+impl ArtifactType {
+    /// The table of operations of `A`.
+    pub fn of<A: Artifact>() -> Self {
+        Self {
+            name: A::TYPE,
+            format: A::FORMAT,
+            encode: |value| encode_to_vec(typed::<A>(value)),
+            decode: |bytes| {
+                let value: AnyArtifact = Arc::new(decode_all::<A>(bytes)?);
+                Ok(value)
+            },
+            bytes: |value| typed::<A>(value).bytes(),
+            difference: |a, b| typed::<A>(a).difference(typed::<A>(b)),
+        }
+    }
+
+    /// Content digest of a value of this type whose canonical bytes are `encoded`.
+    pub fn digest(&self, encoded: &[u8]) -> Digest {
+        content_digest(self.name, self.format, encoded)
+    }
+}
+
+/// The canonical bytes of a value.
+pub fn encode_to_vec<A: Artifact>(value: &A) -> Vec<u8> {
+    let mut to = Encoder { bytes: Vec::with_capacity(value.bytes() + 64) };
+    value.encode(&mut to);
+    to.finish()
+}
+
+/// Decodes bytes that must hold one value and nothing else.
+pub fn decode_all<A: Artifact>(bytes: &[u8]) -> Result<A, Corrupt> {
+    let mut from = Decoder::new(bytes);
+    let value = A::decode(&mut from)?;
+    from.end()?;
+    Ok(value)
+}
+
+/// Digest of a value: its canonical bytes. The type name and format stand beside the digest in every
+/// key and record, so that the blob store can check a blob by its digest alone.
+pub(crate) fn content_digest(_name: &str, _format: u32, encoded: &[u8]) -> Digest {
+    Digest::of(encoded)
+}
+
+// The graph check matched the type names before any value existed, so a mismatch is our bug.
+fn typed<A: Artifact>(value: &AnyArtifact) -> &A {
+    value.downcast_ref().expect("the graph check matched port types")
+}

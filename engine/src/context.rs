@@ -1,0 +1,260 @@
+//! What a running node may ask of the engine.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+
+use cache::Digest;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::artifact::{Artifact, decode_all, encode_to_vec};
+use crate::error::NodeError;
+use crate::param::{InputFile, canonical};
+
+/// Which axis of the world points up. Worlds are right-handed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Up {
+    /// `+y`, as in glTF.
+    #[serde(rename = "+y")]
+    PlusY,
+    /// `-y`, as COLMAP often gives.
+    #[serde(rename = "-y")]
+    MinusY,
+    /// `+z`, as in Blender.
+    #[serde(rename = "+z")]
+    PlusZ,
+}
+
+/// The `scene` block of a graph: what every node shares.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scene {
+    /// Which axis points up.
+    pub up: Up,
+    /// How many metres one world unit is.
+    pub metres_per_unit: f64,
+    /// Seed of every random number in the graph.
+    pub seed: u64,
+}
+
+/// A part of the context. A kind declares those it reads, and only those enter its keys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ContextField {
+    /// [`Scene::up`].
+    Up,
+    /// [`Scene::metres_per_unit`].
+    MetresPerUnit,
+    /// [`Scene::seed`].
+    Seed,
+    /// The canonical graph above this node; see [`Context::recipe`].
+    Recipe,
+}
+
+/// A file that a node reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SourceFile {
+    /// As written in the graph or in another source; enters the key beside the digest of the content.
+    pub name: String,
+    /// Where it lies on this machine.
+    pub path: PathBuf,
+}
+
+/// Resolves the paths in a graph file.
+#[derive(Debug, Clone)]
+pub struct SourceRoot {
+    folder: PathBuf,
+}
+
+impl SourceRoot {
+    /// Paths are relative to `folder`, the folder of the graph file.
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into() }
+    }
+
+    /// The source that a parameter names.
+    pub fn file(&self, file: &InputFile) -> SourceFile {
+        SourceFile { name: file.0.clone(), path: self.folder.join(&file.0) }
+    }
+
+    /// A source beside another one, such as a buffer that a glTF file names.
+    pub fn beside(&self, other: &SourceFile, name: &str) -> SourceFile {
+        let path = other.path.parent().unwrap_or(&self.folder).join(name);
+        let name = match other.name.rsplit_once('/') {
+            Some((folder, _)) => format!("{folder}/{name}"),
+            None => name.to_owned(),
+        };
+        SourceFile { name, path }
+    }
+}
+
+/// Names one part of a node's work, an action of its own with its own key.
+#[derive(Debug, Clone, Copy)]
+pub struct Part<'a> {
+    /// Name in the event stream: `r0`.
+    pub name: &'a str,
+    /// Raised whenever the part's code changes its output.
+    pub version: u32,
+    /// The input ports whose content the part depends on.
+    pub inputs: &'a [&'static str],
+}
+
+/// Keeps the results of parts; the scheduler's side of [`Context::part`].
+pub(crate) trait PartStore: Send + Sync {
+    fn load(&self, part: Part<'_>, extra: &str) -> Option<Vec<u8>>;
+    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], seconds: f64) -> Result<(), NodeError>;
+}
+
+/// A declared source, read and digested when the key was made.
+pub(crate) struct ReadSource {
+    pub file: SourceFile,
+    pub digest: Digest,
+}
+
+/// What a running node may ask of the engine: context fields, files, tiles on the shared threads, parts,
+/// progress, cancellation and counts.
+pub struct Context {
+    pub(crate) scene: Scene,
+    pub(crate) reads: &'static [ContextField],
+    pub(crate) recipe: Option<Arc<str>>,
+    pub(crate) root: SourceRoot,
+    pub(crate) sources: Vec<ReadSource>,
+    pub(crate) cancel: Arc<AtomicBool>,
+    pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
+    pub(crate) parts: Option<Box<dyn PartStore>>,
+    pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
+}
+
+impl Context {
+    /// A context outside of any run: no cache, no cancellation, every field readable. For tests and
+    /// benches of kinds; tiles run on the caller's rayon pool.
+    pub fn detached(scene: Scene, folder: impl Into<PathBuf>) -> Self {
+        Self {
+            scene,
+            reads: &[ContextField::Up, ContextField::MetresPerUnit, ContextField::Seed],
+            recipe: None,
+            root: SourceRoot::new(folder),
+            sources: Vec::new(),
+            cancel: Arc::default(),
+            progress: Box::new(|_| {}),
+            parts: None,
+            counts: Mutex::default(),
+        }
+    }
+
+    fn declared(&self, field: ContextField) {
+        assert!(self.reads.contains(&field), "the kind reads {field:?} but does not declare it in READS");
+    }
+
+    /// Which axis points up. The kind must declare [`ContextField::Up`].
+    pub fn up(&self) -> Up {
+        self.declared(ContextField::Up);
+        self.scene.up
+    }
+
+    /// Metres a world unit. The kind must declare [`ContextField::MetresPerUnit`].
+    pub fn metres_per_unit(&self) -> f64 {
+        self.declared(ContextField::MetresPerUnit);
+        self.scene.metres_per_unit
+    }
+
+    /// Seed of every random number. The kind must declare [`ContextField::Seed`].
+    pub fn seed(&self) -> u64 {
+        self.declared(ContextField::Seed);
+        self.scene.seed
+    }
+
+    /// The canonical graph above this node, for the metadata of written pictures: nodes renamed in
+    /// order, defaults left out, sources by digest. The kind must declare [`ContextField::Recipe`].
+    pub fn recipe(&self) -> Option<&str> {
+        self.recipe.as_deref()
+    }
+
+    /// True once the run was asked to stop.
+    pub fn cancelled(&self) -> bool {
+        self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// An error once the run was asked to stop; for loops that have no tiles.
+    pub fn check(&self) -> Result<(), NodeError> {
+        if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
+    }
+
+    /// Tells how far the node is, from 0 to 1.
+    pub fn progress(&self, done: f32) {
+        (self.progress)(done.clamp(0.0, 1.0));
+    }
+
+    /// Runs `f` for every index below `n` on the shared threads and gives the results in index order,
+    /// so what is summed over them does not depend on the number of threads.
+    pub fn for_each_tile<T: Send>(
+        &self,
+        n: usize,
+        f: impl Fn(usize) -> T + Send + Sync,
+    ) -> Result<Vec<T>, NodeError> {
+        (0..n)
+            .into_par_iter()
+            .map(|index| if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(f(index)) })
+            .collect()
+    }
+
+    /// Adds to a deterministic count of work, such as `rays` or `blends`.
+    pub fn count(&self, name: &'static str, n: u64) {
+        let mut counts = self.counts.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        *counts.entry(name).or_default() += n;
+    }
+
+    /// The counts so far.
+    pub fn counts(&self) -> BTreeMap<&'static str, u64> {
+        self.counts.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
+    }
+
+    /// Computes a part of the node's work, or takes it from the cache. Its key is made of the kind, the
+    /// part's name and version, the content of the named inputs and `extra`, which must hold every
+    /// parameter and number that `value` reads.
+    pub fn part<A: Artifact>(
+        &self,
+        part: Part<'_>,
+        extra: &impl Serialize,
+        value: impl FnOnce() -> Result<A, NodeError>,
+    ) -> Result<Arc<A>, NodeError> {
+        let Some(store) = &self.parts else { return value().map(Arc::new) };
+        let extra = canonical(extra)?;
+        if let Some(stored) = store.load(part, &extra)
+            && let Ok(known) = decode_all::<A>(&stored)
+        {
+            return Ok(Arc::new(known));
+        }
+        let start = std::time::Instant::now();
+        let made = value()?;
+        store.save(part, &extra, &encode_to_vec(&made), start.elapsed().as_secs_f64())?;
+        Ok(Arc::new(made))
+    }
+
+    /// The bytes of a source file. Reading a file that the kind's `sources` did not list is our bug; a
+    /// file that changed since its digest was taken is an error that asks for another run.
+    pub fn read(&self, file: &InputFile) -> Result<Vec<u8>, NodeError> {
+        self.read_source(&self.root.file(file))
+    }
+
+    /// The bytes of a source file that another source names, such as a glTF buffer.
+    pub fn read_beside(&self, file: &InputFile, name: &str) -> Result<Vec<u8>, NodeError> {
+        self.read_source(&self.root.beside(&self.root.file(file), name))
+    }
+
+    fn read_source(&self, wanted: &SourceFile) -> Result<Vec<u8>, NodeError> {
+        let bytes = std::fs::read(&wanted.path)
+            .map_err(|e| NodeError::new(format!("cannot read `{}`: {e}", wanted.path.display())))?;
+        if self.parts.is_some() {
+            let declared = self.sources.iter().find(|source| source.file == *wanted);
+            let declared = declared.unwrap_or_else(|| {
+                panic!("the kind reads `{}` but does not list it in sources", wanted.name)
+            });
+            if Digest::of(&bytes) != declared.digest {
+                let what = format!("`{}` changed while the graph was running", wanted.name);
+                return Err(NodeError::new(what).hint("run again"));
+            }
+        }
+        Ok(bytes)
+    }
+}

@@ -1,0 +1,77 @@
+//! How a node says that it cannot give its outputs.
+
+use std::error::Error as StdError;
+
+/// Why a node stopped: what is wrong, where in the graph file it was asked for, and what to do.
+#[derive(Debug)]
+pub struct NodeError {
+    pub(crate) kind: NodeErrorKind,
+    pub(crate) field: Option<&'static str>,
+    pub(crate) hint: Option<String>,
+}
+
+#[derive(Debug)]
+pub(crate) enum NodeErrorKind {
+    Cancelled,
+    Failed(String),
+}
+
+impl NodeError {
+    /// An error in words.
+    pub fn new(message: impl Into<String>) -> Self {
+        Self { kind: NodeErrorKind::Failed(message.into()), field: None, hint: None }
+    }
+
+    /// The run was asked to stop.
+    pub fn cancelled() -> Self {
+        Self { kind: NodeErrorKind::Cancelled, field: None, hint: None }
+    }
+
+    /// Names the parameter or input that is to blame, so that its text is underlined.
+    pub fn at(mut self, field: &'static str) -> Self {
+        self.field.get_or_insert(field);
+        self
+    }
+
+    /// Says what to do about it.
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hint.get_or_insert(hint.into());
+        self
+    }
+
+    /// True for a run that was stopped rather than one that failed.
+    pub fn is_cancelled(&self) -> bool {
+        matches!(self.kind, NodeErrorKind::Cancelled)
+    }
+
+    /// What is wrong, without place or advice.
+    pub fn message(&self) -> &str {
+        match &self.kind {
+            NodeErrorKind::Cancelled => "stopped",
+            NodeErrorKind::Failed(message) => message,
+        }
+    }
+}
+
+impl std::fmt::Display for NodeError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.message())
+    }
+}
+
+/// Any typed error of a crate of kinds becomes a node's failure; its chain of causes is written out.
+impl<E: StdError + Send + Sync + 'static> From<E> for NodeError {
+    fn from(error: E) -> Self {
+        let mut message = error.to_string();
+        let mut cause = error.source();
+        while let Some(inner) = cause {
+            let text = inner.to_string();
+            if !message.contains(&text) {
+                message.push_str(": ");
+                message.push_str(&text);
+            }
+            cause = inner.source();
+        }
+        Self::new(message)
+    }
+}

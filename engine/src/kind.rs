@@ -1,0 +1,207 @@
+//! Kinds: what a node does, and the table that knows them all.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::artifact::AnyArtifact;
+use crate::context::{Context, ContextField, SourceFile, SourceRoot};
+use crate::error::NodeError;
+use crate::note::Notes;
+use crate::param::{NotCanonical, ParamSpec, Params, Role};
+use crate::port::{Inputs, Outputs, PortSpec};
+use crate::syntax::Fields;
+
+/// Memory and work of a node, for admission and forecast. Zero means negligible.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Cost {
+    /// Peak memory beyond the inputs, in bytes.
+    pub bytes: u64,
+    /// Work in arbitrary units that grow in proportion with the time.
+    pub work: f64,
+}
+
+/// Whether the outputs of a kind are worth keeping on disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keep {
+    /// Outputs are stored.
+    Always,
+    /// Only their digests are: remaking them is as cheap as reading them (loaders).
+    Cheap,
+}
+
+/// One kind of node: its name, parameters, ports and code.
+pub trait Kind: 'static {
+    /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
+    const NAME: &'static str;
+    /// Raised whenever the same inputs give other outputs.
+    const VERSION: u32;
+    /// The context fields that `run` reads; only these enter the key.
+    const READS: &'static [ContextField] = &[];
+    /// Whether outputs are stored.
+    const STORE: Keep = Keep::Always;
+    /// What may change the bits: `portable`, or the profile of a library that promises none.
+    const PROFILE: &'static str = "portable";
+
+    /// Parameters, by [`params!`](crate::params).
+    type Params: Params;
+    /// Inputs, by [`inputs!`](crate::inputs).
+    type In: Inputs;
+    /// Outputs, by [`outputs!`](crate::outputs).
+    type Out: Outputs;
+
+    /// What a run will take. Called with the real inputs, before `run`.
+    fn estimate(_params: &Self::Params, _inputs: &Self::In) -> Cost {
+        Cost::default()
+    }
+
+    /// The files that `run` reads, found cheaply (headers only).
+    fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(Vec::new())
+    }
+
+    /// Checks that need several parameters at once; ranges are declared with the parameters.
+    fn check(_params: &Self::Params) -> Result<(), NodeError> {
+        Ok(())
+    }
+
+    /// Computes the outputs.
+    fn run(params: &Self::Params, inputs: Self::In, cx: &Context) -> Result<(Self::Out, Notes), NodeError>;
+}
+
+/// Parameters of an unknown type, together with what can be done with them.
+pub(crate) trait Step: Send + Sync {
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, Result<Option<String>, NotCanonical>, Option<&str>));
+    fn texts(&self, visit: &mut dyn FnMut(&'static str, Result<String, NotCanonical>));
+    fn check(&self) -> Result<(), NodeError>;
+    fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
+    fn run(
+        &self,
+        inputs: Vec<Vec<AnyArtifact>>,
+        cx: &Context,
+    ) -> Result<(Vec<AnyArtifact>, Notes), NodeError>;
+}
+
+struct StepOf<K: Kind>(K::Params);
+
+impl<K: Kind> Step for StepOf<K> {
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, Result<Option<String>, NotCanonical>, Option<&str>)) {
+        self.0.visit(visit);
+    }
+    fn texts(&self, visit: &mut dyn FnMut(&'static str, Result<String, NotCanonical>)) {
+        self.0.texts(visit);
+    }
+    fn check(&self) -> Result<(), NodeError> {
+        K::check(&self.0)
+    }
+    fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        K::sources(&self.0, root)
+    }
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost {
+        K::estimate(&self.0, &K::In::take(inputs))
+    }
+    fn run(
+        &self,
+        inputs: Vec<Vec<AnyArtifact>>,
+        cx: &Context,
+    ) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {
+        let (out, notes) = K::run(&self.0, K::In::take(inputs), cx)?;
+        Ok((out.give(), notes))
+    }
+}
+
+/// A kind as the engine sees it.
+pub struct KindEntry {
+    /// Kebab-case name.
+    pub name: &'static str,
+    /// [`Kind::VERSION`].
+    pub version: u32,
+    /// The doc comment of its parameters: first line is the summary.
+    pub doc: &'static str,
+    /// Parameters in order of declaration.
+    pub params: Vec<ParamSpec>,
+    /// Input ports in order of declaration.
+    pub inputs: Vec<PortSpec>,
+    /// Output ports; the first is the default one.
+    pub outputs: Vec<PortSpec>,
+    /// [`Kind::READS`].
+    pub reads: &'static [ContextField],
+    /// [`Kind::STORE`].
+    pub store: Keep,
+    /// [`Kind::PROFILE`].
+    pub profile: &'static str,
+    pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
+}
+
+impl KindEntry {
+    /// The entry of `K`.
+    pub fn of<K: Kind>() -> Self {
+        Self {
+            name: K::NAME,
+            version: K::VERSION,
+            doc: K::Params::DOC,
+            params: K::Params::specs(),
+            inputs: K::In::ports(),
+            outputs: K::Out::ports(),
+            reads: K::READS,
+            store: K::STORE,
+            profile: K::PROFILE,
+            read: |fields| {
+                let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
+                Some(step)
+            },
+        }
+    }
+
+    /// The name in graph files: `SplatRender`.
+    pub fn camel_name(&self) -> String {
+        camel(self.name)
+    }
+
+    /// The parameter that names the file to write, for sinks.
+    pub fn sink_param(&self) -> Option<&ParamSpec> {
+        self.params.iter().find(|param| param.role == Role::Output)
+    }
+}
+
+/// `splat-render` to `SplatRender`.
+pub(crate) fn camel(kebab: &str) -> String {
+    let mut out = String::with_capacity(kebab.len());
+    for word in kebab.split('-') {
+        let mut letters = word.chars();
+        out.extend(letters.next().map(|c| c.to_ascii_uppercase()));
+        out.extend(letters);
+    }
+    out
+}
+
+/// The table of kinds. A user's own crate adds to it with [`Registry::with`].
+#[derive(Default)]
+pub struct Registry {
+    kinds: BTreeMap<String, Arc<KindEntry>>,
+}
+
+impl Registry {
+    /// A table of the given kinds. Two kinds of one name are our bug.
+    pub fn new(entries: Vec<KindEntry>) -> Self {
+        entries.into_iter().fold(Self::default(), Self::with)
+    }
+
+    /// Adds a kind.
+    pub fn with(mut self, entry: KindEntry) -> Self {
+        let name = entry.camel_name();
+        let earlier = self.kinds.insert(name.clone(), Arc::new(entry));
+        assert!(earlier.is_none(), "two kinds are named {name}");
+        self
+    }
+
+    /// The kind of a name in either spelling.
+    pub fn get(&self, name: &str) -> Option<&Arc<KindEntry>> {
+        self.kinds.get(name).or_else(|| self.kinds.get(&camel(name)))
+    }
+
+    /// Every kind, in order of name.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<KindEntry>> {
+        self.kinds.values()
+    }
+}

@@ -1,0 +1,73 @@
+//! What a node has to say beside its outputs. Notes are part of the result: kept, and shown again on a hit.
+
+use serde::{Deserialize, Serialize};
+
+/// How serious a note is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// Something was counted, such as broken rows that were dropped.
+    Count,
+    /// A choice that the node made by itself, such as how the receiver blocks the environment.
+    Decision,
+    /// The user should look at this, the result stands.
+    Warning,
+    /// The result is less than what was asked for; passes to every dependant and to the exit code.
+    Degraded,
+}
+
+/// One remark with a stable name.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    /// How serious it is.
+    pub level: Level,
+    /// Stable name in kebab-case, such as `zero-quaternion`, for tests and filters.
+    pub id: String,
+    /// One line for a person.
+    pub text: String,
+}
+
+/// The remarks of one run of a node, in the order they were made.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Notes(Vec<Note>);
+
+impl Notes {
+    /// No remarks.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    fn push(&mut self, level: Level, id: &str, text: String) {
+        self.0.push(Note { level, id: id.to_owned(), text });
+    }
+
+    /// Adds a warning.
+    pub fn warning(&mut self, id: &str, text: impl Into<String>) {
+        self.push(Level::Warning, id, text.into());
+    }
+
+    /// Marks the result, and everything made from it, as degraded.
+    pub fn degraded(&mut self, id: &str, text: impl Into<String>) {
+        self.push(Level::Degraded, id, text.into());
+    }
+
+    /// Tells a choice the node made.
+    pub fn decision(&mut self, id: &str, text: impl Into<String>) {
+        self.push(Level::Decision, id, text.into());
+    }
+
+    /// Tells how many of something there were.
+    pub fn count(&mut self, id: &str, n: u64, of: impl std::fmt::Display) {
+        self.push(Level::Count, id, format!("{n} {of}"));
+    }
+
+    /// The remarks in order.
+    pub fn iter(&self) -> impl Iterator<Item = &Note> {
+        self.0.iter()
+    }
+
+    /// True when one of the remarks marks the result as degraded.
+    pub fn is_degraded(&self) -> bool {
+        self.0.iter().any(|note| note.level == Level::Degraded)
+    }
+}

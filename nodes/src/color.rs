@@ -1,0 +1,73 @@
+//! Transfer curves and luminance. sRGB is IEC 61966-2-1; primaries are Rec.709 throughout.
+
+use crate::num;
+
+/// Rec.709 luminance weights as the paper prints them; they sum to exactly 1 in decimal.
+pub const LUMINANCE: [f32; 3] = [0.21267, 0.71516, 0.07217];
+
+/// Luminance of linear RGB, added in the order R, G, B.
+#[inline]
+pub fn luminance(rgb: [f32; 3]) -> f32 {
+    LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
+}
+
+/// Linear light of an sRGB-encoded value. Continues below 0 as an odd function and above 1 along the
+/// same power, since splat colours do both.
+#[inline]
+pub fn linear_from_srgb(encoded: f32) -> f32 {
+    let x = f64::from(encoded.abs());
+    let linear = if x <= 0.04045 { x / 12.92 } else { num::pow((x + 0.055) / 1.055, 2.4) };
+    (linear as f32).copysign(encoded)
+}
+
+/// sRGB encoding of linear light; the inverse of [`linear_from_srgb`].
+#[inline]
+pub fn srgb_from_linear(linear: f32) -> f32 {
+    let x = f64::from(linear.abs());
+    let encoded = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * num::pow(x, 1.0 / 2.4) - 0.055 };
+    (encoded as f32).copysign(linear)
+}
+
+/// Linear light of each 8-bit sRGB code.
+pub fn linear_from_srgb8() -> [f32; 256] {
+    std::array::from_fn(|code| linear_from_srgb(code as f32 / 255.0))
+}
+
+/// The 8-bit code nearest to a display value; below 0 and NaN give 0, above 1 gives 255.
+#[inline]
+pub fn code8(encoded: f32) -> u8 {
+    (encoded.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Row 60 of the table of extremes: every 8-bit and 16-bit code survives the round trip.
+    #[test]
+    fn every_code_survives_the_round_trip() {
+        for code in 0..=255_u8 {
+            assert_eq!(code8(srgb_from_linear(linear_from_srgb(f32::from(code) / 255.0))), code);
+        }
+        for code in 0..=65_535_u32 {
+            let back = srgb_from_linear(linear_from_srgb(code as f32 / 65_535.0)) * 65_535.0;
+            assert_eq!((back + 0.5) as u32, code);
+        }
+    }
+
+    // Row 61: odd, and continuous at the break to the precision of the standard's rounded constants.
+    #[test]
+    fn curve_is_odd_and_continuous() {
+        for x in [1e-6_f32, 0.003, 0.2, 1.0, 7.5] {
+            assert_eq!(srgb_from_linear(-x), -srgb_from_linear(x));
+        }
+        let below = linear_from_srgb(0.04045);
+        let above = linear_from_srgb(0.04045_f32.next_up());
+        assert!((above - below).abs() < 1e-7, "{below} {above}");
+    }
+
+    #[test]
+    fn luminance_weights_sum_to_one() {
+        assert!((luminance([1.0; 3]) - 1.0).abs() < 1e-6);
+    }
+}

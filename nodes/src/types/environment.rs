@@ -1,0 +1,63 @@
+//! Environments: the light that arrives from every direction.
+
+use engine::{Artifact, Corrupt, Decoder, Difference, Encoder, Up};
+use glam::DVec3;
+
+use super::image::{Image, Images, Linear, Picture, samples_difference};
+use super::panorama::{decode_up, decode_vec, encode_up, encode_vec};
+
+/// Linear radiance from every direction, as an equirectangular image of 3 channels in the same layout
+/// as a [`Panorama`](super::Panorama).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Environment {
+    /// Radiance; white at EV 0 is 1.
+    pub image: Image<Linear>,
+    /// Which axis of the world points up; fixes the direction of every texel.
+    pub up: Up,
+    /// The point it was captured at, where it has one. A file from elsewhere has none.
+    pub origin: Option<DVec3>,
+}
+
+impl Artifact for Environment {
+    const TYPE: &'static str = "env";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        Images::single("", self.image.clone()).encode(to);
+        encode_up(self.up, to);
+        to.bool(self.origin.is_some());
+        if let Some(origin) = self.origin {
+            encode_vec(origin, to);
+        }
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let Some(Picture::Linear(image)) = Images::decode(from)?.0.pop().map(|image| image.picture) else {
+            return Err(Corrupt("radiance is linear".to_owned()));
+        };
+        if image.channels != 3 || image.width == 0 || image.height == 0 {
+            return Err(Corrupt("radiance has three channels".to_owned()));
+        }
+        let up = decode_up(from)?;
+        let origin = if from.bool()? { Some(decode_vec(from)?) } else { None };
+        Ok(Self { image, up, origin })
+    }
+
+    fn bytes(&self) -> usize {
+        self.image.samples.len() * 4 + 128
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        if self.up != other.up || self.origin != other.origin {
+            return Difference::of("seen from another point");
+        }
+        let size = |image: &Image<Linear>| (image.width, image.height, image.channels);
+        samples_difference(
+            "radiance",
+            size(&self.image),
+            &self.image.samples,
+            size(&other.image),
+            &other.image.samples,
+        )
+    }
+}

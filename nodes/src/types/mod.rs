@@ -1,0 +1,23 @@
+//! The artifacts of rendering: what travels along the wires.
+
+mod environment;
+mod image;
+mod mesh;
+mod object;
+mod panorama;
+mod pose;
+mod report;
+mod rig;
+mod splats;
+
+pub use environment::Environment;
+pub use image::{Data, Encoding, Image, Images, Linear, NamedImage, Picture, Srgb};
+pub use mesh::Mesh;
+pub use object::{
+    AlphaMode, Material, Object, Placed, Primitive, Sampler, Texture, TextureRef, TextureTransform, Wrap,
+};
+pub use panorama::{Brackets, Panorama};
+pub use pose::Pose;
+pub use report::{Cell, Report, Table};
+pub use rig::{Camera, Rig};
+pub use splats::{SplatEncoding, Splats, View, Views};

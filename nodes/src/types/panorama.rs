@@ -1,0 +1,156 @@
+//! Panoramas around a point, and the exposures predicted for them.
+
+use engine::{Artifact, Corrupt, Decoder, Difference, Encoder, Up};
+use glam::DVec3;
+
+use super::image::{Data, Image, Images, Picture, Srgb, samples_difference};
+use super::report::Report;
+
+/// An equirectangular picture of everything seen from one point. `image` has 3 channels and
+/// `width = 2 * height`; row 0 is up, the centre column looks forward, u grows to the right, pixel
+/// centres at (i + 0.5) / N. See [`crate::equirect`] for directions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Panorama {
+    /// RGB, not premultiplied, holes already filled.
+    pub image: Picture,
+    /// How much of each pixel was seen, 0 to 1; one channel.
+    pub alpha: Image<Data>,
+    /// Which axis of the world points up; fixes the direction of every pixel.
+    pub up: Up,
+    /// Where it was seen from, in world units.
+    pub origin: DVec3,
+}
+
+/// A panorama with the light that its clipped pixels hide.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Brackets {
+    /// log2 of (true luminance / clipped luminance), 0 where nothing is clipped; one channel, of the
+    /// size of the panorama.
+    pub log2_gain: Image<Data>,
+    /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
+    pub evs: Vec<f64>,
+    /// What a camera would have taken at each of `evs`: display-encoded, clipped to 1, one view each.
+    pub exposures: Vec<Image<Srgb>>,
+    /// Which method made it, and each region it found.
+    pub report: Report,
+}
+
+pub(crate) fn encode_up(up: Up, to: &mut Encoder) {
+    to.u8(match up {
+        Up::PlusY => 0,
+        Up::MinusY => 1,
+        Up::PlusZ => 2,
+    });
+}
+
+pub(crate) fn decode_up(from: &mut Decoder<'_>) -> Result<Up, Corrupt> {
+    Ok(match from.u8()? {
+        0 => Up::PlusY,
+        1 => Up::MinusY,
+        2 => Up::PlusZ,
+        other => return Err(Corrupt(format!("up axis {other}"))),
+    })
+}
+
+pub(crate) fn encode_vec(v: DVec3, to: &mut Encoder) {
+    v.to_array().iter().for_each(|c| to.f64(*c));
+}
+
+pub(crate) fn decode_vec(from: &mut Decoder<'_>) -> Result<DVec3, Corrupt> {
+    Ok(DVec3::new(from.f64()?, from.f64()?, from.f64()?))
+}
+
+fn encode_picture(picture: &Picture, to: &mut Encoder) {
+    Images::single("", picture.clone()).encode(to);
+}
+
+fn decode_picture(from: &mut Decoder<'_>) -> Result<Picture, Corrupt> {
+    Images::decode(from)?.0.pop().map(|image| image.picture).ok_or_else(|| Corrupt("no picture".to_owned()))
+}
+
+impl Artifact for Panorama {
+    const TYPE: &'static str = "pano";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        encode_picture(&self.image, to);
+        encode_picture(&Picture::Data(self.alpha.clone()), to);
+        encode_up(self.up, to);
+        encode_vec(self.origin, to);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let image = decode_picture(from)?;
+        let Picture::Data(alpha) = decode_picture(from)? else {
+            return Err(Corrupt("alpha of a panorama is not data".to_owned()));
+        };
+        if image.size().2 != 3
+            || (alpha.width, alpha.height, alpha.channels) != (image.size().0, image.size().1, 1)
+        {
+            return Err(Corrupt("panorama and alpha differ in size".to_owned()));
+        }
+        Ok(Self { image, alpha, up: decode_up(from)?, origin: decode_vec(from)? })
+    }
+
+    fn bytes(&self) -> usize {
+        (self.image.samples().len() + self.alpha.samples.len()) * 4 + 128
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        if self.up != other.up || self.origin != other.origin {
+            return Difference::of(format!("seen from {} against {}", self.origin, other.origin));
+        }
+        samples_difference(
+            "panorama",
+            self.image.size(),
+            self.image.samples(),
+            other.image.size(),
+            other.image.samples(),
+        )
+    }
+}
+
+impl Artifact for Brackets {
+    const TYPE: &'static str = "brackets";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        encode_picture(&Picture::Data(self.log2_gain.clone()), to);
+        to.f64s(&self.evs);
+        for exposure in &self.exposures {
+            encode_picture(&Picture::Srgb(exposure.clone()), to);
+        }
+        self.report.encode(to);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let Picture::Data(log2_gain) = decode_picture(from)? else {
+            return Err(Corrupt("a gain map is data".to_owned()));
+        };
+        let evs = from.f64s()?;
+        let exposures = evs
+            .iter()
+            .map(|_| match decode_picture(from)? {
+                Picture::Srgb(image) => Ok(image),
+                _ => Err(Corrupt("an exposure is display-encoded".to_owned())),
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Self { log2_gain, evs, exposures, report: Report::decode(from)? })
+    }
+
+    fn bytes(&self) -> usize {
+        let exposures: usize = self.exposures.iter().map(|image| image.samples.len()).sum();
+        (self.log2_gain.samples.len() + exposures) * 4 + 256
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        let size = |image: &Image<Data>| (image.width, image.height, image.channels);
+        samples_difference(
+            "log2 gain",
+            size(&self.log2_gain),
+            &self.log2_gain.samples,
+            size(&other.log2_gain),
+            &other.log2_gain.samples,
+        )
+    }
+}

@@ -1,0 +1,111 @@
+//! Reports: typed tables of what a node found.
+
+use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
+use serde::Serialize;
+
+/// One value of a table.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Cell {
+    /// Words.
+    Text(String),
+    /// A count.
+    Count(u64),
+    /// A measurement, finite; unit and meaning are in the heading of the column.
+    Number(f64),
+    /// Was not computed; printed as such, never as 0.
+    Missing,
+}
+
+/// A table with headings.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Table {
+    /// Stable name in kebab-case: `emitters`.
+    pub name: String,
+    /// Heading of each column, with its unit: `solid angle (sr)`.
+    pub columns: Vec<String>,
+    /// Rows, each of as many cells as there are columns.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+/// What a node found, as tables. Port type `report`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Report {
+    /// One line on what this is.
+    pub title: String,
+    /// The tables, in order.
+    pub tables: Vec<Table>,
+}
+
+impl Artifact for Report {
+    const TYPE: &'static str = "report";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        to.str(&self.title);
+        to.u64(self.tables.len() as u64);
+        for table in &self.tables {
+            to.str(&table.name);
+            to.u64(table.columns.len() as u64);
+            table.columns.iter().for_each(|column| to.str(column));
+            to.u64(table.rows.len() as u64);
+            for cell in table.rows.iter().flatten() {
+                match cell {
+                    Cell::Missing => to.u8(0),
+                    Cell::Text(text) => {
+                        to.u8(1);
+                        to.str(text);
+                    }
+                    Cell::Count(n) => {
+                        to.u8(2);
+                        to.u64(*n);
+                    }
+                    Cell::Number(x) => {
+                        to.u8(3);
+                        to.f64(*x);
+                    }
+                }
+            }
+        }
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let title = from.str()?;
+        let mut tables = Vec::new();
+        for _ in 0..from.length(24)? {
+            let name = from.str()?;
+            let width = from.length(8)?;
+            let columns = (0..width).map(|_| from.str()).collect::<Result<Vec<_>, _>>()?;
+            let height = from.length(width.max(1))?;
+            let cell = |from: &mut Decoder<'_>| {
+                Ok(match from.u8()? {
+                    0 => Cell::Missing,
+                    1 => Cell::Text(from.str()?),
+                    2 => Cell::Count(from.u64()?),
+                    3 => Cell::Number(from.f64()?),
+                    other => return Err(Corrupt(format!("cell of sort {other}"))),
+                })
+            };
+            let rows = (0..height)
+                .map(|_| (0..width).map(|_| cell(from)).collect::<Result<Vec<_>, _>>())
+                .collect::<Result<Vec<_>, _>>()?;
+            tables.push(Table { name, columns, rows });
+        }
+        Ok(Self { title, tables })
+    }
+
+    fn bytes(&self) -> usize {
+        self.tables.iter().map(|table| 64 + table.columns.len() * 32 * (1 + table.rows.len())).sum()
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        for (a, b) in self.tables.iter().zip(&other.tables) {
+            for (row, (x, y)) in a.rows.iter().zip(&b.rows).enumerate() {
+                if x != y {
+                    return Difference::of(format!("{}: row {row} differs", a.name));
+                }
+            }
+        }
+        if self == other { Difference::none() } else { Difference::of("other tables") }
+    }
+}

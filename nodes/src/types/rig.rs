@@ -1,0 +1,108 @@
+//! Cameras.
+
+use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
+use glam::{DMat4, DVec3};
+use serde::Serialize;
+
+/// A pinhole camera in the OpenCV convention: x right, y down, z forward; pixel (0, 0) is the top left
+/// one and its centre lies at (0.5, 0.5).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Camera {
+    /// Name of the view.
+    pub name: String,
+    /// Columns, in pixels.
+    pub width_px: u32,
+    /// Rows, in pixels.
+    pub height_px: u32,
+    /// Focal length along x, in pixels.
+    pub fx: f64,
+    /// Focal length along y, in pixels.
+    pub fy: f64,
+    /// Principal point, in pixels from the left edge.
+    pub cx: f64,
+    /// Principal point, in pixels from the top edge.
+    pub cy: f64,
+    /// Rigid transform from camera to world, column-major as glam stores it.
+    pub world_from_camera: [f64; 16],
+}
+
+impl Camera {
+    /// The rigid transform from camera to world.
+    pub fn world_from_camera(&self) -> DMat4 {
+        DMat4::from_cols_array(&self.world_from_camera)
+    }
+
+    /// The rigid transform from world to camera: transposed rotation, so exact for a rotation.
+    pub fn camera_from_world(&self) -> DMat4 {
+        let m = self.world_from_camera();
+        let r = glam::DMat3::from_mat4(m).transpose();
+        let t = -(r * self.eye());
+        DMat4::from_cols(r.x_axis.extend(0.0), r.y_axis.extend(0.0), r.z_axis.extend(0.0), t.extend(1.0))
+    }
+
+    /// Where the camera stands, in world units.
+    pub fn eye(&self) -> DVec3 {
+        self.world_from_camera().w_axis.truncate()
+    }
+
+    /// A unit vector in the world, through the point (x, y) of the image in pixels.
+    pub fn direction(&self, x: f64, y: f64) -> DVec3 {
+        let local = DVec3::new((x - self.cx) / self.fx, (y - self.cy) / self.fy, 1.0);
+        self.world_from_camera().transform_vector3(local).normalize()
+    }
+}
+
+/// One or more cameras, each with a name of its own.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Rig {
+    /// The cameras, in order.
+    pub cameras: Vec<Camera>,
+}
+
+impl Artifact for Rig {
+    const TYPE: &'static str = "rig";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        to.u64(self.cameras.len() as u64);
+        for camera in &self.cameras {
+            to.str(&camera.name);
+            to.u32(camera.width_px);
+            to.u32(camera.height_px);
+            to.f64s(&[camera.fx, camera.fy, camera.cx, camera.cy]);
+            to.f64s(&camera.world_from_camera);
+        }
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let count = from.length(200)?;
+        let mut cameras = Vec::with_capacity(count);
+        for _ in 0..count {
+            let (name, width_px, height_px) = (from.str()?, from.u32()?, from.u32()?);
+            let [fx, fy, cx, cy] = exactly(from.f64s()?)?;
+            let world_from_camera = exactly(from.f64s()?)?;
+            cameras.push(Camera { name, width_px, height_px, fx, fy, cx, cy, world_from_camera });
+        }
+        Ok(Self { cameras })
+    }
+
+    fn bytes(&self) -> usize {
+        self.cameras.len() * 256
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        if self == other {
+            return Difference::none();
+        }
+        let moved = self.cameras.iter().zip(&other.cameras).filter(|(a, b)| a != b).count();
+        Difference::of(format!(
+            "{} cameras against {}, {moved} changed",
+            self.cameras.len(),
+            other.cameras.len()
+        ))
+    }
+}
+
+pub(crate) fn exactly<const N: usize>(values: Vec<f64>) -> Result<[f64; N], Corrupt> {
+    values.try_into().map_err(|v: Vec<f64>| Corrupt(format!("{} numbers where {N} belong", v.len())))
+}

@@ -1,0 +1,191 @@
+//! Gaussian splats and what is seen of them.
+
+use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
+
+use super::image::{Data, Image, Images, Linear, NamedImage, Picture, Srgb, samples_difference};
+use super::mesh::triples;
+use super::rig::{Camera, Rig};
+
+/// The encoding that splat colours were trained in, which is the one they are blended in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SplatEncoding {
+    /// Display, sRGB-like: nearly every capture.
+    Srgb,
+    /// Linear light, where the file says so.
+    Linear,
+}
+
+/// A scene of 3D Gaussians, activated: scales, opacities and rotations are what they mean, not what
+/// the optimiser stored. All vectors have one entry a splat, in file order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Splats {
+    /// Centres, in world units.
+    pub means: Vec<[f32; 3]>,
+    /// Unit quaternions (w, x, y, z): rotation from the axes of the Gaussian to the world.
+    pub quats: Vec<[f32; 4]>,
+    /// Standard deviations along the axes of the Gaussian, in world units; at least 0, finite.
+    pub scales: Vec<[f32; 3]>,
+    /// Opacities, 0 to 1.
+    pub opacities: Vec<f32>,
+    /// Degree of the spherical harmonics, 0 to 4.
+    pub sh_degree: u32,
+    /// Spherical harmonics coefficients: `(sh_degree + 1)^2` RGB triples a splat, degree 0 first, in
+    /// the basis and sign convention of the INRIA rasterizer.
+    pub sh: Vec<[f32; 3]>,
+    /// Encoding of the colours.
+    pub encoding: SplatEncoding,
+    /// True when the file says that it was trained with a screen-space antialiasing filter.
+    pub antialiased: bool,
+}
+
+impl Splats {
+    /// Number of splats.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// True for an empty scene.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// RGB triples of spherical harmonics a splat.
+    pub fn sh_len(&self) -> usize {
+        ((self.sh_degree + 1) * (self.sh_degree + 1)) as usize
+    }
+}
+
+impl Artifact for Splats {
+    const TYPE: &'static str = "splats";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        to.f32s(self.means.as_flattened());
+        to.f32s(self.quats.as_flattened());
+        to.f32s(self.scales.as_flattened());
+        to.f32s(&self.opacities);
+        to.u32(self.sh_degree);
+        to.f32s(self.sh.as_flattened());
+        to.bool(self.encoding == SplatEncoding::Linear);
+        to.bool(self.antialiased);
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let means = triples(from.f32s()?)?;
+        let (quats, rest) = {
+            let flat = from.f32s()?;
+            (flat.as_chunks::<4>().0.to_vec(), flat.len() % 4)
+        };
+        let splats = Self {
+            means,
+            quats,
+            scales: triples(from.f32s()?)?,
+            opacities: from.f32s()?,
+            sh_degree: from.u32()?,
+            sh: triples(from.f32s()?)?,
+            encoding: if from.bool()? { SplatEncoding::Linear } else { SplatEncoding::Srgb },
+            antialiased: from.bool()?,
+        };
+        let n = splats.len();
+        let fits = rest == 0
+            && splats.sh_degree <= 4
+            && splats.quats.len() == n
+            && splats.scales.len() == n
+            && splats.opacities.len() == n
+            && splats.sh.len() == n * splats.sh_len();
+        if fits { Ok(splats) } else { Err(Corrupt("splat arrays of unequal length".to_owned())) }
+    }
+
+    fn bytes(&self) -> usize {
+        self.len() * (44 + 12 * self.sh_len())
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        if self == other {
+            return Difference::none();
+        }
+        Difference::of(format!("{} splats against {}", self.len(), other.len()))
+    }
+}
+
+/// What one camera sees of a splat scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// The camera.
+    pub camera: Camera,
+    /// RGB premultiplied by alpha over black, and alpha: 4 channels, f32, unclipped; tagged with the
+    /// encoding the splats were trained in.
+    pub colour: Picture,
+    /// Planar z in world units, one channel; +inf where nothing was seen.
+    pub depth: Image<Data>,
+}
+
+/// What each camera of a rig sees. Port type `views`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Views(pub Vec<View>);
+
+impl Artifact for Views {
+    const TYPE: &'static str = "views";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        Rig { cameras: self.0.iter().map(|view| view.camera.clone()).collect() }.encode(to);
+        for view in &self.0 {
+            let depth = NamedImage { name: "depth".to_owned(), picture: view.depth.clone().into() };
+            Images(vec![NamedImage { name: "colour".to_owned(), picture: view.colour.clone() }, depth])
+                .encode(to);
+        }
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let rig = Rig::decode(from)?;
+        let mut views = Vec::with_capacity(rig.cameras.len());
+        for camera in rig.cameras {
+            let [colour, depth]: [NamedImage; 2] = Images::decode(from)?
+                .0
+                .try_into()
+                .map_err(|_| Corrupt("a view has two images".to_owned()))?;
+            let Picture::Data(depth) = depth.picture else {
+                return Err(Corrupt("depth is data".to_owned()));
+            };
+            views.push(View { camera, colour: colour.picture, depth });
+        }
+        Ok(Self(views))
+    }
+
+    fn bytes(&self) -> usize {
+        self.0.iter().map(|view| (view.colour.samples().len() + view.depth.samples.len()) * 4 + 512).sum()
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        if self.0.len() != other.0.len() {
+            return Difference::of(format!("{} views against {}", self.0.len(), other.0.len()));
+        }
+        for (a, b) in self.0.iter().zip(&other.0) {
+            if a.camera != b.camera {
+                return Difference::of(format!("camera {} moved", a.camera.name));
+            }
+            let (size, other_size) = (a.colour.size(), b.colour.size());
+            let difference =
+                samples_difference(&a.camera.name, size, a.colour.samples(), other_size, b.colour.samples());
+            if !difference.equal {
+                return difference;
+            }
+        }
+        if self == other { Difference::none() } else { Difference::of("depth differs") }
+    }
+}
+
+/// A colour image in the encoding of the splats.
+pub(crate) fn tagged(
+    encoding: SplatEncoding,
+    width: usize,
+    height: usize,
+    channels: usize,
+    samples: Vec<f32>,
+) -> Picture {
+    match encoding {
+        SplatEncoding::Srgb => Image::<Srgb>::from_samples(width, height, channels, samples).into(),
+        SplatEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
+    }
+}
