@@ -1,0 +1,1 @@
+//! Recovered light on real panoramas.

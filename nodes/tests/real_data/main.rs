@@ -1,0 +1,17 @@
+//! Tests on real captures, objects and reference renders, which lie in `../shared/data` beside the
+//! checkout. A missing file is a failure here, never a skip; `cargo test` without the feature
+//! `real-data` leaves the whole set out, and `.ci/run` says so.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+mod files;
+mod light;
+mod splat;
+mod trace;
+
+/// A file of the shared data.
+#[allow(dead_code, reason = "used by the modules as they fill")]
+fn data(path: &str) -> std::path::PathBuf {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(path);
+    assert!(root.exists(), "{} is missing", root.display());
+    root
+}

@@ -1,0 +1,1 @@
+//! Splat rendering against the float64 references.

@@ -1,0 +1,1 @@
+//! Path tracing against the renders of independent programs.
