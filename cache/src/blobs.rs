@@ -1,0 +1,234 @@
+//! [`Blobs`]: content by its digest. Small ones share a log, larger ones are a file each.
+
+use std::collections::{BTreeSet, HashMap};
+use std::fs::{self, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use crate::digest::Digest;
+use crate::error::{At, Error, Result};
+use crate::failpoint::{self, BLOB, reach};
+use crate::log::{Log, Settings};
+use crate::store::{Fsync, Incident, lock};
+use crate::temp::{TempFile, sync_folder};
+
+/// Shorter blobs live in the log: below this, a file costs more time and space than its content.
+pub(crate) const SMALL: usize = 4096;
+
+/// The kind of a blob's entry in the log.
+const KIND: u8 = 2;
+
+#[derive(Debug)]
+pub(crate) enum Blobs {
+    Memory(Mutex<HashMap<Digest, Vec<u8>>>),
+    Disk(Box<Disk>),
+}
+
+#[derive(Debug)]
+pub(crate) struct Disk {
+    folder: PathBuf,
+    settings: Settings,
+    fsync: Fsync,
+    /// Opened when first needed: a run that finds nothing to do reads no blob.
+    small: Mutex<Option<Log>>,
+    /// Bad blobs that could be neither moved nor removed.
+    bad: Mutex<BTreeSet<Digest>>,
+    unsynced: Mutex<Vec<PathBuf>>,
+}
+
+impl Blobs {
+    pub fn in_memory() -> Blobs {
+        Blobs::Memory(Mutex::default())
+    }
+
+    /// Blobs in files below `folder`, small ones in the log of `settings`.
+    pub fn on_disk(folder: PathBuf, settings: Settings, fsync: Fsync) -> Blobs {
+        let (small, bad, unsynced) = (Mutex::default(), Mutex::default(), Mutex::default());
+        Blobs::Disk(Box::new(Disk { folder, settings, fsync, small, bad, unsynced }))
+    }
+
+    pub fn put(&self, digest: &Digest, bytes: &[u8]) -> Result<()> {
+        match self {
+            Blobs::Memory(blobs) => {
+                lock(blobs).entry(*digest).or_insert_with(|| bytes.to_vec());
+                Ok(())
+            }
+            Blobs::Disk(disk) => disk.put(digest, bytes),
+        }
+    }
+
+    /// The bytes, which have this digest. A bad blob is put aside and `report`ed.
+    pub fn get(&self, digest: &Digest, report: impl Fn(Incident)) -> Result<Option<Vec<u8>>> {
+        match self {
+            Blobs::Memory(blobs) => Ok(lock(blobs).get(digest).cloned()),
+            Blobs::Disk(disk) => disk.get(digest, report),
+        }
+    }
+
+    /// Whether a blob is there; whether it is good shows when it is read.
+    pub fn has(&self, digest: &Digest) -> bool {
+        match self {
+            Blobs::Memory(blobs) => lock(blobs).contains_key(digest),
+            Blobs::Disk(disk) => disk.has(digest),
+        }
+    }
+
+    /// Syncs what was put since the last time.
+    pub fn sync(&self) -> Result<()> {
+        match self {
+            Blobs::Memory(_) => Ok(()),
+            Blobs::Disk(disk) => disk.sync(),
+        }
+    }
+}
+
+impl Disk {
+    fn put(&self, digest: &Digest, bytes: &[u8]) -> Result<()> {
+        if !self.settings.writable {
+            return Ok(());
+        }
+        if bytes.len() < SMALL {
+            return self.with_small(|log| {
+                if log.contains(KIND, digest) { Ok(()) } else { log.append(&[(KIND, *digest, bytes)]) }
+            });
+        }
+        let path = self.path(digest);
+        let there =
+            fs::metadata(&path).is_ok_and(|found| found.is_file() && found.len() == bytes.len() as u64);
+        if there && !lock(&self.bad).contains(digest) {
+            return Ok(());
+        }
+        let mut temp = TempFile::create(&self.settings.temp, &BLOB)?;
+        temp.write(bytes)?;
+        if self.fsync == Fsync::Always {
+            temp.sync()?;
+        }
+        temp.persist(&path)?;
+        lock(&self.bad).remove(digest);
+        match self.fsync {
+            Fsync::Always => path.parent().into_iter().for_each(sync_folder),
+            Fsync::Batch => lock(&self.unsynced).push(path),
+            Fsync::Off => {}
+        }
+        Ok(())
+    }
+
+    fn get(&self, digest: &Digest, report: impl Fn(Incident)) -> Result<Option<Vec<u8>>> {
+        if let Some(bytes) = self.get_small(digest, &report)? {
+            return Ok(Some(bytes));
+        }
+        if lock(&self.bad).contains(digest) {
+            return Ok(None);
+        }
+        let path = self.path(digest);
+        match fs::read(&path) {
+            Ok(bytes) if Digest::of(&bytes) == *digest => Ok(Some(bytes)),
+            Ok(bytes) => {
+                // Another process may have put a good one in its place by now.
+                let replaced = fs::metadata(&path).is_ok_and(|found| found.len() != bytes.len() as u64);
+                if !replaced {
+                    let what = format!("{} bytes that are not its content", bytes.len());
+                    report(self.put_aside(digest, &path, &what)?);
+                }
+                Ok(None)
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                self.with_small(Log::refresh)?;
+                self.get_small(digest, &report)
+            }
+            Err(error) if is_our_trouble(&error) => Err(Error::io("read", &path, error)),
+            Err(error) => {
+                report(self.put_aside(digest, &path, &error.to_string())?);
+                Ok(None)
+            }
+        }
+    }
+
+    fn get_small(&self, digest: &Digest, report: &impl Fn(Incident)) -> Result<Option<Vec<u8>>> {
+        self.with_small(|log| match log.get(KIND, digest)? {
+            Some(bytes) if Digest::of(&bytes) == *digest => Ok(Some(bytes)),
+            Some(_) => {
+                log.drop_entry(KIND, digest)?;
+                report(Incident {
+                    digest: Some(*digest),
+                    what: "a small blob was damaged; removed".to_owned(),
+                });
+                Ok(None)
+            }
+            None => Ok(None),
+        })
+    }
+
+    fn has(&self, digest: &Digest) -> bool {
+        let known = |log: &mut Log| Ok(log.contains(KIND, digest));
+        let found = |known: Result<bool>| known.unwrap_or(false);
+        found(self.with_small(known))
+            || (fs::metadata(self.path(digest)).is_ok_and(|found| found.is_file())
+                && !lock(&self.bad).contains(digest))
+            || found(self.with_small(|log| log.refresh().and_then(|()| known(log))))
+    }
+
+    fn sync(&self) -> Result<()> {
+        if self.fsync == Fsync::Off {
+            return Ok(());
+        }
+        let paths = std::mem::take(&mut *lock(&self.unsynced));
+        for path in &paths {
+            match OpenOptions::new().write(true).open(path).and_then(|file| file.sync_data()) {
+                // Collected or put aside since.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => {
+                    // After a failed sync nobody knows what is on the disk.
+                    let _ = fs::remove_file(path);
+                    return Err(Error::io("sync", path, error));
+                }
+                Ok(()) => {}
+            }
+        }
+        let folders: BTreeSet<&Path> = paths.iter().filter_map(|path| path.parent()).collect();
+        folders.into_iter().for_each(sync_folder);
+        lock(&self.small).as_mut().map_or(Ok(()), Log::sync)
+    }
+
+    /// Moves a bad blob out of the way, or removes it, or at least remembers it.
+    fn put_aside(&self, digest: &Digest, path: &Path, what: &str) -> Result<Incident> {
+        reach(failpoint::QUARANTINE_BEFORE).at("put aside", path)?;
+        let aside = self.settings.quarantine.join(digest.to_string());
+        let moved = self.settings.writable
+            && fs::create_dir_all(&self.settings.quarantine).and_then(|()| fs::rename(path, &aside)).is_ok();
+        let outcome = if moved {
+            format!("moved to {}", aside.display())
+        } else if self.settings.writable && fs::remove_file(path).is_ok() {
+            "removed".to_owned()
+        } else {
+            lock(&self.bad).insert(*digest);
+            "ignored".to_owned()
+        };
+        reach(failpoint::QUARANTINE_AFTER).at("put aside", path)?;
+        Ok(Incident { digest: Some(*digest), what: format!("{} held {what}; {outcome}", path.display()) })
+    }
+
+    fn with_small<T>(&self, act: impl FnOnce(&mut Log) -> Result<T>) -> Result<T> {
+        let mut small = lock(&self.small);
+        let log = match small.take() {
+            Some(log) => log,
+            None => Log::open(self.settings.clone())?,
+        };
+        act(small.insert(log))
+    }
+
+    /// Two digits name a folder, so that none grows too long.
+    fn path(&self, digest: &Digest) -> PathBuf {
+        let name = digest.to_string();
+        self.folder.join(&name[..2]).join(name)
+    }
+}
+
+/// Whether reading failed for want of something in this process or of permission, and not for what is on
+/// the disk.
+fn is_our_trouble(error: &io::Error) -> bool {
+    // EMFILE and ENFILE, which have no stable kind.
+    let files = cfg!(unix) && matches!(error.raw_os_error(), Some(23 | 24));
+    files || matches!(error.kind(), io::ErrorKind::OutOfMemory | io::ErrorKind::PermissionDenied)
+}

@@ -1,0 +1,143 @@
+//! Named places where a test can stop the process or make the disk fail.
+//!
+//! Compiled in only with the feature `failpoints`; without it every place is an empty inlined function.
+//! The environment variable `LIGHTHARMONY_FAILPOINT=name:count` aborts the process (as `kill -9` would, with
+//! no destructor run) when the place `name` is reached for the `count`-th time, counted from 1 over all
+//! threads. `name:count:error` makes that place return an I/O error instead, and `name:count:full` the error
+//! of a full disk.
+
+/// Every place, in the order of a write's life.
+pub const NAMES: &[&str] = &[
+    BLOB.before_create,
+    BLOB.after_create,
+    BLOB.middle,
+    BLOB.after_write,
+    BLOB.after_sync,
+    BLOB.before_rename,
+    BLOB.after_rename,
+    LOG.before_create,
+    LOG.after_create,
+    LOG.middle,
+    LOG.after_write,
+    LOG.after_sync,
+    LOG.before_rename,
+    LOG.after_rename,
+    PUBLISH.before_create,
+    PUBLISH.after_create,
+    PUBLISH.middle,
+    PUBLISH.after_write,
+    PUBLISH.after_sync,
+    PUBLISH.before_rename,
+    PUBLISH.after_rename,
+    APPEND_BEFORE,
+    APPEND_MIDDLE,
+    APPEND_AFTER,
+    FLUSH_BEFORE,
+    FLUSH_AFTER,
+    QUARANTINE_BEFORE,
+    QUARANTINE_AFTER,
+    LEASE_ACQUIRED,
+    LEASE_UNLINKED,
+];
+
+/// The places in the life of one file that is written beside its final name and renamed.
+#[derive(Debug)]
+pub(crate) struct FilePoints {
+    pub before_create: &'static str,
+    pub after_create: &'static str,
+    pub middle: &'static str,
+    pub after_write: &'static str,
+    pub after_sync: &'static str,
+    pub before_rename: &'static str,
+    pub after_rename: &'static str,
+}
+
+macro_rules! file_points {
+    ($prefix:literal) => {
+        FilePoints {
+            before_create: concat!($prefix, ".before-create"),
+            after_create: concat!($prefix, ".after-create"),
+            middle: concat!($prefix, ".middle"),
+            after_write: concat!($prefix, ".after-write"),
+            after_sync: concat!($prefix, ".after-sync"),
+            before_rename: concat!($prefix, ".before-rename"),
+            after_rename: concat!($prefix, ".after-rename"),
+        }
+    };
+}
+
+/// A blob of its own file.
+pub(crate) const BLOB: FilePoints = file_points!("blob");
+/// A new or compacted log.
+pub(crate) const LOG: FilePoints = file_points!("log");
+/// A file for the user.
+pub(crate) const PUBLISH: FilePoints = file_points!("publish");
+
+pub(crate) const APPEND_BEFORE: &str = "append.before";
+/// Half of the entry is in the file.
+pub(crate) const APPEND_MIDDLE: &str = "append.middle";
+pub(crate) const APPEND_AFTER: &str = "append.after";
+pub(crate) const FLUSH_BEFORE: &str = "flush.before";
+pub(crate) const FLUSH_AFTER: &str = "flush.after";
+pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
+pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
+pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
+pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
+
+/// Reaches the place `name`.
+#[cfg(not(feature = "failpoints"))]
+#[inline(always)]
+pub(crate) fn reach(_name: &'static str) -> std::io::Result<()> {
+    Ok(())
+}
+
+#[cfg(feature = "failpoints")]
+pub(crate) use active::reach;
+
+#[cfg(feature = "failpoints")]
+mod active {
+    use std::io;
+    use std::sync::OnceLock;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    enum Effect {
+        Abort,
+        Error(io::ErrorKind),
+    }
+
+    struct Armed {
+        name: String,
+        count: u64,
+        effect: Effect,
+        reached: AtomicU64,
+    }
+
+    fn armed() -> Option<&'static Armed> {
+        static ARMED: OnceLock<Option<Armed>> = OnceLock::new();
+        ARMED.get_or_init(|| parse(&std::env::var("LIGHTHARMONY_FAILPOINT").ok()?)).as_ref()
+    }
+
+    fn parse(text: &str) -> Option<Armed> {
+        let mut fields = text.split(':');
+        let name = fields.next()?.to_owned();
+        let count = fields.next()?.parse().ok()?;
+        let effect = match fields.next() {
+            Some("error") => Effect::Error(io::ErrorKind::Other),
+            Some("full") => Effect::Error(io::ErrorKind::StorageFull),
+            _ => Effect::Abort,
+        };
+        Some(Armed { name, count, effect, reached: AtomicU64::new(0) })
+    }
+
+    /// Reaches the place `name`: aborts or fails here if the environment asks for it.
+    pub(crate) fn reach(name: &'static str) -> io::Result<()> {
+        let Some(armed) = armed().filter(|armed| armed.name == name) else { return Ok(()) };
+        if armed.reached.fetch_add(1, Ordering::Relaxed) + 1 != armed.count {
+            return Ok(());
+        }
+        match armed.effect {
+            Effect::Abort => std::process::abort(),
+            Effect::Error(kind) => Err(io::Error::new(kind, format!("injected at {name}"))),
+        }
+    }
+}

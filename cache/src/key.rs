@@ -1,0 +1,148 @@
+//! [`KeyWriter`]: the one walk over what a result depends on.
+//!
+//! The walk writes an unambiguous encoding. Its BLAKE3 hash is the key, and the encoding itself is the
+//! manifest: both come from the same bytes, so they cannot disagree, and a manifest costs nothing until
+//! somebody reads it.
+
+use crate::digest::Digest;
+use crate::manifest::{FORMAT, Manifest, tag, write_length};
+
+/// A finished key.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Key {
+    /// What the result is stored under.
+    pub digest: Digest,
+    /// The same walk for people, see [`Manifest`].
+    pub manifest: Manifest,
+}
+
+/// Why a walk gives no key.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum KeyError {
+    /// A number was NaN, which equals nothing and so can name nothing.
+    #[error("`{path}` is not a number (NaN)")]
+    NotANumber {
+        /// The dotted path of the first such number.
+        path: String,
+    },
+}
+
+/// Collects the fields that a result depends on, in the order written.
+///
+/// Two walks that differ in any name, type, value, order or nesting have different digests: every field is
+/// a type tag, a length-prefixed name and a fixed-size or length-prefixed value, and groups and lists are
+/// closed by a mark. Negative zero is written as zero; NaN makes [`finish`](Self::finish) fail.
+///
+/// ```
+/// let mut walk = cache::KeyWriter::new("blur");
+/// walk.f64("radius", 2.0);
+/// walk.list("inputs", |walk| walk.digest("", cache::Digest::of(b"pixels")));
+/// let key = walk.finish()?;
+/// assert_eq!(key.manifest.to_string(), "key blur\nradius = 2.0\ninputs[0] = de6a7900b92a\n");
+/// # Ok::<(), cache::KeyError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct KeyWriter {
+    encoding: Vec<u8>,
+    refused: bool,
+}
+
+impl KeyWriter {
+    /// Starts a walk. `tag` says what kind of key this is; keys of different tags never meet.
+    pub fn new(tag: &str) -> KeyWriter {
+        let mut writer = KeyWriter { encoding: Vec::with_capacity(512), refused: false };
+        writer.text(FORMAT);
+        writer.text(tag);
+        writer
+    }
+
+    /// A string.
+    pub fn str(&mut self, name: &str, value: &str) {
+        self.field(tag::STR, name);
+        self.text(value);
+    }
+
+    /// An unsigned number.
+    pub fn u64(&mut self, name: &str, value: u64) {
+        self.field(tag::U64, name);
+        self.encoding.extend_from_slice(&value.to_le_bytes());
+    }
+
+    /// A signed number.
+    pub fn i64(&mut self, name: &str, value: i64) {
+        self.field(tag::I64, name);
+        self.encoding.extend_from_slice(&value.to_le_bytes());
+    }
+
+    /// A double: by its bits, except that -0 is 0. NaN is refused by `finish`.
+    pub fn f64(&mut self, name: &str, value: f64) {
+        self.field(tag::F64, name);
+        self.refused |= value.is_nan();
+        // IEEE: -0 + 0 = +0, and every other value is unchanged.
+        self.encoding.extend_from_slice(&(value + 0.0).to_bits().to_le_bytes());
+    }
+
+    /// A single: by its bits, except that -0 is 0. NaN is refused by `finish`.
+    pub fn f32(&mut self, name: &str, value: f32) {
+        self.field(tag::F32, name);
+        self.refused |= value.is_nan();
+        self.encoding.extend_from_slice(&(value + 0.0).to_bits().to_le_bytes());
+    }
+
+    /// A truth value.
+    pub fn bool(&mut self, name: &str, value: bool) {
+        self.field(tag::BOOL, name);
+        self.encoding.push(u8::from(value));
+    }
+
+    /// Short opaque bytes. Long content belongs in by its digest: the manifest holds every byte given here.
+    pub fn bytes(&mut self, name: &str, value: &[u8]) {
+        self.field(tag::BYTES, name);
+        write_length(&mut self.encoding, value.len());
+        self.encoding.extend_from_slice(value);
+    }
+
+    /// A digest of content.
+    pub fn digest(&mut self, name: &str, value: Digest) {
+        self.field(tag::DIGEST, name);
+        self.encoding.extend_from_slice(value.as_bytes());
+    }
+
+    /// Fields under a common name: what `inside` writes has paths `name.field`.
+    pub fn group(&mut self, name: &str, inside: impl FnOnce(&mut KeyWriter)) {
+        self.field(tag::GROUP, name);
+        inside(self);
+        self.encoding.push(tag::END);
+    }
+
+    /// Items in order: what `items` writes has paths `name[0]`, `name[1]` and so on. Items
+    /// usually have empty names.
+    pub fn list(&mut self, name: &str, items: impl FnOnce(&mut KeyWriter)) {
+        self.field(tag::LIST, name);
+        items(self);
+        self.encoding.push(tag::END);
+    }
+
+    /// The key of everything written.
+    ///
+    /// # Errors
+    /// [`KeyError::NotANumber`] when a float was NaN, naming the first.
+    pub fn finish(self) -> Result<Key, KeyError> {
+        let digest = Digest::of(&self.encoding);
+        let manifest = Manifest::from_walk(self.encoding);
+        if self.refused {
+            return Err(KeyError::NotANumber { path: manifest.first_nan().unwrap_or_default() });
+        }
+        Ok(Key { digest, manifest })
+    }
+
+    fn field(&mut self, tag: u8, name: &str) {
+        self.encoding.push(tag);
+        self.text(name);
+    }
+
+    fn text(&mut self, text: &str) {
+        write_length(&mut self.encoding, text.len());
+        self.encoding.extend_from_slice(text.as_bytes());
+    }
+}

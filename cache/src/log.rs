@@ -1,0 +1,519 @@
+//! [`Log`]: an append-only file of small checksummed entries, shared by threads and processes.
+
+use std::collections::HashMap;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::hash::{BuildHasher, BuildHasherDefault, Hasher, RandomState};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crate::digest::Digest;
+use crate::entry::{self, Entry, MAX_PAYLOAD, checksum};
+use crate::error::{At, Error, Result};
+use crate::failpoint::{self, reach};
+use crate::stamp::same_file;
+use crate::temp::{TempFile, sync_folder};
+
+/// An entry of this kind plus another's removes the other.
+const REMOVED: u8 = 0x80;
+
+/// The head of a log file: twice the same 32 bytes, so that one flipped byte cannot take the salt.
+const FILE_HEAD: u64 = 64;
+const FILE_MAGIC: &[u8; 8] = b"LHlog\0\0\x01";
+
+/// How much is read at once.
+const WINDOW: u64 = 1 << 20;
+
+/// Compaction leaves logs with less dead weight than this alone, in bytes.
+const DEAD_ENOUGH: u64 = 1 << 20;
+
+/// How long an append waits for another process. A stopped one must not stop us: appending without the lock
+/// is safe but for a compaction at that very moment, which would cost us the entry.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Where a log lives and how it is treated.
+#[derive(Clone, Debug)]
+pub(crate) struct Settings {
+    pub path: PathBuf,
+    /// Locked while the log is written; never replaced, unlike the log.
+    pub lock: PathBuf,
+    pub temp: PathBuf,
+    pub quarantine: PathBuf,
+    pub writable: bool,
+    /// Whether payloads stay in memory. If not, they are read from the file when asked for.
+    pub keep: bool,
+    /// Sync after every append.
+    pub sync: bool,
+}
+
+/// The last entry of each kind and key in a file, or in memory only.
+#[derive(Debug)]
+pub(crate) struct Log {
+    settings: Option<Arc<Settings>>,
+    open: Option<Open>,
+    lock: Option<File>,
+    index: HashMap<(u8, Digest), Slot, BuildHasherDefault<Fold>>,
+    /// With `keep`, the understood bytes of the file after its head.
+    mirror: Vec<u8>,
+    /// How far the file is understood, and how long it was when last looked at.
+    scanned: u64,
+    seen: u64,
+    health: Health,
+    unsynced: bool,
+}
+
+#[derive(Debug)]
+struct Open {
+    file: File,
+    metadata: Metadata,
+    salt: u32,
+}
+
+/// Where the payload of an entry lies: offset from the end of the file's head.
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    offset: u64,
+    length: u32,
+}
+
+/// What a log consists of, in bytes of its file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Health {
+    /// Entries that can be read.
+    pub live: u64,
+    /// Entries that later ones replaced or removed, and those removals.
+    pub dead: u64,
+    /// Bytes that belong to no entry.
+    pub damaged: u64,
+}
+
+/// An entry to append: kind, key, payload.
+pub(crate) type Item<'a> = (u8, Digest, &'a [u8]);
+
+impl Log {
+    /// A log without a file.
+    pub fn in_memory() -> Log {
+        Log {
+            settings: None,
+            open: None,
+            lock: None,
+            index: HashMap::default(),
+            mirror: Vec::new(),
+            scanned: 0,
+            seen: 0,
+            health: Health::default(),
+            unsynced: false,
+        }
+    }
+
+    /// Opens the log, creating it where allowed, and reads its index.
+    pub fn open(settings: Settings) -> Result<Log> {
+        let settings = Arc::new(settings);
+        let lock = if settings.writable { Some(open_lock(&settings.lock)?) } else { None };
+        let mut log = Log { settings: Some(Arc::clone(&settings)), lock, ..Log::in_memory() };
+        log.refresh()?;
+        if settings.writable && log.open.is_none() {
+            let guard = log.exclusive();
+            log.catch_up()?;
+            log.ensure_file(&settings, guard.is_some())?;
+        }
+        Ok(log)
+    }
+
+    /// Whether the entry is there, as far as this process has read.
+    pub fn contains(&self, kind: u8, key: &Digest) -> bool {
+        self.index.contains_key(&(kind, *key))
+    }
+
+    /// The payload of the entry, as far as this process has read.
+    pub fn get(&self, kind: u8, key: &Digest) -> Result<Option<Vec<u8>>> {
+        let Some(slot) = self.index.get(&(kind, *key)) else { return Ok(None) };
+        self.read(slot.offset + entry::HEAD as u64, slot.length as usize).map(Some)
+    }
+
+    /// The keys of all entries of a kind, in order.
+    pub fn keys(&self, kind: u8) -> Vec<Digest> {
+        #[allow(clippy::iter_over_hash_type, reason = "sorted below")]
+        let mut keys: Vec<Digest> =
+            self.index.keys().filter(|(found, _)| *found == kind).map(|(_, key)| *key).collect();
+        keys.sort_unstable();
+        keys
+    }
+
+    /// The state of the file as this process has read it.
+    pub fn health(&self) -> Health {
+        self.health
+    }
+
+    /// Reads what other processes appended since the last look.
+    pub fn refresh(&mut self) -> Result<()> {
+        if self.is_current()? {
+            return Ok(());
+        }
+        // So that no entry is seen half written; where there is no lock, the checksums see to that.
+        let _shared = self.lock.as_ref().and_then(|lock| Guard::take(lock, Duration::ZERO, false));
+        self.catch_up()
+    }
+
+    /// Whether the file is the one known, and no longer than known.
+    fn is_current(&self) -> Result<bool> {
+        let (Some(settings), Some(open)) = (&self.settings, &self.open) else {
+            return Ok(self.settings.is_none());
+        };
+        match fs::metadata(&settings.path) {
+            Ok(metadata) => Ok(same_file(&open.metadata, &metadata) && metadata.len() == self.seen),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(Error::io("read", &settings.path, error)),
+        }
+    }
+
+    /// `refresh` for those who hold the lock: taking it twice would give it up.
+    fn catch_up(&mut self) -> Result<()> {
+        let Some(settings) = self.settings.clone() else { return Ok(()) };
+        let metadata = match fs::metadata(&settings.path) {
+            Ok(metadata) => metadata,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                self.forget();
+                return Ok(());
+            }
+            Err(error) => return Err(Error::io("read", &settings.path, error)),
+        };
+        let known = self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &metadata));
+        if known && metadata.len() == self.seen {
+            return Ok(());
+        }
+        if !known || metadata.len() < self.scanned {
+            self.reopen()?;
+        }
+        if settings.keep {
+            self.mirror.reserve(usize::try_from(metadata.len().saturating_sub(self.scanned)).unwrap_or(0));
+        }
+        self.read_tail()
+    }
+
+    /// Appends all items as one write.
+    pub fn append(&mut self, items: &[Item<'_>]) -> Result<()> {
+        if let Some((_, _, payload)) = items.iter().find(|(_, _, payload)| payload.len() > MAX_PAYLOAD) {
+            return Err(Error::RecordTooLarge { length: payload.len(), limit: MAX_PAYLOAD });
+        }
+        let Some(settings) = self.settings.clone() else {
+            let bytes = encode(items, 0);
+            self.take_in(0, self.mirror.len() as u64, &bytes);
+            self.mirror.extend_from_slice(&bytes);
+            return Ok(());
+        };
+        if !settings.writable || items.is_empty() {
+            return Ok(());
+        }
+        let guard = self.exclusive();
+        self.catch_up()?;
+        self.ensure_file(&settings, guard.is_some())?;
+        let Some(open) = &self.open else { return Ok(()) };
+        let bytes = encode(items, open.salt);
+        if guard.is_some() && self.scanned < self.seen {
+            // What a killed writer left. Best effort: if it stays, readers step over it.
+            let _ = open.file.set_len(self.scanned);
+            self.seen = open.file.metadata().at("read", &settings.path)?.len();
+        }
+        let written = write_halves(&open.file, &bytes)
+            .and_then(|()| if settings.sync { open.file.sync_data() } else { Ok(()) });
+        if let Err(error) = written {
+            if guard.is_some() {
+                let _ = open.file.set_len(self.seen);
+            }
+            return Err(Error::io("append to", &settings.path, error));
+        }
+        self.unsynced = true;
+        if guard.is_none() || self.scanned != self.seen {
+            return self.catch_up();
+        }
+        let salt = open.salt;
+        self.take_in(salt, self.scanned - FILE_HEAD, &bytes);
+        if settings.keep {
+            self.mirror.extend_from_slice(&bytes);
+        }
+        self.scanned += bytes.len() as u64;
+        self.seen = self.scanned;
+        Ok(())
+    }
+
+    /// Removes an entry, for every process.
+    pub fn remove(&mut self, kind: u8, key: &Digest) -> Result<()> {
+        self.refresh()?;
+        if !self.contains(kind, key) {
+            return Ok(());
+        }
+        self.append(&[(kind | REMOVED, *key, &[])])
+    }
+
+    /// Forgets an entry that turned out bad, for every process if possible.
+    pub fn drop_entry(&mut self, kind: u8, key: &Digest) -> Result<()> {
+        self.remove(kind, key)?;
+        self.index.remove(&(kind, *key));
+        Ok(())
+    }
+
+    /// Makes what was appended survive a loss of power.
+    pub fn sync(&mut self) -> Result<()> {
+        if let (true, Some(open), Some(settings)) = (self.unsynced, &self.open, &self.settings) {
+            open.file.sync_data().at("sync", &settings.path)?;
+            self.unsynced = false;
+        }
+        Ok(())
+    }
+
+    /// Whether so much of the file is dead or damaged that rewriting it pays.
+    pub fn wants_compaction(&self) -> bool {
+        let Health { live, dead, damaged } = self.health;
+        damaged > 0 || (dead > live && dead > DEAD_ENOUGH)
+    }
+
+    /// Rewrites the file with only its live entries that `keep` wants. Other processes go on reading the old
+    /// file until they look again, and append to the new one. Does nothing where locks do not work; says
+    /// whether it did something.
+    pub fn compact(&mut self, keep: impl Fn(u8, &Digest) -> bool) -> Result<bool> {
+        let Some(settings) = self.settings.clone().filter(|settings| settings.writable) else {
+            return Ok(false);
+        };
+        let Some(_guard) = self.exclusive() else { return Ok(false) };
+        self.catch_up()?;
+        let Some(open) = &self.open else { return Ok(false) };
+        let old_salt = open.salt;
+        #[allow(clippy::iter_over_hash_type, reason = "sorted below")]
+        let mut slots: Vec<Slot> =
+            self.index.iter().filter(|((kind, key), _)| keep(*kind, key)).map(|(_, slot)| *slot).collect();
+        slots.sort_unstable_by_key(|slot| slot.offset);
+
+        let salt = fresh_salt();
+        let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
+        let mut bytes = file_head(salt);
+        for slot in slots {
+            let raw = self.read(slot.offset, Entry::length(slot.length as usize))?;
+            // Checked once more: what went bad since it was read is left behind, not signed anew.
+            if let Some(entry) = entry::decode(old_salt, &raw) {
+                entry.encode(salt, &mut bytes);
+            }
+            if bytes.len() as u64 > WINDOW {
+                temp.write(&bytes)?;
+                bytes.clear();
+            }
+        }
+        temp.write(&bytes)?;
+        // Always: the old file is about to go, and with it all that was safe.
+        temp.sync()?;
+        temp.persist(&settings.path)?;
+        settings.path.parent().into_iter().for_each(sync_folder);
+        self.catch_up()?;
+        Ok(true)
+    }
+
+    fn exclusive(&self) -> Option<Guard> {
+        Guard::take(self.lock.as_ref()?, PATIENCE, true)
+    }
+
+    fn forget(&mut self) {
+        *self = Log { settings: self.settings.take(), lock: self.lock.take(), ..Log::in_memory() };
+    }
+
+    /// Opens whatever file is there now and starts over.
+    fn reopen(&mut self) -> Result<()> {
+        self.forget();
+        let Some(settings) = &self.settings else { return Ok(()) };
+        let mut file = match OpenOptions::new().read(true).append(settings.writable).open(&settings.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            result => result.at("open", &settings.path)?,
+        };
+        let metadata = file.metadata().at("read", &settings.path)?;
+        let mut head = Vec::new();
+        Read::by_ref(&mut file).take(FILE_HEAD).read_to_end(&mut head).at("read", &settings.path)?;
+        // Without its salt nothing in the file can be believed; the next append puts it aside.
+        if let Some(salt) = salt_of(&head) {
+            self.scanned = FILE_HEAD;
+            self.open = Some(Open { file, metadata, salt });
+        }
+        Ok(())
+    }
+
+    /// Takes in everything after what is understood.
+    fn read_tail(&mut self) -> Result<()> {
+        let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(()) };
+        let (salt, keep, path) = (open.salt, settings.keep, settings.path.clone());
+        let mut file = open.file.try_clone().at("read", &path)?;
+        file.seek(SeekFrom::Start(self.scanned)).at("read", &path)?;
+        let mut window = Vec::new();
+        loop {
+            let read = Read::by_ref(&mut file).take(WINDOW).read_to_end(&mut window).at("read", &path)?;
+            let end = self.take_in(salt, self.scanned - FILE_HEAD, &window);
+            if keep {
+                self.mirror.extend_from_slice(&window[..end]);
+            }
+            self.scanned += end as u64;
+            window.drain(..end);
+            if read == 0 {
+                self.seen = self.scanned + window.len() as u64;
+                return Ok(());
+            }
+        }
+    }
+
+    /// Indexes the entries in `bytes`, which lie `base` bytes after the file's head.
+    fn take_in(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
+        let Log { index, health, .. } = self;
+        let scanned = entry::scan(salt, bytes, |at, entry| {
+            let length = entry.payload.len() as u32;
+            let size = Entry::length(entry.payload.len()) as u64;
+            let place = (entry.kind & !REMOVED, entry.key);
+            let replaced = if entry.kind & REMOVED == 0 {
+                health.live += size;
+                index.insert(place, Slot { offset: base + at as u64, length })
+            } else {
+                health.dead += size;
+                index.remove(&place)
+            };
+            if let Some(old) = replaced {
+                let size = Entry::length(old.length as usize) as u64;
+                health.live -= size;
+                health.dead += size;
+            }
+        });
+        self.health.damaged += scanned.damaged as u64;
+        scanned.end
+    }
+
+    /// Bytes at an offset from the end of the file's head; fewer if the file was cut meanwhile.
+    fn read(&self, offset: u64, length: usize) -> Result<Vec<u8>> {
+        if let Some(bytes) = self.mirror.get(offset as usize..offset as usize + length) {
+            return Ok(bytes.to_vec());
+        }
+        let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(Vec::new()) };
+        let mut bytes = Vec::with_capacity(length);
+        let mut file = &open.file;
+        file.seek(SeekFrom::Start(FILE_HEAD + offset)).at("read", &settings.path)?;
+        file.take(length as u64).read_to_end(&mut bytes).at("read", &settings.path)?;
+        Ok(bytes)
+    }
+
+    /// Makes sure that there is a file to append to. Called under the lock.
+    fn ensure_file(&mut self, settings: &Settings, locked: bool) -> Result<()> {
+        if self.open.is_some() {
+            return Ok(());
+        }
+        let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
+        temp.write(&file_head(fresh_salt()))?;
+        temp.sync()?;
+        self.catch_up()?;
+        if self.open.is_some() && !locked {
+            return Ok(());
+        }
+        if settings.path.exists() {
+            // Its head is gone. Kept for whoever wants to know why; if that fails, it is replaced.
+            let name = format!("{:016x}.log", u64::from(fresh_salt()));
+            let _ = fs::create_dir_all(&settings.quarantine);
+            let _ = fs::rename(&settings.path, settings.quarantine.join(name));
+        }
+        temp.persist(&settings.path)?;
+        self.catch_up()
+    }
+}
+
+fn encode(items: &[Item<'_>], salt: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for (kind, key, payload) in items {
+        Entry { kind: *kind, key: *key, payload }.encode(salt, &mut bytes);
+    }
+    bytes
+}
+
+/// Appends in one call, so that even without a lock no other writer comes between; in two where a test may
+/// stop us in the middle.
+fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
+    reach(failpoint::APPEND_BEFORE)?;
+    let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });
+    file.write_all(first)?;
+    reach(failpoint::APPEND_MIDDLE)?;
+    file.write_all(second)?;
+    reach(failpoint::APPEND_AFTER)
+}
+
+fn file_head(salt: u32) -> Vec<u8> {
+    let mut copy = Vec::from(FILE_MAGIC);
+    copy.extend_from_slice(&salt.to_le_bytes());
+    copy.extend_from_slice(&checksum(0, &[&copy]).to_le_bytes());
+    copy.resize(32, 0);
+    [copy.as_slice(), &copy].concat()
+}
+
+/// The salt in the head of a file, from whichever copy is whole.
+fn salt_of(head: &[u8]) -> Option<u32> {
+    let salt = |copy: &[u8]| -> Option<u32> {
+        let (body, sum) = copy.get(..16)?.split_at(12);
+        let whole = body.starts_with(FILE_MAGIC) && checksum(0, &[body]).to_le_bytes() == *sum;
+        whole.then(|| body.last_chunk().map(|salt| u32::from_le_bytes(*salt)))?
+    };
+    salt(head).or_else(|| salt(head.get(32..)?))
+}
+
+/// A number that no other log has, so that entries which happen to lie inside payloads are not believed.
+fn fresh_salt() -> u32 {
+    RandomState::new().hash_one(std::process::id()) as u32
+}
+
+fn open_lock(path: &Path) -> Result<File> {
+    let open = || OpenOptions::new().write(true).create(true).truncate(false).open(path);
+    match (open(), path.parent()) {
+        (Err(error), Some(folder)) if error.kind() == io::ErrorKind::NotFound => {
+            fs::create_dir_all(folder).at("create", folder)?;
+            open()
+        }
+        (result, _) => result,
+    }
+    .at("open", path)
+}
+
+/// A held lock between processes.
+struct Guard(File);
+
+impl Guard {
+    /// Tries for as long as `patience`. `None` where the lock is not to be had, or locks do not work.
+    fn take(lock: &File, patience: Duration, exclusive: bool) -> Option<Guard> {
+        let lock = lock.try_clone().ok()?;
+        let start = Instant::now();
+        loop {
+            match if exclusive { lock.try_lock() } else { lock.try_lock_shared() } {
+                Ok(()) => return Some(Guard(lock)),
+                Err(fs::TryLockError::Error(_)) => return None,
+                Err(fs::TryLockError::WouldBlock) if start.elapsed() >= patience => return None,
+                Err(fs::TryLockError::WouldBlock) => std::thread::sleep(Duration::from_micros(200)),
+            }
+        }
+    }
+}
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        let _ = self.0.unlock();
+    }
+}
+
+/// Digests are uniform already: their prefix, mixed with the kind, is the hash.
+#[derive(Debug, Default)]
+struct Fold(u64);
+
+impl Hasher for Fold {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
+    }
+
+    fn write_u8(&mut self, value: u8) {
+        self.write_u64(u64::from(value));
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        self.0 = self.0.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ value;
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}

@@ -1,0 +1,58 @@
+//! [`publish_file`]: a finished file for the user, or none.
+
+use std::fs;
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::failpoint::PUBLISH;
+use crate::temp::TempFile;
+
+/// Writes `bytes` to `path` through a passing file in the same folder, which is created if need be: at any
+/// moment the path has its old content or all of the new. A symbolic link is replaced, not followed.
+///
+/// # Errors
+/// [`Error::NotAFile`] where the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`]
+/// otherwise. Nothing is left behind then.
+pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
+    if fs::symlink_metadata(path).is_ok_and(|found| !found.is_file() && !found.is_symlink()) {
+        return Err(Error::NotAFile { path: path.to_path_buf() });
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut temp = TempFile::create(folder, &PUBLISH)?;
+    temp.write(bytes)?;
+    // Without this a loss of power after the rename may leave an empty picture under a good name.
+    temp.sync()?;
+    temp.persist(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn replaces_whole_files_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b/picture.png");
+        publish_file(&path, b"first").unwrap();
+        publish_file(&path, b"second").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"second");
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+
+        let error = publish_file(path.parent().unwrap(), b"over a folder").unwrap_err();
+        assert!(matches!(error, Error::NotAFile { .. }), "{error}");
+        let error = publish_file(&path.join("below"), b"below a file").unwrap_err();
+        assert!(error.to_string().contains("picture.png"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn gives_the_usual_permissions() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (ours, usual) = (folder.path().join("ours"), folder.path().join("usual"));
+        publish_file(&ours, b"x").unwrap();
+        fs::write(&usual, b"x").unwrap();
+        let mode = |path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&ours), mode(&usual));
+    }
+}

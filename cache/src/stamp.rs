@@ -1,0 +1,102 @@
+//! [`FileStamp`]: what the file system says about a file, without reading it.
+
+use std::fs::{self, Metadata};
+use std::io;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Names a state of a file by what one `stat` gives. Two equal stamps *probably* mean equal content; see
+/// [`is_settled`](Self::is_settled) for when that may be relied on.
+#[derive(Clone, Copy, Debug)]
+pub struct FileStamp {
+    /// Length in bytes.
+    pub size: u64,
+    /// Time of the last change of content, in nanoseconds since 1970; negative before.
+    pub mtime_ns: i64,
+    /// Number of the file in its file system; 0 where there is none.
+    pub inode: u64,
+    /// Number of the file system; 0 where there is none.
+    pub dev: u64,
+    /// Time of the last change of content or attributes, in nanoseconds since 1970.
+    pub ctime_ns: i64,
+    /// When this stamp was taken, in nanoseconds since 1970, read before the `stat`. Not part of equality.
+    pub taken_ns: i64,
+}
+
+/// A file changed less than this before its stamp was taken may change again without a new time: FAT
+/// counts in steps of two seconds, and nothing in use is coarser.
+const GRANULARITY_NS: i64 = 2_000_000_000;
+
+impl PartialEq for FileStamp {
+    fn eq(&self, other: &FileStamp) -> bool {
+        (self.size, self.mtime_ns, self.inode, self.dev, self.ctime_ns)
+            == (other.size, other.mtime_ns, other.inode, other.dev, other.ctime_ns)
+    }
+}
+
+impl Eq for FileStamp {}
+
+impl FileStamp {
+    /// The stamp of the file at `path`, following links.
+    ///
+    /// # Errors
+    /// What the system says about a missing or unreachable file.
+    pub fn of(path: &Path) -> io::Result<FileStamp> {
+        let taken_ns = now_ns();
+        Ok(FileStamp::new(&fs::metadata(path)?, taken_ns))
+    }
+
+    /// The stamp in `metadata`, read not before `taken_ns`.
+    #[cfg(unix)]
+    pub(crate) fn new(metadata: &Metadata, taken_ns: i64) -> FileStamp {
+        use std::os::unix::fs::MetadataExt;
+        let ns = |seconds: i64, rest: i64| seconds.saturating_mul(1_000_000_000).saturating_add(rest);
+        FileStamp {
+            size: metadata.len(),
+            mtime_ns: ns(metadata.mtime(), metadata.mtime_nsec()),
+            inode: metadata.ino(),
+            dev: metadata.dev(),
+            ctime_ns: ns(metadata.ctime(), metadata.ctime_nsec()),
+            taken_ns,
+        }
+    }
+
+    /// The stamp in `metadata`, read not before `taken_ns`.
+    #[cfg(not(unix))]
+    pub(crate) fn new(metadata: &Metadata, taken_ns: i64) -> FileStamp {
+        let mtime_ns = metadata.modified().map_or(taken_ns, since_1970_ns);
+        let ctime_ns = metadata.created().map_or(0, since_1970_ns);
+        FileStamp { size: metadata.len(), mtime_ns, inode: 0, dev: 0, ctime_ns, taken_ns }
+    }
+
+    /// Whether the file had been left alone for long enough when the stamp was taken that any later change
+    /// must show in a new stamp (git's rule for "racily clean" files). Never true for a file from the future.
+    pub fn is_settled(&self) -> bool {
+        self.mtime_ns.max(self.ctime_ns).saturating_add(GRANULARITY_NS) < self.taken_ns
+    }
+}
+
+/// Whether two results of `stat` speak of one file, not merely of one path.
+#[cfg(unix)]
+pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (a.dev(), a.ino()) == (b.dev(), b.ino())
+}
+
+/// Whether two results of `stat` speak of one file, as far as the time of creation tells.
+#[cfg(not(unix))]
+pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
+    a.created().ok() == b.created().ok()
+}
+
+fn now_ns() -> i64 {
+    since_1970_ns(SystemTime::now())
+}
+
+fn since_1970_ns(time: SystemTime) -> i64 {
+    let ns = |elapsed: std::time::Duration| i64::try_from(elapsed.as_nanos()).unwrap_or(i64::MAX);
+    match time.duration_since(UNIX_EPOCH) {
+        Ok(after) => ns(after),
+        Err(before) => -ns(before.duration()),
+    }
+}

@@ -1,0 +1,377 @@
+//! [`Store`]: one cache folder, or none.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crate::blobs::Blobs;
+use crate::digest::Digest;
+use crate::error::{At, Error, Result};
+use crate::failpoint::{self, reach};
+use crate::lease::{Lease, LeaseState, try_lease};
+use crate::log::{Log, Settings};
+use crate::memo;
+use crate::stamp::FileStamp;
+use crate::temp::sweep_temp;
+
+/// The kinds of entries in the log of records. Numbers not listed are kept as they are by compaction.
+mod kind {
+    pub const RECORD: u8 = 1;
+    pub const MEMO: u8 = 3;
+    pub const HISTORY: u8 = 4;
+}
+
+/// The version of everything below it; a new format gets a new folder and never meets an old one.
+const FORMAT: &str = "v1";
+
+/// Memos and history wait for company up to this many entries.
+const MANY: usize = 4096;
+
+/// When written data is forced onto the disk. It never matters to a killed process, only to a loss of power;
+/// and what is lost then is noticed by the verified reads and computed again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fsync {
+    /// Once, by [`Store::flush`].
+    #[default]
+    Batch,
+    /// After every blob and record.
+    Always,
+    /// Never.
+    Off,
+}
+
+/// How to open a [`Store`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// When to sync.
+    pub fsync: Fsync,
+    /// Write nothing, even if that were possible. A folder that cannot be written is found out without this.
+    pub read_only: bool,
+}
+
+/// Damage that was found and dealt with; worth one line of warning.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Incident {
+    /// The blob that was damaged; `None` if it was a log.
+    pub digest: Option<Digest>,
+    /// What was found and what became of it.
+    pub what: String,
+}
+
+impl fmt::Display for Incident {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.digest {
+            Some(digest) => write!(f, "damaged blob {}: {}", digest.short(), self.what),
+            None => f.write_str(&self.what),
+        }
+    }
+}
+
+/// Blobs, records, memos, history and leases in one folder, shared by any number of threads and processes.
+///
+/// Of a read-only store, everything that would write does nothing and succeeds.
+#[derive(Debug)]
+pub struct Store {
+    folder: Option<PathBuf>,
+    read_only: bool,
+    fsync: Fsync,
+    records: Mutex<Log>,
+    blobs: Blobs,
+    /// Memos and history not yet in the log.
+    waiting: Mutex<BTreeMap<(u8, Digest), Vec<u8>>>,
+    incidents: Mutex<Vec<Incident>>,
+}
+
+impl Store {
+    /// Opens the cache in `folder`, creating it if need be. If it cannot be written, it is opened read-only,
+    /// empty if it does not exist; see [`is_read_only`](Self::is_read_only).
+    ///
+    /// # Errors
+    /// When the folder is not one, cannot be read, or has no room for even an empty log.
+    pub fn open(folder: &Path, options: Options) -> Result<Store> {
+        if options.read_only {
+            return Store::open_as(folder, options.fsync, false);
+        }
+        match Store::open_as(folder, options.fsync, true) {
+            Err(error) if error.is_read_only() => Store::open_as(folder, options.fsync, false),
+            result => result,
+        }
+    }
+
+    /// A store without a folder, for tests and for runs that leave no trace.
+    pub fn in_memory() -> Store {
+        Store::new(None, false, Fsync::Off, Log::in_memory(), Blobs::in_memory())
+    }
+
+    fn open_as(folder: &Path, fsync: Fsync, writable: bool) -> Result<Store> {
+        if writable {
+            create_folder(folder)?;
+        }
+        let root = folder.join(FORMAT);
+        let settings = |name: &str, keep| Settings {
+            path: root.join(name).with_extension("log"),
+            lock: root.join(name).with_extension("lock"),
+            temp: root.join("temp"),
+            quarantine: root.join("quarantine"),
+            writable,
+            keep,
+            sync: fsync == Fsync::Always,
+        };
+        let records = Log::open(settings("records", true))?;
+        let damaged = records.health().damaged;
+        let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs", false), fsync);
+        let store = Store::new(Some(root), !writable, fsync, records, blobs);
+        if damaged > 0 {
+            let what = format!("{damaged} damaged bytes in the cache's records were skipped");
+            store.report(Incident { digest: None, what });
+        }
+        Ok(store)
+    }
+
+    fn new(folder: Option<PathBuf>, read_only: bool, fsync: Fsync, records: Log, blobs: Blobs) -> Store {
+        let (waiting, incidents) = (Mutex::default(), Mutex::default());
+        Store { folder, read_only, fsync, records: Mutex::new(records), blobs, waiting, incidents }
+    }
+
+    /// Whether writes are left out.
+    pub fn is_read_only(&self) -> bool {
+        self.read_only
+    }
+
+    /// Takes the damage found since the last call.
+    pub fn take_incidents(&self) -> Vec<Incident> {
+        std::mem::take(&mut lock(&self.incidents))
+    }
+
+    fn report(&self, incident: Incident) {
+        lock(&self.incidents).push(incident);
+    }
+
+    // --- blobs ---
+
+    /// Stores `bytes` and returns their digest.
+    ///
+    /// # Errors
+    /// When it cannot be written: see [`Error`].
+    pub fn put_blob(&self, bytes: &[u8]) -> Result<Digest> {
+        let digest = Digest::of(bytes);
+        self.put_blob_as(&digest, bytes)?;
+        Ok(digest)
+    }
+
+    /// Stores `bytes`, of which the digest is known. A wrong digest harms nobody: it shows when read.
+    ///
+    /// # Errors
+    /// When it cannot be written: see [`Error`].
+    pub fn put_blob_as(&self, digest: &Digest, bytes: &[u8]) -> Result<()> {
+        self.blobs.put(digest, bytes)
+    }
+
+    /// The bytes that have this digest: verified. A damaged blob is put aside, reported as an
+    /// [`Incident`], and is as good as none.
+    ///
+    /// # Errors
+    /// When reading fails for want of permission, memory or file handles.
+    pub fn get_blob(&self, digest: &Digest) -> Result<Option<Vec<u8>>> {
+        self.blobs.get(digest, |incident| self.report(incident))
+    }
+
+    /// Whether there is a blob of this digest, unread and so unverified.
+    pub fn has_blob(&self, digest: &Digest) -> bool {
+        self.blobs.has(digest)
+    }
+
+    // --- records ---
+
+    /// Stores `payload` under `key`, replacing what was there. When this returns, a killed process cannot
+    /// undo it.
+    ///
+    /// # Errors
+    /// When it cannot be written, or is longer than 16 MiB: see [`Error`].
+    pub fn put_record(&self, key: &Digest, payload: &[u8]) -> Result<()> {
+        lock(&self.records).append(&[(kind::RECORD, *key, payload)])
+    }
+
+    /// What was last stored under `key` by any process.
+    pub fn get_record(&self, key: &Digest) -> Option<Vec<u8>> {
+        let mut records = lock(&self.records);
+        if !records.contains(kind::RECORD, key)
+            && let Err(error) = records.refresh()
+        {
+            self.report(Incident { digest: None, what: error.to_string() });
+        }
+        records.get(kind::RECORD, key).ok()?
+    }
+
+    /// Forgets what is stored under `key`.
+    ///
+    /// # Errors
+    /// When that cannot be written: see [`Error`].
+    pub fn remove_record(&self, key: &Digest) -> Result<()> {
+        lock(&self.records).remove(kind::RECORD, key)
+    }
+
+    /// The keys of all records, in order, as far as this process has read.
+    pub fn record_keys(&self) -> Vec<Digest> {
+        lock(&self.records).keys(kind::RECORD)
+    }
+
+    // --- memos and history ---
+
+    /// The digest that the file at `path` had under an equal stamp, if that can be trusted: see
+    /// [`FileStamp::is_settled`].
+    pub fn memo_get(&self, path: &Path, stamp: &FileStamp) -> Option<Digest> {
+        memo::recall(&self.get_note(kind::MEMO, &memo::key(path).ok()?)?, stamp)
+    }
+
+    /// Remembers that the file at `path` had this digest. The stamp must have been taken before the file
+    /// was read. Written by the next [`flush`](Self::flush).
+    pub fn memo_put(&self, path: &Path, stamp: &FileStamp, digest: &Digest) {
+        if let Ok(key) = memo::key(path) {
+            self.put_note(kind::MEMO, key, memo::encode(stamp, digest));
+        }
+    }
+
+    /// The digest and length in bytes of the file at `path`, read only if no memo serves.
+    ///
+    /// # Errors
+    /// What the system says about a file that cannot be read.
+    pub fn digest_file(&self, path: &Path) -> io::Result<(Digest, u64)> {
+        let before = FileStamp::of(path)?;
+        if let Some(digest) = self.memo_get(path, &before) {
+            return Ok((digest, before.size));
+        }
+        let (digest, length) = memo::read_digest(path)?;
+        if length == before.size && FileStamp::of(path)? == before {
+            self.memo_put(path, &before, &digest);
+        }
+        Ok((digest, length))
+    }
+
+    /// Remembers `value` under `name`; the last one wins, and losing one is allowed. Written by the next
+    /// [`flush`](Self::flush).
+    pub fn history_put(&self, name: &str, value: &[u8]) {
+        self.put_note(kind::HISTORY, Digest::of(name.as_bytes()), value.to_vec());
+    }
+
+    /// What was last remembered under `name`.
+    pub fn history_get(&self, name: &str) -> Option<Vec<u8>> {
+        self.get_note(kind::HISTORY, &Digest::of(name.as_bytes()))
+    }
+
+    fn get_note(&self, kind: u8, key: &Digest) -> Option<Vec<u8>> {
+        if let Some(value) = lock(&self.waiting).get(&(kind, *key)) {
+            return Some(value.clone());
+        }
+        lock(&self.records).get(kind, key).ok()?
+    }
+
+    fn put_note(&self, kind: u8, key: Digest, value: Vec<u8>) {
+        let full = {
+            let mut waiting = lock(&self.waiting);
+            waiting.insert((kind, key), value);
+            waiting.len() >= MANY
+        };
+        if full {
+            // A note that cannot be written is a note lost.
+            let _ = self.write_notes();
+        }
+    }
+
+    fn write_notes(&self) -> Result<()> {
+        let notes = std::mem::take(&mut *lock(&self.waiting));
+        let items: Vec<_> =
+            notes.iter().map(|((kind, key), value)| (*kind, *key, value.as_slice())).collect();
+        if items.is_empty() { Ok(()) } else { lock(&self.records).append(&items) }
+    }
+
+    // --- leases ---
+
+    /// Asks for the right to compute `key`. Whoever gets it looks for the record once more: the holder
+    /// before may have written it.
+    pub fn lease(&self, key: &Digest) -> LeaseState {
+        match &self.folder {
+            Some(folder) if !self.read_only => try_lease(&folder.join("leases").join(key.to_string())),
+            _ => LeaseState::Acquired(Lease::unlocked()),
+        }
+    }
+
+    /// Asks again and again until the lease is ours; `Busy` when `timeout` is over or `cancelled` says so.
+    pub fn wait_for_lease(
+        &self,
+        key: &Digest,
+        timeout: Duration,
+        cancelled: &dyn Fn() -> bool,
+    ) -> LeaseState {
+        let start = Instant::now();
+        let mut pause = Duration::from_millis(1);
+        loop {
+            match self.lease(key) {
+                LeaseState::Busy if start.elapsed() < timeout && !cancelled() => {
+                    std::thread::sleep(pause.min(timeout.saturating_sub(start.elapsed())));
+                    pause = (pause * 2).min(Duration::from_millis(20));
+                }
+                state => return state,
+            }
+        }
+    }
+
+    // --- care ---
+
+    /// Ends a run: writes memos and history, syncs unless [`Fsync::Off`], and rewrites the log of records
+    /// if most of it is dead.
+    ///
+    /// # Errors
+    /// When writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
+    pub fn flush(&self) -> Result<()> {
+        let Some(folder) = self.folder.as_deref().filter(|_| !self.read_only) else { return Ok(()) };
+        reach(failpoint::FLUSH_BEFORE).at("flush", folder)?;
+        self.write_notes()?;
+        if self.fsync != Fsync::Off {
+            self.blobs.sync()?;
+            lock(&self.records).sync()?;
+        }
+        let mut records = lock(&self.records);
+        if records.wants_compaction() {
+            records.compact(|_, _| true)?;
+        }
+        drop(records);
+        reach(failpoint::FLUSH_AFTER).at("flush", folder)
+    }
+
+    /// Removes what killed writers left in the cache folder more than a day ago; returns how many files.
+    pub fn sweep(&self) -> usize {
+        let folder = self.folder.as_deref().filter(|_| !self.read_only);
+        folder.map_or(0, |folder| sweep_temp(&folder.join("temp")))
+    }
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        if !self.read_only {
+            // Notes may be lost.
+            let _ = self.write_notes();
+        }
+    }
+}
+
+/// Creates the cache folder, marked so that backup programs leave it out.
+fn create_folder(folder: &Path) -> Result<()> {
+    let root = folder.join(FORMAT);
+    if root.is_dir() {
+        return Ok(());
+    }
+    fs::create_dir_all(&root).at("create", &root)?;
+    let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# This folder is a cache of lightharmony.\n";
+    let path = folder.join("CACHEDIR.TAG");
+    fs::write(&path, tag).map_err(|error| Error::io("write", &path, error))
+}
+
+/// Locks a mutex. A thread that panicked in here left nothing half done that a later read would believe.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
