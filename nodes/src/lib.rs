@@ -4,17 +4,32 @@
 //! one line in [`registry`]. `types` holds what travels along wires, `io` the file formats; `num`,
 //! `color`, `equirect`, `sampling` and `bvh` are what several kinds share.
 
-use engine::Registry;
+use engine::{KindEntry, Registry};
 
+pub mod alpha_shadow;
 pub mod color;
+pub mod composite;
+pub mod crop_mesh;
 pub mod equirect;
 pub mod error;
+pub mod layers;
 pub mod num;
+pub mod override_material;
+pub mod shadow_ratio;
 pub mod types;
+
+#[cfg(test)]
+mod testing;
 
 pub use error::Error;
 
 /// Every kind, by name.
 pub fn registry() -> Registry {
-    Registry::new(vec![])
+    Registry::new(vec![
+        KindEntry::of::<alpha_shadow::AlphaShadow>(),
+        KindEntry::of::<composite::Composite>(),
+        KindEntry::of::<crop_mesh::CropMesh>(),
+        KindEntry::of::<override_material::OverrideMaterial>(),
+        KindEntry::of::<shadow_ratio::ShadowRatio>(),
+    ])
 }

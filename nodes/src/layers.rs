@@ -1,0 +1,54 @@
+//! Layers of one picture: finding the views that belong together, and their linear light.
+
+use std::borrow::Cow;
+
+use engine::NodeError;
+
+use crate::color::linear_from_srgb;
+use crate::error::Error;
+use crate::types::{Image, Images, Linear, Picture};
+
+/// The picture of view `name` in another set, which must have `size` (columns, rows).
+pub fn matching<'a>(
+    images: &'a Images,
+    port: &'static str,
+    name: &str,
+    size: (usize, usize),
+) -> Result<&'a Picture, NodeError> {
+    let Some(picture) = images.view(name) else {
+        let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
+        let what = format!("`{port}` has no view `{name}`; it has {}", there.join(", "));
+        return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
+    };
+    let (width, height, _) = picture.size();
+    if (width, height) != size {
+        let what =
+            format!("view `{name}` of `{port}` is {width}x{height}, the others are {}x{}", size.0, size.1);
+        return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
+    }
+    Ok(picture)
+}
+
+/// The linear light of a colour picture of 3 or 4 channels, still premultiplied. Display-encoded values
+/// are un-premultiplied, decoded and premultiplied again.
+pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Image<Linear>>, NodeError> {
+    let channels = picture.size().2;
+    if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
+        let what =
+            format!("`{port}` needs a colour picture, not {} of {channels} channels", picture.encoding());
+        return Err(NodeError::from(Error::Mismatch(what)).at(port));
+    }
+    let encoded = match picture {
+        Picture::Linear(image) => return Ok(Cow::Borrowed(image)),
+        Picture::Srgb(image) => image,
+        Picture::Data(_) => return Err(NodeError::new("data is not a colour").at(port)),
+    };
+    let mut samples = encoded.samples.clone();
+    for pixel in samples.chunks_exact_mut(channels) {
+        let alpha = if channels == 4 { pixel[3] } else { 1.0 };
+        for c in &mut pixel[..3] {
+            *c = if alpha > 0.0 { linear_from_srgb(*c / alpha) * alpha } else { 0.0 };
+        }
+    }
+    Ok(Cow::Owned(Image::from_samples(encoded.width, encoded.height, channels, samples)))
+}
