@@ -1,8 +1,8 @@
 //! [`Blobs`]: content by its digest. Small ones share a log, larger ones are a file each.
 
 use std::collections::{BTreeSet, HashMap};
-use std::fs::{self, OpenOptions};
-use std::io;
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -10,6 +10,7 @@ use crate::digest::Digest;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, BLOB, reach};
 use crate::log::{Log, Settings};
+use crate::stamp::same_file;
 use crate::store::{Fsync, Incident, lock};
 use crate::temp::{TempFile, sync_folder};
 
@@ -74,6 +75,15 @@ impl Blobs {
         }
     }
 
+    /// Rewrites the log of small blobs if much of it is dead or damaged.
+    pub fn compact(&self) -> Result<()> {
+        let Blobs::Disk(disk) = self else { return Ok(()) };
+        match lock(&disk.small).as_mut().filter(|log| log.wants_compaction()) {
+            Some(log) => log.compact(|_, _| true).map(drop),
+            None => Ok(()),
+        }
+    }
+
     /// Syncs what was put since the last time.
     pub fn sync(&self) -> Result<()> {
         match self {
@@ -122,27 +132,22 @@ impl Disk {
             return Ok(None);
         }
         let path = self.path(digest);
-        match fs::read(&path) {
-            Ok(bytes) if Digest::of(&bytes) == *digest => Ok(Some(bytes)),
-            Ok(bytes) => {
-                // Another process may have put a good one in its place by now.
-                let replaced = fs::metadata(&path).is_ok_and(|found| found.len() != bytes.len() as u64);
-                if !replaced {
-                    let what = format!("{} bytes that are not its content", bytes.len());
-                    report(self.put_aside(digest, &path, &what)?);
-                }
-                Ok(None)
-            }
+        let (read, what) = match read_file(&path) {
+            Ok((bytes, _)) if Digest::of(&bytes) == *digest => return Ok(Some(bytes)),
+            Ok((bytes, read)) => (Some(read), format!("{} bytes that are not its content", bytes.len())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.with_small(Log::refresh)?;
-                self.get_small(digest, &report)
+                return self.get_small(digest, &report);
             }
-            Err(error) if is_our_trouble(&error) => Err(Error::io("read", &path, error)),
-            Err(error) => {
-                report(self.put_aside(digest, &path, &error.to_string())?);
-                Ok(None)
-            }
+            Err(error) if is_our_trouble(&error) => return Err(Error::io("read", &path, error)),
+            Err(error) => (None, error.to_string()),
+        };
+        // Another process may have put a good one in its place by now; that one stays.
+        let there = fs::metadata(&path);
+        if there.is_ok_and(|there| read.is_none_or(|read| same_file(&read, &there))) {
+            report(self.put_aside(digest, &path, &what)?);
         }
+        Ok(None)
     }
 
     fn get_small(&self, digest: &Digest, report: &impl Fn(Incident)) -> Result<Option<Vec<u8>>> {
@@ -199,7 +204,9 @@ impl Disk {
             && fs::create_dir_all(&self.settings.quarantine).and_then(|()| fs::rename(path, &aside)).is_ok();
         let outcome = if moved {
             format!("moved to {}", aside.display())
-        } else if self.settings.writable && fs::remove_file(path).is_ok() {
+        } else if self.settings.writable
+            && fs::remove_file(path).or_else(|_| fs::remove_dir_all(path)).is_ok()
+        {
             "removed".to_owned()
         } else {
             lock(&self.bad).insert(*digest);
@@ -223,6 +230,16 @@ impl Disk {
         let name = digest.to_string();
         self.folder.join(&name[..2]).join(name)
     }
+}
+
+/// The whole file, and which file that was.
+fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
+    let mut file = File::open(path)?;
+    let metadata = file.metadata()?;
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(usize::try_from(metadata.len()).unwrap_or(usize::MAX))?;
+    file.read_to_end(&mut bytes)?;
+    Ok((bytes, metadata))
 }
 
 /// Whether reading failed for want of something in this process or of permission, and not for what is on

@@ -41,8 +41,8 @@ pub(crate) struct Settings {
     pub temp: PathBuf,
     pub quarantine: PathBuf,
     pub writable: bool,
-    /// Whether payloads stay in memory. If not, they are read from the file when asked for.
-    pub keep: bool,
+    /// How many bytes of the log stay in memory. What lies further back is read when asked for.
+    pub keep: u64,
     /// Sync after every append.
     pub sync: bool,
 }
@@ -52,9 +52,9 @@ pub(crate) struct Settings {
 pub(crate) struct Log {
     settings: Option<Arc<Settings>>,
     open: Option<Open>,
-    lock: Option<File>,
+    lock: Option<Arc<File>>,
     index: HashMap<(u8, Digest), Slot, BuildHasherDefault<Fold>>,
-    /// With `keep`, the understood bytes of the file after its head.
+    /// The understood bytes of the file after its head, as many of them as are kept.
     mirror: Vec<u8>,
     /// How far the file is understood, and how long it was when last looked at.
     scanned: u64,
@@ -110,7 +110,7 @@ impl Log {
     /// Opens the log, creating it where allowed, and reads its index.
     pub fn open(settings: Settings) -> Result<Log> {
         let settings = Arc::new(settings);
-        let lock = if settings.writable { Some(open_lock(&settings.lock)?) } else { None };
+        let lock = if settings.writable { Some(Arc::new(open_lock(&settings.lock)?)) } else { None };
         let mut log = Log { settings: Some(Arc::clone(&settings)), lock, ..Log::in_memory() };
         log.refresh()?;
         if settings.writable && log.open.is_none() {
@@ -162,7 +162,11 @@ impl Log {
             return Ok(self.settings.is_none());
         };
         match fs::metadata(&settings.path) {
-            Ok(metadata) => Ok(same_file(&open.metadata, &metadata) && metadata.len() == self.seen),
+            Ok(metadata) => {
+                // A tail that is not understood yet may be replaced by one of the same length.
+                let understood = self.scanned == self.seen && metadata.len() == self.seen;
+                Ok(understood && same_file(&open.metadata, &metadata))
+            }
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(error) => Err(Error::io("read", &settings.path, error)),
         }
@@ -180,15 +184,11 @@ impl Log {
             Err(error) => return Err(Error::io("read", &settings.path, error)),
         };
         let known = self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &metadata));
-        if known && metadata.len() == self.seen {
-            return Ok(());
-        }
         if !known || metadata.len() < self.scanned {
             self.reopen()?;
         }
-        if settings.keep {
-            self.mirror.reserve(usize::try_from(metadata.len().saturating_sub(self.scanned)).unwrap_or(0));
-        }
+        let ahead = metadata.len().min(settings.keep).saturating_sub(self.scanned);
+        self.mirror.reserve(usize::try_from(ahead).unwrap_or(0));
         self.read_tail()
     }
 
@@ -230,9 +230,7 @@ impl Log {
         }
         let salt = open.salt;
         self.take_in(salt, self.scanned - FILE_HEAD, &bytes);
-        if settings.keep {
-            self.mirror.extend_from_slice(&bytes);
-        }
+        self.remember(settings.keep, &bytes);
         self.scanned += bytes.len() as u64;
         self.seen = self.scanned;
         Ok(())
@@ -258,6 +256,7 @@ impl Log {
     pub fn sync(&mut self) -> Result<()> {
         if let (true, Some(open), Some(settings)) = (self.unsynced, &self.open, &self.settings) {
             open.file.sync_data().at("sync", &settings.path)?;
+            settings.path.parent().into_iter().for_each(sync_folder);
             self.unsynced = false;
         }
         Ok(())
@@ -345,9 +344,7 @@ impl Log {
         loop {
             let read = Read::by_ref(&mut file).take(WINDOW).read_to_end(&mut window).at("read", &path)?;
             let end = self.take_in(salt, self.scanned - FILE_HEAD, &window);
-            if keep {
-                self.mirror.extend_from_slice(&window[..end]);
-            }
+            self.remember(keep, &window[..end]);
             self.scanned += end as u64;
             window.drain(..end);
             if read == 0 {
@@ -381,6 +378,14 @@ impl Log {
         scanned.end
     }
 
+    /// Keeps `bytes`, which follow what is understood, if they also follow what is kept.
+    fn remember(&mut self, keep: u64, bytes: &[u8]) {
+        let kept = self.mirror.len() as u64;
+        if kept < keep && kept == self.scanned - FILE_HEAD {
+            self.mirror.extend_from_slice(bytes);
+        }
+    }
+
     /// Bytes at an offset from the end of the file's head; fewer if the file was cut meanwhile.
     fn read(&self, offset: u64, length: usize) -> Result<Vec<u8>> {
         if let Some(bytes) = self.mirror.get(offset as usize..offset as usize + length) {
@@ -401,7 +406,6 @@ impl Log {
         }
         let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
         temp.write(&file_head(fresh_salt()))?;
-        temp.sync()?;
         self.catch_up()?;
         if self.open.is_some() && !locked {
             return Ok(());
@@ -451,7 +455,7 @@ fn salt_of(head: &[u8]) -> Option<u32> {
         let whole = body.starts_with(FILE_MAGIC) && checksum(0, &[body]).to_le_bytes() == *sum;
         whole.then(|| body.last_chunk().map(|salt| u32::from_le_bytes(*salt)))?
     };
-    salt(head).or_else(|| salt(head.get(32..)?))
+    if head.len() as u64 == FILE_HEAD { salt(head).or_else(|| salt(&head[32..])) } else { None }
 }
 
 /// A number that no other log has, so that entries which happen to lie inside payloads are not believed.
@@ -472,16 +476,15 @@ fn open_lock(path: &Path) -> Result<File> {
 }
 
 /// A held lock between processes.
-struct Guard(File);
+struct Guard(Arc<File>);
 
 impl Guard {
     /// Tries for as long as `patience`. `None` where the lock is not to be had, or locks do not work.
-    fn take(lock: &File, patience: Duration, exclusive: bool) -> Option<Guard> {
-        let lock = lock.try_clone().ok()?;
+    fn take(lock: &Arc<File>, patience: Duration, exclusive: bool) -> Option<Guard> {
         let start = Instant::now();
         loop {
             match if exclusive { lock.try_lock() } else { lock.try_lock_shared() } {
-                Ok(()) => return Some(Guard(lock)),
+                Ok(()) => return Some(Guard(Arc::clone(lock))),
                 Err(fs::TryLockError::Error(_)) => return None,
                 Err(fs::TryLockError::WouldBlock) if start.elapsed() >= patience => return None,
                 Err(fs::TryLockError::WouldBlock) => std::thread::sleep(Duration::from_micros(200)),

@@ -16,7 +16,7 @@ use crate::lease::{Lease, LeaseState, try_lease};
 use crate::log::{Log, Settings};
 use crate::memo;
 use crate::stamp::FileStamp;
-use crate::temp::sweep_temp;
+use crate::temp::{TempFile, sweep_temp};
 
 /// The kinds of entries in the log of records. Numbers not listed are kept as they are by compaction.
 mod kind {
@@ -27,6 +27,9 @@ mod kind {
 
 /// The version of everything below it; a new format gets a new folder and never meets an old one.
 const FORMAT: &str = "v1";
+
+/// How much of the log of small blobs stays in memory, in bytes.
+const SMALL_BLOBS_KEPT: u64 = 8 << 20;
 
 /// Memos and history wait for company up to this many entries.
 const MANY: usize = 4096;
@@ -88,16 +91,23 @@ pub struct Store {
 
 impl Store {
     /// Opens the cache in `folder`, creating it if need be. If it cannot be written, it is opened read-only,
-    /// empty if it does not exist; see [`is_read_only`](Self::is_read_only).
+    /// empty if it does not exist; see [`is_read_only`](Self::is_read_only). So it is if the disk is full to
+    /// the last byte, and then there is an [`Incident`] that says so.
     ///
     /// # Errors
-    /// When the folder is not one, cannot be read, or has no room for even an empty log.
+    /// When the folder is not one or cannot be read.
     pub fn open(folder: &Path, options: Options) -> Result<Store> {
         if options.read_only {
             return Store::open_as(folder, options.fsync, false);
         }
         match Store::open_as(folder, options.fsync, true) {
             Err(error) if error.is_read_only() => Store::open_as(folder, options.fsync, false),
+            // What is there can still be used.
+            Err(error @ Error::Full { .. }) => {
+                let store = Store::open_as(folder, options.fsync, false)?;
+                store.report(Incident { digest: None, what: format!("{error}; nothing is stored") });
+                Ok(store)
+            }
             result => result,
         }
     }
@@ -108,10 +118,13 @@ impl Store {
     }
 
     fn open_as(folder: &Path, fsync: Fsync, writable: bool) -> Result<Store> {
-        if writable {
-            create_folder(folder)?;
-        }
         let root = folder.join(FORMAT);
+        if writable {
+            create_folder(folder, &root)?;
+            // Only trying tells whether files can be made: existing logs may be writable where their folder
+            // is not.
+            TempFile::create(&root.join("temp"), &failpoint::LOG)?;
+        }
         let settings = |name: &str, keep| Settings {
             path: root.join(name).with_extension("log"),
             lock: root.join(name).with_extension("lock"),
@@ -121,9 +134,9 @@ impl Store {
             keep,
             sync: fsync == Fsync::Always,
         };
-        let records = Log::open(settings("records", true))?;
+        let records = Log::open(settings("records", u64::MAX))?;
         let damaged = records.health().damaged;
-        let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs", false), fsync);
+        let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs", SMALL_BLOBS_KEPT), fsync);
         let store = Store::new(Some(root), !writable, fsync, records, blobs);
         if damaged > 0 {
             let what = format!("{damaged} damaged bytes in the cache's records were skipped");
@@ -322,8 +335,8 @@ impl Store {
 
     // --- care ---
 
-    /// Ends a run: writes memos and history, syncs unless [`Fsync::Off`], and rewrites the log of records
-    /// if most of it is dead.
+    /// Ends a run: writes memos and history, syncs unless [`Fsync::Off`], and rewrites a log of which
+    /// most is dead.
     ///
     /// # Errors
     /// When writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
@@ -335,6 +348,7 @@ impl Store {
             self.blobs.sync()?;
             lock(&self.records).sync()?;
         }
+        self.blobs.compact()?;
         let mut records = lock(&self.records);
         if records.wants_compaction() {
             records.compact(|_, _| true)?;
@@ -343,10 +357,14 @@ impl Store {
         reach(failpoint::FLUSH_AFTER).at("flush", folder)
     }
 
-    /// Removes what killed writers left in the cache folder more than a day ago; returns how many files.
+    /// Removes what killed processes left in the cache folder: leases, and half-written files older than a
+    /// day. Returns how many of the latter.
     pub fn sweep(&self) -> usize {
-        let folder = self.folder.as_deref().filter(|_| !self.read_only);
-        folder.map_or(0, |folder| sweep_temp(&folder.join("temp")))
+        let Some(folder) = self.folder.as_deref().filter(|_| !self.read_only) else { return 0 };
+        let leases = fs::read_dir(folder.join("leases")).into_iter().flatten().flatten();
+        // Getting a lease and giving it back removes its file.
+        leases.for_each(|lease| drop(try_lease(&lease.path())));
+        sweep_temp(&folder.join("temp"))
     }
 }
 
@@ -360,15 +378,15 @@ impl Drop for Store {
 }
 
 /// Creates the cache folder, marked so that backup programs leave it out.
-fn create_folder(folder: &Path) -> Result<()> {
-    let root = folder.join(FORMAT);
+fn create_folder(folder: &Path, root: &Path) -> Result<()> {
     if root.is_dir() {
         return Ok(());
     }
-    fs::create_dir_all(&root).at("create", &root)?;
+    fs::create_dir_all(root).at("create", root)?;
     let tag = "Signature: 8a477f597d28d172789f06886806bc55\n# This folder is a cache of lightharmony.\n";
-    let path = folder.join("CACHEDIR.TAG");
-    fs::write(&path, tag).map_err(|error| Error::io("write", &path, error))
+    // Only a courtesy.
+    let _ = fs::write(folder.join("CACHEDIR.TAG"), tag);
+    Ok(())
 }
 
 /// Locks a mutex. A thread that panicked in here left nothing half done that a later read would believe.
