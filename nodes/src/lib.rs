@@ -12,9 +12,13 @@ pub mod composite;
 pub mod crop_mesh;
 pub mod equirect;
 pub mod error;
+pub mod fuse_hdr;
 pub mod layers;
+pub mod light;
 pub mod num;
 pub mod override_material;
+pub mod predict_exposure;
+pub mod score_env;
 pub mod shadow_ratio;
 pub mod types;
 
@@ -29,7 +33,10 @@ pub fn registry() -> Registry {
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
         KindEntry::of::<composite::Composite>(),
         KindEntry::of::<crop_mesh::CropMesh>(),
+        KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
+        KindEntry::of::<predict_exposure::PredictExposure>(),
+        KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
     ])
 }

@@ -1,0 +1,227 @@
+//! `fuse-hdr`: a panorama and its predicted exposures become an environment of light.
+
+use std::sync::Arc;
+
+use engine::{Context, Cost, Kind, NodeError, Notes};
+
+use crate::color::luminance;
+use crate::error::Error;
+use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use crate::num;
+use crate::types::{Brackets, Environment, Image, Linear, Panorama, Picture, Report};
+
+mod ledger;
+
+engine::choices! {
+    /// How predicted light takes over from the panorama's own.
+    pub enum Blend {
+        /// Gradually while the brightest channel goes from the threshold to 1; a prediction may only
+        /// make a pixel brighter.
+        Ramp,
+        /// At once where luminance exceeds the threshold, as the paper's equation has it.
+        Hard,
+    }
+}
+
+engine::choices! {
+    /// Which prediction is fused.
+    pub enum Gain {
+        /// The float gain map: no ceiling.
+        Direct,
+        /// The exposures, as in the paper; light ends at the white of the darkest one.
+        Brackets,
+    }
+}
+
+engine::params! {
+    /// Fuses a panorama and its predicted exposures into an environment of light.
+    /// Where the panorama is clipped the predicted light takes its place, with the panorama's own hue;
+    /// everywhere else the panorama is kept exactly. The report lists each recovered light: where it
+    /// is, how much it gives, and where that energy came from.
+    pub struct FuseHdr {
+        /// Where clipping begins, in linear light with white at 1.
+        threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
+        /// How predicted light takes over from the panorama's own.
+        blend: Blend = Blend::Ramp, other("Hard");
+        /// How display values become linear light; applies to base and exposures alike.
+        transfer: Transfer = Transfer::Srgb, other("Gamma24");
+        /// Whether the float gain map or the list of exposures is fused.
+        gain: Gain = Gain::Direct, other("Brackets");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of `fuse-hdr`.
+    pub struct In {
+        /// The panorama at EV 0.
+        base: Arc<Panorama>,
+        /// What was predicted for it.
+        brackets: Arc<Brackets>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of `fuse-hdr`.
+    pub struct Out {
+        /// Linear light from every direction, at the point of the panorama.
+        env: Arc<Environment>,
+        /// Each recovered light, and the energy before and after.
+        report: Arc<Report>,
+    }
+}
+
+/// Where the luminance of one pixel came from after fusion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Fused {
+    /// Absolute luminance E'_N.
+    luminance: f64,
+    /// Index of the exposure that gave most of it; the base is the number of exposures.
+    source: usize,
+    /// The darkest exposure is white here, so the light is a lower bound.
+    saturated: bool,
+}
+
+impl Kind for FuseHdr {
+    const NAME: &'static str = "fuse-hdr";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(_: &Self, inputs: &In) -> Cost {
+        let pixels = inputs.base.alpha.samples.len() as u64;
+        Cost { bytes: pixels * 80, work: pixels as f64 }
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let In { base, brackets } = inputs;
+        check_sizes(&base, &brackets)?;
+        let mut notes = Notes::none();
+        let pixels = linear_pixels(&base.image, params.transfer);
+        tell_broken(&pixels, &mut notes);
+        if matches!(base.image, Picture::Linear(_)) && params.transfer == Transfer::Gamma24 {
+            notes.decision("already-linear", "the panorama is linear, so `transfer` has no effect on it");
+        }
+        let (width, height) = (pixels.width, pixels.height);
+        let rows = cx.for_each_tile(height, |y| {
+            (y * width..(y + 1) * width).map(|at| fuse(params, &pixels, &brackets, at)).collect::<Vec<_>>()
+        })?;
+        cx.count("pixels", pixels.rgb.len() as u64);
+        let mut fused: Vec<Fused> = rows.into_iter().flatten().collect();
+        let lights = ledger::Lights::find(&pixels, &fused);
+        if params.gain == Gain::Direct && params.blend == Blend::Ramp {
+            lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
+        }
+        let mut image = Image::<Linear>::new(width, height, 3);
+        for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
+            to.copy_from_slice(&apply(*rgb, fused.luminance));
+        }
+        let saturated = fused.iter().filter(|fused| fused.saturated).count() as u64;
+        if saturated > 0 {
+            let text =
+                format!("{saturated} pixels are white in the darkest exposure; their light is a lower bound");
+            notes.warning("saturated-at-darkest", text);
+        }
+        cx.check()?;
+        let report = lights.report(base.up, &pixels, &image, &fused, &brackets.evs, params.gain);
+        let env = Environment { image, up: base.up, origin: Some(base.origin) };
+        Ok((Out { env: Arc::new(env), report: Arc::new(report) }, notes))
+    }
+}
+
+fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
+    let (width, height, channels) = base.image.size();
+    let map = &brackets.log2_gain;
+    let sized = |w: usize, h: usize| (w, h) == (width, height);
+    if channels != 3 || matches!(base.image, Picture::Data(_)) || width == 0 || height == 0 {
+        return Err(NodeError::from(Error::Mismatch("the base is no RGB panorama".to_owned())).at("base"));
+    }
+    let fits = sized(map.width, map.height)
+        && map.channels == 1
+        && brackets.exposures.len() == brackets.evs.len()
+        && brackets.exposures.iter().all(|e| sized(e.width, e.height) && e.channels == 3);
+    if !fits {
+        let what = format!("the prediction is {}x{}, the base {width}x{height}", map.width, map.height);
+        return Err(NodeError::from(Error::Mismatch(what))
+            .at("brackets")
+            .hint("wire `base` to the same panorama as the prediction's `pano`"));
+    }
+    Ok(())
+}
+
+fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
+    if pixels.broken > 0 {
+        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+    }
+    if pixels.negative > 0 {
+        notes.count("below-zero", pixels.negative, "samples below 0 count as black");
+    }
+}
+
+/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction).
+fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
+    let base = pixels.rgb[at];
+    let own = f64::from(luminance(base));
+    let n = brackets.evs.len();
+    let start = match params.gain {
+        Gain::Direct => {
+            let held = base.map(|v| v.min(1.0));
+            let gain = num::f64::exp2(f64::from(brackets.log2_gain.samples[at]));
+            Fused { luminance: f64::from(luminance(held)) * gain, source: 0, saturated: false }
+        }
+        Gain::Brackets if n == 0 => Fused { luminance: own, source: 0, saturated: false },
+        Gain::Brackets => {
+            let mut fused = exposure(params, brackets, 0, at).1;
+            for i in 1..n {
+                let (linear, step) = exposure(params, brackets, i, at);
+                fused = merge(params, fused, linear, step);
+            }
+            fused
+        }
+    };
+    let fused = merge(params, start, base, Fused { luminance: own, source: n, saturated: false });
+    Fused { saturated: fused.saturated && fused.source != n, ..fused }
+}
+
+/// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i.
+fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32; 3], Fused) {
+    let encoded = brackets.exposures[i].samples[3 * at..3 * at + 3].iter();
+    let mut linear = [0.0; 3];
+    for (to, value) in linear.iter_mut().zip(encoded) {
+        *to = params.transfer.linear(value.min(1.0));
+    }
+    let scaled = f64::from(luminance(linear)) * num::f64::exp2(-brackets.evs[i]);
+    (linear, Fused { luminance: scaled, source: i, saturated: i == 0 && max3(linear) >= 0.999 })
+}
+
+/// One step of the merge: keeps the darker estimate where the brighter picture is clipped.
+fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused) -> Fused {
+    match params.blend {
+        Blend::Hard if luminance(brighter) > params.threshold => darker,
+        Blend::Hard => own,
+        Blend::Ramp => {
+            let ramp = ((max3(brighter) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0);
+            if ramp == 0.0 || darker.luminance <= own.luminance {
+                return own;
+            }
+            let m = f64::from(ramp);
+            let mixed = own.luminance * (1.0 - m) + darker.luminance * m;
+            let gained = darker.luminance * m > own.luminance * (1.0 - m);
+            let main = if gained { darker } else { own };
+            Fused { luminance: mixed, source: main.source, saturated: darker.saturated }
+        }
+    }
+}
+
+/// The base colour scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing
+/// the colour is returned as it is, so that black stays black and nothing is rounded.
+fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
+    let own = f64::from(luminance(rgb));
+    if fused == own || own <= 0.0 {
+        return rgb;
+    }
+    rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
+}
+
+#[cfg(test)]
+mod tests;

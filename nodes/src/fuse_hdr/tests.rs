@@ -1,0 +1,241 @@
+use super::*;
+use crate::color::srgb_from_linear;
+use crate::types::{Cell, Data, Srgb};
+use engine::{Kind, Scene, Up};
+use glam::DVec3;
+
+const W: usize = 64;
+const H: usize = 32;
+
+fn cx() -> Context {
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+}
+
+fn params() -> FuseHdr {
+    FuseHdr { threshold: 0.9, blend: Blend::Ramp, transfer: Transfer::Srgb, gain: Gain::Direct }
+}
+
+fn paper() -> FuseHdr {
+    FuseHdr { blend: Blend::Hard, transfer: Transfer::Gamma24, gain: Gain::Brackets, ..params() }
+}
+
+fn encode(transfer: Transfer, linear: f32) -> f32 {
+    match transfer {
+        Transfer::Srgb => srgb_from_linear(linear),
+        Transfer::Gamma24 => num::powf(linear, 1.0 / 2.4),
+    }
+}
+
+/// True light, photographed at EV 0 and at `evs` by a camera of the given transfer, in `bits` a sample.
+fn photograph(
+    light: &dyn Fn(usize) -> [f32; 3],
+    evs: &[f64],
+    transfer: Transfer,
+    bits: Option<f32>,
+) -> (Arc<Panorama>, Arc<Brackets>) {
+    let take = |ev: f64| {
+        let scale = num::f64::exp2(ev) as f32;
+        let sample = |v: f32| {
+            let code = encode(transfer, (v * scale).min(1.0));
+            bits.map_or(code, |top| (code * top).round() / top)
+        };
+        Image::<Srgb>::from_samples(W, H, 3, (0..W * H).flat_map(|at| light(at).map(sample)).collect())
+    };
+    let gain = |at: usize| {
+        let (full, held) = (luminance(light(at)), luminance(light(at).map(|v| v.min(1.0))));
+        num::f32::log2((full / held.max(1e-20)).max(1.0))
+    };
+    let pano = Panorama {
+        image: take(0.0).into(),
+        alpha: Image::from_samples(W, H, 1, vec![1.0; W * H]),
+        up: Up::PlusZ,
+        origin: DVec3::new(1.0, 2.0, 3.0),
+    };
+    let brackets = Brackets {
+        log2_gain: Image::<Data>::from_samples(W, H, 1, (0..W * H).map(gain).collect()),
+        evs: evs.to_vec(),
+        exposures: evs.iter().map(|&ev| take(ev)).collect(),
+        report: Report::default(),
+    };
+    (Arc::new(pano), Arc::new(brackets))
+}
+
+fn run(params: &FuseHdr, (base, brackets): (Arc<Panorama>, Arc<Brackets>)) -> (Out, Notes) {
+    FuseHdr::run(params, In { base, brackets }, &cx()).expect("runs")
+}
+
+/// Grey that doubles every few pixels from 2^-6, and a lamp of 40 at the end.
+fn ramp(at: usize) -> [f32; 3] {
+    let v = if at % W == 63 { 40.0 } else { num::f32::exp2((at % W) as f32 / 10.0 - 6.0) };
+    [v, v, v]
+}
+
+// The paper's equations written out for one pixel, in f64.
+fn paper_pixel(codes: &[[f64; 3]], evs: &[f64]) -> [f64; 3] {
+    let linear: Vec<[f64; 3]> = codes.iter().map(|c| c.map(|v| num::pow(v, 2.4))).collect();
+    let lum = |c: [f64; 3]| 0.21267 * c[0] + 0.71516 * c[1] + 0.07217 * c[2];
+    let mut e = lum(linear[0]) * num::f64::exp2(-evs[0]);
+    for i in 1..codes.len() {
+        if lum(linear[i]) <= 0.9 {
+            e = lum(linear[i]) * num::f64::exp2(-evs[i]);
+        }
+    }
+    let last = linear[codes.len() - 1];
+    last.map(|v| if lum(last) > 0.0 { e / lum(last) * v } else { 0.0 })
+}
+
+#[test]
+fn paper_mode_is_the_papers_equations() {
+    let light = |at: usize| {
+        let v = ramp(at)[0];
+        [v, 0.8 * v, if at.is_multiple_of(3) { 0.0 } else { 0.3 * v }]
+    };
+    let evs = [-6.0, -3.0];
+    let (base, brackets) = photograph(&light, &evs, Transfer::Gamma24, Some(255.0));
+    let (out, _) = run(&paper(), (base.clone(), brackets.clone()));
+    for at in 0..W * H {
+        let code = |picture: &[f32]| [0, 1, 2].map(|c| f64::from(picture[3 * at + c]));
+        let codes = [
+            code(&brackets.exposures[0].samples),
+            code(&brackets.exposures[1].samples),
+            code(base.image.samples()),
+        ];
+        let want = paper_pixel(&codes, &[-6.0, -3.0, 0.0]);
+        for (found, want) in out.env.image.samples[3 * at..].iter().zip(want) {
+            assert!((f64::from(*found) - want).abs() <= 1e-6 * want.max(1e-3), "{at}: {found} {want}");
+        }
+    }
+    assert_eq!(out.env.origin, Some(DVec3::new(1.0, 2.0, 3.0)));
+}
+
+// Row 32: a bracket of known light is recovered to half a code of the exposure that shows it.
+#[test]
+fn a_true_bracket_is_recovered_within_quantisation() {
+    for gain in [Gain::Brackets, Gain::Direct] {
+        let taken = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, Some(255.0));
+        let (out, notes) = run(&FuseHdr { gain, ..params() }, taken);
+        for at in 0..W * H {
+            let (found, want) = (out.env.image.samples[3 * at], ramp(at)[0]);
+            // Half a code at the darkest value an exposure is trusted with, 0.9 / 8, is under 2 %; far
+            // below that the step is that of code 1 of 255.
+            let bound = 0.02 * want + 0.5 / 255.0 / 12.92 * 8.0;
+            assert!((found - want).abs() < bound, "{gain:?} {at}: {found} {want}");
+        }
+        assert!(notes.iter().all(|note| note.id != "saturated-at-darkest"));
+    }
+}
+
+#[test]
+fn what_is_not_clipped_is_kept_to_the_bit() {
+    let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Srgb, None);
+    let want = linear_pixels(&base.image, Transfer::Srgb);
+    let all = [(Blend::Hard, Gain::Direct), (Blend::Ramp, Gain::Brackets), (Blend::Ramp, Gain::Direct)];
+    for (blend, gain) in all {
+        let (out, _) = run(&FuseHdr { blend, gain, ..params() }, (base.clone(), brackets.clone()));
+        for (at, rgb) in want.rgb.iter().enumerate().filter(|(_, rgb)| max3(**rgb) <= 0.9) {
+            assert_eq!(out.env.image.samples[3 * at..3 * at + 3], rgb[..], "{blend:?} {gain:?}");
+        }
+    }
+}
+
+// Rows 27 and 28: black stays black, and dark stays as dark as it is.
+#[test]
+fn black_is_black_and_broken_samples_are_told() {
+    let (base, brackets) = photograph(&|_| [0.0; 3], &[-3.0], Transfer::Srgb, None);
+    let (out, _) = run(&paper(), (base.clone(), brackets.clone()));
+    assert!(out.env.image.samples.iter().all(|&v| v == 0.0));
+    let mut broken = (*base).clone();
+    let mut samples = vec![0.0; W * H * 3];
+    samples[..4].copy_from_slice(&[f32::NAN, f32::INFINITY, -0.5, 1e-12]);
+    broken.image = Image::<Srgb>::from_samples(W, H, 3, samples).into();
+    let (out, notes) = run(&params(), (Arc::new(broken), brackets));
+    assert!(out.env.image.samples.iter().all(|v| v.is_finite() && *v >= 0.0));
+    assert!(notes.iter().any(|n| n.id == "not-finite") && notes.iter().any(|n| n.id == "below-zero"));
+}
+
+// Row 29: white in every exposure is a lower bound, and said so.
+#[test]
+fn saturation_at_the_darkest_exposure_is_told() {
+    let taken =
+        photograph(&|at| if at == 9 { [5000.0; 3] } else { [0.2; 3] }, &[-6.0, -3.0], Transfer::Srgb, None);
+    let (out, notes) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, taken);
+    assert!((out.env.image.samples[27] - 64.0).abs() < 1e-3);
+    assert!(notes.iter().any(|n| n.id == "saturated-at-darkest" && n.text.starts_with("1 ")));
+    assert!(matches!(out.report.tables[0].rows[0].last(), Some(Cell::Number(share)) if *share > 0.9));
+}
+
+// Row 30: a darker picture that disagrees may not make a light darker, and never makes it negative.
+#[test]
+fn a_wrongly_dark_prediction_changes_nothing() {
+    let (base, brackets) = photograph(&|_| [1.0; 3], &[-3.0], Transfer::Srgb, None);
+    let mut wrong = (*brackets).clone();
+    wrong.exposures[0].samples.fill(0.0);
+    let (out, _) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, (base, Arc::new(wrong)));
+    assert!(out.env.image.samples.iter().all(|&v| v == 1.0));
+}
+
+// Row 31: continuous over the ramp, strict at the threshold where it is hard.
+#[test]
+fn the_ramp_is_continuous_and_the_step_is_strict() {
+    let one = |value: f32, blend: Blend| {
+        let own = Fused { luminance: value.into(), source: 1, saturated: false };
+        let darker = Fused { luminance: 30.0, source: 0, saturated: false };
+        merge(&FuseHdr { blend, ..params() }, darker, [value; 3], own).luminance
+    };
+    let mut before = one(0.85, Blend::Ramp);
+    for i in 1..=20_000 {
+        let now = one(0.85 + 0.15 * i as f32 / 20_000.0, Blend::Ramp);
+        assert!(now >= before && now - before < 0.01, "{i}");
+        before = now;
+    }
+    assert_eq!(before, 30.0);
+    let weights = luminance([1.0; 3]);
+    let at = (0.9 / weights).next_down();
+    assert!(one(at, Blend::Hard) < 1.0 && one(0.9002 / weights, Blend::Hard) == 30.0);
+}
+
+// Row 33: a light of the same energy in one pixel or in five gives the same irradiance.
+#[test]
+fn energy_does_not_depend_on_how_many_pixels_hold_it() {
+    let power = |n: usize| {
+        let light =
+            move |at: usize| if (at / W == 10) && at % W < n { [1e5 / n as f32; 3] } else { [0.1; 3] };
+        let (out, _) = run(&params(), photograph(&light, &[], Transfer::Srgb, None));
+        let Cell::Number(power) = out.report.tables[1].rows[1][1] else { panic!("a number") };
+        power
+    };
+    assert!((power(1) / power(5) - 1.0).abs() < 0.01, "{} {}", power(1), power(5));
+}
+
+// A light whose pixels are barely clipped still gets all that was predicted for it.
+#[test]
+fn the_ramp_keeps_the_flux_of_a_light() {
+    let (base, _) = photograph(&|at| if at == 500 { [0.96; 3] } else { [0.1; 3] }, &[], Transfer::Srgb, None);
+    let mut gain = Image::<Data>::new(W, H, 1);
+    gain.samples[500] = 6.0;
+    let brackets = Brackets { log2_gain: gain, evs: vec![], exposures: vec![], report: Report::default() };
+    let (out, _) = run(&params(), (base, Arc::new(brackets)));
+    assert!(
+        (out.env.image.samples[1500] / (0.96 * 64.0) - 1.0).abs() < 1e-3,
+        "{}",
+        out.env.image.samples[1500]
+    );
+}
+
+#[test]
+fn transfers_differ_as_published() {
+    // Row 34: code 0.5 is 0.189 by the pure power and 0.214 by sRGB.
+    assert!((Transfer::Gamma24.linear(0.5) - 0.1895).abs() < 1e-4);
+    assert!((Transfer::Srgb.linear(0.5) - 0.2140).abs() < 1e-4);
+}
+
+#[test]
+fn a_prediction_of_another_size_is_refused() {
+    let (base, brackets) = photograph(&|_| [0.1; 3], &[], Transfer::Srgb, None);
+    let mut other = (*brackets).clone();
+    other.log2_gain = Image::new(8, 4, 1);
+    let Err(error) = FuseHdr::run(&params(), In { base, brackets: Arc::new(other) }, &cx()) else {
+        panic!("accepted")
+    };
+    assert!(error.message().contains("8x4"));
+}

@@ -1,0 +1,68 @@
+//! Linear light of a panorama of either encoding, with its broken samples counted.
+
+use crate::color::linear_from_srgb;
+use crate::num;
+use crate::types::Picture;
+
+engine::choices! {
+    /// How display values become linear light.
+    pub enum Transfer {
+        /// The sRGB curve (IEC 61966-2-1), which splat renders and photographs follow.
+        Srgb,
+        /// A pure power of 2.4, as the paper's fusion has it; darkens unclipped light by about a tenth.
+        Gamma24,
+    }
+}
+
+impl Transfer {
+    /// Linear light of a display value; values below 0 give 0.
+    pub fn linear(self, encoded: f32) -> f32 {
+        match self {
+            _ if encoded <= 0.0 => 0.0,
+            Transfer::Srgb => linear_from_srgb(encoded),
+            Transfer::Gamma24 => num::powf(encoded, 2.4),
+        }
+    }
+}
+
+/// Linear RGB of every pixel, finite and at least 0.
+pub struct LinearPixels {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row by row.
+    pub rgb: Vec<[f32; 3]>,
+    /// Samples that were NaN or infinite and count as 0.
+    pub broken: u64,
+    /// Samples below 0, which count as 0.
+    pub negative: u64,
+}
+
+/// Linear light of a 3-channel picture. A picture that is linear already is taken as it is.
+pub fn linear_pixels(picture: &Picture, transfer: Transfer) -> LinearPixels {
+    let (width, height, channels) = picture.size();
+    let (mut broken, mut negative) = (0, 0);
+    let display = matches!(picture, Picture::Srgb(_));
+    let rgb = picture
+        .samples()
+        .chunks_exact(channels.max(1))
+        .map(|pixel| {
+            std::array::from_fn(|c| {
+                let sample = pixel.get(c).copied().unwrap_or(0.0);
+                if !sample.is_finite() {
+                    broken += 1;
+                    return 0.0;
+                }
+                negative += u64::from(sample < 0.0);
+                if display { transfer.linear(sample) } else { sample.max(0.0) }
+            })
+        })
+        .collect();
+    LinearPixels { width, height, rgb, broken, negative }
+}
+
+/// The largest of three.
+pub fn max3(rgb: [f32; 3]) -> f32 {
+    rgb[0].max(rgb[1]).max(rgb[2])
+}

@@ -1,0 +1,177 @@
+//! What light is judged by: irradiance, the dominant direction, contrast. Definitions as in
+//! `eval_pano.py` of the evidence for this task, in f64.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use crate::equirect::{direction, pixel_solid_angle};
+use crate::num;
+use crate::types::Environment;
+
+/// One cell of an environment: a direction, its solid angle and the mean radiance in it.
+#[derive(Debug, Clone, Copy)]
+pub struct Cell {
+    /// Unit direction of the centre of its texels.
+    pub direction: DVec3,
+    /// Solid angle, in steradians.
+    pub solid_angle: f64,
+    /// Mean linear radiance.
+    pub rgb: [f64; 3],
+}
+
+impl Cell {
+    /// Luminance of the mean radiance.
+    pub fn luminance(&self) -> f64 {
+        luminance(self.rgb)
+    }
+}
+
+/// Luminance of linear RGB in f64, with the weights of [`crate::color::LUMINANCE`].
+pub fn luminance(rgb: [f64; 3]) -> f64 {
+    0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
+}
+
+/// The environment in cells of at most `columns` x `columns / 2`: every texel's power goes to the cell
+/// its centre lies in, so power is kept whatever the size of the image.
+pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
+    let (width, height) = (env.image.width, env.image.height);
+    let (columns, rows) = (columns.min(width), (columns / 2).min(height).max(1));
+    let mut sums = vec![(DVec3::ZERO, 0.0_f64, [0.0_f64; 3]); columns * rows];
+    for y in 0..height {
+        let solid_angle = pixel_solid_angle(width, height, y);
+        let row = (2 * y + 1) * rows / (2 * height) * columns;
+        for x in 0..width {
+            let cell = &mut sums[row + (2 * x + 1) * columns / (2 * width)];
+            let (u, v) = ((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
+            cell.0 += direction(env.up, u, v) * solid_angle;
+            cell.1 += solid_angle;
+            for (sum, value) in cell.2.iter_mut().zip(env.image.rgb(x, y)) {
+                *sum += solid_angle * f64::from(value);
+            }
+        }
+    }
+    let cell = |(toward, solid_angle, sum): (DVec3, f64, [f64; 3])| {
+        Some(Cell { direction: toward.try_normalize()?, solid_angle, rgb: sum.map(|s| s / solid_angle) })
+    };
+    sums.into_iter().filter_map(cell).collect()
+}
+
+/// Irradiance of a plane with the given unit normal.
+pub fn irradiance(cells: &[Cell], normal: DVec3) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for cell in cells {
+        let weight = cell.direction.dot(normal).max(0.0) * cell.solid_angle;
+        for (sum, value) in sum.iter_mut().zip(cell.rgb) {
+            *sum += weight * value;
+        }
+    }
+    sum
+}
+
+/// `n` evenly spread unit vectors: a Fibonacci spiral about z.
+pub fn spiral(n: usize) -> Vec<DVec3> {
+    let golden = PI * (1.0 + 5.0_f64.sqrt());
+    (0..n)
+        .map(|i| {
+            let z = 1.0 - (2 * i + 1) as f64 / n as f64;
+            let (sin, cos) = num::sin_cos(golden * (i as f64 + 0.5));
+            let r = (1.0 - z * z).sqrt();
+            DVec3::new(r * cos, r * sin, z)
+        })
+        .collect()
+}
+
+/// Cosine of 15 degrees, the radius of what counts as the dominant light.
+pub const DOMINANT_COS: f64 = 0.965_925_826_289_068_3;
+
+/// Direction of the dominant light: where radiance smoothed by a lobe of 10 degrees is largest, moved to
+/// the centroid of luminance within 15 degrees. `None` when there is no light.
+pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
+    let sharpness = 1.0 / (PI / 18.0 * (PI / 18.0));
+    let mut best = (0.0, None);
+    for at in coarse {
+        let smoothed: f64 = coarse
+            .iter()
+            .map(|cell| (cell, sharpness * (at.direction.dot(cell.direction) - 1.0)))
+            .filter(|(_, exponent)| *exponent > -16.0)
+            .map(|(cell, exponent)| num::f64::exp(exponent) * cell.solid_angle * cell.luminance())
+            .sum();
+        if smoothed > best.0 {
+            best = (smoothed, Some(at.direction));
+        }
+    }
+    let around = best.1?;
+    let near = fine.iter().filter(|cell| cell.direction.dot(around) > DOMINANT_COS);
+    let sum =
+        near.fold(DVec3::ZERO, |sum, cell| sum + cell.direction * (cell.solid_angle * cell.luminance()));
+    sum.try_normalize().or(Some(around))
+}
+
+/// Irradiance of a plane from within 15 degrees of `light`, over that from elsewhere. The plane is
+/// the ground, or faces the light where that is low.
+pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> f64 {
+    let normal = if light.dot(up) > 0.1 { up } else { light };
+    let (mut near, mut rest) = (0.0, 0.0);
+    for cell in cells {
+        let power = cell.direction.dot(normal).max(0.0) * cell.solid_angle * cell.luminance();
+        if cell.direction.dot(light) > DOMINANT_COS { near += power } else { rest += power }
+    }
+    near / rest.max(1e-9)
+}
+
+/// (azimuth, elevation) of a direction in degrees: azimuth is 0 forward and grows to the right,
+/// clockwise seen from above.
+pub fn angles_deg(up: engine::Up, direction: DVec3) -> (f64, f64) {
+    let (u, v) = crate::equirect::uv(up, direction);
+    (360.0 * (u - 0.5), 90.0 - 180.0 * v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::Image;
+    use engine::Up;
+
+    fn env(width: usize, f: impl Fn(DVec3) -> f32) -> Environment {
+        let mut image = Image::new(width, width / 2, 3);
+        for y in 0..width / 2 {
+            for x in 0..width {
+                let d = direction(
+                    Up::PlusZ,
+                    (x as f64 + 0.5) / width as f64,
+                    (y as f64 + 0.5) / (width / 2) as f64,
+                );
+                image.pixel_mut(x, y).fill(f(d));
+            }
+        }
+        Environment { image, up: Up::PlusZ, origin: None }
+    }
+
+    #[test]
+    fn uniform_light_gives_pi_on_every_plane() {
+        let cells = cells(&env(300, |_| 1.0), 128);
+        for normal in spiral(40) {
+            assert!((irradiance(&cells, normal)[1] - PI).abs() < 2e-3);
+        }
+    }
+
+    #[test]
+    fn power_does_not_depend_on_the_cells() {
+        let env = env(300, |d| (5.0 * d.x as f32).max(0.0) + 0.1);
+        let power = |n| cells(&env, n).iter().map(|c| c.solid_angle * c.luminance()).sum::<f64>();
+        assert!((power(128) - power(300)).abs() < 1e-9 * power(300));
+    }
+
+    #[test]
+    fn a_small_bright_light_is_dominant() {
+        let light = DVec3::new(0.3, -0.5, 0.6).normalize();
+        let env = env(256, |d| if d.dot(light) > 0.999 { 500.0 } else { 0.2 });
+        let (fine, coarse) = (cells(&env, 256), cells(&env, 128));
+        let found = dominant(&coarse, &fine).expect("there is light");
+        assert!(found.dot(light) > 0.9995, "{found}");
+        assert!(contrast(&fine, light, DVec3::Z) > 1.0);
+        let (azimuth, elevation) = angles_deg(Up::PlusZ, light);
+        assert!((azimuth - 149.04).abs() < 0.01 && (elevation - 45.82).abs() < 0.01, "{azimuth} {elevation}");
+    }
+}

@@ -1,0 +1,6 @@
+//! What the kinds about recovered light share: connected regions of a panorama, distances in them, and
+//! the measures light is judged by.
+
+pub mod linear;
+pub mod measure;
+pub mod regions;

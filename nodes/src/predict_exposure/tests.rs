@@ -1,0 +1,146 @@
+use super::*;
+use crate::equirect::pixel_solid_angle;
+use engine::{Kind, Scene, Up};
+use glam::DVec3;
+
+fn cx() -> Context {
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+}
+
+fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama> {
+    let height = width / 2;
+    let samples = (0..width * height).flat_map(|i| colour(i % width, i / width)).collect();
+    Arc::new(Panorama {
+        image: Image::<Srgb>::from_samples(width, height, 3, samples).into(),
+        alpha: Image::from_samples(width, height, 1, vec![1.0; width * height]),
+        up: Up::PlusZ,
+        origin: DVec3::ZERO,
+    })
+}
+
+fn run(pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
+    let params = PredictExposure { evs: evs.to_vec(), method: Method::Region };
+    let (out, notes) = PredictExposure::run(&params, In { pano }, &cx()).expect("runs");
+    (out.brackets, notes)
+}
+
+/// A room with a window that lies across the seam and a lamp of a few pixels.
+fn room(width: usize) -> Arc<Panorama> {
+    pano(width, move |x, y| {
+        let (x, y) = (x * 256 / width, y * 256 / width);
+        let window = (44..64).contains(&y) && !(14..246).contains(&x);
+        let lamp = (30..34).contains(&y) && (100..104).contains(&x);
+        if window || lamp { [1.0, 1.0, 0.99] } else { [0.5, 0.45, 0.4] }
+    })
+}
+
+fn flux(brackets: &Brackets, pano: &Panorama, of: impl Fn(usize) -> bool) -> f64 {
+    let (w, h) = (brackets.log2_gain.width, brackets.log2_gain.height);
+    let pixels = linear_pixels(&pano.image, Transfer::Srgb);
+    let light = |at: usize| {
+        let gain = num::f64::exp2(brackets.log2_gain.samples[at].into());
+        gain * f64::from(crate::color::luminance(pixels.rgb[at])) * pixel_solid_angle(w, h, at / w)
+    };
+    (0..w * h).filter(|&at| of(at)).map(light).sum()
+}
+
+#[test]
+fn gain_is_zero_outside_of_clipped_pixels_and_positive_within() {
+    let pano = room(256);
+    let (brackets, _) = run(pano.clone(), &[-3.0]);
+    let mask = clip_mask(&pano, &linear_pixels(&pano.image, Transfer::Srgb));
+    for (gain, clipped) in brackets.log2_gain.samples.iter().zip(mask) {
+        assert!(gain.is_finite() && (*gain > 0.0) == clipped, "{gain} {clipped}");
+    }
+    assert_eq!(brackets.report.tables[1].rows.len(), 2, "the window is one region across the seam");
+}
+
+// The stops are those of the published formula, evaluated by a separate program on the nine numbers of
+// the two regions; the flux of each region must then have grown by as much.
+#[test]
+fn the_flux_of_a_region_is_what_the_regression_says() {
+    let pano = room(256);
+    let (brackets, _) = run(pano.clone(), &[-3.0]);
+    let plain = Brackets { log2_gain: Image::new(256, 128, 1), ..(*brackets).clone() };
+    let lamp = |at: usize| brackets.log2_gain.samples[at] > 0.0 && (20..240).contains(&(at % 256));
+    let window = |at: usize| brackets.log2_gain.samples[at] > 0.0 && !(20..240).contains(&(at % 256));
+    let stops =
+        |of: &dyn Fn(usize) -> bool| num::f64::log2(flux(&brackets, &pano, of) / flux(&plain, &pano, of));
+    assert!((stops(&window) - 2.515).abs() < 1e-3, "{}", stops(&window));
+    assert!((stops(&lamp) - 2.203).abs() < 1e-3, "{}", stops(&lamp));
+}
+
+// Rows 23: monotone, black stays black, extremes stay finite.
+#[test]
+fn flat_panoramas_stay_monotone_and_finite() {
+    for value in [0.0, 0.5, 1.0, 40.0, f32::NAN, f32::INFINITY, -1.0] {
+        let (brackets, notes) = run(pano(64, |_, _| [value; 3]), &[-3.0, -9.0, -6.0]);
+        assert_eq!(brackets.evs, [-9.0, -6.0, -3.0]);
+        for (dark, bright) in brackets.exposures[0].samples.iter().zip(&brackets.exposures[2].samples) {
+            assert!((0.0..=1.0).contains(dark) && dark <= bright, "{dark} {bright}");
+        }
+        if value <= 0.5 {
+            assert!(brackets.log2_gain.samples.iter().all(|&g| g == 0.0));
+            assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
+        }
+        assert_eq!(notes.iter().any(|note| note.id == "not-finite"), !value.is_finite());
+    }
+}
+
+// Row 24: a horizontal roll of the panorama rolls the prediction.
+#[test]
+fn rolling_the_panorama_rolls_the_gain() {
+    let plain = run(room(256), &[-3.0]).0;
+    let shift = 77;
+    let source = room(256);
+    let rolled = pano(256, |x, y| match &source.image {
+        Picture::Srgb(image) => image.rgb((x + shift) % 256, y),
+        _ => unreachable!(),
+    });
+    let rolled = run(rolled, &[-3.0]).0;
+    for y in 0..128 {
+        for x in 0..256 {
+            let (a, b) = (plain.log2_gain.pixel((x + shift) % 256, y)[0], rolled.log2_gain.pixel(x, y)[0]);
+            assert!((a - b).abs() < 1e-4, "({x}, {y}) {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn recovered_light_does_not_depend_on_the_resolution() {
+    let all = |_| true;
+    let small = room(256);
+    let want = flux(&run(small.clone(), &[-3.0]).0, &small, all);
+    for width in [512, 1024, 768] {
+        let large = room(width);
+        let found = flux(&run(large.clone(), &[-3.0]).0, &large, all);
+        assert!(num::f64::log2(found / want).abs() < 0.02, "{width}: {found} {want}");
+    }
+}
+
+#[test]
+fn holes_are_not_clipped() {
+    let mut pano = (*room(128)).clone();
+    pano.alpha.samples.fill(0.0);
+    let (brackets, notes) = run(Arc::new(pano), &[-3.0]);
+    assert!(brackets.log2_gain.samples.iter().all(|&g| g == 0.0));
+    assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
+}
+
+#[test]
+fn a_linear_panorama_is_clipped_at_white_and_not_above() {
+    let mut pano = (*pano(64, |_, _| [0.5; 3])).clone();
+    let mut image = Image::<crate::types::Linear>::from_samples(64, 32, 3, vec![0.2; 64 * 32 * 3]);
+    image.pixel_mut(5, 8).fill(1.0);
+    image.pixel_mut(20, 8).fill(90.0);
+    pano.image = image.into();
+    let (brackets, _) = run(Arc::new(pano), &[-3.0]);
+    assert!(brackets.log2_gain.pixel(5, 8)[0] > 0.0);
+    assert_eq!(brackets.log2_gain.pixel(20, 8)[0], 0.0);
+}
+
+#[test]
+fn an_exposure_listed_twice_is_refused() {
+    let params = PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region };
+    assert!(PredictExposure::check(&params).is_err());
+}

@@ -1,0 +1,188 @@
+//! `score-env`: how close recovered light is to the truth.
+
+use std::sync::Arc;
+
+use engine::{Context, Kind, NodeError, Notes};
+use glam::DVec3;
+
+use crate::equirect::axes;
+use crate::error::Error;
+use crate::light::measure::{self, cells, contrast, dominant, irradiance, luminance, spiral};
+use crate::num;
+use crate::types::{Cell, Environment, Report, Table};
+
+engine::params! {
+    /// Scores recovered light against the truth.
+    /// Compares what lights a scene: the irradiance of planes in every direction, where the dominant
+    /// light is, and how strong it is against the rest (which decides how dark a shadow is).
+    pub struct ScoreEnv {
+        /// Planes, spread evenly over all directions, whose irradiance is compared.
+        normals: u32 = 512, range(1, 100000), other("64");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of `score-env`.
+    pub struct In {
+        /// The light to score.
+        env: Arc<Environment>,
+        /// The light as it is.
+        truth: Arc<Environment>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of `score-env`.
+    pub struct Out {
+        /// The scores, one a row.
+        report: Arc<Report>,
+    }
+}
+
+/// Columns of the grids for the fine and the coarse measures.
+const FINE: usize = 256;
+const COARSE: usize = 128;
+
+impl Kind for ScoreEnv {
+    const NAME: &'static str = "score-env";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let (env, truth) = (&inputs.env, &inputs.truth);
+        if env.up != truth.up {
+            let what = Error::Mismatch("the two environments have different up axes".to_owned());
+            return Err(NodeError::from(what).at("truth"));
+        }
+        let mut notes = Notes::none();
+        if let (Some(a), Some(b)) = (env.origin, truth.origin)
+            && (a - b).length() > 1e-6 * (1.0 + b.length())
+        {
+            let apart = (a - b).length();
+            notes.warning(
+                "other-origin",
+                format!("the two were seen from points {apart:.3} world units apart"),
+            );
+        }
+        let scores = score(env, truth, params.normals as usize, cx)?;
+        let row = |(name, unit, value): &Score| {
+            let value = value.map_or(Cell::Missing, Cell::Number);
+            vec![Cell::Text((*name).to_owned()), value, Cell::Text((*unit).to_owned())]
+        };
+        let table = Table {
+            name: "light".to_owned(),
+            columns: ["measure", "value", "unit"].map(String::from).to_vec(),
+            rows: scores.iter().map(row).collect(),
+        };
+        let report = Report { title: "Recovered light against the truth".to_owned(), tables: vec![table] };
+        Ok((Out { report: Arc::new(report) }, notes))
+    }
+}
+
+/// Name, unit, and value where it exists.
+type Score = (&'static str, &'static str, Option<f64>);
+
+/// The scores.
+fn score(
+    env: &Environment,
+    truth: &Environment,
+    normals: usize,
+    cx: &Context,
+) -> Result<Vec<Score>, NodeError> {
+    let (fine, fine_truth) = (cells(env, FINE), cells(truth, FINE));
+    let (coarse, coarse_truth) = (cells(env, COARSE), cells(truth, COARSE));
+    let normals = spiral(normals);
+    let both = cx.for_each_tile(normals.len(), |i| {
+        (irradiance(&coarse, normals[i]), irradiance(&coarse_truth, normals[i]))
+    })?;
+    let (mut sum, mut sum_truth, mut error, mut power) = (0.0, 0.0, 0.0, 0.0);
+    for (found, want) in &both {
+        for (f, w) in found.iter().zip(want) {
+            sum += f;
+            sum_truth += w;
+            error += (f - w) * (f - w);
+            power += w * w;
+        }
+    }
+    let ratio = (sum > 0.0 && sum_truth > 0.0).then(|| num::f64::log2(sum / sum_truth));
+    let relative = (power > 0.0).then(|| (error / power).sqrt());
+    let light = dominant(&coarse_truth, &fine_truth);
+    let found = dominant(&coarse, &fine);
+    cx.check()?;
+    let angle = |a: DVec3, b: DVec3| num::atan2(a.cross(b).length(), a.dot(b)).to_degrees();
+    let off = light.zip(found).map(|(a, b)| angle(a, b));
+    let above = axes(truth.up)[2];
+    let contrasts = light.map(|light| {
+        let of = |cells: &[measure::Cell]| num::f64::log2(contrast(cells, light, above).max(1e-4));
+        of(&fine) - of(&fine_truth)
+    });
+    let peak = |cells: &[measure::Cell]| cells.iter().map(|cell| luminance(cell.rgb)).fold(0.0, f64::max);
+    let (peak, peak_truth) = (peak(&fine), peak(&fine_truth));
+    let peaks = (peak > 0.0 && peak_truth > 0.0).then(|| num::f64::log2(peak / peak_truth));
+    Ok(vec![
+        ("mean irradiance, log2 of found over true", "stops", ratio),
+        ("irradiance, relative RMS error over all planes", "", relative),
+        ("direction of the dominant light, angle", "deg", off),
+        ("dominant light against the rest, log2 of found over true", "stops", contrasts),
+        ("peak luminance on a grid of 256 columns, log2 of found over true", "stops", peaks),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::equirect::direction;
+    use crate::types::Image;
+    use engine::{Scene, Up};
+
+    fn env(width: usize, sun: DVec3, power: f32) -> Environment {
+        let height = width / 2;
+        let mut image = Image::new(width, height, 3);
+        for y in 0..height {
+            for x in 0..width {
+                let d =
+                    direction(Up::PlusY, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
+                image.pixel_mut(x, y).fill(if d.dot(sun) > 0.998 { power } else { 0.3 });
+            }
+        }
+        Environment { image, up: Up::PlusY, origin: None }
+    }
+
+    fn scores(a: Environment, b: Environment) -> Vec<f64> {
+        let cx = Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 1 }, ".");
+        let inputs = In { env: Arc::new(a), truth: Arc::new(b) };
+        let (out, _) = ScoreEnv::run(&ScoreEnv { normals: 128 }, inputs, &cx).expect("runs");
+        let value = |row: &Vec<Cell>| if let Cell::Number(v) = row[1] { v } else { f64::NAN };
+        out.report.tables[0].rows.iter().map(value).collect()
+    }
+
+    #[test]
+    fn truth_scores_zero_at_any_resolution() {
+        let sun = DVec3::new(0.4, 0.7, 0.2).normalize();
+        assert!(scores(env(256, sun, 900.0), env(256, sun, 900.0)).iter().all(|s| s.abs() < 1e-9));
+        let coarser = scores(env(512, sun, 900.0), env(256, sun, 900.0));
+        assert!(coarser[0].abs() < 0.08 && coarser[2] < 0.3 && coarser[3].abs() < 0.1, "{coarser:?}");
+    }
+
+    #[test]
+    fn twice_the_light_is_one_stop_and_a_moved_sun_is_its_angle() {
+        let sun = DVec3::new(0.4, 0.7, 0.2).normalize();
+        let mut twice = env(256, sun, 900.0);
+        twice.image.samples.iter_mut().for_each(|v| *v *= 2.0);
+        let found = scores(twice, env(256, sun, 900.0));
+        assert!((found[0] - 1.0).abs() < 1e-6 && found[3].abs() < 1e-9 && (found[1] - 1.0).abs() < 1e-6);
+        let moved = DVec3::new(-0.4, 0.7, 0.2).normalize();
+        let found = scores(env(256, moved, 900.0), env(256, sun, 900.0));
+        let want = num::f64::acos(moved.dot(sun)).to_degrees();
+        assert!((found[2] - want).abs() < 0.5, "{} {want}", found[2]);
+    }
+
+    #[test]
+    fn darkness_has_no_scores_and_no_nan() {
+        let dark = Environment { image: Image::new(16, 8, 3), up: Up::PlusY, origin: None };
+        let found = scores(dark.clone(), dark);
+        assert!(found.iter().all(|s| s.is_nan()), "every score is missing: {found:?}");
+    }
+}
