@@ -1,15 +1,5 @@
-//! One entry of a log as bytes: encode, decode, and find in a damaged file.
-//!
-//! ```text
-//!  0  4  "LHe1"
-//!  4  4  checksum of bytes 8..48          CRC-32, started from the salt of the log
-//!  8  4  checksum of the payload          CRC-32, started from the salt with every bit turned
-//! 12  4  length of the payload
-//! 16  1  kind
-//! 17 15  zero
-//! 32 32  key
-//! 64  n  payload
-//! ```
+//! One entry of a log as bytes: encode, decode, and find in a damaged file. The crate's
+//! documentation has the layout.
 
 use crate::digest::Digest;
 

@@ -1,4 +1,69 @@
-//! Bytes and digests: what lightharmony keeps between runs.
+//! Bytes and digests: what lightharmony keeps between runs. Knows nothing of graphs or images.
+//!
+//! - [`Digest`] names content; [`KeyWriter`] makes the [`Key`] of a result, and its readable [`Manifest`].
+//! - [`Store`] is a cache folder: *blobs* (content by its own digest), *records* (what came of a key), *memos*
+//!   (a file's digest while its stamp stays), *history* (small notes, for forecasts) and *leases* (so that two
+//!   processes do not compute one key twice).
+//! - [`publish_file`] writes a user's file whole or not at all.
+//!
+//! ```
+//! # let folder = tempfile::tempdir().expect("a folder for the example");
+//! let store = cache::Store::open(folder.path(), cache::Options::default())?;
+//! let image = store.put_blob(b"pixels")?;
+//! store.put_record(&cache::Digest::of(b"the key"), image.as_bytes())?;
+//! assert_eq!(store.get_blob(&image)?.as_deref(), Some(&b"pixels"[..]));
+//! store.flush()?;
+//! # Ok::<(), cache::Error>(())
+//! ```
+//!
+//! # What holds
+//! - No reader ever gets bytes of another digest, or a record that was not stored whole.
+//! - What a put acknowledged outlives a killed process. A loss of power may take what was put since the last
+//!   [`Store::flush`] (see [`Fsync`]), and never makes anything wrong.
+//! - No lock to remove, no repair to run: any number of processes may start, stop and die at any time.
+//! - Damage costs what it lies in and nothing else, is reported once as an [`Incident`], and is then gone.
+//!
+//! # On disk, format 1
+//! ```text
+//! CACHEDIR.TAG               tells backup programs to leave the folder out; never read
+//! v1/                        all of format 1; another format is another folder beside it
+//!   records.log  .lock       records, memos, history
+//!   blobs.log    .lock       blobs shorter than 4096 bytes
+//!   blobs/ab/abcd…           every other blob, by the 64 digits of its digest below the first two
+//!   temp/.PID-N.lightharmony-temp   files being written, locked (flock) by their writer
+//!   quarantine/abcd…         bad blobs (the last of each digest) and logs without a head; never read
+//!   leases/abcd…             by key, locked by the holder, removed by it before it unlocks
+//!   pins/  sessions/         kept for garbage collection; not used yet
+//! ```
+//! A **blob file** is the content and nothing else. It is written in `temp` and renamed.
+//!
+//! A **log** starts with 64 bytes, twice the same 32 so that damage to one copy does no harm:
+//! ```text
+//!  0  8  "LHlog" 0 0 1
+//!  8  4  salt: random per file, so that an entry of another log inside a payload is never taken for ours
+//! 12  4  CRC-32 of bytes 0..12
+//! 16 16  zero
+//! ```
+//! Entries follow with no gaps. All numbers are little-endian.
+//! ```text
+//!  0  4  "LHe1"
+//!  4  4  CRC-32 of bytes 8..64, started from the salt
+//!  8  4  CRC-32 of the payload, started from the salt with every bit turned
+//! 12  4  length of the payload, at most 16 MiB
+//! 16  1  kind: 1 record, 2 blob, 3 memo, 4 history; plus 128: removes the entry of that kind and key
+//! 17 15  zero
+//! 32 32  key: of a record its key, of a blob its digest, of a memo the BLAKE3 of the absolute path, of
+//!        history the BLAKE3 of its name
+//! 64  n  payload: of a memo the fields of [`FileStamp`] in order, 8 bytes each, then the digest
+//! ```
+//! The last entry of a kind and key counts. Kinds not listed are kept as they are by compaction, the last of
+//! each key. A reader that meets anything else than an entry looks for the next place where a whole one
+//! starts; what follows the last entry may be one that is still being written, and is looked at again.
+//!
+//! A writer locks `.lock` (flock, exclusive), reads what others appended, cuts off a torn tail, and appends.
+//! Readers take it shared while they read what was appended, if they can have it at once. Compaction writes
+//! a new log under the lock and renames it over the old one; everybody notices by the file's identity.
+//! Where locks do not work there is no compaction, and appends are single writes at the end of the file.
 #![cfg_attr(test, allow(clippy::unwrap_used, reason = "a test may panic"))]
 
 mod blobs;

@@ -28,9 +28,9 @@ const WINDOW: u64 = 1 << 20;
 /// Compaction leaves logs with less dead weight than this alone, in bytes.
 const DEAD_ENOUGH: u64 = 1 << 20;
 
-/// How long an append waits for another process. A stopped one must not stop us: appending without the lock
-/// is safe but for a compaction at that very moment, which would cost us the entry.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// How long an append waits for another process, once. A stopped one must not stop us: appending without the
+/// lock is safe but for the last instant of a compaction, which would cost us the entry.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Where a log lives and how it is treated.
 #[derive(Clone, Debug)]
@@ -61,6 +61,8 @@ pub(crate) struct Log {
     seen: u64,
     health: Health,
     unsynced: bool,
+    /// The last wait for the lock was in vain; the next one is not repeated.
+    impatient: bool,
 }
 
 #[derive(Debug)]
@@ -104,6 +106,7 @@ impl Log {
             seen: 0,
             health: Health::default(),
             unsynced: false,
+            impatient: false,
         }
     }
 
@@ -299,6 +302,10 @@ impl Log {
             }
         }
         temp.write(&bytes)?;
+        // Somebody was too impatient for the lock.
+        if open.file.metadata().at("read", &settings.path)?.len() != self.seen {
+            return Ok(false);
+        }
         // Always: the old file is about to go, and with it all that was safe.
         temp.sync()?;
         temp.persist(&settings.path)?;
@@ -307,12 +314,20 @@ impl Log {
         Ok(true)
     }
 
-    fn exclusive(&self) -> Option<Guard> {
-        Guard::take(self.lock.as_ref()?, PATIENCE, true)
+    fn exclusive(&mut self) -> Option<Guard> {
+        let patience = if self.impatient { Duration::ZERO } else { PATIENCE };
+        let guard = Guard::take(self.lock.as_ref()?, patience, true);
+        self.impatient = guard.is_none();
+        guard
     }
 
     fn forget(&mut self) {
-        *self = Log { settings: self.settings.take(), lock: self.lock.take(), ..Log::in_memory() };
+        *self = Log {
+            settings: self.settings.take(),
+            lock: self.lock.take(),
+            impatient: self.impatient,
+            ..Log::in_memory()
+        };
     }
 
     /// Opens whatever file is there now and starts over.

@@ -30,7 +30,7 @@ fn write(walk: &mut KeyWriter, name: &str, field: &Field) {
         Field::I64(value) => walk.i64(name, *value),
         Field::F64(bits) => walk.f64(name, number(*bits)),
         Field::F32(bits) => {
-            walk.f32(name, if f32::from_bits(*bits).is_nan() { 1.5 } else { f32::from_bits(*bits) })
+            walk.f32(name, if f32::from_bits(*bits).is_nan() { 1.5 } else { f32::from_bits(*bits) });
         }
         Field::Bool(value) => walk.bool(name, *value),
         Field::Bytes(value) => walk.bytes(name, value),
@@ -123,7 +123,7 @@ proptest! {
     #[test]
     fn any_bytes_are_a_manifest_or_not(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let _ = Manifest::from_bytes(&bytes);
-        let prefixed = [&key(&[]).manifest.as_bytes()[..], &bytes].concat();
+        let prefixed = [key(&[]).manifest.as_bytes(), &bytes].concat();
         let _ = Manifest::from_bytes(&prefixed).map(|manifest| manifest.to_string());
     }
 }

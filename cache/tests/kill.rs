@@ -100,11 +100,8 @@ fn check(folder: &Path, what: &str) {
         let n: u8 = n.parse().unwrap();
         match kind {
             "blob" => {
-                assert_eq!(
-                    store.get_blob(&Digest::of(&content(n))).unwrap(),
-                    Some(content(n)),
-                    "{what}: {line}"
-                )
+                let found = store.get_blob(&Digest::of(&content(n))).unwrap();
+                assert_eq!(found, Some(content(n)), "{what}: {line}");
             }
             "record" => assert_eq!(store.get_record(&key(n)), Some(content(n)), "{what}: {line}"),
             _ => last_file = Some(n),

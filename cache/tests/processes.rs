@@ -170,3 +170,23 @@ fn sweeping_removes_what_the_dead_left_and_nothing_of_the_living() {
     drop(lease);
     assert_eq!(count(&leases), 0);
 }
+
+#[test]
+fn a_stopped_process_stops_nobody_for_long() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let stopped = fs::File::open(folder.path().join("v1/records.lock")).unwrap();
+    stopped.lock().unwrap();
+    let start = Instant::now();
+    for n in 0..20 {
+        let (key, payload) = record("here", n);
+        store.put_record(&key, &payload).unwrap();
+    }
+    assert!(start.elapsed() < Duration::from_secs(10), "waits once, not every time");
+    let other = open(folder.path());
+    drop(stopped);
+    for n in 0..20 {
+        let (key, payload) = record("here", n);
+        assert_eq!(other.get_record(&key), Some(payload));
+    }
+}

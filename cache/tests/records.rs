@@ -109,7 +109,7 @@ fn junk_zeros_and_a_lost_head() {
         let whole = ends.iter().skip(1).filter(|end| **end <= start).count() as u32;
         still_works(folder.path(), &(0..whole).collect::<Vec<_>>(), "zeros at the end");
     }
-    let mut bad = bytes.clone();
+    let mut bad = bytes;
     bad[..64].fill(0);
     fs::write(log(folder.path()), &bad).unwrap();
     still_works(folder.path(), &[], "no head");

@@ -88,6 +88,6 @@ fn speed() {
     std::thread::sleep(std::time::Duration::from_millis(2100));
     paths.iter().for_each(|path| assert!(store.digest_file(path).is_ok()));
     best("10,000 digest_file by memo", || {
-        paths.iter().for_each(|path| assert!(store.digest_file(path).is_ok()))
+        paths.iter().for_each(|path| assert!(store.digest_file(path).is_ok()));
     });
 }

@@ -1,0 +1,89 @@
+//! A disk that is really full: a small tmpfs, mounted in a namespace of the child's own. Where the system
+//! does not let us mount one, the test says so and passes; `kill.rs` injects the same error everywhere.
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use cache::{Digest, Error, Fsync, Options, Store};
+
+fn content(n: u32, length: usize) -> Vec<u8> {
+    n.to_le_bytes().iter().copied().cycle().take(length).collect()
+}
+
+#[test]
+#[ignore = "a part of the other test"]
+fn child() {
+    let Some(folder) = std::env::var_os("CACHE_TEST_FOLDER") else { return };
+    let folder = Path::new(&folder);
+    for length in [200, 3000, 20_000] {
+        let cache = folder.join(length.to_string());
+        let open = || Store::open(&cache, Options { fsync: Fsync::Off, read_only: false }).unwrap();
+        let store = open();
+        let (mut blobs, mut records) = (Vec::new(), Vec::new());
+        let mut errors = Vec::new();
+        for n in 0..10_000 {
+            let content = content(n, length);
+            match store.put_blob(&content) {
+                Ok(digest) => blobs.push((digest, content)),
+                Err(error) => errors.push(error),
+            }
+            match store.put_record(&Digest::of(&n.to_le_bytes()), &n.to_be_bytes()) {
+                Ok(()) => records.push(n),
+                Err(error) => errors.push(error),
+            }
+            if errors.len() > 20 {
+                break;
+            }
+        }
+        assert!(errors.len() > 20, "the disk was never full");
+        for error in &errors {
+            assert!(matches!(error, Error::Full { .. }), "{error:?}");
+            assert!(error.to_string().starts_with("disk full: cannot "), "{error}");
+            assert!(error.to_string().contains(&*cache.to_string_lossy()), "{error}");
+        }
+        for store in [store, open()] {
+            for (digest, content) in &blobs {
+                assert_eq!(store.get_blob(digest).unwrap().as_ref(), Some(content));
+            }
+            for n in &records {
+                assert_eq!(store.get_record(&Digest::of(&n.to_le_bytes())), Some(n.to_be_bytes().to_vec()));
+            }
+            let _ = store.take_incidents();
+        }
+        // Not even room for an empty log.
+        let _ = fs::write(folder.join("rest"), vec![0; 1 << 20]);
+        let none = Store::open(&folder.join("more"), Options::default());
+        assert!(matches!(&none, Ok(store) if store.is_read_only()), "{none:?}");
+        let _ = fs::remove_file(folder.join("rest"));
+        // Space freed: on it goes.
+        let _ = (fs::remove_dir_all(cache.join("v1/blobs")), fs::remove_file(cache.join("v1/blobs.log")));
+        let store = open();
+        let digest = store.put_blob(&content(1, length)).unwrap();
+        assert_eq!(store.get_blob(&digest).unwrap(), Some(content(1, length)));
+        drop(store);
+        fs::remove_dir_all(cache).unwrap();
+    }
+}
+
+#[test]
+fn a_full_disk_is_an_error_and_no_harm() {
+    for size in ["64k", "300k", "1m"] {
+        let folder = tempfile::tempdir().unwrap();
+        let run = |script: &str| {
+            let mut command = Command::new("unshare");
+            command.args(["-Urm", "sh", "-c", script]).arg(std::env::current_exe().unwrap());
+            command.env("CACHE_TEST_FOLDER", folder.path()).env("SIZE", size);
+            command.output()
+        };
+        let mount = r#"mount -t tmpfs -o size=$SIZE none "$CACHE_TEST_FOLDER""#;
+        if !run(mount).is_ok_and(|output| output.status.success()) {
+            eprintln!("left out: no tmpfs can be mounted here");
+            return;
+        }
+        let output = run(&format!(r#"{mount} && exec "$0" --exact child --ignored"#)).unwrap();
+        assert!(output.status.success(), "{size}: {}", String::from_utf8_lossy(&output.stdout));
+    }
+}
