@@ -3,12 +3,10 @@
 use std::any::Any;
 use std::sync::Arc;
 
-use cache::Digest;
-
 /// A value that a port can carry.
 ///
-/// The encoding is canonical: equal values give equal bytes on every machine, since the content
-/// digest of a value is the digest of its type name, format number and encoded bytes.
+/// The encoding is canonical: equal values give equal bytes on every machine, since the content digest
+/// of a value is the digest of its encoded bytes. Type name and format stand beside it in every key.
 pub trait Artifact: Send + Sync + Sized + 'static {
     /// Name of the type, in kebab-case; two ports connect when their names are equal.
     const TYPE: &'static str;
@@ -214,9 +212,9 @@ impl ArtifactType {
         }
     }
 
-    /// Content digest of a value of this type whose canonical bytes are `encoded`.
-    pub fn digest(&self, encoded: &[u8]) -> Digest {
-        content_digest(self.name, self.format, encoded)
+    /// How far two values of this type lie apart.
+    pub fn difference(&self, a: &AnyArtifact, b: &AnyArtifact) -> Difference {
+        (self.difference)(a, b)
     }
 }
 
@@ -233,12 +231,6 @@ pub fn decode_all<A: Artifact>(bytes: &[u8]) -> Result<A, Corrupt> {
     let value = A::decode(&mut from)?;
     from.end()?;
     Ok(value)
-}
-
-/// Digest of a value: its canonical bytes. The type name and format stand beside the digest in every
-/// key and record, so that the blob store can check a blob by its digest alone.
-pub(crate) fn content_digest(_name: &str, _format: u32, encoded: &[u8]) -> Digest {
-    Digest::of(encoded)
 }
 
 // The graph check matched the type names before any value existed, so a mismatch is our bug.

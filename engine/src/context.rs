@@ -11,20 +11,49 @@ use serde::{Deserialize, Serialize};
 
 use crate::artifact::{Artifact, decode_all, encode_to_vec};
 use crate::error::NodeError;
-use crate::param::{InputFile, canonical};
+use crate::param::{InputFile, ParamType, canonical};
 
-/// Which axis of the world points up. Worlds are right-handed.
+/// Which axis of the world points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub enum Up {
     /// `+y`, as in glTF.
-    #[serde(rename = "+y")]
     PlusY,
     /// `-y`, as COLMAP often gives.
-    #[serde(rename = "-y")]
     MinusY,
     /// `+z`, as in Blender.
-    #[serde(rename = "+z")]
     PlusZ,
+}
+
+impl Up {
+    /// How a graph file writes it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Up::PlusY => "+y",
+            Up::MinusY => "-y",
+            Up::PlusZ => "+z",
+        }
+    }
+}
+
+impl From<Up> for String {
+    fn from(up: Up) -> Self {
+        up.name().to_owned()
+    }
+}
+
+impl TryFrom<String> for Up {
+    type Error = String;
+    fn try_from(name: String) -> Result<Self, String> {
+        let known = [Up::PlusY, Up::MinusY, Up::PlusZ];
+        known.into_iter().find(|up| up.name() == name).ok_or_else(|| format!("no axis `{name}`"))
+    }
+}
+
+impl ParamType for Up {
+    fn describe() -> String {
+        "\"+y\" | \"-y\" | \"+z\"".to_owned()
+    }
 }
 
 /// The `scene` block of a graph: what every node shares.
@@ -109,6 +138,12 @@ pub(crate) trait PartStore: Send + Sync {
 pub(crate) struct ReadSource {
     pub file: SourceFile,
     pub digest: Digest,
+}
+
+impl ReadSource {
+    pub fn copy(&self) -> Self {
+        Self { file: self.file.clone(), digest: self.digest }
+    }
 }
 
 /// What a running node may ask of the engine: context fields, files, tiles on the shared threads, parts,

@@ -1,6 +1,32 @@
-//! Diagnostics: what is wrong in a graph file, where, and what to do.
+//! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
 
 use std::ops::Range;
+use std::sync::Arc;
+
+use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+
+/// A text with the name it is known by.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Source {
+    /// Path or other name, as diagnostics print it.
+    pub name: String,
+    /// The whole text.
+    pub text: Arc<str>,
+}
+
+impl Source {
+    /// A text of the given name.
+    pub fn new(name: impl Into<String>, text: impl Into<Arc<str>>) -> Self {
+        Self { name: name.into(), text: text.into() }
+    }
+
+    /// Line and column, both from 1, of a byte offset; columns count characters.
+    pub fn position(&self, offset: usize) -> (usize, usize) {
+        let before = &self.text[..self.text.floor_char_boundary(offset)];
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    }
+}
 
 /// One mistake.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,6 +37,8 @@ pub struct Diagnostic {
     pub message: String,
     /// What stands under the underline.
     pub label: String,
+    /// Other places that belong to it, each with its words.
+    pub related: Vec<(Range<usize>, String)>,
     /// What to do.
     pub hints: Vec<String>,
 }
@@ -18,16 +46,152 @@ pub struct Diagnostic {
 impl Diagnostic {
     /// A mistake at `span`.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
-        Self { span, message: message.into(), label: String::new(), hints: Vec::new() }
+        Self { span, message: message.into(), label: String::new(), related: Vec::new(), hints: Vec::new() }
     }
+
     /// Adds the text under the underline.
     pub fn label(mut self, label: impl Into<String>) -> Self {
         self.label = label.into();
         self
     }
+
+    /// Adds another place that belongs to it.
+    pub fn related(mut self, span: Range<usize>, label: impl Into<String>) -> Self {
+        self.related.push((span, label.into()));
+        self
+    }
+
     /// Adds advice.
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
         self.hints.push(hint.into());
         self
+    }
+
+    /// Adds "did you mean" where one of `known` is near to `found`.
+    pub fn suggest<'k>(self, found: &str, known: impl IntoIterator<Item = &'k str>) -> Self {
+        match nearest(found, known) {
+            Some(near) => self.hint(format!("did you mean `{near}`?")),
+            None => self,
+        }
+    }
+}
+
+/// The mistakes of one text, in the order of their places.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnostics {
+    /// The text they are about.
+    pub source: Source,
+    /// At least one mistake.
+    pub list: Vec<Diagnostic>,
+}
+
+impl Diagnostics {
+    /// Sorted by place; two at one place keep their order.
+    pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
+        list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        list.dedup();
+        Self { source, list }
+    }
+
+    /// The mistakes as a person reads them, with the text underlined.
+    pub fn render(&self, colour: bool) -> String {
+        let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
+        let rendered: Vec<String> = self.list.iter().map(|one| self.render_one(&renderer, one)).collect();
+        rendered.join("\n\n")
+    }
+
+    fn render_one(&self, renderer: &Renderer, one: &Diagnostic) -> String {
+        let text = &*self.source.text;
+        let place = |span: &Range<usize>| {
+            let start = text.floor_char_boundary(span.start.min(text.len()));
+            let end = text.ceil_char_boundary(span.end.clamp(start, text.len()));
+            // A node may span many lines; its first one is enough to find it.
+            let line_end = text[start..end].find('\n').map_or(end, |length| start + length);
+            start..line_end
+        };
+        let mut primary = AnnotationKind::Primary.span(place(&one.span));
+        if !one.label.is_empty() {
+            primary = primary.label(one.label.as_str());
+        }
+        let snippet = Snippet::source(text).path(self.source.name.as_str()).annotation(primary).annotations(
+            one.related
+                .iter()
+                .map(|(span, label)| AnnotationKind::Context.span(place(span)).label(label.as_str())),
+        );
+        let mut group = Level::ERROR.primary_title(one.message.as_str()).element(snippet);
+        for hint in &one.hints {
+            group = group.element(Level::HELP.message(hint.as_str()));
+        }
+        renderer.render(&[group])
+    }
+}
+
+impl std::fmt::Display for Diagnostics {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.render(false))
+    }
+}
+
+impl std::error::Error for Diagnostics {}
+
+/// The candidate nearest in spelling, when it is near enough to be a slip.
+pub(crate) fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    let limit = (found.chars().count() / 3).clamp(1, 3);
+    known
+        .into_iter()
+        .map(|candidate| (distance(&found.to_lowercase(), &candidate.to_lowercase()), candidate))
+        .filter(|(distance, _)| *distance <= limit)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, candidate)| candidate)
+}
+
+/// Edits (insert, delete, replace, swap of neighbours) between two words: Damerau and Levenshtein's
+/// optimal string alignment.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().take(64).collect(), b.chars().take(64).collect());
+    let mut before = vec![0; b.len() + 1];
+    let mut last: Vec<usize> = (0..=b.len()).collect();
+    for i in 1..=a.len() {
+        let mut row = vec![i; b.len() + 1];
+        for j in 1..=b.len() {
+            let replaced = last[j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            row[j] = replaced.min(last[j] + 1).min(row[j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                row[j] = row[j].min(before[j - 2] + 1);
+            }
+        }
+        (before, last) = (last, row);
+    }
+    last[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slips_are_found_and_strangers_are_not() {
+        let known = ["width_px", "height_px", "samples"];
+        assert_eq!(nearest("widht_px", known), Some("width_px"));
+        assert_eq!(nearest("sample", known), Some("samples"));
+        assert_eq!(nearest("gamma", known), None);
+        assert_eq!(distance("ab", "ba"), 1);
+    }
+
+    #[test]
+    fn positions_count_lines_and_characters_from_one() {
+        let source = Source::new("a.ron", "ü1\n  x");
+        assert_eq!(source.position(0), (1, 1));
+        assert_eq!(source.position(3), (1, 3));
+        assert_eq!(source.position(6), (2, 3));
+    }
+
+    #[test]
+    fn a_rendered_mistake_names_file_line_and_advice() {
+        let source = Source::new("a.ron", "Graph(\n  nod: 1,\n)");
+        let one = Diagnostic::new(9..12, "no field `nod`").label("here").suggest("nod", ["nodes", "scene"]);
+        let text = Diagnostics::new(source, vec![one]).render(false);
+        assert!(text.contains("a.ron:2:3") && text.contains("^^^ here"), "{text}");
+        assert!(text.contains("did you mean `nodes`?") || text.contains("no field"), "{text}");
     }
 }

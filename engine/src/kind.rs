@@ -7,7 +7,7 @@ use crate::artifact::AnyArtifact;
 use crate::context::{Context, ContextField, SourceFile, SourceRoot};
 use crate::error::NodeError;
 use crate::note::Notes;
-use crate::param::{NotCanonical, ParamSpec, Params, Role};
+use crate::param::{ParamSpec, ParamValue, Params, Role};
 use crate::port::{Inputs, Outputs, PortSpec};
 use crate::syntax::Fields;
 
@@ -70,8 +70,7 @@ pub trait Kind: 'static {
 
 /// Parameters of an unknown type, together with what can be done with them.
 pub(crate) trait Step: Send + Sync {
-    fn visit(&self, visit: &mut dyn FnMut(&'static str, Result<Option<String>, NotCanonical>, Option<&str>));
-    fn texts(&self, visit: &mut dyn FnMut(&'static str, Result<String, NotCanonical>));
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
@@ -85,11 +84,8 @@ pub(crate) trait Step: Send + Sync {
 struct StepOf<K: Kind>(K::Params);
 
 impl<K: Kind> Step for StepOf<K> {
-    fn visit(&self, visit: &mut dyn FnMut(&'static str, Result<Option<String>, NotCanonical>, Option<&str>)) {
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue)) {
         self.0.visit(visit);
-    }
-    fn texts(&self, visit: &mut dyn FnMut(&'static str, Result<String, NotCanonical>)) {
-        self.0.texts(visit);
     }
     fn check(&self) -> Result<(), NodeError> {
         K::check(&self.0)

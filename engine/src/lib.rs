@@ -5,28 +5,46 @@
 
 extern crate self as engine;
 
+mod action;
 mod artifact;
 mod context;
 mod diag;
+mod edit;
 mod error;
+mod event;
 mod files;
+mod graph;
+mod job;
+mod key;
 mod kind;
 mod note;
 mod param;
+mod plan;
 mod port;
+mod recipe;
+mod record;
+mod schedule;
+mod sink;
 mod syntax;
 
 pub use artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
 };
-pub use cache::Digest;
+pub use cache::{Change, Digest, Manifest};
 pub use context::{Context, ContextField, Part, Scene, SourceFile, SourceRoot, Up};
-pub use diag::Diagnostic;
+pub use diag::{Diagnostic, Diagnostics, Source};
+pub use edit::{EditError, Setting, apply};
 pub use error::NodeError;
+pub use event::{Counts, Event, State, Totals};
 pub use files::{FileBytes, Files};
+pub use graph::{Graph, Node, Wire};
 pub use kind::{Cost, Keep, Kind, KindEntry, Registry};
 pub use note::{Level, Note, Notes};
-pub use param::{InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, Params, Role, canonical};
+pub use param::{
+    InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, ParamValue, Params, Role, canonical,
+};
+pub use plan::{Fate, Planned, Why};
 pub use port::{Arity, InPort, Inputs, Outputs, PortSpec};
+pub use schedule::{Engine, EngineError, Outcome, RunOptions};
 pub use serde;
 pub use syntax::Fields;

@@ -37,7 +37,7 @@ impl Notes {
         Self::default()
     }
 
-    fn push(&mut self, level: Level, id: &str, text: String) {
+    pub(crate) fn push(&mut self, level: Level, id: &str, text: String) {
         self.0.push(Note { level, id: id.to_owned(), text });
     }
 

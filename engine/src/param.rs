@@ -215,10 +215,30 @@ pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 's
     fn specs() -> Vec<ParamSpec>;
     /// Reads the fields of a node; every mistake is reported to `fields`, and then there is no value.
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self>;
-    /// Visits (name, canonical text that enters the key, path for those that name files), in order.
-    fn visit(&self, visit: &mut dyn FnMut(&'static str, Result<Option<String>, NotCanonical>, Option<&str>));
-    /// Visits (name, canonical text of the whole value), in order; for recipes.
-    fn texts(&self, visit: &mut dyn FnMut(&'static str, Result<String, NotCanonical>));
+    /// Visits (name, value) in the order of declaration.
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
+}
+
+/// A parameter of unknown type.
+pub trait ParamValue {
+    /// [`ParamType::key_text`].
+    fn key_text(&self) -> Result<Option<String>, NotCanonical>;
+    /// The canonical text of the whole value.
+    fn text(&self) -> Result<String, NotCanonical>;
+    /// [`ParamType::path`].
+    fn path(&self) -> Option<&str>;
+}
+
+impl<T: ParamType> ParamValue for T {
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        ParamType::key_text(self)
+    }
+    fn text(&self) -> Result<String, NotCanonical> {
+        canonical(self)
+    }
+    fn path(&self) -> Option<&str> {
+        ParamType::path(self)
+    }
 }
 
 /// Declares the parameters of a kind.
@@ -272,12 +292,8 @@ macro_rules! params {
                 Some(Self { $($field: $field?,)* })
             }
             #[allow(unused_variables, reason = "a kind may have no parameters")]
-            fn visit(&self, visit: &mut dyn FnMut(&'static str, Result<Option<String>, $crate::NotCanonical>, Option<&str>)) {
-                $(visit(stringify!($field), $crate::ParamType::key_text(&self.$field), $crate::ParamType::path(&self.$field));)*
-            }
-            #[allow(unused_variables, reason = "a kind may have no parameters")]
-            fn texts(&self, visit: &mut dyn FnMut(&'static str, Result<String, $crate::NotCanonical>)) {
-                $(visit(stringify!($field), $crate::canonical(&self.$field));)*
+            fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn $crate::ParamValue)) {
+                $(visit(stringify!($field), &self.$field);)*
             }
         }
     };

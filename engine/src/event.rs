@@ -1,0 +1,155 @@
+//! The one stream of events that bars, pages, JSON and tests read.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use cache::Digest;
+use serde::{Serialize, Serializer};
+
+use crate::note::Note;
+
+/// How a node or a part ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// Its code ran.
+    Ran,
+    /// Its result was known.
+    Cached,
+    /// Its code failed.
+    Failed,
+    /// Something it needs failed, or the run was stopped.
+    Skipped,
+}
+
+/// Deterministic counts of work.
+pub type Counts = BTreeMap<String, u64>;
+
+/// Something that happened during a run. Serialises to one JSON object a line.
+#[derive(Debug, Clone, Serialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+pub enum Event {
+    /// A node's code begins to run.
+    Start {
+        /// Name of the node.
+        id: String,
+        /// Its kind.
+        kind: &'static str,
+        /// How long it took last time, in seconds; absent when it never ran.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        forecast: Option<f64>,
+    },
+    /// A running node has come so far.
+    Progress {
+        /// Name of the node.
+        id: String,
+        /// From 0 to 1.
+        fraction: f32,
+    },
+    /// A part of a running node is done.
+    Part {
+        /// Name of the node.
+        id: String,
+        /// Name of the part.
+        part: String,
+        /// Whether it ran.
+        state: State,
+        /// Its key.
+        #[serde(serialize_with = "hex")]
+        key: Digest,
+        /// Wall time.
+        seconds: f64,
+    },
+    /// A value that was not kept, or was damaged, is made once more because a reader needs it.
+    Remake {
+        /// Name of the node.
+        id: String,
+        /// Why it is made again.
+        reason: String,
+    },
+    /// A node is done.
+    Node {
+        /// Name of the node.
+        id: String,
+        /// Its kind.
+        kind: &'static str,
+        /// How it ended.
+        state: State,
+        /// Its key, absent where something it needs failed.
+        #[serde(serialize_with = "hex_option")]
+        key: Option<Digest>,
+        /// Wall time of its code.
+        seconds: f64,
+        /// Work of this run.
+        counts: Counts,
+        /// What it has to say, the same whether it ran or was cached.
+        notes: Vec<Note>,
+        /// True when it, or something above it, is less than what was asked for.
+        degraded: bool,
+        /// What went wrong, for a node that failed.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        error: Option<String>,
+    },
+    /// A file of a sink is in place.
+    File {
+        /// Name of the sink.
+        id: String,
+        /// Where it lies.
+        path: PathBuf,
+        /// False when an equal file was there already.
+        written: bool,
+    },
+    /// A remark of the engine itself, such as a damaged cache entry that was made again.
+    Warning {
+        /// Stable name in kebab-case.
+        id: &'static str,
+        /// One line for a person.
+        text: String,
+    },
+    /// The run is over.
+    Done(Totals),
+}
+
+/// What a run came to.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Totals {
+    /// Nodes whose code ran.
+    pub ran: usize,
+    /// Nodes whose result was known.
+    pub cached: usize,
+    /// Nodes whose code failed.
+    pub failed: usize,
+    /// Nodes that were not tried.
+    pub skipped: usize,
+    /// Nodes whose result is less than what was asked for.
+    pub degraded: usize,
+    /// True when the run was asked to stop.
+    pub stopped: bool,
+    /// Wall time of the run.
+    pub seconds: f64,
+    /// Work of everything that ran.
+    pub counts: Counts,
+}
+
+impl Totals {
+    /// The exit code of a run: 0 good, 1 a node failed, 3 degraded, 130 stopped.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self { stopped: true, .. } => 130,
+            Self { failed: 1.., .. } => 1,
+            Self { degraded: 1.., .. } => 3,
+            _ => 0,
+        }
+    }
+}
+
+fn hex<S: Serializer>(digest: &Digest, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_str(digest)
+}
+
+fn hex_option<S: Serializer>(digest: &Option<Digest>, to: S) -> Result<S::Ok, S::Error> {
+    match digest {
+        Some(digest) => to.collect_str(digest),
+        None => to.serialize_none(),
+    }
+}

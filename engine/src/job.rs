@@ -1,0 +1,249 @@
+//! Running one node on the shared threads.
+
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use cache::{Digest, Key, LeaseState, Store};
+
+use crate::action::{Action, look_up};
+use crate::artifact::AnyArtifact;
+use crate::context::{Context, Part, PartStore};
+use crate::error::NodeError;
+use crate::event::{Counts, Event, State};
+use crate::files::Files;
+use crate::graph::{Graph, Node};
+use crate::key::part_key;
+use crate::kind::Keep;
+use crate::record::{FileRecord, Output, Record, digest, read_digest};
+
+/// What the threads tell the scheduler.
+pub(crate) enum Message {
+    Finished { node: usize, outcome: Result<Box<Finished>, NodeError> },
+    Stored { node: usize, error: Option<String> },
+    Loaded { node: usize, port: usize, value: Option<AnyArtifact> },
+    Event(Event),
+}
+
+/// The result of a node's code, or of another process that was faster.
+pub(crate) struct Finished {
+    pub record: Record,
+    /// One value an output; empty where another process made them.
+    pub values: Vec<AnyArtifact>,
+    pub counts: Counts,
+}
+
+pub(crate) struct Job<'a> {
+    pub store: &'a Arc<Store>,
+    pub graph: &'a Graph,
+    pub node: usize,
+    pub inputs: Vec<Vec<AnyArtifact>>,
+    pub input_digests: Vec<(&'static str, Vec<Digest>)>,
+    pub action: Action,
+    pub key: Key,
+    /// A remake does not look the result up first.
+    pub remake: bool,
+    pub cancel: Arc<AtomicBool>,
+    pub tell: Sender<Message>,
+}
+
+impl Job<'_> {
+    fn node(&self) -> &Node {
+        &self.graph.nodes[self.node]
+    }
+
+    /// Runs the node, tells its values, then stores them.
+    pub fn run(self) {
+        // The scheduler outlives every job, so telling it cannot fail.
+        let cancel = self.cancel.clone();
+        let lease = loop {
+            match self.store.wait_for_lease(&self.key.digest, Duration::from_millis(500), &|| {
+                cancel.load(Ordering::Relaxed)
+            }) {
+                LeaseState::Acquired(lease) => break lease,
+                LeaseState::Busy if cancel.load(Ordering::Relaxed) => {
+                    let _ = self
+                        .tell
+                        .send(Message::Finished { node: self.node, outcome: Err(NodeError::cancelled()) });
+                    let _ = self.tell.send(Message::Stored { node: self.node, error: None });
+                    return;
+                }
+                LeaseState::Busy => {}
+            }
+        };
+        let known = if self.remake { None } else { look_up(self.store, self.node(), &self.key.digest) };
+        let (node, tell, store) = (self.node, self.tell.clone(), self.store);
+        let (key, keep) = (self.key.digest, self.node().kind.store);
+        if let Some(record) = known {
+            let finished = Finished { record, values: Vec::new(), counts: Counts::new() };
+            let _ = tell.send(Message::Finished { node, outcome: Ok(Box::new(finished)) });
+            let _ = tell.send(Message::Stored { node, error: None });
+            return;
+        }
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.compute())).unwrap_or_else(|panic| {
+            Err(NodeError::new(format!("the code of this kind failed: {}", panic_text(&*panic)))
+                .hint("this is a mistake in lightharmony, not in the graph; please report it"))
+        });
+        let (finished, encoded) = match outcome {
+            Ok(done) => done,
+            Err(error) => {
+                let _ = tell.send(Message::Finished { node, outcome: Err(error) });
+                let _ = tell.send(Message::Stored { node, error: None });
+                return;
+            }
+        };
+        let record = finished.record.clone();
+        let _ = tell.send(Message::Finished { node, outcome: Ok(Box::new(finished)) });
+        let blobs = if keep == Keep::Always { encoded.as_slice() } else { &[] };
+        let stored = blobs
+            .iter()
+            .zip(&record.outputs)
+            .try_for_each(|(bytes, output)| store.put_blob_as(&output.digest, bytes))
+            .and_then(|()| store.put_record(&key, &record.encode()));
+        let error = stored.err().map(|error| NodeError::from(error).to_string());
+        drop(lease);
+        let _ = tell.send(Message::Stored { node, error });
+    }
+
+    fn compute(self) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
+        let graph = self.graph;
+        let node = &graph.nodes[self.node];
+        let (id, tell) = (node.id.clone(), Mutex::new(self.tell.clone()));
+        let last = Mutex::new(Instant::now());
+        let progress = move |fraction: f32| {
+            // A bar needs no more than twenty steps a second.
+            let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            if fraction >= 1.0 || last.elapsed() > Duration::from_millis(50) {
+                *last = Instant::now();
+                let tell = tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let _ = tell.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
+            }
+        };
+        let context = Context {
+            scene: graph.scene,
+            reads: node.kind.reads,
+            recipe: self.action.recipe,
+            root: graph.root.clone(),
+            sources: self.action.sources,
+            cancel: self.cancel,
+            progress: Box::new(progress),
+            parts: Some(Box::new(StoredParts {
+                store: self.store.clone(),
+                id: node.id.clone(),
+                kind: node.kind.name,
+                profile: node.kind.profile,
+                inputs: self.input_digests,
+                tell: Mutex::new(self.tell),
+            })),
+            counts: Mutex::new(BTreeMap::new()),
+        };
+        let start = Instant::now();
+        let (values, notes) = node.step.run(self.inputs, &context)?;
+        let seconds = start.elapsed().as_secs_f64();
+        context.check()?;
+        let keep = node.kind.store == Keep::Always;
+        let mut outputs = Vec::with_capacity(values.len());
+        let mut encoded = Vec::with_capacity(values.len());
+        for (port, value) in node.kind.outputs.iter().zip(&values) {
+            let bytes = (port.artifact.encode)(value);
+            outputs.push(Output {
+                type_name: port.artifact.name,
+                format: port.artifact.format,
+                digest: Digest::of(&bytes),
+                stored: keep,
+            });
+            encoded.push(bytes);
+        }
+        let files =
+            values.iter().filter_map(|value| value.downcast_ref::<Files>()).flat_map(|files| &files.0);
+        let files = files
+            .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
+            .collect();
+        let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        let record = Record { outputs, files, notes, seconds, manifest: self.key.manifest };
+        Ok((Finished { record, values, counts }, encoded))
+    }
+}
+
+fn panic_text(panic: &(dyn Any + Send)) -> &str {
+    panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or(panic.downcast_ref::<&str>().copied())
+        .unwrap_or("no message")
+}
+
+/// Parts in the store: a record that names the digest, and a blob.
+struct StoredParts {
+    store: Arc<Store>,
+    id: String,
+    kind: &'static str,
+    profile: &'static str,
+    inputs: Vec<(&'static str, Vec<Digest>)>,
+    tell: Mutex<Sender<Message>>,
+}
+
+impl StoredParts {
+    fn key(&self, part: Part<'_>, extra: &str) -> Option<Digest> {
+        part_key(self.kind, self.profile, part, &self.inputs, extra).ok().map(|key| key.digest)
+    }
+
+    fn tell(&self, part: Part<'_>, state: State, key: Digest, seconds: f64) {
+        let event = Event::Part { id: self.id.clone(), part: part.name.to_owned(), state, key, seconds };
+        let tell = self.tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let _ = tell.send(Message::Event(event));
+    }
+}
+
+impl PartStore for StoredParts {
+    fn load(&self, part: Part<'_>, extra: &str) -> Option<Vec<u8>> {
+        let key = self.key(part, extra)?;
+        let record = self.store.get_record(&key)?;
+        let blob = read_digest(&mut crate::artifact::Decoder::new(&record)).ok()?;
+        let bytes = self.store.get_blob(&blob).ok()??;
+        self.tell(part, State::Cached, key, 0.0);
+        Some(bytes)
+    }
+
+    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], seconds: f64) -> Result<(), NodeError> {
+        let Some(key) = self.key(part, extra) else { return Ok(()) };
+        let mut record = crate::artifact::Encoder::default();
+        // A part that cannot be stored is only computed again; the node's own result says what is wrong.
+        if let Ok(blob) = self.store.put_blob(encoded) {
+            digest(&mut record, &blob);
+            let _ = self.store.put_record(&key, &record.finish());
+        }
+        self.tell(part, State::Ran, key, seconds);
+        Ok(())
+    }
+}
+
+/// Reads one stored output. `None` when it is missing or damaged, which the store has dealt with.
+pub(crate) fn load(
+    store: &Store,
+    graph: &Graph,
+    node: usize,
+    port: usize,
+    output: &Output,
+    tell: &Sender<Message>,
+) {
+    let artifact = &graph.nodes[node].kind.outputs[port].artifact;
+    let bytes = store.get_blob(&output.digest).ok().flatten();
+    let value = bytes.and_then(|bytes| (artifact.decode)(&bytes).ok());
+    let _ = tell.send(Message::Loaded { node, port, value });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panics_are_told_in_words() {
+        let panic = catch_unwind(|| panic!("row {}", 7)).expect_err("it panics");
+        assert_eq!(panic_text(&*panic), "row 7");
+    }
+}

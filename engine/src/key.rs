@@ -1,0 +1,81 @@
+//! Keys: everything that a result depends on, and nothing else.
+//!
+//! Inputs enter by the digest of their content, so a node that gives equal bytes stops the rerun there.
+//! Names of nodes, layout, output paths, threads and the machine do not enter.
+
+use cache::{Digest, Key, KeyWriter};
+
+use crate::context::{ContextField, ReadSource, Scene};
+use crate::graph::Node;
+use crate::record::Output;
+
+/// Written into every key; raised when keys or records change their form.
+const FORMAT: &str = "lightharmony action 1";
+const PART_FORMAT: &str = "lightharmony part 1";
+
+/// The key of a node whose inputs are known. `inputs` holds for each port the outputs its wires end at.
+pub(crate) fn node_key(
+    node: &Node,
+    inputs: &[Vec<&Output>],
+    sources: &[ReadSource],
+    scene: &Scene,
+    recipe: Option<&str>,
+) -> Result<Key, cache::KeyError> {
+    let mut to = KeyWriter::new(FORMAT);
+    to.str("kind", node.kind.name);
+    to.u64("version", node.kind.version.into());
+    to.str("profile", node.kind.profile);
+    node.step.visit(&mut |name, value| {
+        // A value that is not canonical was refused when the graph was checked.
+        if let Ok(Some(text)) = value.key_text() {
+            to.str(name, &text);
+        }
+    });
+    for (port, values) in node.kind.inputs.iter().zip(inputs) {
+        to.list(port.name, |to| {
+            for value in values {
+                to.str("type", value.type_name);
+                to.u64("format", value.format.into());
+                to.digest("content", value.digest);
+            }
+        });
+    }
+    to.list("sources", |to| {
+        for source in sources {
+            to.digest(&source.file.name, source.digest);
+        }
+    });
+    for field in node.kind.reads {
+        match field {
+            ContextField::Up => to.str("scene.up", scene.up.name()),
+            ContextField::MetresPerUnit => to.f64("scene.metres_per_unit", scene.metres_per_unit),
+            ContextField::Seed => to.u64("scene.seed", scene.seed),
+            ContextField::Recipe => to.str("recipe", recipe.unwrap_or_default()),
+        }
+    }
+    to.finish()
+}
+
+/// The key of a part of a node's work; see [`crate::Context::part`].
+pub(crate) fn part_key(
+    kind: &str,
+    profile: &str,
+    part: crate::context::Part<'_>,
+    inputs: &[(&'static str, Vec<Digest>)],
+    extra: &str,
+) -> Result<Key, cache::KeyError> {
+    let mut to = KeyWriter::new(PART_FORMAT);
+    to.str("kind", kind);
+    to.str("part", part.name);
+    to.u64("version", part.version.into());
+    to.str("profile", profile);
+    for name in part.inputs {
+        to.list(name, |to| {
+            for digest in inputs.iter().filter(|(port, _)| port == name).flat_map(|(_, digests)| digests) {
+                to.digest("content", *digest);
+            }
+        });
+    }
+    to.str("extra", extra);
+    to.finish()
+}

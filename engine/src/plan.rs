@@ -1,0 +1,108 @@
+//! Plans: what a run would do and why, without running anything.
+
+use cache::{Change, Manifest};
+
+use crate::action::{Action, last_record, look_up, prepare};
+use crate::error::NodeError;
+use crate::graph::{Graph, Wire};
+use crate::record::{Output, Record};
+use crate::schedule::Engine;
+
+/// What a run would do with a node.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fate {
+    /// No target stands below it.
+    Unwanted,
+    /// Its result is known.
+    Known,
+    /// Its code would run.
+    Runs(Why),
+    /// Whether it runs depends on what the named node above it gives; that one would run.
+    Follows(String),
+    /// Its sources cannot be read.
+    Fails(String),
+}
+
+/// Why a node would run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Why {
+    /// A node of this name never ran in this graph file, or nothing of it is kept.
+    New,
+    /// What its key is made of differs from the last run.
+    Changed(Vec<Change>),
+}
+
+/// What a run would do with one node.
+#[derive(Debug, Clone)]
+pub struct Planned {
+    /// Name of the node.
+    pub id: String,
+    /// Its kind.
+    pub kind: &'static str,
+    /// What would happen.
+    pub fate: Fate,
+    /// Seconds that its code took last time.
+    pub forecast: Option<f64>,
+    /// What its key is made of, where it is known: (path, value).
+    pub manifest: Option<Manifest>,
+}
+
+impl Engine {
+    /// What [`Engine::run`] would do, node by node in the order of the file.
+    pub fn plan(&self, graph: &Graph, only: &[usize]) -> Vec<Planned> {
+        let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
+        let wanted = graph.above(&targets);
+        let mut records: Vec<Option<Record>> = graph.nodes.iter().map(|_| None).collect();
+        let mut actions: Vec<Action> = graph.nodes.iter().map(|_| Action::default()).collect();
+        let mut planned: Vec<Option<Planned>> = graph.nodes.iter().map(|_| None).collect();
+        for &index in graph.order() {
+            let node = &graph.nodes[index];
+            let last = last_record(self.store(), graph, node);
+            let forecast = last.as_ref().map(|record| record.seconds);
+            let unknown = node.inputs.iter().flatten().find(|wire| records[wire.node].is_none());
+            let fate = if !wanted[index] {
+                Fate::Unwanted
+            } else if let Some(wire) = unknown {
+                Fate::Follows(graph.nodes[wire.node].id.clone())
+            } else {
+                match self.known(graph, index, &records, &actions) {
+                    Err(error) => Fate::Fails(error.to_string()),
+                    Ok((action, record)) => {
+                        let known = record.is_some();
+                        records[index] = record;
+                        actions[index] = action;
+                        let manifest = actions[index].key.as_ref().map(|key| &key.manifest);
+                        match (known, manifest, last) {
+                            (true, ..) => Fate::Known,
+                            (false, Some(new), Some(last)) => {
+                                Fate::Runs(Why::Changed(Manifest::difference(&last.manifest, new)))
+                            }
+                            _ => Fate::Runs(Why::New),
+                        }
+                    }
+                }
+            };
+            let manifest = actions[index].key.as_ref().map(|key| key.manifest.clone());
+            planned[index] =
+                Some(Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest });
+        }
+        planned.into_iter().flatten().collect()
+    }
+
+    fn known(
+        &self,
+        graph: &Graph,
+        index: usize,
+        records: &[Option<Record>],
+        actions: &[Action],
+    ) -> Result<(Action, Option<Record>), NodeError> {
+        let output = |wire: Wire| -> &Output {
+            &records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
+                [wire.port]
+        };
+        let action = prepare(graph, index, self.store(), output, |above| actions[above].sources.as_slice())?;
+        let key = action.key.as_ref().map(|key| key.digest);
+        let record = key.and_then(|key| look_up(self.store(), &graph.nodes[index], &key));
+        Ok((action, record))
+    }
+}
