@@ -50,7 +50,8 @@ fn radiance_files_match_their_statistics() {
             }
         }
         assert!((sum - mean).abs() < 6e-4, "{name}: mean {sum}");
-        assert!((largest - max).abs() < 1.0, "{name}: largest {largest}");
+        // Their luminance weights differ from ours in the fifth digit; the small ones are printed rounded.
+        assert!((largest - max).abs() < max * 1e-4 + 0.5, "{name}: largest {largest}");
     }
 }
 
