@@ -20,4 +20,5 @@ pub use panorama::{Brackets, Panorama};
 pub use pose::Pose;
 pub use report::{Cell, Report, Table};
 pub use rig::{Camera, Rig};
+pub(crate) use splats::tagged;
 pub use splats::{SplatEncoding, Splats, View, Views};

@@ -1,0 +1,161 @@
+//! One stable sort of the footprints, then their lists by tile.
+
+use engine::{Context, NodeError};
+
+use super::project::Projected;
+use super::{Bounds, Settings};
+
+/// Side of a tile, in pixels; the INRIA rasterizer's, whose bounds depend on it.
+pub const TILE: usize = 16;
+
+const DIGIT_BITS: u32 = 11;
+
+/// The order of ascending keys; equal keys stay in their order, which is that of the file. A radix
+/// sort from the lowest digit, leaving out digits that all keys share.
+pub(super) fn order(keys: &[u64]) -> Vec<u32> {
+    let mask = (1_u64 << DIGIT_BITS) - 1;
+    let varying = keys.iter().fold(0, |bits, key| bits | (key ^ keys[0]));
+    let mut from: Vec<(u64, u32)> = keys.iter().zip(0..).map(|(key, index)| (*key, index)).collect();
+    let mut to = vec![(0, 0); from.len()];
+    let mut shift = 0;
+    while shift < u64::BITS && varying >> shift != 0 {
+        if (varying >> shift) & mask != 0 {
+            let mut starts = vec![0_u32; 1 << DIGIT_BITS];
+            for (key, _) in &from {
+                starts[((key >> shift) & mask) as usize] += 1;
+            }
+            let mut sum = 0;
+            for start in &mut starts {
+                sum += std::mem::replace(start, sum);
+            }
+            for item in &from {
+                let at = &mut starts[((item.0 >> shift) & mask) as usize];
+                to[*at as usize] = *item;
+                *at += 1;
+            }
+            std::mem::swap(&mut from, &mut to);
+        }
+        shift += DIGIT_BITS;
+    }
+    from.into_iter().map(|(_, index)| index).collect()
+}
+
+/// The footprints of every tile, front to back.
+pub(super) enum Lists {
+    /// Every tile has them all.
+    Shared { order: Vec<u32>, columns: usize, rows: usize },
+    /// One entry a row of tiles.
+    Bands { bands: Vec<Band>, columns: usize },
+}
+
+/// The lists of one row of tiles.
+pub(super) struct Band {
+    starts: Vec<u32>,
+    list: Vec<u32>,
+}
+
+impl Lists {
+    /// Number of tiles.
+    pub(super) fn tiles(&self) -> usize {
+        match self {
+            Self::Shared { columns, rows, .. } => columns * rows,
+            Self::Bands { bands, columns } => bands.len() * columns,
+        }
+    }
+
+    /// The list of a tile, and the pixel at its top left.
+    pub(super) fn tile(&self, tile: usize) -> (&[u32], usize, usize) {
+        match self {
+            Self::Shared { order, columns, .. } => (order, tile % columns * TILE, tile / columns * TILE),
+            Self::Bands { bands, columns } => {
+                let (band, column) = (&bands[tile / columns], tile % columns);
+                let list = &band.list[band.starts[column] as usize..band.starts[column + 1] as usize];
+                (list, column * TILE, tile / columns * TILE)
+            }
+        }
+    }
+
+    /// Pairs of a splat and a tile.
+    pub(super) fn pairs(&self) -> u64 {
+        match self {
+            Self::Shared { order, columns, rows } => (order.len() * columns * rows) as u64,
+            Self::Bands { bands, .. } => bands.iter().map(|band| band.list.len() as u64).sum(),
+        }
+    }
+}
+
+/// Lists the footprints by tile, each list in the given order.
+pub(super) fn bin(
+    projected: &Projected,
+    order: Vec<u32>,
+    width: usize,
+    height: usize,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Lists, NodeError> {
+    let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+    if settings.bounds == Bounds::None || settings.alpha_cut == 0.0 {
+        return Ok(Lists::Shared { order, columns, rows });
+    }
+    let mut by_row: Vec<Vec<u32>> = vec![Vec::new(); rows];
+    for index in order {
+        let reach = projected.reaches[index as usize];
+        for list in &mut by_row[usize::from(reach.y0)..usize::from(reach.y1)] {
+            list.push(index);
+        }
+    }
+    let exact = settings.bounds == Bounds::Exact;
+    let bands = cx.for_each_tile(rows, |row| {
+        let mut starts = vec![0_u32; columns + 2];
+        let spans: Vec<(u16, u16)> = by_row[row]
+            .iter()
+            .map(|index| {
+                let reach = projected.reaches[*index as usize];
+                let mut span = (reach.x0, reach.x1);
+                // Below three columns the blend's own row test is as cheap as this one.
+                if exact && span.1 - span.0 > 2 {
+                    let f = &projected.footprints[*index as usize];
+                    span = f.columns_in(row * TILE, span, projected.log2_cut);
+                }
+                for start in &mut starts[usize::from(span.0) + 2..usize::from(span.1) + 2] {
+                    *start += 1;
+                }
+                span
+            })
+            .collect();
+        for column in 2..starts.len() {
+            starts[column] += starts[column - 1];
+        }
+        let mut list = vec![0_u32; starts.last().map_or(0, |n| *n as usize)];
+        for (index, span) in by_row[row].iter().zip(spans) {
+            for at in &mut starts[usize::from(span.0) + 1..usize::from(span.1) + 1] {
+                list[*at as usize] = *index;
+                *at += 1;
+            }
+        }
+        starts.pop();
+        Band { starts, list }
+    })?;
+    Ok(Lists::Bands { bands, columns })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn order_is_stable_for_keys_of_any_size() {
+        let mut state = 7_u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state >> 20
+        };
+        for bits in [0, 3, 12, 31, 44] {
+            let keys: Vec<u64> = (0..5000).map(|_| (next() & ((1 << bits) - 1)) | (5 << 50)).collect();
+            let mut expected: Vec<u32> = (0..5000).collect();
+            expected.sort_by_key(|index| keys[*index as usize]);
+            assert_eq!(order(&keys), expected, "{bits} bits");
+        }
+        assert!(order(&[]).is_empty());
+    }
+}

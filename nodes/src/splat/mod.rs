@@ -1,0 +1,206 @@
+//! EWA splatting on the CPU: project, sort, bin, blend.
+//!
+//! One camera at a time. [`project`] turns every splat that can matter into a [`Footprint`] (f64
+//! throughout, so that needles and far-off worlds keep their digits), [`bin`] sorts the footprints once
+//! (stable; equal keys stay in file order) and lists them by tile, and [`blend32`] or [`blend64`]
+//! composites each tile front to back. Every stage gives the same bits for any number of threads and
+//! any instruction set.
+
+mod bin;
+mod blend32;
+mod blend64;
+mod project;
+mod sh;
+#[cfg(test)]
+mod tests;
+
+use engine::{Context, NodeError};
+use fearless_simd::Level;
+
+pub use bin::TILE;
+pub(crate) use project::Footprint;
+
+use crate::types::{Camera, Splats};
+
+engine::choices! {
+    /// Which pixels a splat is evaluated at.
+    pub enum Bounds {
+        /** Where its alpha reaches the cut: the exact ellipse, closed. */ Exact,
+        /** As the INRIA rasterizer: every tile that a square of 3 standard deviations touches. */ Inria,
+        /** All. */ None,
+    }
+}
+engine::choices! {
+    /// Arithmetic of the blend; the projection is always in f64.
+    pub enum Precision { /** 8 pixels at once. */ F32, /** The reference: slow. */ F64 }
+}
+engine::choices! {
+    /// What orders the splats of a pixel.
+    pub enum Sort {
+        /** Planar depth of the centre, as nearly every trainer. */ Depth,
+        /** Distance of the centre, which does not change as the camera turns. */ Distance,
+    }
+}
+engine::choices! {
+    /// Whether opacity makes up for what the low-pass filter adds to a splat's area.
+    pub enum Compensation { /** As the file says it was trained. */ File, /** Always. */ On, /** Never. */ Off }
+}
+engine::choices! {
+    /// What the depth of a pixel is.
+    pub enum DepthMode {
+        /** Mean depth of what was blended, by weight. */ Expected,
+        /** Depth of the splat that takes transmittance to one half or below; none where none does. */ Median,
+    }
+}
+
+/// How to render; the parameters of `splat-render` with the file's own flag applied.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Which pixels a splat is evaluated at.
+    pub bounds: Bounds,
+    /// Arithmetic of the blend.
+    pub precision: Precision,
+    /// What orders the splats.
+    pub sort: Sort,
+    /// Highest degree of the spherical harmonics that is used.
+    pub sh_degree: u32,
+    /// Splats at or below this planar depth are left out, in world units.
+    pub near: f64,
+    /// Variance added to both axes of the footprint, in square pixels.
+    pub low_pass_px2: f64,
+    /// True when opacity is scaled by the square root of the ratio of the footprint's areas.
+    pub compensate: bool,
+    /// Smallest alpha that is blended.
+    pub alpha_cut: f64,
+    /// Largest alpha of one splat.
+    pub alpha_cap: f64,
+    /// A pixel is finished, without the splat at hand, when its transmittance would fall below.
+    pub stop: f64,
+    /// What the depth of a pixel is.
+    pub depth: DepthMode,
+}
+
+impl Default for Settings {
+    /// The constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
+    fn default() -> Self {
+        Self {
+            bounds: Bounds::Exact,
+            precision: Precision::F32,
+            sort: Sort::Depth,
+            sh_degree: 4,
+            near: 0.2,
+            low_pass_px2: 0.3,
+            compensate: false,
+            alpha_cut: 1.0 / 255.0,
+            alpha_cap: 0.99,
+            stop: 1e-4,
+            depth: DepthMode::Expected,
+        }
+    }
+}
+
+/// Work of one view; the same on every machine.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Splats that reached the sort.
+    pub projected: u64,
+    /// Splats at or below the near plane.
+    pub behind: u64,
+    /// Splats whose footprint is not a finite ellipse.
+    pub degenerate: u64,
+    /// Pairs of a splat and a tile.
+    pub tile_pairs: u64,
+    /// Pixels at which a splat was evaluated.
+    pub evaluations: u64,
+    /// Pixels to which a splat was added.
+    pub blends: u64,
+}
+
+/// What one camera sees.
+pub struct Rendered {
+    /// RGB premultiplied, and alpha; row by row.
+    pub rgba: Vec<f32>,
+    /// Planar depth in world units, +inf where nothing was seen.
+    pub depth: Vec<f32>,
+    /// What it took.
+    pub work: Work,
+    /// Seconds of wall time in project, sort, bin and blend; for benches, never part of a result.
+    pub seconds: [f64; 4],
+}
+
+/// One finished tile: RGBA and depth of its pixels, in rows of [`TILE`].
+struct Tile {
+    rgba: Vec<[f32; 4]>,
+    depth: Vec<f32>,
+    evaluations: u64,
+    blends: u64,
+}
+
+/// The largest picture that is rendered, in pixels.
+pub const MAX_PIXELS: u64 = 1 << 28;
+
+/// Renders a scene for one camera on the threads of `cx`, at the best instruction set of the machine.
+pub fn render(
+    splats: &Splats,
+    camera: &Camera,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Rendered, NodeError> {
+    render_at(splats, camera, settings, cx, Level::new())
+}
+
+/// [`render`] at a given instruction set, which never changes the result.
+pub fn render_at(
+    splats: &Splats,
+    camera: &Camera,
+    settings: &Settings,
+    cx: &Context,
+    level: Level,
+) -> Result<Rendered, NodeError> {
+    let (width, height) = (camera.width_px as usize, camera.height_px as usize);
+    if u64::from(camera.width_px) * u64::from(camera.height_px) > MAX_PIXELS {
+        let what = format!("view `{}` has {width}x{height} pixels", camera.name);
+        return Err(NodeError::new(what).at("rig").hint(format!("the limit is {MAX_PIXELS}")));
+    }
+    let mut clock = std::time::Instant::now();
+    let mut lap = || std::mem::replace(&mut clock, std::time::Instant::now()).elapsed().as_secs_f64();
+
+    let projected = project::project(splats, camera, settings, cx, level)?;
+    let project_s = lap();
+    let order = bin::order(&projected.keys);
+    let sort_s = lap();
+    let lists = bin::bin(&projected, order, width, height, settings, cx)?;
+    let bin_s = lap();
+
+    let tiles = cx.for_each_tile(lists.tiles(), |tile| {
+        let (list, x0, y0) = lists.tile(tile);
+        let (w, h) = ((width - x0).min(TILE), (height - y0).min(TILE));
+        match settings.precision {
+            Precision::F32 => blend32::blend(level, &projected.footprints, list, [x0, y0, w, h], settings),
+            Precision::F64 => blend64::blend(&projected.footprints, list, [x0, y0, w, h], settings),
+        }
+    })?;
+
+    let mut work = Work {
+        projected: projected.footprints.len() as u64,
+        behind: projected.behind,
+        degenerate: projected.degenerate,
+        tile_pairs: lists.pairs(),
+        ..Work::default()
+    };
+    let mut rgba = vec![0.0_f32; width * height * 4];
+    let mut depth = vec![f32::INFINITY; width * height];
+    for (index, tile) in tiles.iter().enumerate() {
+        let (_, x0, y0) = lists.tile(index);
+        work.evaluations += tile.evaluations;
+        work.blends += tile.blends;
+        let w = (width - x0).min(TILE);
+        for row in 0..(height - y0).min(TILE) {
+            let to = (y0 + row) * width + x0;
+            let from = row * TILE;
+            rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
+            depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
+        }
+    }
+    Ok(Rendered { rgba, depth, work, seconds: [project_s, sort_s, bin_s, lap()] })
+}
