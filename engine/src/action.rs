@@ -67,7 +67,8 @@ pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record
 
 /// Name under which the last key of a node is remembered, for forecasts and explanations.
 fn last_name(graph: &Graph, node: &Node) -> String {
-    format!("last key\n{}\n{}", graph.source.name, node.id)
+    let file = graph.source.name.rsplit('/').next().unwrap_or_default();
+    format!("last key\n{}\n{file}\n{}", graph.root.folder().display(), node.id)
 }
 
 /// The record of the last run of a node of this name in a graph file of this name.

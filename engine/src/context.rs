@@ -101,6 +101,11 @@ impl SourceRoot {
         Self { folder: folder.into() }
     }
 
+    /// The folder itself.
+    pub fn folder(&self) -> &std::path::Path {
+        &self.folder
+    }
+
     /// The source that a parameter names.
     pub fn file(&self, file: &InputFile) -> SourceFile {
         SourceFile { name: file.0.clone(), path: self.folder.join(&file.0) }

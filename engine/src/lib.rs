@@ -32,7 +32,7 @@ pub use artifact::{
 };
 pub use cache::{Change, Digest, Manifest};
 pub use context::{Context, ContextField, Part, Scene, SourceFile, SourceRoot, Up};
-pub use diag::{Diagnostic, Diagnostics, Source};
+pub use diag::{Diagnostic, Diagnostics, Source, nearest};
 pub use edit::{EditError, Setting, apply};
 pub use error::NodeError;
 pub use event::{Counts, Event, State, Totals};

@@ -7,23 +7,30 @@
 use engine::{KindEntry, Registry};
 
 pub mod alpha_shadow;
+pub mod camera;
 pub mod color;
 pub mod composite;
 pub mod crop_mesh;
 pub mod equirect;
 pub mod error;
 pub mod fuse_hdr;
+pub mod io;
 pub mod layers;
 pub mod light;
+pub mod load_environment;
 pub mod load_splats;
 pub mod num;
 pub mod override_material;
+pub mod place;
+pub mod pose;
 pub mod predict_exposure;
 pub mod score_env;
 pub mod shadow_ratio;
 pub mod splat;
 pub mod splat_render;
 pub mod types;
+pub mod write_exr;
+pub mod write_image;
 
 #[cfg(test)]
 mod testing;
@@ -34,14 +41,20 @@ pub use error::Error;
 pub fn registry() -> Registry {
     Registry::new(vec![
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
+        KindEntry::of::<camera::Camera>(),
         KindEntry::of::<composite::Composite>(),
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
+        KindEntry::of::<load_environment::LoadEnvironment>(),
         KindEntry::of::<load_splats::LoadSplats>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
+        KindEntry::of::<place::Place>(),
+        KindEntry::of::<pose::PoseNode>(),
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<splat_render::SplatRender>(),
+        KindEntry::of::<write_exr::WriteExr>(),
+        KindEntry::of::<write_image::WriteImage>(),
     ])
 }

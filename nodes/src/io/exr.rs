@@ -1,0 +1,228 @@
+//! OpenEXR: reading the first flat part as named f32 channels, and writing one part of named channels,
+//! the same bytes every time.
+
+use std::io::Cursor;
+
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData, ReadChannels,
+    ReadLayers, Text, WritableImage, f16,
+};
+
+use super::png::believable;
+use crate::Error;
+
+/// One plane of numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// Full name in the file: `R`, `R0.G`, `Z`.
+    pub name: String,
+    /// `width * height` numbers, row by row.
+    pub samples: Vec<f32>,
+}
+
+/// A decoded file, cut or padded with zeros to its display window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planes {
+    /// Columns of the display window.
+    pub width: usize,
+    /// Rows of the display window.
+    pub height: usize,
+    /// In the order of their names, as the format sorts them.
+    pub channels: Vec<Channel>,
+    /// Parts in the file; only the first flat one was read.
+    pub parts: usize,
+    /// True when the data window is not the display window.
+    pub cropped: bool,
+}
+
+impl Planes {
+    /// A channel by its full name.
+    pub fn find(&self, name: &str) -> Option<&[f32]> {
+        self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.samples.as_slice())
+    }
+}
+
+/// Reads half, float and whole-number channels.
+pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
+    let bad = |e: exr::error::Error| match e {
+        exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
+        other => Error::format(file, format!("not a whole EXR: {other}")),
+    };
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(bad)?;
+    let Some(header) = meta.headers.iter().find(|header| !header.deep) else {
+        return Err(Error::unsupported(file, "deep data"));
+    };
+    // The largest ratio seen of an honest file is that of a black PIZ one.
+    for header in &meta.headers {
+        let (size, planes) = (header.layer_size, header.channels.list.len() as u64);
+        believable(file, size.0 as u64, size.1 as u64, planes, bytes.len(), 1 << 15)?;
+        if header.channels.list.iter().any(|channel| channel.sampling.0 != 1 || channel.sampling.1 != 1) {
+            return Err(Error::unsupported(file, "subsampled channels (luminance and chroma)"));
+        }
+    }
+    let window = header.shared_attributes.display_window;
+    let (width, height) = (window.size.0, window.size.1);
+    believable(file, width as u64, height as u64, 1, bytes.len(), 1 << 16)?;
+
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(bad)?;
+    let layer = &image.layer_data;
+    let (size, position) = (layer.size, layer.attributes.layer_position);
+    let shift = [
+        i64::from(position.0) - i64::from(window.position.0),
+        i64::from(position.1) - i64::from(window.position.1),
+    ];
+    let cropped = shift != [0, 0] || (size.0, size.1) != (width, height);
+    let mut channels = Vec::with_capacity(layer.channel_data.list.len());
+    for channel in &layer.channel_data.list {
+        let data: Vec<f32> = channel.sample_data.values_as_f32().collect();
+        if data.len() != size.0 * size.1 {
+            return Err(Error::format(file, "a channel of another size than the part"));
+        }
+        let samples = if cropped { place(&data, size.0, shift, width, height) } else { data };
+        channels.push(Channel { name: channel.name.to_string(), samples });
+    }
+    Ok(Planes { width, height, channels, parts: meta.headers.len(), cropped })
+}
+
+/// Copies rows of `data` to where the display window has them.
+fn place(data: &[f32], columns: usize, [dx, dy]: [i64; 2], width: usize, height: usize) -> Vec<f32> {
+    let mut out = vec![0.0; width * height];
+    for (y, row) in data.chunks_exact(columns.max(1)).enumerate() {
+        let Some(y) = usize::try_from(y as i64 + dy).ok().filter(|y| *y < height) else { continue };
+        for (x, value) in row.iter().enumerate() {
+            if let Some(x) = usize::try_from(x as i64 + dx).ok().filter(|x| *x < width) {
+                out[y * width + x] = *value;
+            }
+        }
+    }
+    out
+}
+
+/// How a channel is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Depth {
+    /// 32-bit floats: exact.
+    Float,
+    /// 16-bit floats, to nearest; finite values beyond 65504 become it.
+    Half,
+}
+
+/// Largest finite half.
+const HALF_MAX: f32 = 65_504.0;
+
+/// Writes one part. `encoding` and `recipe` become the attributes `lightharmony:encoding` and
+/// `comments`. Gives the bytes and the number of values that did not fit into a half.
+pub fn write(
+    width: usize,
+    height: usize,
+    channels: Vec<(Channel, Depth)>,
+    encoding: &str,
+    recipe: Option<&str>,
+) -> Result<(Vec<u8>, u64), Error> {
+    let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot make an EXR: {e}"));
+    let mut clamped = 0;
+    let list = channels
+        .into_iter()
+        .map(|(Channel { name, samples }, depth)| {
+            let name = Text::new_or_none(&name)
+                .ok_or_else(|| Error::Mismatch(format!("`{name}` cannot name an EXR channel")))?;
+            let samples = match depth {
+                Depth::Float => FlatSamples::F32(samples),
+                Depth::Half => {
+                    clamped += samples.iter().filter(|v| v.is_finite() && v.abs() >= 65_520.0).count() as u64;
+                    let half = |v: f32| if v.is_finite() { v.clamp(-HALF_MAX, HALF_MAX) } else { v };
+                    FlatSamples::F16(samples.into_iter().map(|v| f16::from_f32(half(v))).collect())
+                }
+            };
+            Ok(AnyChannel::new(name, samples))
+        })
+        .collect::<Result<_, Error>>()?;
+    let comments = recipe.and_then(Text::new_or_none);
+    let mut attributes = LayerAttributes { comments, ..LayerAttributes::default() };
+    // One attribute only: the crate writes this map in the order of a seeded hash.
+    if let Some(text) = Text::new_or_none(encoding) {
+        attributes
+            .other
+            .insert(Text::from("lightharmony:encoding"), exr::prelude::AttributeValue::Text(text));
+    }
+    let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(list));
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).map_err(fail)?;
+    Ok((bytes.into_inner(), clamped))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn planes(depth: Depth) -> Vec<(Channel, Depth)> {
+        let plane = |name: &str, k: f32| {
+            let samples = (0..35).map(|i| i as f32 * k).collect();
+            (Channel { name: name.to_owned(), samples }, depth)
+        };
+        vec![plane("R", 0.5), plane("G", 1.0), plane("B", -2.0), plane("R0.R", 0.25), plane("Z", 8.0)]
+    }
+
+    #[test]
+    fn named_planes_come_back_exactly_and_bytes_repeat() {
+        for depth in [Depth::Float, Depth::Half] {
+            let make =
+                || write(7, 5, planes(depth), "R=linear", Some("(recipe)")).unwrap_or_else(|e| panic!("{e}"));
+            let (bytes, clamped) = make();
+            assert_eq!(clamped, 0);
+            for _ in 0..4 {
+                assert_eq!(make().0, bytes);
+            }
+            let back = read("a.exr", &bytes).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!((back.width, back.height, back.parts, back.cropped), (7, 5, 1, false));
+            for (channel, _) in planes(depth) {
+                assert_eq!(back.find(&channel.name), Some(channel.samples.as_slice()), "{}", channel.name);
+            }
+            assert!(bytes.windows(8).any(|w| w == b"(recipe)"));
+        }
+    }
+
+    // Row 62 of the table of extremes.
+    #[test]
+    fn halves_round_to_nearest_and_never_overflow_silently() {
+        let samples = vec![65_504.0, 65_519.99, 65_520.0, 1e5, 6e-5, 6e-8, -1e9, f32::INFINITY];
+        let (bytes, clamped) =
+            write(8, 1, vec![(Channel { name: "R".into(), samples }, Depth::Half)], "", None)
+                .unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(clamped, 3);
+        let back = read("a.exr", &bytes).unwrap_or_else(|e| panic!("{e}"));
+        let r = back.find("R").unwrap_or_default();
+        assert_eq!(r[..4], [65_504.0; 4]);
+        assert_eq!(r[4], f16::from_f32(6e-5).to_f32());
+        assert_eq!(r[6..], [-65_504.0, f32::INFINITY]);
+    }
+
+    #[test]
+    fn a_cropped_data_window_lands_in_its_place() {
+        let data = [1.0, 2.0, 3.0, 4.0];
+        assert_eq!(place(&data, 2, [1, 0], 3, 2), [0.0, 1.0, 2.0, 0.0, 3.0, 4.0]);
+        assert_eq!(place(&data, 2, [-1, -1], 2, 2), [4.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
+        let (bytes, _) =
+            write(7, 5, planes(Depth::Float), "R=linear", None).unwrap_or_else(|e| panic!("{e}"));
+        for end in 0..bytes.len() {
+            assert!(read("a.exr", &bytes[..end]).is_err(), "cut at {end}");
+        }
+        for at in 0..bytes.len() * 8 {
+            let mut hurt = bytes.clone();
+            hurt[at / 8] ^= 1 << (at % 8);
+            drop(read("a.exr", &hurt));
+        }
+    }
+}

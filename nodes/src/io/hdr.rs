@@ -1,0 +1,183 @@
+//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length coded.
+
+use super::png::believable;
+use crate::Error;
+
+/// Linear RGB of a Radiance file, with `EXPOSURE` already divided out, row 0 at the top.
+pub struct Radiance {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Three samples a pixel, finite and at least 0.
+    pub rgb: Vec<f32>,
+}
+
+/// Reads a Radiance picture of the usual orientation, `-Y height +X width`.
+pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
+    let bad = |what: &str| Error::format(file, what);
+    if !bytes.starts_with(b"#?") {
+        return Err(bad("not a Radiance picture: it does not start with `#?`"));
+    }
+    let (mut rest, mut exposure) = (bytes, 1.0_f64);
+    let line = |rest: &mut &[u8]| -> Result<String, Error> {
+        let end = rest
+            .iter()
+            .take(65_536)
+            .position(|&b| b == b'\n')
+            .ok_or_else(|| bad("the header does not end"))?;
+        let text = String::from_utf8_lossy(&rest[..end]).trim_end().to_owned();
+        *rest = &rest[end + 1..];
+        Ok(text)
+    };
+    loop {
+        let text = line(&mut rest)?;
+        if text.is_empty() {
+            break;
+        }
+        if let Some(format) = text.strip_prefix("FORMAT=")
+            && format != "32-bit_rle_rgbe"
+        {
+            return Err(Error::unsupported(file, format!("the Radiance format `{format}`")));
+        }
+        if let Some(value) = text.strip_prefix("EXPOSURE=") {
+            let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is no number"))?;
+            exposure *= value;
+        }
+    }
+    if !(exposure > 0.0 && exposure.is_finite()) {
+        return Err(bad("EXPOSURE is not above 0"));
+    }
+    let size = line(&mut rest)?;
+    let words: Vec<&str> = size.split_ascii_whitespace().collect();
+    let ["-Y", height, "+X", width] = words[..] else {
+        return Err(Error::unsupported(file, format!("the orientation `{size}`; save it as `-Y .. +X ..`")));
+    };
+    let number = |text: &str| text.parse::<u32>().map_err(|_| bad("the size is no number"));
+    let (width, height) = (number(width)?, number(height)?);
+    // A run of 127 equal samples takes 2 bytes; an old-style run of up to 255 pixels takes 4.
+    believable(file, width.into(), height.into(), 3, rest.len(), 255)?;
+    let (width, height) = (width as usize, height as usize);
+    let mut rgb = Vec::with_capacity(width * height * 3);
+    let mut scan = vec![[0_u8; 4]; width];
+    for row in 0..height {
+        scanline(&mut rest, &mut scan)
+            .ok_or_else(|| Error::format(file, format!("row {row} of {height} is cut off or broken")))?;
+        rgb.extend(scan.iter().flat_map(|texel| decode(*texel, exposure)));
+    }
+    Ok(Radiance { width, height, rgb })
+}
+
+/// The value of a texel, as OpenImageIO, OpenCV and the references have it. (Radiance's own reader adds
+/// half a unit to each mantissa; pictures rendered with the two differ by 0.3 % of their dark parts.)
+fn decode([r, g, b, e]: [u8; 4], exposure: f64) -> [f32; 3] {
+    if e == 0 {
+        return [0.0; 3];
+    }
+    // Exact: a power of two of an exponent in -135..=119.
+    let unit = f64::from_bits(((i64::from(e) - 136 + 1023) as u64) << 52) / exposure;
+    [r, g, b].map(|m| (f64::from(m) * unit).min(f64::from(f32::MAX)) as f32)
+}
+
+fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
+    let width = scan.len();
+    let (head, tail) = rest.split_first_chunk::<4>()?;
+    if !(8..32_768).contains(&width) || head[0] != 2 || head[1] != 2 || head[2] & 0x80 != 0 {
+        return flat_scanline(rest, scan);
+    }
+    if (usize::from(head[2]) << 8 | usize::from(head[3])) != width {
+        return None;
+    }
+    *rest = tail;
+    #[allow(clippy::needless_range_loop, reason = "a channel runs across the texels of the row")]
+    for channel in 0..4 {
+        let mut x = 0;
+        while x < width {
+            let (&count, tail) = rest.split_first()?;
+            let run = count > 128;
+            let length = usize::from(if run { count - 128 } else { count });
+            if length == 0 || x + length > width {
+                return None;
+            }
+            let (values, tail) = tail.split_at_checked(if run { 1 } else { length })?;
+            for i in 0..length {
+                scan[x + i][channel] = values[if run { 0 } else { i }];
+            }
+            *rest = tail;
+            x += length;
+        }
+    }
+    Some(())
+}
+
+/// Plain texels, or the older run-length code: a texel (1, 1, 1, n) repeats the one before n times, and
+/// several in a row count as the bytes of one number.
+fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
+    let (mut x, mut shift) = (0, 0);
+    while x < scan.len() {
+        let (texel, tail) = rest.split_first_chunk::<4>()?;
+        *rest = tail;
+        if let [1, 1, 1, count] = *texel {
+            let length = usize::from(count) << shift;
+            let last = *scan.get(x.checked_sub(1)?)?;
+            scan.get_mut(x..x.checked_add(length)?)?.fill(last);
+            x += length;
+            shift += 8;
+            if shift > 24 {
+                return None;
+            }
+        } else {
+            scan[x] = *texel;
+            x += 1;
+            shift = 0;
+        }
+    }
+    Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(header: &str, body: &[u8]) -> Vec<u8> {
+        let mut bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n{header}").into_bytes();
+        bytes.extend(body);
+        bytes
+    }
+    fn runs() -> Vec<u8> {
+        // Red: a run of 8; green: 8 given; blue: 4 and a run of 4; exponent: a run.
+        let mut body =
+            vec![2, 2, 0, 8, 136, 200, 8, 1, 2, 3, 4, 5, 6, 7, 8, 4, 9, 9, 9, 9, 132, 30, 136, 129];
+        body.extend([2, 2, 0, 8, 136, 1, 136, 2, 136, 3, 136, 0]);
+        file("\n-Y 2 +X 8\n", &body)
+    }
+
+    #[test]
+    fn runs_and_flat_texels_decode() {
+        let picture = read("a.hdr", &runs()).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((picture.width, picture.height), (8, 2));
+        // 129 - 136 = -7: 200 / 128.
+        assert_eq!(picture.rgb[..3], [200.0 / 128.0, 1.0 / 128.0, 9.0 / 128.0]);
+        assert_eq!(picture.rgb[21..24], [200.0 / 128.0, 8.0 / 128.0, 30.0 / 128.0]);
+        assert!(picture.rgb[24..].iter().all(|v| *v == 0.0), "exponent 0 is black");
+        let flat = file("EXPOSURE=2\n\n-Y 1 +X 4\n", &[10, 20, 30, 136, 1, 1, 1, 2, 5, 5, 5, 136]);
+        let picture = read("a.hdr", &flat).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(picture.rgb[..3], [5.0, 10.0, 15.0]);
+        assert_eq!(picture.rgb[6..9], picture.rgb[..3], "an old run");
+        assert_eq!(picture.rgb[9], 2.5);
+    }
+
+    #[test]
+    fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
+        let bytes = runs();
+        for end in 0..bytes.len() {
+            assert!(read("a.hdr", &bytes[..end]).is_err(), "cut at {end}");
+        }
+        for at in 0..bytes.len() * 8 {
+            let mut hurt = bytes.clone();
+            hurt[at / 8] ^= 1 << (at % 8);
+            drop(read("a.hdr", &hurt));
+        }
+        assert!(read("a.hdr", &file("\n-Y 1000000 +X 1000000\n", &[0; 64])).is_err());
+    }
+}

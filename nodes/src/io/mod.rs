@@ -1,0 +1,8 @@
+//! File formats: bytes to values and back. Nothing here reads a file or knows of nodes; every size is
+//! checked against the bytes at hand before memory is taken, and hostile bytes give a typed error.
+
+pub mod exr;
+pub mod hdr;
+pub mod jpeg;
+pub mod ply;
+pub mod png;

@@ -1,0 +1,293 @@
+//! Any PLY file: the header, then rows of scalars and lists, ASCII or binary in either byte order.
+
+use crate::Error;
+
+/// How the numbers of the body are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Words separated by white space.
+    Ascii,
+    /// Packed, least significant byte first.
+    Little,
+    /// Packed, most significant byte first.
+    Big,
+}
+
+/// Type of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn named(word: &str) -> Option<Self> {
+        Some(match word {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    /// Bytes in a binary file.
+    pub fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Smallest and largest value of a whole-number type; `None` for floats.
+    pub fn whole_range(self) -> Option<(f64, f64)> {
+        Some(match self {
+            Self::I8 => (-128.0, 127.0),
+            Self::U8 => (0.0, 255.0),
+            Self::I16 => (-32768.0, 32767.0),
+            Self::U16 => (0.0, 65535.0),
+            Self::I32 => (-2_147_483_648.0, 2_147_483_647.0),
+            Self::U32 => (0.0, 4_294_967_295.0),
+            Self::F32 | Self::F64 => return None,
+        })
+    }
+}
+
+/// One property of an element.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Property {
+    /// Name in the file.
+    pub name: String,
+    /// Type of its numbers.
+    pub scalar: Scalar,
+    /// Type of the count before them, for a list.
+    pub count: Option<Scalar>,
+}
+
+/// A table of the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Element {
+    /// Name in the file: `vertex`, `face`.
+    pub name: String,
+    /// Number of rows that the header claims.
+    pub rows: u64,
+    /// Columns.
+    pub properties: Vec<Property>,
+}
+
+impl Element {
+    /// Position of a property.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|property| property.name == name)
+    }
+
+    /// Fewest bytes a row can take.
+    fn least_bytes(&self, format: Format) -> u64 {
+        let bytes =
+            |p: &Property| if format == Format::Ascii { 2 } else { p.count.unwrap_or(p.scalar).size() };
+        self.properties.iter().map(|p| bytes(p) as u64).sum()
+    }
+}
+
+/// What a PLY file says about itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Header {
+    /// How the body is written.
+    pub format: Format,
+    /// Tables in the order of the body.
+    pub elements: Vec<Element>,
+    /// Comment lines without the word `comment`.
+    pub comments: Vec<String>,
+    /// Where the body starts, in bytes.
+    pub body: usize,
+}
+
+/// A header longer than this is no header.
+const HEADER_LIMIT: usize = 1 << 20;
+
+/// Reads the header. `file` names the file in errors.
+pub fn header(file: &str, bytes: &[u8]) -> Result<Header, Error> {
+    let bad = |what: String| Error::format(file, what);
+    if !bytes.starts_with(b"ply\n") && !bytes.starts_with(b"ply\r\n") {
+        return Err(bad("not a PLY file: it does not start with the line `ply`".to_owned()));
+    }
+    let (mut format, mut elements, mut comments) = (None, Vec::<Element>::new(), Vec::new());
+    let mut at = 0;
+    for number in 1.. {
+        let rest = bytes.get(at..).unwrap_or_default();
+        let end = rest.iter().take(HEADER_LIMIT).position(|&b| b == b'\n');
+        let Some(end) = end else {
+            return Err(bad(format!("the header ends in line {number} without `end_header`")));
+        };
+        at += end + 1;
+        let line = std::str::from_utf8(&rest[..end])
+            .map_err(|_| bad(format!("line {number} of the header is not text")))?
+            .trim_end();
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        let odd = || bad(format!("line {number} of the header, `{line}`, is not understood"));
+        match words.as_slice() {
+            ["ply"] if number == 1 => {}
+            [] => {}
+            ["comment" | "obj_info", ..] => {
+                comments.push(line.split_once(char::is_whitespace).map_or("", |(_, text)| text).to_owned());
+            }
+            ["format", kind, _version] => {
+                format = Some(match *kind {
+                    "ascii" => Format::Ascii,
+                    "binary_little_endian" => Format::Little,
+                    "binary_big_endian" => Format::Big,
+                    _ => return Err(odd()),
+                });
+            }
+            ["element", name, rows] => {
+                let rows = rows.parse().map_err(|_| odd())?;
+                elements.push(Element { name: (*name).to_owned(), rows, properties: Vec::new() });
+            }
+            ["property", "list", count, item, name] => {
+                let count = Scalar::named(count).filter(|c| c.whole_range().is_some()).ok_or_else(odd)?;
+                let scalar = Scalar::named(item).ok_or_else(odd)?;
+                let property = Property { name: (*name).to_owned(), scalar, count: Some(count) };
+                elements.last_mut().ok_or_else(odd)?.properties.push(property);
+            }
+            ["property", scalar, name] => {
+                let scalar = Scalar::named(scalar).ok_or_else(odd)?;
+                let property = Property { name: (*name).to_owned(), scalar, count: None };
+                elements.last_mut().ok_or_else(odd)?.properties.push(property);
+            }
+            ["end_header"] => break,
+            _ => return Err(odd()),
+        }
+        if at > HEADER_LIMIT {
+            return Err(bad(format!("no `end_header` in the first {HEADER_LIMIT} bytes")));
+        }
+    }
+    let format = format.ok_or_else(|| bad("the header has no `format` line".to_owned()))?;
+    Ok(Header { format, elements, comments, body: at })
+}
+
+/// Walks the body, one row after the other.
+pub struct Rows<'a> {
+    file: &'a str,
+    format: Format,
+    rest: &'a [u8],
+    length: usize,
+    list: Vec<f64>,
+}
+
+impl<'a> Rows<'a> {
+    /// A reader at the start of the body.
+    pub fn new(file: &'a str, header: &Header, bytes: &'a [u8]) -> Self {
+        let rest = bytes.get(header.body..).unwrap_or_default();
+        Self { file, format: header.format, rest, length: bytes.len(), list: Vec::new() }
+    }
+
+    /// The number of rows of an element, refused when the rest of the file cannot hold them. Call it
+    /// before making room for them.
+    pub fn believable(&self, element: &Element) -> Result<usize, Error> {
+        // The last word of an ASCII file may lack its separator.
+        let left = self.rest.len() as u64 + u64::from(self.format == Format::Ascii);
+        match element.rows.checked_mul(element.least_bytes(self.format)) {
+            Some(needed) if needed <= left => Ok(element.rows as usize),
+            _ => Err(Error::format(
+                self.file,
+                format!(
+                    "the header claims {} rows of `{}`, but only {} bytes follow",
+                    element.rows,
+                    element.name,
+                    self.rest.len()
+                ),
+            )),
+        }
+    }
+
+    /// Reads one row: `visit` gets the position of each property and its numbers (one, or a list).
+    pub fn row(&mut self, element: &Element, mut visit: impl FnMut(usize, &[f64])) -> Result<(), Error> {
+        for (index, property) in element.properties.iter().enumerate() {
+            match property.count {
+                None => visit(index, &[self.number(property.scalar)?]),
+                Some(count) => {
+                    let count = self.number(count)?;
+                    let least = if self.format == Format::Ascii { 2 } else { property.scalar.size() };
+                    if count < 0.0 || count * least as f64 > self.rest.len() as f64 + 1.0 {
+                        return Err(self.fail(&format!("a list of {count} numbers")));
+                    }
+                    let mut list = std::mem::take(&mut self.list);
+                    list.clear();
+                    for _ in 0..count as usize {
+                        list.push(self.number(property.scalar)?);
+                    }
+                    visit(index, &list);
+                    self.list = list;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn fail(&self, what: &str) -> Error {
+        Error::format(self.file, format!("{what} at byte {}", self.length - self.rest.len()))
+    }
+
+    fn number(&mut self, scalar: Scalar) -> Result<f64, Error> {
+        if self.format == Format::Ascii { self.word(scalar) } else { self.packed(scalar) }
+    }
+
+    fn word(&mut self, scalar: Scalar) -> Result<f64, Error> {
+        let start = self.rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(self.rest.len());
+        let rest = &self.rest[start..];
+        let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        let text = std::str::from_utf8(&rest[..end]).unwrap_or_default();
+        // A float word is rounded once, straight to its own type.
+        let value = match scalar {
+            Scalar::F32 => text.parse::<f32>().map(f64::from),
+            _ => text.parse::<f64>(),
+        };
+        let whole =
+            |v: f64| scalar.whole_range().is_none_or(|(low, high)| low <= v && v <= high && v.trunc() == v);
+        match value {
+            Ok(value) if whole(value) => {
+                self.rest = &rest[end..];
+                Ok(value)
+            }
+            _ if text.is_empty() => Err(self.fail("the file ends early,")),
+            _ => Err(self.fail(&format!("`{text}` is no {scalar:?} number,"))),
+        }
+    }
+
+    fn packed(&mut self, scalar: Scalar) -> Result<f64, Error> {
+        let Some((raw, rest)) = self.rest.split_at_checked(scalar.size()) else {
+            return Err(self.fail("the file ends early,"));
+        };
+        self.rest = rest;
+        let mut word = [0_u8; 8];
+        let word = &mut word[..raw.len()];
+        word.copy_from_slice(raw);
+        if self.format == Format::Big {
+            word.reverse();
+        }
+        Ok(match (scalar, &*word) {
+            (Scalar::I8, &[a]) => f64::from(a as i8),
+            (Scalar::U8, &[a]) => f64::from(a),
+            (Scalar::I16, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+            (Scalar::U16, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
+            (Scalar::I32, &[a, b, c, d]) => f64::from(i32::from_le_bytes([a, b, c, d])),
+            (Scalar::U32, &[a, b, c, d]) => f64::from(u32::from_le_bytes([a, b, c, d])),
+            (Scalar::F32, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            (_, &[a, b, c, d, e, f, g, h]) => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            _ => return Err(self.fail("a number of another size,")),
+        })
+    }
+}

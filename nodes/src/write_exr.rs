@@ -1,0 +1,246 @@
+//! `write-exr`: pictures and data for other programs, as OpenEXR.
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
+
+use crate::io::exr::{self, Channel, Depth};
+use crate::types::{Images, Picture};
+
+engine::params! {
+    /// Writes pictures as OpenEXR, one of them or many as named layers.
+    ///
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers` with as many `names`. A
+    /// layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
+    /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. The numbers stay in their own encoding, which
+    /// the attribute `lightharmony:encoding` names, layer by layer. The same input gives the same bytes.
+    pub struct WriteExr {
+        /// The file: `.exr`. With `{view}` in it where there are several views.
+        path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
+        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others.
+        names: Vec<String> = Vec::new(), other("[\"B\"]");
+        /// Colours as 16-bit floats: half the size, three digits; what overflows is counted. Data (depth,
+        /// masks, variance) stays in 32 bits.
+        half: bool = false, other("true");
+        /// Writes the graph that made the picture into its metadata, by content and without paths.
+        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+    }
+}
+engine::inputs! {
+    /// What to write.
+    pub struct In {
+        /// One picture a view.
+        image: Option<Arc<Images>>,
+        /// Pictures that belong together, one layer each; they must have the same views and size.
+        layers: Vec<Arc<Images>>,
+    }
+}
+engine::outputs! {
+    /// The files.
+    pub struct Out {
+        /// One file a view.
+        files: Arc<Files>,
+    }
+}
+
+impl Kind for WriteExr {
+    const NAME: &'static str = "write-exr";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Recipe];
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        if p.path.extension() != "exr" {
+            return Err(
+                NodeError::new(format!("cannot write OpenEXR as `.{}`", p.path.extension())).at("path")
+            );
+        }
+        for (index, name) in p.names.iter().enumerate() {
+            let word =
+                !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'));
+            if !word || p.names[..index].contains(name) {
+                return Err(NodeError::new(format!("`{name}` cannot name a layer, or names two"))
+                    .at("names")
+                    .hint("use letters, digits, `-` and `_`, and each name once"));
+            }
+        }
+        Ok(())
+    }
+
+    fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let layers: Vec<(&str, &Images)> = match (&inputs.image, inputs.layers.as_slice()) {
+            (Some(image), []) => match p.names.as_slice() {
+                [] => vec![("", image)],
+                [name] => vec![(name, image)],
+                _ => {
+                    return Err(NodeError::new("`image` is one layer")
+                        .at("names")
+                        .hint("wire the others to `layers`"));
+                }
+            },
+            (None, []) => {
+                return Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`"));
+            }
+            (Some(_), _) => {
+                return Err(NodeError::new("`image` and `layers` exclude each other").at("layers"));
+            }
+            (None, layers) if layers.len() == p.names.len() => {
+                p.names.iter().map(String::as_str).zip(layers.iter().map(Arc::as_ref)).collect()
+            }
+            (None, layers) => {
+                return Err(NodeError::new(format!("{} layers but {} names", layers.len(), p.names.len()))
+                    .at("names")
+                    .hint("name every layer, in the order of the wires"));
+            }
+        };
+        let mut notes = Notes::none();
+        let mut files = Vec::new();
+        let views: &[_] =
+            layers.iter().map(|(_, images)| images.0.as_slice()).max_by_key(|v| v.len()).unwrap_or_default();
+        if views.is_empty() {
+            return Err(NodeError::new("there is no view to write").at("image"));
+        }
+        let recipe = cx.recipe().filter(|_| p.recipe);
+        for (index, view) in views.iter().enumerate() {
+            cx.check()?;
+            cx.progress(index as f32 / views.len() as f32);
+            let (mut channels, mut encodings) = (Vec::new(), Vec::new());
+            let (width, height, _) = view.picture.size();
+            for (name, images) in &layers {
+                let picture = images.view(&view.name).ok_or_else(|| {
+                    NodeError::new(format!("layer `{name}` has no view `{}`", view.name)).at("layers")
+                })?;
+                let size = picture.size();
+                if (size.0, size.1) != (width, height) {
+                    return Err(NodeError::new(format!(
+                        "layer `{name}` is {}x{}, another is {width}x{height}",
+                        size.0, size.1
+                    ))
+                    .at("layers"));
+                }
+                add_layer(name, picture, p.half, &mut channels)?;
+                let name = if name.is_empty() { "image" } else { name };
+                encodings.push(format!("{name}={}", picture.encoding()));
+            }
+            let (bytes, clamped) = exr::write(width, height, channels, &encodings.join(" "), recipe)?;
+            if clamped > 0 {
+                let what =
+                    format!("samples of `{}` exceed 65504, the largest half, and became it", view.name);
+                notes.count("half-overflow", clamped, what);
+            }
+            files.push(FileBytes { view: view.name.clone(), bytes });
+        }
+        Ok((Out { files: Arc::new(Files(files)) }, notes))
+    }
+}
+
+fn add_layer(
+    name: &str,
+    picture: &Picture,
+    half: bool,
+    to: &mut Vec<(Channel, Depth)>,
+) -> Result<(), NodeError> {
+    let (_, _, channels) = picture.size();
+    let letters: &[&str] = match (channels, name) {
+        (1, "") => &["Y"],
+        (1, _) => &[""],
+        (2, _) => &["Y", "A"],
+        (3, "N") => &["X", "Y", "Z"],
+        (3, _) => &["R", "G", "B"],
+        (4, _) => &["R", "G", "B", "A"],
+        _ => {
+            return Err(
+                NodeError::new(format!("layer `{name}` has {channels} channels, not 1 to 4")).at("layers")
+            );
+        }
+    };
+    let depth = if half && !matches!(picture, Picture::Data(_)) { Depth::Half } else { Depth::Float };
+    for (offset, letter) in letters.iter().enumerate() {
+        let full = match (name, *letter) {
+            ("", letter) => letter.to_owned(),
+            (name, "") => name.to_owned(),
+            (name, letter) => format!("{name}.{letter}"),
+        };
+        let samples: Vec<f32> = picture.samples().iter().skip(offset).step_by(channels).copied().collect();
+        if samples.iter().any(|v| v.is_nan()) {
+            return Err(NodeError::new(format!("channel `{full}` holds what is not a number")).at("layers"));
+        }
+        to.push((Channel { name: full, samples }, depth));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::{Data, Image, Linear, NamedImage, Srgb};
+    use engine::{Scene, Up};
+
+    fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
+        WriteExr::check(p)?;
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        WriteExr::run(p, inputs, &cx).map(|(out, notes)| (out.files.0.clone(), notes))
+    }
+    fn node(names: &[&str]) -> WriteExr {
+        let names = names.iter().map(|n| (*n).to_owned()).collect();
+        WriteExr { path: OutputFile("a.exr".into()), names, half: false, recipe: true }
+    }
+    fn colour() -> Arc<Images> {
+        let samples = (0..24).map(|i| i as f32 * 10_000.0).collect();
+        Arc::new(Images::single("v", Image::<Linear>::from_samples(3, 2, 4, samples)))
+    }
+    fn depth() -> Arc<Images> {
+        Arc::new(Images::single("v", Image::<Data>::from_samples(3, 2, 1, vec![f32::INFINITY; 6])))
+    }
+
+    #[test]
+    fn layers_are_named_and_exact() {
+        let layers = vec![colour(), depth(), Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)))];
+        let (files, notes) =
+            run(&node(&["O", "Z", "B"]), In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(notes, Notes::none());
+        let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+        let names: Vec<&str> = back.channels.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["B.B", "B.G", "B.R", "O.A", "O.B", "O.G", "O.R", "Z"]);
+        assert_eq!(back.find("O.G").map(|c| c[5]), Some(210_000.0));
+        assert_eq!(back.find("Z"), Some(&[f32::INFINITY; 6][..]));
+        let text = b"O=linear Z=data B=srgb";
+        assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
+    }
+
+    #[test]
+    fn half_counts_what_overflows_and_spares_data() {
+        let p = WriteExr { half: true, ..node(&["O", "Z"]) };
+        let (files, notes) =
+            run(&p, In { image: None, layers: vec![colour(), depth()] }).unwrap_or_else(|e| panic!("{e}"));
+        assert!(notes.iter().any(|n| n.id == "half-overflow" && n.text.starts_with("17 ")));
+        let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(back.find("O.A").map(|c| c[5]), Some(65_504.0));
+        assert_eq!(back.find("Z").map(|c| c[0]), Some(f32::INFINITY));
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_refused() {
+        let other = Arc::new(Images::single("v", Image::<Data>::new(2, 2, 1)));
+        let nan = Arc::new(Images::single("v", Image::<Data>::from_samples(1, 1, 1, vec![f32::NAN])));
+        let pair = |a: &str, b: &str| {
+            let named =
+                |n: &str| NamedImage { name: n.to_owned(), picture: Image::<Data>::new(3, 2, 1).into() };
+            Arc::new(Images(vec![named(a), named(b)]))
+        };
+        for (p, inputs) in [
+            (node(&[]), In { image: None, layers: vec![] }),
+            (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),
+            (node(&["a"]), In { image: Some(depth()), layers: vec![depth()] }),
+            (node(&["a", "b"]), In { image: None, layers: vec![colour(), other] }),
+            (node(&["a", "b"]), In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] }),
+            (node(&["a", "a"]), In { image: None, layers: vec![colour(), depth()] }),
+            (node(&[]), In { image: Some(nan), layers: vec![] }),
+        ] {
+            assert!(run(&p, inputs).is_err());
+        }
+        assert!(run(&node(&["a", "b"]), In { image: None, layers: vec![pair("x", "y"), depth()] }).is_ok());
+    }
+}

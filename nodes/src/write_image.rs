@@ -1,0 +1,292 @@
+//! `write-image`: pictures for people, PNG or JPEG.
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
+
+use crate::color::srgb_from_linear;
+use crate::io::png::Raster;
+use crate::io::{jpeg, png};
+use crate::types::{Images, Picture};
+
+engine::choices! {
+    /// What becomes of alpha.
+    pub enum AlphaOutput {
+        /// The picture stays on black, as it is premultiplied; the file has no alpha.
+        Drop,
+        /// The file has alpha, and colours are divided by it.
+        Straight,
+    }
+}
+engine::params! {
+    /// Writes pictures as PNG or JPEG, by the ending of the path.
+    ///
+    /// Linear light is encoded with the sRGB curve, values beyond 0 to 1 are cut off and counted; data
+    /// (masks, ratios) is written as it is. Nothing is dithered. The same picture gives the same bytes.
+    pub struct WriteImage {
+        /// The file: `.png`, `.jpg` or `.jpeg`. With `{view}` in it where there are several views.
+        path: OutputFile, other("\"b.jpg\"");
+        /// Bits of a sample; 16 only in PNG.
+        bits: u32 = 8, range(8, 16), other("16");
+        /// What becomes of alpha.
+        alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
+        /// Quality of a JPEG.
+        quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
+        /// Writes the graph that made the picture into its metadata, by content and without paths.
+        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+    }
+}
+engine::inputs! {
+    /// What to write.
+    pub struct In {
+        /// One picture a view.
+        image: Arc<Images>,
+    }
+}
+engine::outputs! {
+    /// The files.
+    pub struct Out {
+        /// One file a view.
+        files: Arc<Files>,
+    }
+}
+
+impl Kind for WriteImage {
+    const NAME: &'static str = "write-image";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Recipe];
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        let jpeg = match p.path.extension().as_str() {
+            "png" => false,
+            "jpg" | "jpeg" => true,
+            other => {
+                return Err(NodeError::new(format!("cannot write pictures as `.{other}`"))
+                    .at("path")
+                    .hint("end the path in `.png` or `.jpg`; for float data there is WriteExr"));
+            }
+        };
+        if p.bits != 8 && p.bits != 16 {
+            return Err(NodeError::new("a sample has 8 or 16 bits").at("bits"));
+        }
+        if jpeg && p.bits == 16 {
+            return Err(NodeError::new("a JPEG has 8 bits a sample")
+                .at("bits")
+                .hint("end the path in `.png`"));
+        }
+        if jpeg && p.alpha == AlphaOutput::Straight {
+            return Err(NodeError::new("a JPEG has no alpha").at("alpha").hint("end the path in `.png`"));
+        }
+        Ok(())
+    }
+
+    fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let mut files = Vec::new();
+        let views = &inputs.image.0;
+        if views.is_empty() {
+            return Err(NodeError::new("there is no view to write").at("image"));
+        }
+        let recipe = cx.recipe().filter(|_| p.recipe);
+        for (index, view) in views.iter().enumerate() {
+            cx.progress(index as f32 / views.len() as f32);
+            let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
+            lost.tell(&view.name, &mut notes);
+            let srgb = !matches!(view.picture, Picture::Data(_));
+            let bytes = if p.path.extension() == "png" {
+                let software = ("Software", "lightharmony");
+                let texts: Vec<_> =
+                    std::iter::once(software).chain(recipe.map(|r| ("lightharmony:recipe", r))).collect();
+                png::write(&raster, srgb, &texts)?
+            } else {
+                jpeg::write(&raster, p.quality as u8, recipe)?
+            };
+            files.push(FileBytes { view: view.name.clone(), bytes });
+        }
+        Ok((Out { files: Arc::new(Files(files)) }, notes))
+    }
+}
+
+/// Samples that a file of whole numbers cannot hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Lost {
+    above: u64,
+    below: u64,
+    not_a_number: u64,
+}
+
+impl Lost {
+    fn tell(self, view: &str, notes: &mut Notes) {
+        if self.not_a_number > 0 {
+            notes.degraded(
+                "not-a-number",
+                format!("{} samples of `{view}` are not numbers and were written as 0", self.not_a_number),
+            );
+        }
+        for (id, count, what) in
+            [("clipped-above", self.above, "lie above 1"), ("clipped-below", self.below, "lie below 0")]
+        {
+            if count > 0 {
+                notes.count(id, count, format!("samples of `{view}` {what} and were cut off"));
+            }
+        }
+    }
+}
+
+/// Display codes of a picture, rounded to nearest.
+fn quantise(
+    picture: &Picture,
+    wide: bool,
+    alpha: AlphaOutput,
+    cx: &Context,
+) -> Result<(Raster, Lost), NodeError> {
+    let (width, height, channels) = picture.size();
+    let colours = if channels >= 3 { 3 } else { 1 };
+    let has_alpha = matches!(channels, 2 | 4);
+    if !matches!(channels, 1..=4) || width == 0 || height == 0 {
+        return Err(NodeError::new(format!(
+            "a {width}x{height} picture of {channels} channels cannot be shown"
+        ))
+        .at("image"));
+    }
+    let keep_alpha = has_alpha && alpha == AlphaOutput::Straight;
+    let largest = if wide { 65_535_u16 } else { 255 };
+    let linear = matches!(picture, Picture::Linear(_));
+    // Linear light is encoded after alpha is divided out, since the curve is not linear. Display and
+    // data samples on black stay as they are.
+    let row = |y: usize| {
+        let mut codes = Vec::with_capacity(width * (colours + 1));
+        let mut lost = Lost::default();
+        for x in 0..width {
+            let at = (y * width + x) * channels;
+            let pixel = &picture.samples()[at..at + channels];
+            let a = if has_alpha { pixel[channels - 1] } else { 1.0 };
+            for &value in &pixel[..colours] {
+                let value = if keep_alpha && a > 0.0 { value / a } else { value };
+                let shown = if linear { srgb_from_linear(value) } else { value };
+                codes.push(code(shown, largest, &mut lost));
+            }
+            if keep_alpha {
+                codes.push(code(a, largest, &mut lost));
+            }
+        }
+        (codes, lost)
+    };
+    let rows = cx.for_each_tile(height, row)?;
+    let mut lost = Lost::default();
+    let mut codes = Vec::with_capacity(width * height * (colours + 1));
+    for (row, row_lost) in rows {
+        codes.extend(row);
+        lost.above += row_lost.above;
+        lost.below += row_lost.below;
+        lost.not_a_number += row_lost.not_a_number;
+    }
+    let channels = colours + usize::from(keep_alpha);
+    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new() }, lost))
+}
+
+fn code(value: f32, largest: u16, lost: &mut Lost) -> u16 {
+    let scaled = f64::from(value) * f64::from(largest) + 0.5;
+    if value.is_nan() {
+        lost.not_a_number += 1;
+        0
+    } else if scaled >= f64::from(largest) + 1.0 {
+        lost.above += 1;
+        largest
+    } else if scaled < 0.0 {
+        lost.below += 1;
+        0
+    } else {
+        scaled as u16
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::color::linear_from_srgb;
+    use crate::types::{Data, Image, Linear, Srgb};
+    use engine::{Scene, Up};
+
+    fn cx() -> Context {
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+    }
+    fn node(path: &str) -> WriteImage {
+        WriteImage {
+            path: OutputFile(path.into()),
+            bits: 8,
+            alpha: AlphaOutput::Drop,
+            quality: 92,
+            recipe: true,
+        }
+    }
+    fn write(p: &WriteImage, picture: impl Into<Picture>) -> (Vec<u8>, Notes) {
+        WriteImage::check(p).unwrap_or_else(|e| panic!("{e}"));
+        let image = Arc::new(Images::single("v", picture));
+        let (out, notes) = WriteImage::run(p, In { image }, &cx()).unwrap_or_else(|e| panic!("{e}"));
+        (out.files.0[0].bytes.clone(), notes)
+    }
+
+    // Row 60: every code survives, as display values and through linear light, in 8 and 16 bits.
+    #[test]
+    fn every_code_survives() {
+        for (bits, largest) in [(8, 255_u32), (16, 65_535)] {
+            let p = WriteImage { bits, ..node("a.png") };
+            let shown: Vec<f32> = (0..=largest).map(|c| c as f32 / largest as f32).collect();
+            let linear: Vec<f32> = shown.iter().map(|v| linear_from_srgb(*v)).collect();
+            let n = shown.len();
+            for picture in [
+                Picture::from(Image::<Srgb>::from_samples(n, 1, 1, shown.clone())),
+                Image::<Linear>::from_samples(n, 1, 1, linear).into(),
+                Image::<Data>::from_samples(n, 1, 1, shown).into(),
+            ] {
+                let back = png::read("a.png", &write(&p, picture).0).unwrap_or_else(|e| panic!("{e}"));
+                assert!(back.codes.iter().enumerate().all(|(i, c)| i == usize::from(*c)));
+                assert_eq!(u32::from(back.largest), largest);
+            }
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_cut_off_and_counted() {
+        let samples = vec![f32::NAN, -0.5, 1.5, f32::INFINITY, 0.5, 1.0];
+        let (bytes, notes) = write(&node("a.png"), Image::<Data>::from_samples(2, 1, 3, samples));
+        let back = png::read("a.png", &bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(back.codes, [0, 0, 255, 255, 128, 255]);
+        assert!(notes.is_degraded());
+        assert!(notes.iter().any(|n| n.id == "clipped-above" && n.text.starts_with("2 ")));
+        assert!(notes.iter().any(|n| n.id == "clipped-below" && n.text.starts_with("1 ")));
+    }
+
+    // Row 58: a straight file put back over black equals the picture on black.
+    #[test]
+    fn alpha_is_dropped_or_made_straight() {
+        let picture = Image::<Srgb>::from_samples(2, 1, 4, vec![0.25, 0.1, 0.0, 0.5, 0.2, 0.0, 0.0, 0.0]);
+        let dropped =
+            png::read("a.png", &write(&node("a.png"), picture.clone()).0).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((dropped.channels, &dropped.codes[..3]), (3, &[64, 26, 0][..]));
+        let p = WriteImage { alpha: AlphaOutput::Straight, ..node("a.png") };
+        let straight = png::read("a.png", &write(&p, picture).0).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(straight.codes, [128, 51, 0, 128, 51, 0, 0, 0]);
+    }
+
+    #[test]
+    fn jpeg_by_ending_and_refusals() {
+        let picture = Image::<Srgb>::from_samples(16, 16, 3, vec![0.5; 768]);
+        let (bytes, _) = write(&node("a.JPG"), picture.clone());
+        let back = jpeg::read("a.jpg", &bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert!(back.codes.iter().all(|c| c.abs_diff(128) <= 2));
+        let low = write(&WriteImage { quality: 10, ..node("a.jpg") }, picture).0;
+        assert_ne!(low, bytes);
+        for p in [
+            node("a.gif"),
+            WriteImage { bits: 12, ..node("a.png") },
+            WriteImage { bits: 16, ..node("a.jpg") },
+        ] {
+            assert!(WriteImage::check(&p).is_err());
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! One file a verb.
+
+mod check;
+mod explain;
+mod graph;
+mod nodes;
+mod plan;
+mod run;
+
+use clap::{Parser, Subcommand};
+
+use crate::session::Error;
+
+/// Inserts 3D objects into captured Gaussian splat scenes with light and shadow that match.
+#[derive(Debug, Parser)]
+#[command(version, about, max_term_width = 100)]
+pub struct Command {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Runs a graph: computes what is not known and writes the files of its sinks
+    Run(run::Run),
+    /// Reads a graph and reports every mistake in it
+    Check(check::Check),
+    /// Tells what a run would compute, why, and about how long it takes
+    Plan(plan::Plan),
+    /// Tells what a node's result is made of and why it would run again
+    Explain(explain::Explain),
+    /// Lists the kinds of nodes, or describes one
+    Nodes(nodes::Nodes),
+    /// Draws a graph with the state of its results
+    Graph(graph::Draw),
+}
+
+impl Command {
+    /// Runs the verb; gives the exit code.
+    pub fn run(self) -> Result<u8, Error> {
+        match self.verb {
+            Verb::Run(verb) => verb.run(),
+            Verb::Check(verb) => verb.run(),
+            Verb::Plan(verb) => verb.run(),
+            Verb::Explain(verb) => verb.run(),
+            Verb::Nodes(verb) => verb.run(),
+            Verb::Graph(verb) => verb.run(),
+        }
+    }
+}
+
+/// Prints to standard output; a reader that went away is no error.
+fn print(text: &str) -> Result<(), Error> {
+    use std::io::{ErrorKind, Write};
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
+        _ => Ok(()),
+    }
+}

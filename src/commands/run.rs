@@ -1,0 +1,59 @@
+//! `run`: computes what is not known and writes the files of the sinks.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use engine::RunOptions;
+
+use crate::report::{self, Report};
+use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
+
+/// Runs a graph: computes what is not known and writes the files of its sinks.
+#[derive(Debug, Args)]
+pub struct Run {
+    #[command(flatten)]
+    graph: GraphArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// Folder that sinks write to
+    #[arg(long, default_value = "out", value_name = "DIR")]
+    out: PathBuf,
+    /// One JSON object a line on standard output
+    #[arg(long)]
+    json: bool,
+    /// Also tell nodes whose result was known
+    #[arg(long, short)]
+    verbose: bool,
+}
+
+impl Run {
+    /// Runs the graph; gives the exit code of the run.
+    pub fn run(self) -> Result<u8, Error> {
+        let Loaded { graph, only } = self.graph.load()?;
+        let engine = self.engine.open()?;
+        let cancel = Arc::new(AtomicBool::new(false));
+        let again = cancel.clone();
+        ctrlc::set_handler(move || {
+            // The first one asks; the second one is meant.
+            if again.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+        })?;
+        let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
+        if engine.store().is_read_only() {
+            let text =
+                "the cache cannot be written: known results are used, new ones are not kept".to_owned();
+            report.tell(&engine::Event::Warning { id: "cache-read-only", text });
+        }
+        let options = RunOptions { out: self.out, only, cancel };
+        let outcome = engine.run(&graph, &options, |event| report.tell(&event));
+        if let Some(failures) = &outcome.failures
+            && !self.json
+        {
+            report::error(&failures.render(report::colours()));
+        }
+        Ok(outcome.totals.exit_code())
+    }
+}

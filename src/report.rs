@@ -1,0 +1,185 @@
+//! Turns events into bars and lines on a terminal, plain lines elsewhere, or JSON lines.
+
+use std::collections::BTreeMap;
+use std::io::{IsTerminal, Write};
+use std::time::Duration;
+
+use engine::{Counts, Event, Level, State, Totals};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Says what stopped a verb, once, on standard error.
+pub fn error(message: &str) {
+    let styled = message.starts_with("error") || message.starts_with('\u{1b}');
+    let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
+}
+
+/// True when colours belong on standard error.
+pub fn colours() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+}
+
+/// How a run is told.
+pub enum Report {
+    /// One JSON object a line on standard output.
+    Json,
+    /// Lines on standard error, paths of written files on standard output; bars where it is a terminal.
+    Lines(Box<Lines>),
+}
+
+pub struct Lines {
+    bars: MultiProgress,
+    running: BTreeMap<String, ProgressBar>,
+    every: bool,
+    colour: bool,
+}
+
+impl Report {
+    /// JSON lines.
+    pub fn json() -> Self {
+        Report::Json
+    }
+
+    /// Lines for a person; `every` also tells nodes whose result was known.
+    pub fn lines(every: bool) -> Self {
+        let target = if std::io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr_with_hz(12)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bars = MultiProgress::with_draw_target(target);
+        Report::Lines(Box::new(Lines { bars, running: BTreeMap::new(), every, colour: colours() }))
+    }
+
+    /// Tells one event. A closed standard output is no reason to stop a run.
+    pub fn tell(&mut self, event: &Event) {
+        match self {
+            Report::Json => {
+                if let Ok(line) = serde_json::to_string(event) {
+                    let _ = writeln!(std::io::stdout().lock(), "{line}");
+                }
+            }
+            Report::Lines(lines) => lines.tell(event),
+        }
+    }
+}
+
+impl Lines {
+    fn tell(&mut self, event: &Event) {
+        match event {
+            Event::Start { id, kind, forecast } => self.start(id, kind, *forecast),
+            Event::Progress { id, fraction } => {
+                if let Some(bar) = self.running.get(id) {
+                    bar.set_position((fraction * 1000.0) as u64);
+                }
+            }
+            Event::Part { .. } => {}
+            Event::Remake { id, reason } => {
+                if self.every {
+                    self.line("remade", "33", &format!("{id}  ({reason})"));
+                }
+            }
+            Event::Node { id, kind, state, seconds, counts, notes, degraded, .. } => {
+                if let Some(bar) = self.running.remove(id) {
+                    bar.finish_and_clear();
+                }
+                match state {
+                    State::Ran => {
+                        let text = format!(
+                            "{id:<12} {kind:<16} {:>8}{}",
+                            seconds_text(*seconds),
+                            counts_text(counts)
+                        );
+                        self.line("ran", "32", &text);
+                    }
+                    State::Cached if self.every => self.line("cached", "2", &format!("{id:<12} {kind}")),
+                    State::Cached => {}
+                    State::Failed => self.line("failed", "31;1", &format!("{id:<12} {kind}")),
+                    State::Skipped => self.line("skipped", "33", &format!("{id:<12} {kind}")),
+                }
+                for note in notes {
+                    let (word, colour) = match note.level {
+                        Level::Count | Level::Decision => ("note", "36"),
+                        Level::Warning => ("warning", "33;1"),
+                        Level::Degraded => ("degraded", "31;1"),
+                    };
+                    self.line(word, colour, &format!("{id}: {} [{}]", note.text, note.id));
+                }
+                if *degraded && !notes.iter().any(|note| note.level == Level::Degraded) && self.every {
+                    self.line("degraded", "31;1", &format!("{id}: made from a degraded result"));
+                }
+            }
+            Event::File { path, written, .. } => {
+                if *written {
+                    self.line("wrote", "32;1", "");
+                }
+                self.bars.suspend(|| {
+                    let _ = writeln!(std::io::stdout().lock(), "{}", path.display());
+                });
+            }
+            Event::Warning { id, text } => self.line("warning", "33;1", &format!("{text} [{id}]")),
+            Event::Done(totals) => {
+                self.bars.clear().unwrap_or_default();
+                self.line("done", "1", &totals_text(totals));
+            }
+        }
+    }
+
+    fn start(&mut self, id: &str, kind: &str, forecast: Option<f64>) {
+        let about = forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
+        let style = ProgressStyle::with_template("{prefix:>9} {msg} [{bar:24}] {elapsed}")
+            .unwrap_or_else(|_| ProgressStyle::default_bar())
+            .progress_chars("=> ");
+        let bar = self.bars.add(ProgressBar::new(1000).with_style(style));
+        bar.set_prefix("runs");
+        bar.set_message(format!("{id:<12} {kind:<16} {about:<12}"));
+        bar.enable_steady_tick(Duration::from_millis(250));
+        self.running.insert(id.to_owned(), bar);
+    }
+
+    fn line(&self, word: &str, colour: &str, text: &str) {
+        self.bars.suspend(|| {
+            let mut to = std::io::stderr().lock();
+            let _ = if self.colour {
+                writeln!(to, "\u{1b}[{colour}m{word:>9}\u{1b}[0m {text}")
+            } else {
+                writeln!(to, "{word:>9} {text}")
+            };
+        });
+    }
+}
+
+/// Seconds as a person reads them.
+pub fn seconds_text(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.0995 => format!("{:.1} ms", s * 1000.0),
+        s if s < 99.5 => format!("{s:.2} s"),
+        s => format!("{:.0} min {:02.0} s", (s / 60.0).floor(), s % 60.0),
+    }
+}
+
+fn counts_text(counts: &Counts) -> String {
+    let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
+    if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }
+}
+
+fn number_text(n: u64) -> String {
+    match n {
+        0..=9_999 => n.to_string(),
+        10_000..=9_999_999 => format!("{:.1} k", n as f64 / 1e3),
+        10_000_000..=9_999_999_999 => format!("{:.1} M", n as f64 / 1e6),
+        _ => format!("{:.1} G", n as f64 / 1e9),
+    }
+}
+
+fn totals_text(totals: &Totals) -> String {
+    let mut parts = vec![format!("{} ran", totals.ran), format!("{} cached", totals.cached)];
+    for (n, word) in [(totals.failed, "failed"), (totals.skipped, "skipped"), (totals.degraded, "degraded")] {
+        if n > 0 {
+            parts.push(format!("{n} {word}"));
+        }
+    }
+    if totals.stopped {
+        parts.push("stopped; what was finished is kept".to_owned());
+    }
+    format!("{} in {}", parts.join(", "), seconds_text(totals.seconds))
+}

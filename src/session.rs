@@ -1,0 +1,161 @@
+//! What most verbs begin with: a checked graph, a store, threads.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use cache::Store;
+use clap::Args;
+use engine::{Diagnostics, EditError, Engine, Graph, Setting, Source, SourceRoot};
+
+/// Why a verb cannot begin. Exit code 2.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The graph file cannot be read.
+    #[error("cannot read the graph `{}`: {source}", path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+    /// The graph file has mistakes.
+    #[error("{0}")]
+    Graph(Diagnostics),
+    /// A `--set` does not fit.
+    #[error("{0}")]
+    Edit(EditError),
+    /// A node that is not there.
+    #[error("the graph has no node `{name}`; its nodes are {known}")]
+    Node { name: String, known: String },
+    /// A kind that is not there.
+    #[error("no kind is named `{name}`{hint}")]
+    Kind { name: String, hint: String },
+    /// The cache folder cannot be used.
+    #[error("cannot open the cache: {0}")]
+    Cache(#[from] cache::Error),
+    /// The machine gives no home folder to keep a cache in.
+    #[error("no folder for the cache is known; name one with `--cache` or LIGHTHARMONY_CACHE")]
+    NoCacheFolder,
+    /// Threads cannot be started.
+    #[error(transparent)]
+    Engine(#[from] engine::EngineError),
+    /// A size that is none.
+    #[error("`{0}` is not a size; write a number with K, M or G, such as 4G")]
+    Size(String),
+    /// Ctrl-C cannot be caught.
+    #[error("cannot listen for Ctrl-C: {0}")]
+    Signal(#[from] ctrlc::Error),
+    /// Standard output is closed or full.
+    #[error("cannot write: {0}")]
+    Output(#[from] std::io::Error),
+}
+
+/// Which graph, with which values in place of those written in it.
+#[derive(Debug, Args)]
+pub struct GraphArgs {
+    /// The graph file (RON); `-` reads it from standard input
+    pub graph: PathBuf,
+    /// Sets one field for this run: node.field=value, as often as needed
+    #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Only these nodes and what they need, separated by commas; default: every sink
+    #[arg(long, value_name = "NODES", value_delimiter = ',')]
+    pub only: Vec<String>,
+}
+
+/// Where results are kept and what may be used.
+#[derive(Debug, Args)]
+pub struct EngineArgs {
+    /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Threads; default: one for each core
+    #[arg(long, short, value_name = "N")]
+    pub jobs: Option<usize>,
+    /// Memory for values, such as 4G; default: three quarters of what is free
+    #[arg(long, value_name = "SIZE")]
+    pub memory: Option<String>,
+}
+
+/// A checked graph and the nodes that are wanted of it.
+pub struct Loaded {
+    pub graph: Graph,
+    pub only: Vec<usize>,
+}
+
+impl GraphArgs {
+    /// Reads, edits and checks the graph.
+    pub fn load(&self) -> Result<Loaded, Error> {
+        let (source, folder) = read(&self.graph)?;
+        let settings: Vec<Setting> =
+            self.set.iter().map(|text| text.parse()).collect::<Result<_, _>>().map_err(Error::Edit)?;
+        let source = engine::apply(&source, &settings).map_err(|error| match error {
+            EditError::Graph(diagnostics) => Error::Graph(diagnostics),
+            other => Error::Edit(other),
+        })?;
+        let graph =
+            Graph::parse(source, &nodes::registry(), SourceRoot::new(folder)).map_err(Error::Graph)?;
+        let only = self.only.iter().map(|name| find(&graph, name)).collect::<Result<_, _>>()?;
+        Ok(Loaded { graph, only })
+    }
+}
+
+/// Index of a node, or an error that lists them.
+pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
+    graph.find(name).ok_or_else(|| Error::Node {
+        name: name.to_owned(),
+        known: graph.nodes.iter().map(|node| node.id.as_str()).collect::<Vec<_>>().join(", "),
+    })
+}
+
+fn read(path: &Path) -> Result<(Source, PathBuf), Error> {
+    let failed = |source| Error::Read { path: path.to_owned(), source };
+    if path == Path::new("-") {
+        let mut text = String::new();
+        std::io::stdin().read_to_string(&mut text).map_err(failed)?;
+        return Ok((Source::new("standard input", text), std::env::current_dir().map_err(failed)?));
+    }
+    let text = std::fs::read_to_string(path).map_err(failed)?;
+    let folder = path.canonicalize().map_err(failed)?;
+    let folder = folder.parent().unwrap_or(Path::new("/")).to_owned();
+    Ok((Source::new(path.display().to_string(), text), folder))
+}
+
+impl EngineArgs {
+    /// Opens the store and starts the threads.
+    pub fn open(&self) -> Result<Engine, Error> {
+        let folder = match (&self.cache, std::env::var_os("LIGHTHARMONY_CACHE")) {
+            (Some(folder), _) => folder.clone(),
+            (None, Some(folder)) if !folder.is_empty() => folder.into(),
+            _ => directories::ProjectDirs::from("", "", "lightharmony")
+                .ok_or(Error::NoCacheFolder)?
+                .cache_dir()
+                .to_owned(),
+        };
+        let store = Store::open(&folder, cache::Options::default())?;
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let memory = match &self.memory {
+            Some(text) => size(text)?,
+            None => free_memory() / 4 * 3,
+        };
+        Ok(Engine::new(store, self.jobs.unwrap_or(cores), memory)?)
+    }
+}
+
+fn size(text: &str) -> Result<u64, Error> {
+    let wrong = || Error::Size(text.to_owned());
+    let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
+    let unit = match text[digits.len()..].to_uppercase().trim_end_matches('B').trim_end_matches('I') {
+        "" => 0,
+        "K" => 10,
+        "M" => 20,
+        "G" => 30,
+        "T" => 40,
+        _ => return Err(wrong()),
+    };
+    let number: f64 = digits.parse().map_err(|_| wrong())?;
+    if number > 0.0 && number < 1e9 { Ok((number * (1_u64 << unit) as f64) as u64) } else { Err(wrong()) }
+}
+
+/// Bytes of memory that may be used without swapping; 8 GiB where the system does not tell.
+fn free_memory() -> u64 {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kib.map_or(8 << 30, |kib| kib << 10)
+}
