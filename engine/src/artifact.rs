@@ -212,6 +212,11 @@ impl ArtifactType {
         }
     }
 
+    /// Decodes stored bytes and encodes the value again; equal bytes for whatever `encode` wrote.
+    pub fn round_trip(&self, encoded: &[u8]) -> Result<Vec<u8>, Corrupt> {
+        (self.decode)(encoded).map(|value| (self.encode)(&value))
+    }
+
     /// How far two values of this type lie apart.
     pub fn difference(&self, a: &AnyArtifact, b: &AnyArtifact) -> Difference {
         (self.difference)(a, b)

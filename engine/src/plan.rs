@@ -1,6 +1,6 @@
 //! Plans: what a run would do and why, without running anything.
 
-use cache::{Change, Manifest};
+use cache::{Change, Digest, Manifest};
 
 use crate::action::{Action, last_record, look_up, prepare};
 use crate::error::NodeError;
@@ -87,6 +87,12 @@ impl Engine {
                 Some(Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest });
         }
         planned.into_iter().flatten().collect()
+    }
+
+    /// The content digests of a node's outputs as of its last run, in the order of its ports.
+    pub fn digests(&self, graph: &Graph, node: usize) -> Option<Vec<Digest>> {
+        let record = last_record(self.store(), graph, &graph.nodes[node])?;
+        Some(record.outputs.iter().map(|output| output.digest).collect())
     }
 
     fn known(
