@@ -37,7 +37,7 @@ pub(crate) fn prepare<'s>(
     let recipe = reads_recipe.then(|| Arc::from(recipe(graph, index, &sources_above)));
     let inputs: Vec<Vec<&Output>> =
         node.inputs.iter().map(|wires| wires.iter().map(|wire| output(*wire)).collect()).collect();
-    let key = node_key(node, &inputs, &sources, &graph.scene, recipe.as_deref())?;
+    let key = node_key(graph, index, &inputs, &sources, recipe.as_deref())?;
     Ok(Action { sources, recipe, key: Some(key) })
 }
 

@@ -76,6 +76,8 @@ pub enum ContextField {
     MetresPerUnit,
     /// [`Scene::seed`].
     Seed,
+    /// The names of the outputs that the wires come from; see [`Context::wired`].
+    Wired,
     /// The canonical graph above this node; see [`Context::recipe`].
     Recipe,
 }
@@ -157,6 +159,7 @@ pub struct Context {
     pub(crate) scene: Scene,
     pub(crate) reads: &'static [ContextField],
     pub(crate) recipe: Option<Arc<str>>,
+    pub(crate) wired: Vec<(&'static str, Vec<&'static str>)>,
     pub(crate) root: SourceRoot,
     pub(crate) sources: Vec<ReadSource>,
     pub(crate) cancel: Arc<AtomicBool>,
@@ -173,6 +176,7 @@ impl Context {
             scene,
             reads: &[ContextField::Up, ContextField::MetresPerUnit, ContextField::Seed],
             recipe: None,
+            wired: Vec::new(),
             root: SourceRoot::new(folder),
             sources: Vec::new(),
             cancel: Arc::default(),
@@ -208,6 +212,12 @@ impl Context {
     /// order, defaults left out, sources by digest. The kind must declare [`ContextField::Recipe`].
     pub fn recipe(&self) -> Option<&str> {
         self.recipe.as_deref()
+    }
+
+    /// For each wire of an input, the name of the output it comes from: `["colour", "depth"]`. The kind
+    /// must declare [`ContextField::Wired`]. Empty in a detached context.
+    pub fn wired(&self, input: &str) -> &[&'static str] {
+        self.wired.iter().find(|(port, _)| *port == input).map_or(&[], |(_, names)| names)
     }
 
     /// True once the run was asked to stop.

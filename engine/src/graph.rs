@@ -99,6 +99,14 @@ impl Graph {
         &self.consumers[node]
     }
 
+    /// For each input port of a node, the names of the outputs its wires come from.
+    pub(crate) fn wired(&self, node: usize) -> Vec<(&'static str, Vec<&'static str>)> {
+        let node = &self.nodes[node];
+        let name = |wire: &Wire| self.nodes[wire.node].kind.outputs[wire.port].name;
+        let ports = node.kind.inputs.iter().zip(&node.inputs);
+        ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect()
+    }
+
     /// Index of a node by name.
     pub fn find(&self, id: &str) -> Option<usize> {
         self.nodes.iter().position(|node| node.id == id)
@@ -274,7 +282,10 @@ impl<'t> Check<'t, '_> {
         let mut sources = Vec::new();
         for param in kind.params.iter().filter(|param| param.role != Role::Value) {
             step.visit(&mut |name, value| {
-                if let (true, Some(path)) = (name == param.name, value.path()) {
+                if name != param.name {
+                    return;
+                }
+                for path in value.paths() {
                     match param.role {
                         Role::Output => sink_path = Some(path.to_owned()),
                         _ => sources.push((param.name, path.to_owned())),

@@ -127,6 +127,7 @@ impl Job<'_> {
             scene: graph.scene,
             reads: node.kind.reads,
             recipe: self.action.recipe,
+            wired: graph.wired(self.node),
             root: graph.root.clone(),
             sources: self.action.sources,
             cancel: self.cancel,

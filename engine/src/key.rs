@@ -5,8 +5,8 @@
 
 use cache::{Digest, Key, KeyWriter};
 
-use crate::context::{ContextField, ReadSource, Scene};
-use crate::graph::Node;
+use crate::context::{ContextField, ReadSource};
+use crate::graph::Graph;
 use crate::record::Output;
 
 /// Written into every key; raised when keys or records change their form.
@@ -15,12 +15,13 @@ const PART_FORMAT: &str = "lightharmony part 1";
 
 /// The key of a node whose inputs are known. `inputs` holds for each port the outputs its wires end at.
 pub(crate) fn node_key(
-    node: &Node,
+    graph: &Graph,
+    index: usize,
     inputs: &[Vec<&Output>],
     sources: &[ReadSource],
-    scene: &Scene,
     recipe: Option<&str>,
 ) -> Result<Key, cache::KeyError> {
+    let (node, scene) = (&graph.nodes[index], &graph.scene);
     let mut to = KeyWriter::new(FORMAT);
     to.str("kind", node.kind.name);
     to.u64("version", node.kind.version.into());
@@ -50,6 +51,11 @@ pub(crate) fn node_key(
             ContextField::Up => to.str("scene.up", scene.up.name()),
             ContextField::MetresPerUnit => to.f64("scene.metres_per_unit", scene.metres_per_unit),
             ContextField::Seed => to.u64("scene.seed", scene.seed),
+            ContextField::Wired => {
+                for (port, names) in graph.wired(index) {
+                    to.list(&format!("wired.{port}"), |to| names.iter().for_each(|name| to.str("", name)));
+                }
+            }
             ContextField::Recipe => to.str("recipe", recipe.unwrap_or_default()),
         }
     }

@@ -21,9 +21,9 @@ pub trait ParamType:
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         canonical(self).map(Some)
     }
-    /// The path, for those that name files.
-    fn path(&self) -> Option<&str> {
-        None
+    /// The paths, for those that name files.
+    fn paths(&self) -> Vec<&str> {
+        Vec::new()
     }
 }
 
@@ -112,6 +112,16 @@ macro_rules! array_params {
 array_params!(2, 3, 4, 16);
 
 impl<T: ParamType> ParamType for Vec<T> {
+    const ROLE: Role = T::ROLE;
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        let texts = self.iter().map(T::key_text).collect::<Result<Vec<_>, _>>()?;
+        // A list of files to read stands in the key as the list of their contents.
+        Ok((T::ROLE != Role::Input)
+            .then(|| format!("[{}]", texts.into_iter().flatten().collect::<Vec<_>>().join(","))))
+    }
+    fn paths(&self) -> Vec<&str> {
+        self.iter().flat_map(T::paths).collect()
+    }
     fn describe() -> String {
         format!("[{}, ..]", T::describe())
     }
@@ -128,8 +138,8 @@ impl<T: ParamType> ParamType for Option<T> {
     fn within(&self, low: f64, high: f64) -> bool {
         self.as_ref().is_none_or(|v| v.within(low, high))
     }
-    fn path(&self) -> Option<&str> {
-        self.as_ref().and_then(T::path)
+    fn paths(&self) -> Vec<&str> {
+        self.iter().flat_map(T::paths).collect()
     }
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         match self {
@@ -153,8 +163,8 @@ impl ParamType for InputFile {
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         Ok(None)
     }
-    fn path(&self) -> Option<&str> {
-        Some(&self.0)
+    fn paths(&self) -> Vec<&str> {
+        vec![&self.0]
     }
 }
 
@@ -179,8 +189,8 @@ impl ParamType for OutputFile {
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         Ok(Some(format!("*.{}", self.extension())))
     }
-    fn path(&self) -> Option<&str> {
-        Some(&self.0)
+    fn paths(&self) -> Vec<&str> {
+        vec![&self.0]
     }
 }
 
@@ -225,8 +235,8 @@ pub trait ParamValue {
     fn key_text(&self) -> Result<Option<String>, NotCanonical>;
     /// The canonical text of the whole value.
     fn text(&self) -> Result<String, NotCanonical>;
-    /// [`ParamType::path`].
-    fn path(&self) -> Option<&str>;
+    /// [`ParamType::paths`].
+    fn paths(&self) -> Vec<&str>;
 }
 
 impl<T: ParamType> ParamValue for T {
@@ -236,8 +246,8 @@ impl<T: ParamType> ParamValue for T {
     fn text(&self) -> Result<String, NotCanonical> {
         canonical(self)
     }
-    fn path(&self) -> Option<&str> {
-        ParamType::path(self)
+    fn paths(&self) -> Vec<&str> {
+        ParamType::paths(self)
     }
 }
 
