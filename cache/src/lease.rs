@@ -71,7 +71,31 @@ fn try_lock(path: &Path) -> Result<Option<File>, TryLockError> {
         }
         (result, _) => result.map_err(TryLockError::Error)?,
     };
+    lock_opened(path, file)
+}
+
+/// Locks a file opened at `path`; `None` if the path meanwhile leads to another file or to none.
+fn lock_opened(path: &Path, file: File) -> Result<Option<File>, TryLockError> {
     file.try_lock()?;
     let ours = file.metadata().map_err(TryLockError::Error)?;
     Ok(fs::metadata(path).is_ok_and(|there| same_file(&there, &ours)).then_some(file))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lock_on_a_removed_file_is_no_lease() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lease");
+        let LeaseState::Acquired(first) = try_lease(&path) else { panic!("busy") };
+        let late = File::open(&path).unwrap();
+        assert!(matches!(lock_opened(&path, late.try_clone().unwrap()), Err(TryLockError::WouldBlock)));
+        drop(first);
+        assert!(matches!(lock_opened(&path, late.try_clone().unwrap()), Ok(None)), "removed");
+        late.unlock().unwrap();
+        let LeaseState::Acquired(_second) = try_lease(&path) else { panic!("busy") };
+        assert!(matches!(lock_opened(&path, late), Ok(None)), "removed, and another in its place");
+    }
 }

@@ -2,25 +2,23 @@
 
 use std::collections::HashMap;
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::hash::{BuildHasher, BuildHasherDefault, Hasher, RandomState};
+use std::hash::{BuildHasherDefault, Hasher};
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::digest::Digest;
-use crate::entry::{self, Entry, MAX_PAYLOAD, checksum};
+use crate::entry::{self, Entry, MAX_PAYLOAD};
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
+use crate::file_lock::{FileGuard, FileLock};
+use crate::log_head;
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 
 /// An entry of this kind plus another's removes the other.
 const REMOVED: u8 = 0x80;
-
-/// The head of a log file: twice the same 32 bytes, so that one flipped byte cannot take the salt.
-const FILE_HEAD: u64 = 64;
-const FILE_MAGIC: &[u8; 8] = b"LHlog\0\0\x01";
 
 /// How much is read at once.
 const WINDOW: u64 = 1 << 20;
@@ -52,7 +50,7 @@ pub(crate) struct Settings {
 pub(crate) struct Log {
     settings: Option<Arc<Settings>>,
     open: Option<Open>,
-    lock: Option<Arc<File>>,
+    lock: Option<FileLock>,
     index: HashMap<(u8, Digest), Slot, BuildHasherDefault<Fold>>,
     /// The understood bytes of the file after its head, as many of them as are kept.
     mirror: Vec<u8>,
@@ -113,7 +111,7 @@ impl Log {
     /// Opens the log, creating it where allowed, and reads its index.
     pub fn open(settings: Settings) -> Result<Log> {
         let settings = Arc::new(settings);
-        let lock = if settings.writable { Some(Arc::new(open_lock(&settings.lock)?)) } else { None };
+        let lock = if settings.writable { Some(FileLock::open(&settings.lock)?) } else { None };
         let mut log = Log { settings: Some(Arc::clone(&settings)), lock, ..Log::in_memory() };
         log.refresh()?;
         if settings.writable && log.open.is_none() {
@@ -155,7 +153,7 @@ impl Log {
             return Ok(());
         }
         // So that no entry is seen half written; where there is no lock, the checksums see to that.
-        let _shared = self.lock.as_ref().and_then(|lock| Guard::take(lock, Duration::ZERO, false));
+        let _shared = self.lock.as_ref().and_then(FileLock::shared);
         self.catch_up()
     }
 
@@ -221,18 +219,14 @@ impl Log {
         }
         let written = write_halves(&open.file, &bytes)
             .and_then(|()| if settings.sync { open.file.sync_data() } else { Ok(()) });
-        if let Err(error) = written {
-            if guard.is_some() {
-                let _ = open.file.set_len(self.seen);
-            }
-            return Err(Error::io("append to", &settings.path, error));
-        }
+        // Half an entry may be left: the next append cuts it off.
+        written.at("append to", &settings.path)?;
         self.unsynced = true;
         if guard.is_none() || self.scanned != self.seen {
             return self.catch_up();
         }
         let salt = open.salt;
-        self.take_in(salt, self.scanned - FILE_HEAD, &bytes);
+        self.take_in(salt, self.scanned - log_head::LENGTH, &bytes);
         self.remember(settings.keep, &bytes);
         self.scanned += bytes.len() as u64;
         self.seen = self.scanned;
@@ -287,9 +281,9 @@ impl Log {
             self.index.iter().filter(|((kind, key), _)| keep(*kind, key)).map(|(_, slot)| *slot).collect();
         slots.sort_unstable_by_key(|slot| slot.offset);
 
-        let salt = fresh_salt();
+        let salt = log_head::fresh_salt();
         let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
-        let mut bytes = file_head(salt);
+        let mut bytes = log_head::with(salt);
         for slot in slots {
             let raw = self.read(slot.offset, Entry::length(slot.length as usize))?;
             // Checked once more: what went bad since it was read is left behind, not signed anew.
@@ -314,9 +308,9 @@ impl Log {
         Ok(true)
     }
 
-    fn exclusive(&mut self) -> Option<Guard> {
+    fn exclusive(&mut self) -> Option<FileGuard> {
         let patience = if self.impatient { Duration::ZERO } else { PATIENCE };
-        let guard = Guard::take(self.lock.as_ref()?, patience, true);
+        let guard = self.lock.as_ref()?.exclusive(patience);
         self.impatient = guard.is_none();
         guard
     }
@@ -340,10 +334,10 @@ impl Log {
         };
         let metadata = file.metadata().at("read", &settings.path)?;
         let mut head = Vec::new();
-        Read::by_ref(&mut file).take(FILE_HEAD).read_to_end(&mut head).at("read", &settings.path)?;
+        Read::by_ref(&mut file).take(log_head::LENGTH).read_to_end(&mut head).at("read", &settings.path)?;
         // Without its salt nothing in the file can be believed; the next append puts it aside.
-        if let Some(salt) = salt_of(&head) {
-            self.scanned = FILE_HEAD;
+        if let Some(salt) = log_head::salt(&head) {
+            self.scanned = log_head::LENGTH;
             self.open = Some(Open { file, metadata, salt });
         }
         Ok(())
@@ -358,7 +352,7 @@ impl Log {
         let mut window = Vec::new();
         loop {
             let read = Read::by_ref(&mut file).take(WINDOW).read_to_end(&mut window).at("read", &path)?;
-            let end = self.take_in(salt, self.scanned - FILE_HEAD, &window);
+            let end = self.take_in(salt, self.scanned - log_head::LENGTH, &window);
             self.remember(keep, &window[..end]);
             self.scanned += end as u64;
             window.drain(..end);
@@ -396,7 +390,7 @@ impl Log {
     /// Keeps `bytes`, which follow what is understood, if they also follow what is kept.
     fn remember(&mut self, keep: u64, bytes: &[u8]) {
         let kept = self.mirror.len() as u64;
-        if kept < keep && kept == self.scanned - FILE_HEAD {
+        if kept < keep && kept == self.scanned - log_head::LENGTH {
             self.mirror.extend_from_slice(bytes);
         }
     }
@@ -409,7 +403,7 @@ impl Log {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(Vec::new()) };
         let mut bytes = Vec::with_capacity(length);
         let mut file = &open.file;
-        file.seek(SeekFrom::Start(FILE_HEAD + offset)).at("read", &settings.path)?;
+        file.seek(SeekFrom::Start(log_head::LENGTH + offset)).at("read", &settings.path)?;
         file.take(length as u64).read_to_end(&mut bytes).at("read", &settings.path)?;
         Ok(bytes)
     }
@@ -420,14 +414,14 @@ impl Log {
             return Ok(());
         }
         let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
-        temp.write(&file_head(fresh_salt()))?;
+        temp.write(&log_head::with(log_head::fresh_salt()))?;
         self.catch_up()?;
         if self.open.is_some() && !locked {
             return Ok(());
         }
         if settings.path.exists() {
             // Its head is gone. Kept for whoever wants to know why; if that fails, it is replaced.
-            let name = format!("{:016x}.log", u64::from(fresh_salt()));
+            let name = format!("{:016x}.log", u64::from(log_head::fresh_salt()));
             let _ = fs::create_dir_all(&settings.quarantine);
             let _ = fs::rename(&settings.path, settings.quarantine.join(name));
         }
@@ -453,65 +447,6 @@ fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
     reach(failpoint::APPEND_MIDDLE)?;
     file.write_all(second)?;
     reach(failpoint::APPEND_AFTER)
-}
-
-fn file_head(salt: u32) -> Vec<u8> {
-    let mut copy = Vec::from(FILE_MAGIC);
-    copy.extend_from_slice(&salt.to_le_bytes());
-    copy.extend_from_slice(&checksum(0, &[&copy]).to_le_bytes());
-    copy.resize(32, 0);
-    [copy.as_slice(), &copy].concat()
-}
-
-/// The salt in the head of a file, from whichever copy is whole.
-fn salt_of(head: &[u8]) -> Option<u32> {
-    let salt = |copy: &[u8]| -> Option<u32> {
-        let (body, sum) = copy.get(..16)?.split_at(12);
-        let whole = body.starts_with(FILE_MAGIC) && checksum(0, &[body]).to_le_bytes() == *sum;
-        whole.then(|| body.last_chunk().map(|salt| u32::from_le_bytes(*salt)))?
-    };
-    if head.len() as u64 == FILE_HEAD { salt(head).or_else(|| salt(&head[32..])) } else { None }
-}
-
-/// A number that no other log has, so that entries which happen to lie inside payloads are not believed.
-fn fresh_salt() -> u32 {
-    RandomState::new().hash_one(std::process::id()) as u32
-}
-
-fn open_lock(path: &Path) -> Result<File> {
-    let open = || OpenOptions::new().write(true).create(true).truncate(false).open(path);
-    match (open(), path.parent()) {
-        (Err(error), Some(folder)) if error.kind() == io::ErrorKind::NotFound => {
-            fs::create_dir_all(folder).at("create", folder)?;
-            open()
-        }
-        (result, _) => result,
-    }
-    .at("open", path)
-}
-
-/// A held lock between processes.
-struct Guard(Arc<File>);
-
-impl Guard {
-    /// Tries for as long as `patience`. `None` where the lock is not to be had, or locks do not work.
-    fn take(lock: &Arc<File>, patience: Duration, exclusive: bool) -> Option<Guard> {
-        let start = Instant::now();
-        loop {
-            match if exclusive { lock.try_lock() } else { lock.try_lock_shared() } {
-                Ok(()) => return Some(Guard(Arc::clone(lock))),
-                Err(fs::TryLockError::Error(_)) => return None,
-                Err(fs::TryLockError::WouldBlock) if start.elapsed() >= patience => return None,
-                Err(fs::TryLockError::WouldBlock) => std::thread::sleep(Duration::from_micros(200)),
-            }
-        }
-    }
-}
-
-impl Drop for Guard {
-    fn drop(&mut self) {
-        let _ = self.0.unlock();
-    }
 }
 
 /// Digests are uniform already: their prefix, mixed with the kind, is the hash.

@@ -46,9 +46,24 @@ fn other_handles_see_new_blobs() {
     let (a, b) = (open(folder.path()), open(folder.path()));
     assert!(!b.has_blob(&Digest::of(b"small")));
     let (small, large) = (a.put_blob(b"small").unwrap(), a.put_blob(&bytes(5000, 0)).unwrap());
+    let c = open(folder.path());
     assert!(b.has_blob(&small) && b.has_blob(&large));
     assert_eq!(open(folder.path()).get_blob(&small).unwrap().as_deref(), Some(&b"small"[..]));
     assert_eq!(b.get_blob(&small).unwrap().as_deref(), Some(&b"small"[..]));
+    assert_eq!(c.get_blob(&small).unwrap().as_deref(), Some(&b"small"[..]));
+    let later = a.put_blob(b"later").unwrap();
+    assert_eq!(c.get_blob(&later).unwrap().as_deref(), Some(&b"later"[..]));
+}
+
+#[test]
+fn a_file_of_the_wrong_length_is_replaced_unread() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let digest = store.put_blob(&bytes(5000, 0)).unwrap();
+    fs::write(file(folder.path(), &digest), &bytes(5000, 0)[..4000]).unwrap();
+    store.put_blob(&bytes(5000, 0)).unwrap();
+    assert_eq!(store.get_blob(&digest).unwrap(), Some(bytes(5000, 0)));
+    assert_eq!(store.take_incidents(), []);
 }
 
 #[test]

@@ -10,14 +10,15 @@ use crate::types::{Images, Picture};
 engine::params! {
     /// Writes pictures as OpenEXR, one of them or many as named layers.
     ///
-    /// Give either `image`, whose channels become R, G, B (and A), or `layers` with as many `names`. A
-    /// layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is called after the
+    /// output its wire comes from, or as `names` says. A layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
     /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. The numbers stay in their own encoding, which
     /// the attribute `lightharmony:encoding` names, layer by layer. The same input gives the same bytes.
     pub struct WriteExr {
         /// The file: `.exr`. With `{view}` in it where there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
-        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others.
+        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. None:
+        /// the names of the outputs they come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
         /// Colours as 16-bit floats: half the size, three digits; what overflows is counted. Data (depth,
         /// masks, variance) stays in 32 bits.
@@ -46,7 +47,7 @@ engine::outputs! {
 impl Kind for WriteExr {
     const NAME: &'static str = "write-exr";
     const VERSION: u32 = 1;
-    const READS: &'static [ContextField] = &[ContextField::Recipe];
+    const READS: &'static [ContextField] = &[ContextField::Recipe, ContextField::Wired];
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -88,6 +89,15 @@ impl Kind for WriteExr {
             }
             (None, layers) if layers.len() == p.names.len() => {
                 p.names.iter().map(String::as_str).zip(layers.iter().map(Arc::as_ref)).collect()
+            }
+            (None, layers) if p.names.is_empty() && layers.len() == cx.wired("layers").len() => {
+                let names = cx.wired("layers");
+                if let Some(twice) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
+                    return Err(NodeError::new(format!("two layers come from outputs named `{}`", twice.1))
+                        .at("layers")
+                        .hint("tell them apart with `names`"));
+                }
+                names.iter().copied().zip(layers.iter().map(Arc::as_ref)).collect()
             }
             (None, layers) => {
                 return Err(NodeError::new(format!("{} layers but {} names", layers.len(), p.names.len()))

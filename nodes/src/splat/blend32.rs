@@ -16,8 +16,7 @@ const BATCH: usize = 32;
 
 /// 2^f for f in [-1/2, 1/2], the polynomial of degree 5 of least relative error (Remez): 7.5e-8 before
 /// rounding, 2e-7 measured with it.
-const EXP2: [f32; 6] =
-    [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
+const EXP2: [f32; 6] = [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
 /// 1.5 * 2^23: adding it leaves the nearest whole number in the low bits of the mantissa.
 const ROUND: f32 = 12_582_912.0;
 /// 2^-126 is the smallest normal f32; nothing below it is blended.

@@ -1,5 +1,6 @@
-//! A disk that is really full: a small tmpfs, mounted in a namespace of the child's own. Where the system
-//! does not let us mount one, the test says so and passes; `kill.rs` injects the same error everywhere.
+//! Disks that are really full, and folders that really cannot be written. The first is a small tmpfs in a
+//! namespace of the child's own; where the system does not let us mount one, the test says so and passes, for
+//! `kill.rs` injects the same error everywhere.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "a test may panic and speak")]
 
@@ -15,7 +16,7 @@ fn content(n: u32, length: usize) -> Vec<u8> {
 
 #[test]
 #[ignore = "a part of the other test"]
-fn child() {
+fn child_on_a_small_disk() {
     let Some(folder) = std::env::var_os("CACHE_TEST_FOLDER") else { return };
     let folder = Path::new(&folder);
     for length in [200, 3000, 20_000] {
@@ -83,7 +84,66 @@ fn a_full_disk_is_an_error_and_no_harm() {
             eprintln!("left out: no tmpfs can be mounted here");
             return;
         }
-        let output = run(&format!(r#"{mount} && exec "$0" --exact child --ignored"#)).unwrap();
+        let output =
+            run(&format!(r#"{mount} && exec "$0" --exact child_on_a_small_disk --ignored"#)).unwrap();
         assert!(output.status.success(), "{size}: {}", String::from_utf8_lossy(&output.stdout));
+    }
+}
+
+#[test]
+#[ignore = "a part of the other test"]
+fn child_without_rights() {
+    let Some(folder) = std::env::var_os("CACHE_TEST_FOLDER") else { return };
+    let store = Store::open(Path::new(&folder), Options::default()).unwrap();
+    assert!(store.is_read_only());
+    for length in [200, 20_000] {
+        assert_eq!(store.get_blob(&Digest::of(&content(1, length))).unwrap(), Some(content(1, length)));
+        let new = store.put_blob(&content(2, length)).unwrap();
+        assert!(!store.has_blob(&new));
+    }
+    assert_eq!(store.get_record(&Digest::of(b"k")).as_deref(), Some(&b"record"[..]));
+    store.put_record(&Digest::of(b"k"), b"changed").unwrap();
+    store.flush().unwrap();
+    assert_eq!(store.take_incidents(), []);
+}
+
+#[test]
+fn a_folder_without_rights_is_read_only() {
+    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::process::CommandExt;
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let store = Store::open(&cache, Options::default()).unwrap();
+    for length in [200, 20_000] {
+        store.put_blob(&content(1, length)).unwrap();
+    }
+    store.put_record(&Digest::of(b"k"), b"record").unwrap();
+    drop(store);
+    let mode = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    let program = folder.path().join("program");
+    fs::copy(std::env::current_exe().unwrap(), &program).unwrap();
+    mode(folder.path(), 0o755);
+    mode(&program, 0o755);
+    // Once with files that could be written in folders that cannot, once with neither.
+    for files in [0o666, 0o444] {
+        for name in ["records.log", "records.lock", "blobs.log", "blobs.lock"] {
+            mode(&cache.join("v1").join(name), files);
+        }
+        for name in ["v1/temp", "v1/blobs", "v1", ""] {
+            mode(&cache.join(name), 0o555);
+        }
+        let mut command = Command::new(&program);
+        command.args(["--exact", "child_without_rights", "--ignored"]).env("CACHE_TEST_FOLDER", &cache);
+        // Root may write anywhere; so be nobody if we may.
+        let output = command.uid(65534).output().or_else(|_| {
+            let mut command = Command::new(&program);
+            command.args(["--exact", "child_without_rights", "--ignored"]);
+            command.env("CACHE_TEST_FOLDER", &cache).output()
+        });
+        let output = output.unwrap();
+        assert!(output.status.success(), "{files:o}: {}", String::from_utf8_lossy(&output.stdout));
+    }
+    for name in ["", "v1", "v1/blobs", "v1/temp"] {
+        mode(&cache.join(name), 0o755);
     }
 }
