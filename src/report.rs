@@ -109,12 +109,16 @@ impl Lines {
                 }
             }
             Event::File { path, written, .. } => {
-                if *written {
-                    self.line("wrote", "32;1", "");
+                // A person sees one line; a program that reads standard output gets the bare path.
+                let shown = path.display();
+                if !std::io::stdout().is_terminal() {
+                    let _ = writeln!(std::io::stdout().lock(), "{shown}");
                 }
-                self.bars.suspend(|| {
-                    let _ = writeln!(std::io::stdout().lock(), "{}", path.display());
-                });
+                if *written {
+                    self.line("wrote", "32;1", &shown.to_string());
+                } else if self.every {
+                    self.line("kept", "2", &shown.to_string());
+                }
             }
             Event::Warning { id, text } => self.line("warning", "33;1", &format!("{text} [{id}]")),
             Event::Done(totals) => {
