@@ -154,7 +154,7 @@ impl Disk {
         self.with_small(|log| match log.get(KIND, digest)? {
             Some(bytes) if Digest::of(&bytes) == *digest => Ok(Some(bytes)),
             Some(_) => {
-                log.drop_entry(KIND, digest)?;
+                log.drop_entry(KIND, digest);
                 report(Incident {
                     digest: Some(*digest),
                     what: "a small blob was damaged; removed".to_owned(),

@@ -217,10 +217,11 @@ impl Log {
             let _ = open.file.set_len(self.scanned);
             self.seen = open.file.metadata().at("read", &settings.path)?.len();
         }
-        let written = write_halves(&open.file, &bytes)
-            .and_then(|()| if settings.sync { open.file.sync_data() } else { Ok(()) });
-        // Half an entry may be left: the next append cuts it off.
-        written.at("append to", &settings.path)?;
+        // On an error half an entry may be left: the next append cuts it off.
+        write_halves(&open.file, &bytes).at("append to", &settings.path)?;
+        if settings.sync {
+            open.file.sync_data().at("sync", &settings.path)?;
+        }
         self.unsynced = true;
         if guard.is_none() || self.scanned != self.seen {
             return self.catch_up();
@@ -242,11 +243,10 @@ impl Log {
         self.append(&[(kind | REMOVED, *key, &[])])
     }
 
-    /// Forgets an entry that turned out bad, for every process if possible.
-    pub fn drop_entry(&mut self, kind: u8, key: &Digest) -> Result<()> {
-        self.remove(kind, key)?;
+    /// Forgets an entry that turned out bad, for every process if possible and for this one in any case.
+    pub fn drop_entry(&mut self, kind: u8, key: &Digest) {
+        let _ = self.remove(kind, key);
         self.index.remove(&(kind, *key));
-        Ok(())
     }
 
     /// Makes what was appended survive a loss of power.

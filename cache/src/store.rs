@@ -34,6 +34,9 @@ const SMALL_BLOBS_KEPT: u64 = 8 << 20;
 /// Memos and history wait for company up to this many entries.
 const MANY: usize = 4096;
 
+/// The longest value of history, in bytes.
+const LONGEST_NOTE: usize = 64 << 10;
+
 /// When written data is forced onto the disk. It never matters to a killed process, only to a loss of power;
 /// and what is lost then is noticed by the verified reads and computed again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -265,10 +268,12 @@ impl Store {
         Ok((digest, length))
     }
 
-    /// Remembers `value` under `name`; the last one wins, and losing one is allowed. Written by the next
-    /// [`flush`](Self::flush).
+    /// Remembers `value` under `name`; the last one wins, and losing one is allowed. A value over 64 KiB is
+    /// no small note, and is not kept. Written by the next [`flush`](Self::flush).
     pub fn history_put(&self, name: &str, value: &[u8]) {
-        self.put_note(kind::HISTORY, Digest::of(name.as_bytes()), value.to_vec());
+        if value.len() <= LONGEST_NOTE {
+            self.put_note(kind::HISTORY, Digest::of(name.as_bytes()), value.to_vec());
+        }
     }
 
     /// What was last remembered under `name`.
