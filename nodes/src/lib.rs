@@ -18,6 +18,8 @@ pub mod io;
 pub mod layers;
 pub mod light;
 pub mod load_environment;
+pub mod load_mesh;
+pub mod load_object;
 pub mod load_splats;
 pub mod num;
 pub mod override_material;
@@ -46,6 +48,8 @@ pub fn registry() -> Registry {
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<load_environment::LoadEnvironment>(),
+        KindEntry::of::<load_mesh::LoadMesh>(),
+        KindEntry::of::<load_object::LoadObject>(),
         KindEntry::of::<load_splats::LoadSplats>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<place::Place>(),

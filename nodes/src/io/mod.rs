@@ -2,6 +2,7 @@
 //! checked against the bytes at hand before memory is taken, and hostile bytes give a typed error.
 
 pub mod exr;
+pub mod gltf;
 pub mod hdr;
 pub mod jpeg;
 pub mod ply;

@@ -1,8 +1,13 @@
 //! Loaders on real files.
 
-use engine::{Context, InputFile, Kind, Scene, Up};
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Kind, Notes, Scene, SourceRoot, Up};
 use nodes::io::{exr, hdr};
 use nodes::load_environment::{self, LoadEnvironment};
+use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
+use nodes::load_object::{self, LoadObject};
+use nodes::types::{Environment, Mesh, Object};
 
 use super::data;
 
@@ -10,7 +15,7 @@ fn cx() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, data("."))
 }
 
-fn environment(path: &str) -> (std::sync::Arc<nodes::types::Environment>, engine::Notes) {
+fn environment(path: &str) -> (Arc<Environment>, Notes) {
     let p = LoadEnvironment { path: InputFile(path.into()), rotation_deg: 0.0, scale: 1.0 };
     let (out, notes) = LoadEnvironment::run(&p, load_environment::In {}, &cx()).unwrap();
     (out.env, notes)
@@ -65,4 +70,141 @@ fn radiance_decodes_as_other_programs_do() {
     let red: Vec<f32> = radiance.rgb.iter().copied().step_by(3).collect();
     println!("{}x{} {} {}", planes.width, planes.height, largest(&red), reference);
     assert_eq!(largest(&red), reference);
+}
+
+fn object(path: &str) -> (Arc<Object>, Notes) {
+    let p = LoadObject { path: InputFile(path.into()), scene: None };
+    let (out, notes) = LoadObject::run(&p, load_object::In {}, &cx()).unwrap();
+    (out.object, notes)
+}
+
+fn mesh(path: &str) -> (Arc<Mesh>, Notes) {
+    let p = LoadMesh { path: InputFile(path.into()), colours: ColourEncoding::Auto, frame: MeshFrame::World };
+    let (out, notes) = LoadMesh::run(&p, load_mesh::In {}, &cx()).unwrap();
+    (out.mesh, notes)
+}
+
+fn triangles(object: &Object) -> usize {
+    object.primitives.iter().map(|p| p.triangles.len()).sum()
+}
+
+fn ids(notes: &Notes) -> Vec<String> {
+    notes.iter().map(|n| format!("{} ({})", n.id, n.text)).collect()
+}
+
+// README of gltf: triangles, parts and maps.
+#[test]
+fn objects_match_their_descriptions() {
+    for (path, count, materials, textures) in [
+        ("gltf/DamagedHelmet.glb", 15452, 1, 5),
+        ("gltf/FlightHelmet/FlightHelmet.gltf", 94722, 6, 15),
+        ("gltf/Duck.glb", 4212, 1, 1),
+        ("gltf/TransmissionRoughnessTest.glb", 77792, 0, 0),
+        ("gltf/AlphaBlendModeTest.glb", 61, 0, 0),
+        ("gltf/ClearCoatTest.glb", 37116, 19, 0),
+        ("bench-case/object.glb", 0, 0, 0),
+    ] {
+        let start = std::time::Instant::now();
+        let (object, notes) = object(path);
+        println!(
+            "{path}: {:.0?}, {} {} {} {:?}",
+            start.elapsed(),
+            triangles(&object),
+            object.materials.len(),
+            object.textures.len(),
+            ids(&notes)
+        );
+        let lost: usize = notes
+            .iter()
+            .filter(|n| n.id == "triangles-dropped")
+            .filter_map(|n| n.text.split(' ').next()?.parse::<usize>().ok())
+            .sum();
+        assert!(count == 0 || triangles(&object) + lost == count, "{path}: {}", triangles(&object));
+        assert!(
+            materials == 0 || object.materials.len() == materials,
+            "{path}: {} materials",
+            object.materials.len()
+        );
+        assert!(
+            textures == 0 || object.textures.len() == textures,
+            "{path}: {} textures",
+            object.textures.len()
+        );
+        for p in &object.primitives {
+            assert!(p.is_consistent());
+            let unit = |v: &[f32]| (v.iter().map(|c| c * c).sum::<f32>().sqrt() - 1.0).abs() < 1e-3;
+            assert!(p.normals.iter().all(|n| unit(n)), "{path}: normals");
+            assert!(p.tangents.iter().all(|t| unit(&t[..3])), "{path}: tangents");
+            let mapped = object.materials[p.material as usize].normal_texture.is_some();
+            assert!(!mapped || !p.tangents.is_empty(), "{path}: tangents of {}", p.material);
+        }
+    }
+}
+
+// The Duck's node scales by 0.01; the torus of the bench object, turned by its node, rises to 1.05 m.
+#[test]
+fn node_scales_apply() {
+    let height = |path: &str| {
+        let (object, _) = object(path);
+        let y = object.primitives.iter().flat_map(|p| p.positions.iter().map(|v| v[1]));
+        y.clone().fold(f32::MIN, f32::max) - y.fold(f32::MAX, f32::min)
+    };
+    assert!((height("gltf/Duck.glb") - 1.54).abs() < 0.01);
+    assert!((height("bench-case/object.glb") - 1.052).abs() < 0.001);
+}
+
+#[test]
+fn external_files_are_sources() {
+    let root = SourceRoot::new(data("."));
+    let p = LoadObject { path: InputFile("gltf/FlightHelmet/FlightHelmet.gltf".into()), scene: None };
+    let sources = LoadObject::sources(&p, &root).unwrap();
+    assert_eq!(sources.len(), 17, "the file, a buffer and 15 pictures");
+    assert!(sources.iter().all(|s| s.path.exists() && s.name.starts_with("gltf/FlightHelmet/")));
+}
+
+// READMEs of bench-case, render-refs and splats.
+#[test]
+fn receivers_match_their_descriptions() {
+    for (path, vertices, triangles) in [
+        ("bench-case/mesh_proxy.ply", 7472, None),
+        ("render-refs/sunny_plane/receiver.ply", 81 * 81, Some(12800)),
+        ("render-refs/closed_room/receiver.ply", 0, None),
+        ("splats/garden_mesh/garden_proxy.glb", 160_401, Some(319_514)),
+    ] {
+        let start = std::time::Instant::now();
+        let (mesh, notes) = mesh(path);
+        println!(
+            "{path}: {:.0?}, {} {} {:?}",
+            start.elapsed(),
+            mesh.positions.len(),
+            mesh.triangles.len(),
+            ids(&notes)
+        );
+        assert!(vertices == 0 || mesh.positions.len() == vertices, "{path}");
+        assert!(
+            triangles.is_none_or(|t| mesh.triangles.len() <= t && mesh.triangles.len() * 1000 > t * 999),
+            "{path}"
+        );
+        assert_eq!(mesh.colours.len(), mesh.positions.len());
+    }
+}
+
+// The helmet's file without any change, cut in many places and with flipped bits.
+#[test]
+fn cut_and_flipped_objects_are_errors_or_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let p = LoadObject { path: InputFile("a.glb".into()), scene: None };
+    let bytes = std::fs::read(data("gltf/Duck.glb")).unwrap();
+    let text = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize + 20;
+    for step in 0..300 {
+        std::fs::write(folder.path().join("a.glb"), &bytes[..bytes.len() * step / 300]).unwrap();
+        assert!(LoadObject::run(&p, load_object::In {}, &cx).is_err());
+        let mut hurt = bytes.clone();
+        // Three in four in the JSON, where every bit means something.
+        let at = if step % 4 == 0 { bytes.len() * step / 300 } else { text * step / 300 };
+        hurt[at] ^= 1 << (step % 8);
+        std::fs::write(folder.path().join("a.glb"), &hurt).unwrap();
+        drop(LoadObject::run(&p, load_object::In {}, &cx));
+    }
 }

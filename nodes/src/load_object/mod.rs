@@ -1,0 +1,140 @@
+//! `load-object`: an object to insert.
+
+mod geometry;
+mod material;
+mod tangents;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+
+use self::geometry::Geometry;
+use self::material::Materials;
+use crate::io::gltf::{self, Want};
+use crate::io::png::Raster;
+use crate::types::{Object, Texture};
+
+engine::params! {
+    /// Loads an object to insert: glTF or GLB.
+    ///
+    /// Node transforms, morph weights and skins are applied as the file has them; materials are
+    /// metallic-roughness with all their textures, and ior, transmission, clearcoat and emissive
+    /// strength. A file that requires anything else is refused by name; anything else that it merely uses
+    /// is told.
+    pub struct LoadObject {
+        /// The file: `.glb`, or `.gltf` with what it names beside it.
+        path: InputFile, other("\"b.glb\"");
+        /// Which scene of the file, counted from 0; by default the one that the file shows first.
+        scene: Option<u32> = None, range(0, 65535), other("Some(1)"), inert("most files have one scene");
+    }
+}
+engine::inputs! {
+    /// None.
+    pub struct In {}
+}
+engine::outputs! {
+    /// The object.
+    pub struct Out {
+        /// The object in the frame of its file: y up, metres.
+        object: Arc<Object>,
+    }
+}
+
+impl Kind for LoadObject {
+    const NAME: &'static str = "load-object";
+    const VERSION: u32 = 1;
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        sources(&p.path, root)
+    }
+
+    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
+        let object =
+            object(&p.path, &bytes, Want::Everything, p.scene, cx, &mut notes).map_err(|e| e.at("path"))?;
+        let triangles: usize = object.primitives.iter().map(|part| part.triangles.len()).sum();
+        cx.count("triangles", triangles as u64);
+        Ok((Out { object: Arc::new(object) }, notes))
+    }
+}
+
+/// The file and all that it names.
+pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+    let file = root.file(path);
+    let mut sources = vec![file.clone()];
+    if path.0.to_lowercase().ends_with(".gltf") {
+        let bytes = std::fs::read(&file.path)
+            .map_err(|e| NodeError::new(format!("cannot read `{}`: {e}", path.0)).at("path"))?;
+        let parsed = gltf::parse(&path.0, &bytes).map_err(|e| NodeError::from(e).at("path"))?;
+        let names = parsed.beside(Want::Everything).map_err(|e| NodeError::from(e).at("path"))?;
+        sources.extend(names.iter().map(|name| root.beside(&file, name)));
+    }
+    Ok(sources)
+}
+
+/// Reads an object from the bytes of its file.
+pub(crate) fn object(
+    path: &InputFile,
+    bytes: &[u8],
+    want: Want,
+    scene: Option<u32>,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<Object, NodeError> {
+    let name = &path.0;
+    let file = gltf::parse(name, bytes)?;
+    let buffers = file.buffers(|beside| cx.read_beside(path, beside))?;
+    let mut reader = Materials::new(name, &file.json);
+    let mut said = Notes::none();
+    let mut materials = reader.read(&mut said)?;
+    let images = reader.images;
+    let textures = if want == Want::Everything {
+        for note in said.iter() {
+            match note.level {
+                engine::Level::Warning => notes.warning(&note.id, note.text.clone()),
+                _ => notes.decision(&note.id, note.text.clone()),
+            }
+        }
+        let decoded = cx.for_each_tile(images.len(), |k| {
+            file.picture(images[k], &buffers, |beside| cx.read_beside(path, beside)).map(texture)
+        })?;
+        decoded.into_iter().collect::<Result<Vec<_>, NodeError>>()?
+    } else {
+        Vec::new()
+    };
+    let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
+    if narrowed > 0 {
+        notes.count("textures-narrowed", narrowed, "textures of 16 bits were rounded to 8");
+    }
+    cx.progress(0.5);
+    let primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
+    Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })
+}
+
+/// Four bytes a texel, and whether bits were lost.
+fn texture(raster: Raster) -> (Texture, bool) {
+    let wide = raster.largest > 255;
+    let byte = |code: u16| if wide { ((u32::from(code) * 255 + 32_767) / 65_535) as u8 } else { code as u8 };
+    let rgba = raster
+        .codes
+        .chunks_exact(raster.channels)
+        .flat_map(|texel| {
+            let [r, g, b, a] = match *texel {
+                [y] => [y, y, y, raster.largest],
+                [y, a] => [y, y, y, a],
+                [r, g, b] => [r, g, b, raster.largest],
+                [r, g, b, a, ..] => [r, g, b, a],
+                [] => [0; 4],
+            };
+            [byte(r), byte(g), byte(b), byte(a)]
+        })
+        .collect();
+    (Texture { width: raster.width as u32, height: raster.height as u32, rgba }, wide)
+}
