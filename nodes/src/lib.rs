@@ -11,6 +11,7 @@ pub mod camera;
 pub mod color;
 pub mod composite;
 pub mod crop_mesh;
+pub mod cube_rig;
 pub mod equirect;
 pub mod error;
 pub mod fuse_hdr;
@@ -30,6 +31,7 @@ pub mod score_env;
 pub mod shadow_ratio;
 pub mod splat;
 pub mod splat_render;
+pub mod stitch;
 pub mod types;
 pub mod write_exr;
 pub mod write_image;
@@ -46,6 +48,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<camera::Camera>(),
         KindEntry::of::<composite::Composite>(),
         KindEntry::of::<crop_mesh::CropMesh>(),
+        KindEntry::of::<cube_rig::CubeRig>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<load_environment::LoadEnvironment>(),
         KindEntry::of::<load_mesh::LoadMesh>(),
@@ -58,6 +61,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<splat_render::SplatRender>(),
+        KindEntry::of::<stitch::Stitch>(),
         KindEntry::of::<write_exr::WriteExr>(),
         KindEntry::of::<write_image::WriteImage>(),
     ])

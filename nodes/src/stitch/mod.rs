@@ -1,0 +1,292 @@
+//! `stitch`: a panorama from views around a point.
+
+mod holes;
+#[cfg(test)]
+mod tests;
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Up};
+use glam::DVec3;
+
+use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb, View, Views};
+use crate::{color, equirect, num};
+
+engine::choices! {
+    /// What shows where nothing was seen.
+    pub enum Holes {
+        /** What surrounds them, smoothly (push-pull over a pyramid; Gortler et al. 1996, section 3.4). */
+        PushPull,
+        /** Black. */
+        Black,
+    }
+}
+
+engine::params! {
+    /// Resamples views around a point into an equirectangular panorama.
+    ///
+    /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha; the result goes
+    /// back to the encoding of the views. Where views overlap they are blended, more the further from
+    /// their borders, so no seam shows.
+    pub struct Stitch {
+        /// Width of the panorama, even; the height is half of it.
+        width_px: u32 = 2048, range(2, 16384), unit("px"), other("64");
+        /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
+        holes: Holes = Holes::PushPull, other("Black");
+        /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.
+        hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
+    }
+}
+engine::inputs! {
+    /// Inputs of [`Stitch`].
+    pub struct In {
+        /// What the cameras see; all must stand at one point.
+        views: Arc<Views>,
+    }
+}
+engine::outputs! {
+    /// Outputs of [`Stitch`].
+    pub struct Out {
+        /// The panorama.
+        pano: Arc<Panorama>,
+    }
+}
+
+/// Share of a view's shorter side over which it fades towards its border.
+const FADE: f64 = 0.08;
+/// Weight at the very border, so that a view alone is not lost there.
+const LEAST: f64 = 1e-6;
+/// Samples a face pixel along each axis, at the centre of a view.
+const SAMPLES_PER_PIXEL: f64 = 2.0;
+
+/// A view ready to be sampled: linear light, premultiplied.
+struct Source {
+    axes: [DVec3; 3],
+    focal: [f64; 2],
+    centre: [f64; 2],
+    size: [f64; 2],
+    width: usize,
+    height: usize,
+    rgba: Vec<[f32; 4]>,
+}
+
+impl Source {
+    fn new(view: &View, cx: &Context) -> Result<Self, NodeError> {
+        let (width, height, channels) = view.colour.size();
+        let encoded = match &view.colour {
+            Picture::Srgb(_) => true,
+            Picture::Linear(_) => false,
+            Picture::Data(_) => return Err(NodeError::new("the views hold no colour").at("views")),
+        };
+        if channels != 4 || width == 0 || height == 0 {
+            let what = format!("view `{}` is {width}x{height} of {channels} channels", view.camera.name);
+            return Err(NodeError::new(what).at("views"));
+        }
+        let pixels = view.colour.samples().as_chunks::<4>().0;
+        let rows = cx.for_each_tile(height, |y| {
+            let linear = |c: f32, alpha: f32| color::linear_from_srgb(c / alpha) * alpha;
+            let row = pixels[y * width..(y + 1) * width].iter().map(|&[r, g, b, a]| {
+                let alpha = a.clamp(0.0, 1.0);
+                match encoded {
+                    _ if alpha <= 0.0 => [0.0; 4],
+                    true => [linear(r, alpha), linear(g, alpha), linear(b, alpha), alpha],
+                    false => [r, g, b, alpha],
+                }
+            });
+            row.collect::<Vec<_>>()
+        })?;
+        let m = view.camera.world_from_camera();
+        Ok(Self {
+            axes: [m.x_axis.truncate(), m.y_axis.truncate(), m.z_axis.truncate()],
+            focal: [view.camera.fx, view.camera.fy],
+            centre: [view.camera.cx, view.camera.cy],
+            size: [width as f64, height as f64],
+            width,
+            height,
+            rgba: rows.concat(),
+        })
+    }
+
+    /// Adds what the view shows in `direction`, times its weight there; gives the weight.
+    #[inline]
+    fn add(&self, direction: DVec3, sum: &mut [f64; 4]) -> f64 {
+        let z = self.axes[2].dot(direction);
+        if z <= 0.0 {
+            return 0.0;
+        }
+        let x = self.axes[0].dot(direction) / z * self.focal[0] + self.centre[0];
+        let y = self.axes[1].dot(direction) / z * self.focal[1] + self.centre[1];
+        let border = x.min(self.size[0] - x).min(y).min(self.size[1] - y);
+        if border < 0.0 {
+            return 0.0;
+        }
+        let t = (border / (FADE * self.size[0].min(self.size[1]))).min(1.0);
+        let weight = (t * t * (3.0 - 2.0 * t)).max(LEAST);
+        // Bilinear between pixel centres, held at the outermost ones.
+        let place = |p: f64, n: usize| {
+            let at = (p - 0.5).clamp(0.0, (n - 1) as f64);
+            let first = at as usize;
+            (first, (first + 1).min(n - 1), at - first as f64)
+        };
+        let (x0, x1, fx) = place(x, self.width);
+        let (y0, y1, fy) = place(y, self.height);
+        let corners = [
+            (y0 * self.width + x0, (1.0 - fx) * (1.0 - fy)),
+            (y0 * self.width + x1, fx * (1.0 - fy)),
+            (y1 * self.width + x0, (1.0 - fx) * fy),
+            (y1 * self.width + x1, fx * fy),
+        ];
+        for (index, share) in corners {
+            let pixel = self.rgba[index];
+            for (sum, value) in sum.iter_mut().zip(pixel) {
+                *sum += weight * share * f64::from(value);
+            }
+        }
+        weight
+    }
+}
+
+/// The mean over each pixel of the panorama, linear and premultiplied, row by row.
+fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Vec<[f32; 4]>, NodeError> {
+    let height = width / 2;
+    let [right, forward, above] = equirect::axes(up);
+    let focal = sources.iter().flat_map(|source| source.focal).fold(0.0, f64::max);
+    let density = SAMPLES_PER_PIXEL * focal * 2.0 * PI / width as f64;
+    let across = (density.ceil() as usize).clamp(2, 32);
+    let columns: Vec<(f64, f64)> = (0..width * across)
+        .map(|i| num::sin_cos(2.0 * PI * ((i as f64 + 0.5) / (width * across) as f64 - 0.5)))
+        .collect();
+    let rows = cx.for_each_tile(height, |y| {
+        let mut sums = vec![[0.0_f64; 5]; width];
+        for sub in 0..across {
+            let theta = PI * (y as f64 + (sub as f64 + 0.5) / across as f64) / height as f64;
+            let (sin_theta, cos_theta) = num::sin_cos(theta);
+            let flat = above * cos_theta;
+            // Fewer samples where the row is shorter; always a divisor's worth, evenly placed.
+            let wanted = ((across as f64 * sin_theta).ceil() as usize).clamp(1, across);
+            for (x, sum) in sums.iter_mut().enumerate() {
+                for i in 0..wanted {
+                    let column = x * across + (2 * i + 1) * across / (2 * wanted);
+                    let (sin_phi, cos_phi) = columns[column];
+                    let direction = flat + (right * sin_phi + forward * cos_phi) * sin_theta;
+                    let mut seen = [0.0; 4];
+                    let weight: f64 = sources.iter().map(|source| source.add(direction, &mut seen)).sum();
+                    let share = sin_theta / wanted as f64;
+                    sum[4] += share;
+                    if weight > 0.0 {
+                        for (sum, value) in sum.iter_mut().zip(seen) {
+                            *sum += share * (value / weight);
+                        }
+                    }
+                }
+            }
+        }
+        sums.iter()
+            .map(|sum| [sum[0] / sum[4], sum[1] / sum[4], sum[2] / sum[4], sum[3] / sum[4]].map(|v| v as f32))
+            .collect::<Vec<_>>()
+    })?;
+    Ok(rows.concat())
+}
+
+impl Kind for Stitch {
+    const NAME: &'static str = "stitch";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Up];
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(params: &Self, inputs: &In) -> Cost {
+        let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
+        let faces: usize = inputs.views.0.iter().map(|view| view.colour.samples().len()).sum();
+        Cost { bytes: pixels * 64 + faces as u64 * 4, work: (pixels * 200 + faces as u64 * 50) as f64 }
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        if params.width_px.is_multiple_of(2) {
+            return Ok(());
+        }
+        Err(NodeError::new(format!("a panorama {} px wide has no height", params.width_px))
+            .at("width_px")
+            .hint("give an even number"))
+    }
+
+    fn run(params: &Self, In { views }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        Self::check(params)?;
+        let mut notes = Notes::none();
+        let Some(first) = views.0.first() else {
+            return Err(NodeError::new("there is no view to stitch").at("views"));
+        };
+        let origin = first.camera.eye();
+        for view in &views.0 {
+            let apart = (view.camera.eye() - origin).length();
+            if apart > 1e-6 * (1.0 + origin.length()) {
+                let what = format!(
+                    "views `{}` and `{}` are seen from points {apart:.4} apart",
+                    first.camera.name, view.camera.name
+                );
+                return Err(NodeError::new(what)
+                    .at("views")
+                    .hint("a panorama is seen from one point: use `CubeRig`"));
+            }
+            if view.colour.encoding() != first.colour.encoding() {
+                return Err(NodeError::new("the views differ in encoding").at("views"));
+            }
+        }
+        let encoded = matches!(first.colour, Picture::Srgb(_));
+        let up = cx.up();
+        let sources = views.0.iter().map(|view| Source::new(view, cx)).collect::<Result<Vec<_>, _>>()?;
+        cx.progress(0.2);
+        let (width, height) = (params.width_px as usize, params.width_px as usize / 2);
+        let premultiplied = resample(&sources, up, width, cx)?;
+        drop(sources);
+        cx.progress(0.8);
+
+        let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
+        let hole_alpha = params.hole_alpha as f32;
+        let open = alpha.iter().filter(|a| **a < hole_alpha).count();
+        if open == alpha.len() {
+            notes.warning("nothing-seen", "the views show nothing: the panorama is a hole");
+        } else if open > 0 {
+            let share: f64 = (0..height)
+                .map(|y| {
+                    let row = &alpha[y * width..(y + 1) * width];
+                    let holes = row.iter().filter(|a| **a < hole_alpha).count() as f64;
+                    holes * equirect::pixel_solid_angle(width, height, y)
+                })
+                .sum();
+            let how = if params.holes == Holes::PushPull { "filled from around them" } else { "left black" };
+            let percent = 100.0 * share / (4.0 * PI);
+            notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {how}"));
+        }
+        let mut linear = match params.holes {
+            Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,
+            Holes::Black => premultiplied
+                .iter()
+                .map(|&[r, g, b, a]| {
+                    // Fades to black over the alphas of a hole, so that noise is not blown up.
+                    let by = if a > 0.0 { (a / hole_alpha).min(1.0) / a } else { 0.0 };
+                    [r * by, g * by, b * by]
+                })
+                .collect(),
+        };
+        if encoded {
+            let rows = cx.for_each_tile(height, |y| {
+                linear[y * width..(y + 1) * width]
+                    .iter()
+                    .map(|c| c.map(color::srgb_from_linear))
+                    .collect::<Vec<_>>()
+            })?;
+            linear = rows.concat();
+        }
+        let samples = linear.into_flattened();
+        let image: Picture = if encoded {
+            Image::<Srgb>::from_samples(width, height, 3, samples).into()
+        } else {
+            Image::<Linear>::from_samples(width, height, 3, samples).into()
+        };
+        let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
+        Ok((Out { pano: Arc::new(Panorama { image, alpha, up, origin }) }, notes))
+    }
+}

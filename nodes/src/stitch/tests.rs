@@ -1,0 +1,131 @@
+use glam::DVec3;
+
+use super::*;
+use crate::cube_rig::{Turn, cube};
+use crate::testing::context;
+use crate::types::{Camera, Rig};
+
+fn views(rig: Rig, colour: impl Fn(&Camera, usize, usize) -> [f32; 4]) -> Arc<Views> {
+    let view = |camera: Camera| {
+        let (w, h) = (camera.width_px as usize, camera.height_px as usize);
+        let samples = (0..w * h).flat_map(|i| colour(&camera, i % w, i / w)).collect();
+        let depth = Image::<Data>::new(w, h, 1);
+        View { colour: Image::<Srgb>::from_samples(w, h, 4, samples).into(), depth, camera }
+    };
+    Arc::new(Views(rig.cameras.into_iter().map(view).collect()))
+}
+
+fn rig(size_px: u32, guard_deg: f64, turn: Turn) -> Rig {
+    cube(DVec3::new(0.5, 1.0, -2.0), equirect::axes(Up::PlusZ), size_px, guard_deg, turn)
+}
+
+fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
+    let params = Stitch { width_px, holes: Holes::PushPull, hole_alpha: 0.25 };
+    Stitch::run(&params, In { views }, &context()).expect("stitches").0.pano
+}
+
+// Row 18 of the table of extremes, over face sizes of row 20, with and without a guard band.
+#[test]
+fn constant_faces_stay_constant() {
+    for (size, guard) in [(1, 0.0), (2, 3.0), (7, 0.0), (33, 3.0), (64, 20.0)] {
+        for alpha in [1.0_f32, 0.5] {
+            let c = [0.25_f32, 0.6, 2.5];
+            let pano = stitched(
+                views(rig(size, guard, Turn::OffAxis), |_, _, _| {
+                    [c[0] * alpha, c[1] * alpha, c[2] * alpha, alpha]
+                }),
+                66,
+            );
+            for (pixel, a) in pano.image.samples().as_chunks::<3>().0.iter().zip(&pano.alpha.samples) {
+                for i in 0..3 {
+                    assert!((pixel[i] - c[i]).abs() < 2e-6 * c[i].max(1.0), "{size} {guard}: {pixel:?}");
+                }
+                assert!((a - alpha).abs() < 1e-6);
+            }
+        }
+    }
+}
+
+// Row 19: the energy of a single lit pixel is its solid angle. Row 21 with it, for faces at the poles
+// and at the wrap: `Aligned` puts face centres there.
+#[test]
+fn a_single_pixel_keeps_its_energy() {
+    let size = 24;
+    for (face, x, y) in [(0, 12, 12), (0, 5, 9), (2, 12, 3), (2, 11, 12), (4, 12, 12), (4, 11, 11), (5, 2, 3)]
+    {
+        let rig = rig(size, 0.0, Turn::Aligned);
+        let name = rig.cameras[face].name.clone();
+        let lit = |camera: &Camera, px: usize, py: usize| {
+            let on = camera.name == name && (px, py) == (x, y);
+            if on { [1.0, 1.0, 1.0, 1.0] } else { [0.0, 0.0, 0.0, 1.0] }
+        };
+        let pano = stitched(views(rig.clone(), lit), 256);
+        let mut energy = 0.0;
+        for row in 0..128 {
+            let pixels = &pano.image.samples()[row * 256 * 3..(row + 1) * 256 * 3];
+            let sum: f64 = pixels.iter().step_by(3).map(|c| f64::from(color::linear_from_srgb(*c))).sum();
+            energy += sum * equirect::pixel_solid_angle(256, 128, row);
+        }
+        // The bilinear pixel spreads over its neighbours, which are of nearly its solid angle.
+        let f = rig.cameras[face].fx;
+        let (dx, dy) = ((x as f64 + 0.5 - 12.0) / f, (y as f64 + 0.5 - 12.0) / f);
+        let r2 = 1.0 + dx * dx + dy * dy;
+        let expected = 1.0 / (f * f * r2 * r2.sqrt());
+        assert!((energy / expected - 1.0).abs() < 0.015, "{face} {x} {y}: {energy} against {expected}");
+    }
+}
+
+// A smooth function of direction comes back at every pixel, seams, poles and wrap included.
+#[test]
+fn a_smooth_sky_is_reproduced() {
+    let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;
+    for turn in [Turn::OffAxis, Turn::Aligned] {
+        let pano = stitched(
+            views(rig(128, 3.0, turn), |camera, x, y| {
+                let c = sky(camera.direction(x as f64 + 0.5, y as f64 + 0.5)) as f32;
+                [c, c, c, 1.0]
+            }),
+            256,
+        );
+        for y in 0..128 {
+            for x in 0..256 {
+                let d = equirect::direction(Up::PlusZ, (x as f64 + 0.5) / 256.0, (y as f64 + 0.5) / 128.0);
+                let seen = f64::from(pano.image.samples()[(y * 256 + x) * 3]);
+                // A pixel shows the mean over its area, which at the poles lies 0.004 rad off its centre.
+                assert!((seen - sky(d)).abs() < 1.5e-3, "({x}, {y}): {seen} against {}", sky(d));
+            }
+        }
+    }
+}
+
+// A hole keeps alpha 0 and shows what surrounds it, not black, also across the wrap.
+#[test]
+fn holes_take_the_colour_around_them() {
+    let hole = DVec3::new(0.05, -1.0, 0.1).normalize();
+    let scene = views(rig(96, 3.0, Turn::OffAxis), |camera, x, y| {
+        let d = camera.direction(x as f64 + 0.5, y as f64 + 0.5);
+        if d.dot(hole) > 0.9 { [0.0; 4] } else { [0.7, 0.4, 0.2, 1.0] }
+    });
+    let (out, notes) = Stitch::run(
+        &Stitch { width_px: 128, holes: Holes::PushPull, hole_alpha: 0.25 },
+        In { views: scene },
+        &context(),
+    )
+    .expect("stitches");
+    assert!(notes.iter().any(|note| note.id == "holes"));
+    assert!(out.pano.alpha.samples.iter().filter(|a| **a == 0.0).count() > 100);
+    for pixel in out.pano.image.samples().as_chunks::<3>().0 {
+        for (c, expected) in pixel.iter().zip([0.7, 0.4, 0.2]) {
+            assert!((c - expected).abs() < 1e-4, "{pixel:?}");
+        }
+    }
+}
+
+#[test]
+fn views_from_two_points_are_refused() {
+    let mut rig = rig(4, 3.0, Turn::OffAxis);
+    rig.cameras[3].world_from_camera[12] += 0.1;
+    let params = Stitch { width_px: 8, holes: Holes::Black, hole_alpha: 0.25 };
+    let refused = Stitch::run(&params, In { views: views(rig, |_, _, _| [0.0; 4]) }, &context());
+    assert!(refused.is_err_and(|e| e.message().contains("apart")));
+}
