@@ -10,7 +10,7 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Up};
 use glam::DVec3;
 
-use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb, View, Views};
+use crate::types::{Data, Image, Images, Linear, Panorama, Picture, Srgb, View, Views};
 use crate::{color, equirect, num};
 
 engine::choices! {
@@ -50,6 +50,10 @@ engine::outputs! {
     pub struct Out {
         /// The panorama.
         pano: Arc<Panorama>,
+        /// Its colours, for `write-image`.
+        image: Arc<Images>,
+        /// How much of each pixel was seen, 0 to 1.
+        alpha: Arc<Images>,
     }
 }
 
@@ -287,6 +291,11 @@ impl Kind for Stitch {
             Image::<Linear>::from_samples(width, height, 3, samples).into()
         };
         let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
-        Ok((Out { pano: Arc::new(Panorama { image, alpha, up, origin }) }, notes))
+        let out = Out {
+            image: Arc::new(Images::single("pano", image.clone())),
+            alpha: Arc::new(Images::single("pano", alpha.clone())),
+            pano: Arc::new(Panorama { image, alpha, up, origin }),
+        };
+        Ok((out, notes))
     }
 }
