@@ -8,6 +8,7 @@ use engine::{KindEntry, Registry};
 
 pub mod alpha_shadow;
 pub mod camera;
+pub mod bvh;
 pub mod color;
 pub mod composite;
 pub mod crop_mesh;
@@ -28,6 +29,7 @@ pub mod place;
 pub mod pose;
 pub mod predict_exposure;
 pub mod score_env;
+pub mod sampling;
 pub mod shadow_ratio;
 pub mod splat;
 pub mod splat_render;

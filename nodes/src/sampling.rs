@@ -1,0 +1,224 @@
+//! Counter-based random numbers and distributions.
+//!
+//! Every number is a function of (seed, pixel, sample, dimension), so that no order of work can change
+//! it. Points come in pairs, each pair of dimensions a (0, 2)-sequence of its own: Sobol' points with
+//! hash-based Owen scrambling and shuffling (Burley 2020, Practical Hash-based Owen Scrambling), padded
+//! as in Kollig and Keller 2002. Any aligned block of 2^k samples is stratified in every pair.
+
+/// Mixes 32 bits (Wellons, hash prospector, lowbias32).
+#[inline]
+pub fn mix(mut x: u32) -> u32 {
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7feb_352d);
+    x ^= x >> 15;
+    x = x.wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+/// A hash of two words.
+#[inline]
+pub fn hash(a: u32, b: u32) -> u32 {
+    mix(a.wrapping_mul(0x9e37_79b9) ^ mix(b.wrapping_add(0x85eb_ca6b)))
+}
+
+/// The nested uniform scramble of a bit-reversed value: each bit is flipped by a hash of the bits below
+/// it (Laine and Karras 2011, with Vegdahl's constants of 2021).
+#[inline]
+fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
+    x ^= x.wrapping_mul(0x3d20_adea);
+    x = x.wrapping_add(seed);
+    x = x.wrapping_mul((seed >> 16) | 1);
+    x ^= x.wrapping_mul(0x0552_6c56);
+    x ^ x.wrapping_mul(0x53a2_2864)
+}
+
+/// Index bits to the second Sobol' dimension, bit-reversed. Its matrix is Pascal's triangle modulo 2, the
+/// Kronecker power of [[1, 1], [0, 1]], so five masked shifts do.
+#[inline]
+fn pascal(mut x: u32) -> u32 {
+    x ^= (x >> 16) & 0x0000_ffff;
+    x ^= (x >> 8) & 0x00ff_00ff;
+    x ^= (x >> 4) & 0x0f0f_0f0f;
+    x ^= (x >> 2) & 0x3333_3333;
+    x ^ ((x >> 1) & 0x5555_5555)
+}
+
+/// A number in [0, 1) from the upper 24 bits.
+#[inline]
+pub fn unit(bits: u32) -> f32 {
+    (bits >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// The points of one sample of one pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Points {
+    stream: u32,
+    index: u32,
+}
+
+impl Points {
+    /// The points of `sample` in the given stream (see [`stream`]).
+    #[inline]
+    pub fn new(stream: u32, sample: u32) -> Self {
+        Self { stream, index: sample }
+    }
+
+    /// A point of the unit square, as 32-bit fractions, for a pair of dimensions.
+    #[inline]
+    pub fn bits(&self, pair: u32) -> [u32; 2] {
+        let seed = hash(self.stream, pair);
+        // Shuffling the index keeps aligned blocks of 2^k together.
+        let index = scramble_reversed(self.index.reverse_bits(), seed).reverse_bits();
+        let x = scramble_reversed(index, mix(seed ^ 0xa511_e9b3));
+        let y = scramble_reversed(pascal(index), mix(seed ^ 0x63d8_3595));
+        [x.reverse_bits(), y.reverse_bits()]
+    }
+
+    /// A point of the unit square for a pair of dimensions.
+    #[inline]
+    pub fn pair(&self, pair: u32) -> [f32; 2] {
+        self.bits(pair).map(unit)
+    }
+}
+
+/// The stream of a pixel: its scrambles differ from those of every other pixel and seed.
+#[inline]
+pub fn stream(seed: u64, x: u32, y: u32) -> u32 {
+    hash(hash(seed as u32, (seed >> 32) as u32), hash(x, y))
+}
+
+/// A discrete distribution over indices, sampled by inversion in O(1) expected time.
+#[derive(Debug, Clone)]
+pub struct Discrete {
+    /// Cumulative probability before each index; one more entry than indices, from 0 to 1.
+    cumulative: Vec<f64>,
+    /// For each of as many equal steps of probability, the index that its start falls into.
+    guide: Vec<u32>,
+}
+
+impl Discrete {
+    /// The distribution in proportion to `weights`, finite and not negative, and their sum. When all are
+    /// 0 the distribution is uniform and the sum 0.
+    pub fn new(weights: &[f64]) -> (Self, f64) {
+        let n = weights.len().max(1);
+        let mut cumulative = Vec::with_capacity(n + 1);
+        cumulative.push(0.0);
+        let mut sum = 0.0_f64;
+        for &weight in weights {
+            sum += weight;
+            cumulative.push(sum);
+        }
+        cumulative.resize(n + 1, sum);
+        if sum > 0.0 && sum.is_finite() {
+            cumulative.iter_mut().for_each(|c| *c /= sum);
+        } else {
+            cumulative.iter_mut().enumerate().for_each(|(i, c)| *c = i as f64 / n as f64);
+        }
+        cumulative[n] = 1.0;
+        let mut guide = Vec::with_capacity(n);
+        let mut index = 0;
+        for step in 0..n {
+            while cumulative[index + 1] <= step as f64 / n as f64 {
+                index += 1;
+            }
+            guide.push(index as u32);
+        }
+        (Self { cumulative, guide }, sum)
+    }
+
+    /// The index at a point of [0, 1), and where in its interval the point lies, in [0, 1).
+    #[inline]
+    pub fn sample(&self, u: f64) -> (usize, f64) {
+        let n = self.guide.len();
+        let mut index = self.guide[((u * n as f64) as usize).min(n - 1)] as usize;
+        while index + 1 < n && self.cumulative[index + 1] <= u {
+            index += 1;
+        }
+        let low = self.cumulative[index];
+        let width = self.cumulative[index + 1] - low;
+        let within = if width > 0.0 { (u - low) / width } else { 0.5 };
+        (index, within.clamp(0.0, 1.0 - f64::EPSILON))
+    }
+
+    /// Probability of an index.
+    #[inline]
+    pub fn probability(&self, index: usize) -> f64 {
+        self.cumulative[index + 1] - self.cumulative[index]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // The defining property of a (0, k, 2)-net: each elementary interval of area 2^-k holds one point.
+    #[test]
+    fn aligned_blocks_are_stratified() {
+        for (pixel, block) in [(0, 0), (17, 0), (3, 5)] {
+            for k in [2_u32, 4, 6, 8] {
+                let n = 1_u32 << k;
+                for split in 0..=k {
+                    let mut seen = vec![0; n as usize];
+                    for i in 0..n {
+                        let [x, y] = Points::new(stream(9, pixel, 4), block * n + i).bits(3);
+                        let column = if split == 0 { 0 } else { x >> (32 - split) };
+                        let row = if split == k { 0 } else { y >> (32 - (k - split)) };
+                        seen[((column << (k - split)) | row) as usize] += 1;
+                    }
+                    assert!(seen.iter().all(|&c| c == 1), "k {k} split {split} block {block}");
+                }
+            }
+        }
+    }
+
+    // Different pairs and pixels are uncorrelated: the mean of the product of centred coordinates is 0.
+    #[test]
+    fn pairs_and_pixels_are_independent() {
+        let mut worst = 0.0_f64;
+        for pair in 0..8 {
+            let (mut between_pairs, mut between_pixels) = (0.0, 0.0);
+            let n = 40_000;
+            for i in 0..n {
+                let (pixel, sample) = (i % 2_000, i / 2_000);
+                let here = Points::new(stream(1, pixel, 0), sample);
+                let a = f64::from(here.pair(pair)[0]) - 0.5;
+                let b = f64::from(here.pair(pair + 1)[1]) - 0.5;
+                let c = f64::from(Points::new(stream(1, pixel + 1, 0), sample).pair(pair)[0]) - 0.5;
+                between_pairs += a * b;
+                between_pixels += a * c;
+            }
+            // The standard deviation of each mean is 1/12 / sqrt(n).
+            let sigma = f64::from(n).sqrt() / 12.0;
+            worst = worst.max((between_pairs / sigma).abs()).max((between_pixels / sigma).abs());
+        }
+        assert!(worst < 4.5, "{worst} sigma");
+    }
+
+    #[test]
+    fn numbers_lie_below_one() {
+        assert!(unit(u32::MAX) < 1.0);
+        assert_eq!(unit(0), 0.0);
+    }
+
+    // Row 37 of the table of extremes, in one dimension.
+    #[test]
+    fn inversion_follows_the_weights() {
+        let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];
+        let (distribution, sum) = Discrete::new(&weights);
+        assert!((sum - 1.3e9).abs() < 1e-6);
+        let total: f64 = (0..5).map(|i| distribution.probability(i)).sum();
+        assert!((total - 1.0).abs() < 1e-15);
+        let n = 1_000_000;
+        let mut counts = [0_u32; 5];
+        for i in 0..n {
+            counts[distribution.sample((f64::from(i) + 0.5) / f64::from(n)).0] += 1;
+        }
+        assert_eq!(counts[2], 0);
+        for (count, weight) in counts.iter().zip(weights) {
+            assert!((f64::from(*count) - f64::from(n) * weight / sum).abs() <= 1.0);
+        }
+        let (uniform, sum) = Discrete::new(&[0.0; 4]);
+        assert_eq!((sum, uniform.probability(2), uniform.sample(0.6).0), (0.0, 0.25, 2));
+        assert_eq!(uniform.sample(1.0 - 1e-17).0, 3);
+    }
+}
