@@ -106,7 +106,7 @@ impl Bvh {
         }
         bvh.bounds = boxes.iter().copied().reduce(|(l, h), (a, b)| (l.min(a), h.max(b)));
         let mut build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
-        let depth = if kept.len() == 1 { usize::MAX } else { build.from_obvhs() };
+        let depth = if kept.len() == 1 { usize::MAX } else { build.build_tree() };
         if depth.saturating_mul(3) >= STACK {
             build.out.nodes.clear();
             build.out.packets.clear();
@@ -310,7 +310,7 @@ struct Fold<'a> {
 
 impl Fold<'_> {
     /// Depth of the folded tree.
-    fn from_obvhs(&mut self) -> usize {
+    fn build_tree(&mut self) -> usize {
         let large = self.kept.len() > 200_000;
         // "Very slow" without splits; large meshes get the cheaper reinsertion. A search depth of 1 is
         // what keeps meshes of mixed triangle sizes fast.

@@ -7,8 +7,8 @@
 use engine::{KindEntry, Registry};
 
 pub mod alpha_shadow;
-pub mod camera;
 pub mod bvh;
+pub mod camera;
 pub mod color;
 pub mod composite;
 pub mod crop_mesh;
@@ -25,11 +25,12 @@ pub mod load_object;
 pub mod load_splats;
 pub mod num;
 pub mod override_material;
+pub mod path_trace;
 pub mod place;
 pub mod pose;
 pub mod predict_exposure;
-pub mod score_env;
 pub mod sampling;
+pub mod score_env;
 pub mod shadow_ratio;
 pub mod splat;
 pub mod splat_render;
@@ -61,6 +62,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<pose::PoseNode>(),
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<score_env::ScoreEnv>(),
+        KindEntry::of::<path_trace::PathTrace>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),

@@ -1,0 +1,240 @@
+//! How the receiver treats each sort of ray.
+//!
+//! One function, [`Rules::sees_sky`], decides whether light of the environment reaches a point past the
+//! receiver. Light samples, scattered rays and the shadow all use it, so no energy is lost between them.
+
+use engine::ParamType;
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::bsdf::Lobe;
+use super::scene::Receiver;
+use crate::bvh::Ray;
+use crate::sampling::{Points, circle};
+
+/// How the receiver blocks light of the environment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum EnvBlock {
+    /// Decided by probe rays; see the report.
+    Auto,
+    /// Like any solid body: right for open scenes.
+    Solid,
+    /// Not at all.
+    Pass,
+    /// Rays pass faces seen from the front and stop at backs: in a closed mesh whose normals point into
+    /// the room only the outer shell is transparent, furniture casts shadows.
+    FrontFace {
+        /// A ray that has passed this many front faces reaches the sky.
+        #[serde(default = "three")]
+        max_layers: u32,
+    },
+    /// What lies farther than this from the point of capture does not block.
+    PassBeyond {
+        /// The distance.
+        metres: f64,
+    },
+}
+
+fn three() -> u32 {
+    3
+}
+
+impl ParamType for EnvBlock {
+    fn describe() -> String {
+        "Auto | Solid | Pass | FrontFace(max_layers: 3) | PassBeyond(metres: number)".to_owned()
+    }
+    fn within(&self, _low: f64, _high: f64) -> bool {
+        match self {
+            EnvBlock::PassBeyond { metres } => metres.is_finite() && *metres >= 0.0,
+            EnvBlock::FrontFace { max_layers } => (1..=MOST_LAYERS as u32).contains(max_layers),
+            _ => true,
+        }
+    }
+}
+
+engine::choices! {
+    /// What a scattered ray finds where it meets the receiver.
+    pub enum Bounce {
+        /// `Solid` where the receiver blocks like a solid body, else `Env`.
+        Auto,
+        /// The environment behind it, which already shows the room: each light counts once.
+        Env,
+        /// The receiver, lit and matte.
+        Solid,
+    }
+}
+
+engine::choices! {
+    /// What a reflection in an object shows where it meets the receiver.
+    pub enum SpecularSees {
+        /// `Receiver` where the receiver blocks like a solid body, else `Env`.
+        Auto,
+        /// The environment, which is sharper than a mesh of vertex colours.
+        Env,
+        /// The receiver.
+        Receiver,
+    }
+}
+
+/// Most layers of front faces that can be counted.
+pub const MOST_LAYERS: usize = 16;
+
+/// [`EnvBlock`] after `Auto` was decided, in the frame of the scene.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub enum Block {
+    /// See [`EnvBlock::Solid`].
+    Solid,
+    /// See [`EnvBlock::Pass`].
+    Pass,
+    /// See [`EnvBlock::FrontFace`]; `flip` where the normals point out of the room.
+    FrontFace {
+        /// Front faces that end the search.
+        max_layers: u32,
+        /// Backs count as fronts.
+        flip: bool,
+    },
+    /// See [`EnvBlock::PassBeyond`].
+    PassBeyond {
+        /// The point of capture.
+        centre: [f32; 3],
+        /// In world units.
+        radius: f32,
+    },
+}
+
+/// What probe rays from the point of capture met first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Probe {
+    /// Rays sent.
+    pub rays: u32,
+    /// Rays that left without meeting the receiver.
+    pub escaped: u32,
+    /// Rays that met a front face first.
+    pub front: u32,
+}
+
+impl Probe {
+    const RAYS: u32 = 256;
+
+    /// Sends rays in all directions.
+    pub fn send(receiver: &Receiver, from: Vec3) -> Self {
+        let mut probe = Self { rays: Self::RAYS, ..Self::default() };
+        for i in 0..Self::RAYS {
+            let [u, v] = Points::new(0, i).pair(0);
+            let z = 1.0 - 2.0 * v;
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            let (sin, cos) = circle(u);
+            match receiver.bvh.closest(Ray::new(from, Vec3::new(r * cos, r * sin, z)), |_| true) {
+                None => probe.escaped += 1,
+                Some(hit) => probe.front += u32::from(!hit.back),
+            }
+        }
+        probe
+    }
+
+    /// Share of the rays that left.
+    pub fn escaped_share(&self) -> f64 {
+        f64::from(self.escaped) / f64::from(self.rays.max(1))
+    }
+
+    /// Share of front faces among what was met.
+    pub fn front_share(&self) -> f64 {
+        f64::from(self.front) / f64::from((self.rays - self.escaped).max(1))
+    }
+
+    /// What `Auto` becomes. Over 5 % of sky means an open scene; else 90 % of one side mean that the
+    /// orientation of the mesh can be trusted. Both bounds are judgement, so the report tells the shares.
+    pub fn decide(&self) -> Block {
+        if self.escaped_share() > 0.05 {
+            Block::Solid
+        } else if self.front_share() >= 0.9 {
+            Block::FrontFace { max_layers: 3, flip: false }
+        } else if self.front_share() <= 0.1 {
+            Block::FrontFace { max_layers: 3, flip: true }
+        } else {
+            Block::Pass
+        }
+    }
+}
+
+/// The receiver's part in light transport, decided.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Rules {
+    /// How it blocks the environment.
+    pub block: Block,
+    /// Scattered rays meet it as a lit surface.
+    pub bounce_solid: bool,
+    /// Reflections in objects pass it and show the environment.
+    pub specular_env: bool,
+    /// How many times light may be scattered after the first time.
+    pub max_bounces: u32,
+}
+
+/// How the receiver appears to a ray that leaves a surface by one lobe.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// How it blocks the environment.
+    pub block: Block,
+    /// Whether the ray goes on from it.
+    pub lands: bool,
+}
+
+impl Rules {
+    /// The row of the table for rays of a lobe. Rows: diffuse rays of the receiver and of objects, and
+    /// specular rays of objects that see the environment or the receiver. The receiver has no specular
+    /// lobe; camera rays always see it, and the objects are solid to every ray.
+    pub fn sight(&self, lobe: Lobe) -> Sight {
+        match lobe {
+            Lobe::Diffuse => Sight { block: self.block, lands: self.bounce_solid },
+            Lobe::Specular if self.specular_env => Sight { block: Block::Pass, lands: false },
+            Lobe::Specular => Sight { block: Block::Solid, lands: true },
+        }
+    }
+}
+
+impl Block {
+    /// Whether light of the environment reaches the start of a ray past the receiver.
+    pub fn passes(&self, receiver: &Receiver, ray: Ray) -> bool {
+        match *self {
+            Block::Pass => true,
+            Block::Solid => !receiver.bvh.any(ray, |_| true),
+            Block::PassBeyond { centre, radius } => !receiver.bvh.any(ray, |hit| {
+                (ray.origin + ray.direction * hit.t - Vec3::from_array(centre)).length() <= radius
+            }),
+            Block::FrontFace { max_layers, flip } => {
+                // One walk over all hits: the nearest back blocks unless enough fronts lie before it.
+                let mut fronts = [f32::INFINITY; MOST_LAYERS];
+                let layers = (max_layers as usize).clamp(1, MOST_LAYERS);
+                let mut back = f32::INFINITY;
+                receiver.bvh.any(ray, |hit| {
+                    if hit.back != flip {
+                        back = back.min(hit.t);
+                    } else {
+                        // Keeps the nearest ones in order; an edge met twice counts once.
+                        let mut t = hit.t;
+                        for slot in &mut fronts[..layers] {
+                            if t == *slot {
+                                break;
+                            }
+                            if t < *slot {
+                                std::mem::swap(&mut t, slot);
+                            }
+                        }
+                    }
+                    false
+                });
+                back >= fronts[layers - 1]
+            }
+        }
+    }
+}
+
+/// Distance in the scene for a distance in metres.
+pub fn units(metres: f64, metres_per_unit: f64) -> f32 {
+    (metres / metres_per_unit) as f32
+}
+
+/// A point in the frame of the scene.
+pub fn framed(point: DVec3, origin: DVec3) -> Vec3 {
+    (point - origin).as_vec3()
+}

@@ -1,0 +1,217 @@
+//! The estimator: light that arrives along a camera ray.
+
+use glam::Vec3;
+
+use super::bsdf::{Lobe, Scatter};
+use super::light::Sky;
+use super::rules::{Block, Rules};
+use super::scene::{Objects, Receiver, Surface};
+use crate::bvh::{Hit, Ray};
+use crate::sampling::{Points, hash, unit};
+
+/// Pairs of dimensions used by one vertex of a path: light, direction, choice of lobe, survival.
+const PAIRS: u32 = 4;
+/// Paths this long or longer may end at random.
+const ROULETTE_FROM: u32 = 3;
+
+/// What all rays share.
+#[derive(Debug, Clone, Copy)]
+pub struct World<'a> {
+    /// The place.
+    pub receiver: &'a Receiver,
+    /// What was inserted.
+    pub objects: &'a Objects,
+    /// The light.
+    pub sky: &'a Sky,
+    /// How the receiver treats each sort of ray.
+    pub rules: &'a Rules,
+}
+
+/// Where a path is.
+#[derive(Debug, Clone, Copy)]
+pub enum Vertex {
+    /// On the receiver.
+    Receiver(Hit),
+    /// On an object.
+    Object(Hit),
+}
+
+/// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
+/// that paths with and without objects stay the same until an object comes in the way.
+#[derive(Debug)]
+pub struct Walk<'a> {
+    world: World<'a>,
+    points: Points,
+    key: u32,
+    /// Whether the objects are there.
+    objects: bool,
+    /// Rays cast so far.
+    pub rays: u64,
+    /// Whether a ray met an object.
+    pub touched: bool,
+}
+
+/// Balance of two strategies by the squares of their densities (Veach 1997, power heuristic).
+fn power(a: f32, b: f32) -> f32 {
+    // Densities of a sun in one texel overflow when squared in f32; their ratio does not.
+    if a > b {
+        let r = b / a;
+        1.0 / (1.0 + r * r)
+    } else if b > 0.0 {
+        let r = a / b;
+        r * r / (1.0 + r * r)
+    } else {
+        0.0
+    }
+}
+
+impl<'a> Walk<'a> {
+    /// The paths of a sample, with or without the objects.
+    pub fn new(world: World<'a>, points: Points, key: u32, objects: bool) -> Self {
+        Self { world, points, key, objects: objects && !world.objects.is_empty(), rays: 0, touched: false }
+    }
+
+    fn surface(&self, vertex: &Vertex, out: Vec3) -> Surface {
+        match vertex {
+            Vertex::Receiver(hit) => self.world.receiver.surface(hit, out),
+            Vertex::Object(hit) => self.world.objects.surface(hit, out),
+        }
+    }
+
+    /// The nearest object along a ray.
+    fn object(&mut self, ray: Ray, key: u32) -> Option<Hit> {
+        if !self.objects {
+            return None;
+        }
+        self.rays += 1;
+        let objects = self.world.objects;
+        let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false));
+        self.touched |= hit.is_some();
+        hit
+    }
+
+    /// Whether an object lies along a ray.
+    fn shaded(&mut self, ray: Ray, key: u32) -> bool {
+        if !self.objects {
+            return false;
+        }
+        self.rays += 1;
+        let objects = self.world.objects;
+        let shaded = objects.bvh.any(ray, |hit| objects.accepts(hit, key, false));
+        self.touched |= shaded;
+        shaded
+    }
+
+    fn passes(&mut self, block: Block, ray: Ray) -> bool {
+        self.rays += u64::from(block != Block::Pass);
+        block.passes(self.world.receiver, ray)
+    }
+
+    /// Radiance that leaves a vertex against the unit direction of the ray that found it.
+    ///
+    /// With `PROBE` nothing is summed: the walk takes the same turns, skips what cannot meet an object,
+    /// and stops as soon as one is met.
+    pub fn radiance<const PROBE: bool>(&mut self, first: Vertex, ray_direction: Vec3) -> Vec3 {
+        let World { sky, rules, .. } = self.world;
+        let (mut vertex, mut out) = (first, -ray_direction);
+        let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
+        for bounce in 0..=rules.max_bounces + 1 {
+            let surface = self.surface(&vertex, out);
+            light += weight * surface.emission;
+            if bounce > rules.max_bounces {
+                break;
+            }
+            let pair = 1 + bounce * PAIRS;
+            let key = hash(self.key, pair);
+
+            // Light sampling.
+            let from_sky = sky.sample(self.points.bits(pair));
+            let lobes = surface.bsdf.eval(from_sky.direction);
+            let useful = |s: &Scatter| s.value != Vec3::ZERO;
+            if from_sky.radiance != Vec3::ZERO && lobes.iter().any(useful) {
+                let ray = surface.leave(from_sky.direction);
+                if !self.shaded(ray, key) && !PROBE {
+                    let mut arrived = Vec3::ZERO;
+                    // Lobes that see the receiver alike share one ray.
+                    let mut seen: Option<(Block, bool)> = None;
+                    for (lobe, scatter) in [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes) {
+                        if !useful(scatter) {
+                            continue;
+                        }
+                        let block = rules.sight(lobe).block;
+                        let passes = match seen {
+                            Some((b, passes)) if b == block => passes,
+                            _ => self.passes(block, ray),
+                        };
+                        seen = Some((block, passes));
+                        if passes {
+                            arrived += scatter.value * power(from_sky.pdf, scatter.pdf);
+                        }
+                    }
+                    light += weight * arrived * from_sky.radiance / from_sky.pdf;
+                }
+                if PROBE && self.touched {
+                    break;
+                }
+            }
+
+            // Scattering.
+            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
+            let throughput = scatter.value / scatter.pdf;
+            let sight = rules.sight(lobe);
+            let ray = surface.leave(direction);
+            let object = self.object(ray, key ^ 1);
+            if PROBE && self.touched {
+                break;
+            }
+            let reach = object.map_or(f32::INFINITY, |hit| hit.t);
+            let go_on = bounce < rules.max_bounces;
+            let landed = if sight.lands && (go_on || (!PROBE && sight.block == Block::Solid)) {
+                self.rays += 1;
+                self.world.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
+            } else {
+                None
+            };
+            if object.is_none() && !PROBE {
+                let found = sky.lookup(direction);
+                if found.radiance != Vec3::ZERO {
+                    let passes = match (sight.block, sight.lands) {
+                        (Block::Solid, true) => landed.is_none(),
+                        (block, _) => self.passes(block, ray),
+                    };
+                    if passes {
+                        light += weight * throughput * found.radiance * power(scatter.pdf, found.pdf);
+                    }
+                }
+            }
+            vertex = match (landed, object) {
+                (Some(hit), _) => Vertex::Receiver(hit),
+                (None, Some(hit)) => Vertex::Object(hit),
+                (None, None) => break,
+            };
+            weight *= throughput;
+            out = -direction;
+            if bounce + 1 >= ROULETTE_FROM {
+                let survival = weight.max_element().clamp(0.05, 0.95);
+                if unit(self.points.bits(pair + 3)[0]) >= survival {
+                    break;
+                }
+                weight /= survival;
+            }
+        }
+        light
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_two_weights_sum_to_one() {
+        for (a, b) in [(1.0, 2.0), (3e30, 1.0), (1e-30, 3e30), (0.5, 0.5), (7.0, 0.0)] {
+            assert!((power(a, b) + power(b, a) - 1.0).abs() < 1e-6, "{a} {b}");
+        }
+        assert_eq!(power(0.0, 0.0), 0.0);
+    }
+}
