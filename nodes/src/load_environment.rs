@@ -6,7 +6,7 @@ use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, Sou
 
 use crate::Error;
 use crate::io::{exr, hdr};
-use crate::types::{Environment, Image};
+use crate::types::{Environment, Image, Images};
 
 engine::params! {
     /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.
@@ -32,6 +32,8 @@ engine::outputs! {
     pub struct Out {
         /// Linear radiance from every direction.
         env: Arc<Environment>,
+        /// The same as a picture, for sinks and comparisons.
+        image: Arc<Images>,
     }
 }
 
@@ -65,7 +67,9 @@ impl Kind for LoadEnvironment {
         replace_impossible(&mut rgb, p.scale, &mut notes);
         let turned = turn(&rgb, width, p.rotation_deg, cx)?;
         let image = Image::from_samples(width, height, 3, turned);
-        Ok((Out { env: Arc::new(Environment { image, up: cx.up(), origin: None }) }, notes))
+        let picture = Arc::new(Images::single("env", image.clone()));
+        let env = Arc::new(Environment { image, up: cx.up(), origin: None });
+        Ok((Out { env, image: picture }, notes))
     }
 }
 

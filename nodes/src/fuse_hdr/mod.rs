@@ -8,7 +8,7 @@ use crate::color::luminance;
 use crate::error::Error;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::num;
-use crate::types::{Brackets, Environment, Image, Linear, Panorama, Picture, Report};
+use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report};
 
 mod ledger;
 
@@ -67,6 +67,8 @@ engine::outputs! {
         env: Arc<Environment>,
         /// Each recovered light, and the energy before and after.
         report: Arc<Report>,
+        /// The light as a picture, for `write-exr`.
+        image: Arc<Images>,
     }
 }
 
@@ -125,7 +127,8 @@ impl Kind for FuseHdr {
         cx.check()?;
         let report = lights.report(base.up, &pixels, &image, &fused, &brackets.evs, params.gain);
         let env = Environment { image, up: base.up, origin: Some(base.origin) };
-        Ok((Out { env: Arc::new(env), report: Arc::new(report) }, notes))
+        let image = Arc::new(Images::single("env", env.image.clone()));
+        Ok((Out { env: Arc::new(env), report: Arc::new(report), image }, notes))
     }
 }
 

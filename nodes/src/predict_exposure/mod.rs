@@ -8,7 +8,7 @@ use crate::color::srgb_from_linear;
 use crate::error::Error;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::num;
-use crate::types::{Brackets, Cell, Data, Image, Panorama, Picture, Report, Srgb, Table};
+use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Srgb, Table};
 
 mod region;
 
@@ -49,6 +49,10 @@ engine::outputs! {
     pub struct Out {
         /// The log2 gain of every pixel, the exposures derived from it, and each region found.
         brackets: Arc<Brackets>,
+        /// The exposures as pictures, one view each: `ev_-6`.
+        exposures: Arc<Images>,
+        /// The regions, as a table.
+        report: Arc<Report>,
     }
 }
 
@@ -105,11 +109,18 @@ impl Kind for PredictExposure {
         let (width, height) = (pixels.width, pixels.height);
         let evs = sorted(&params.evs);
         let rows = cx.for_each_tile(evs.len(), |i| expose(&pixels, &log2_gain, evs[i]))?;
-        let exposures =
+        let exposures: Vec<Image<Srgb>> =
             rows.into_iter().map(|samples| Image::<Srgb>::from_samples(width, height, 3, samples)).collect();
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
         let report = report(params.method, clipped, mask.len() as u64, &regions);
-        Ok((Out { brackets: Arc::new(Brackets { log2_gain, evs, exposures, report }) }, notes))
+        let named = evs
+            .iter()
+            .zip(&exposures)
+            .map(|(ev, image)| NamedImage { name: format!("ev_{ev}"), picture: image.clone().into() });
+        let pictures = Arc::new(Images(named.collect()));
+        let table = Arc::new(report.clone());
+        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, report });
+        Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
 }
 
