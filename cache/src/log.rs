@@ -387,10 +387,9 @@ impl Log {
         scanned.end
     }
 
-    /// Keeps `bytes`, which follow what is understood, if they also follow what is kept.
+    /// Keeps `bytes`, which follow what is understood, as long as all before them is kept too.
     fn remember(&mut self, keep: u64, bytes: &[u8]) {
-        let kept = self.mirror.len() as u64;
-        if kept < keep && kept == self.scanned - log_head::LENGTH {
+        if (self.mirror.len() as u64) < keep {
             self.mirror.extend_from_slice(bytes);
         }
     }

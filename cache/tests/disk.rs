@@ -121,7 +121,11 @@ fn a_folder_without_rights_is_read_only() {
     drop(store);
     let mode = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
     let program = folder.path().join("program");
-    fs::copy(std::env::current_exe().unwrap(), &program).unwrap();
+    // By a process of its own: a handle of ours, open for writing, might be inherited by another test's child,
+    // and then the program cannot be started.
+    assert!(
+        Command::new("cp").arg(std::env::current_exe().unwrap()).arg(&program).status().unwrap().success()
+    );
     mode(folder.path(), 0o755);
     mode(&program, 0o755);
     // Once with files that could be written in folders that cannot, once with neither.
