@@ -30,7 +30,7 @@ mod syntax;
 pub use artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
 };
-pub use cache::{Change, Digest, Manifest};
+pub use cache::{Change, Digest, Manifest, Store};
 pub use context::{Context, ContextField, Part, Scene, SourceFile, SourceRoot, Up};
 pub use diag::{Diagnostic, Diagnostics, Source, nearest};
 pub use edit::{EditError, Setting, apply};
