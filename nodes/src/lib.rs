@@ -19,7 +19,9 @@ pub mod fuse_hdr;
 pub mod io;
 pub mod layers;
 pub mod light;
+pub mod load_cameras;
 pub mod load_environment;
+pub mod load_image;
 pub mod load_mesh;
 pub mod load_object;
 pub mod load_splats;
@@ -53,7 +55,9 @@ pub fn registry() -> Registry {
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<cube_rig::CubeRig>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
+        KindEntry::of::<load_cameras::LoadCameras>(),
         KindEntry::of::<load_environment::LoadEnvironment>(),
+        KindEntry::of::<load_image::LoadImage>(),
         KindEntry::of::<load_mesh::LoadMesh>(),
         KindEntry::of::<load_object::LoadObject>(),
         KindEntry::of::<load_splats::LoadSplats>(),

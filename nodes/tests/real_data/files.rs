@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Notes, Scene, SourceRoot, Up};
 use nodes::io::{exr, hdr};
+use nodes::load_cameras::{self, LoadCameras};
 use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::load_object::{self, LoadObject};
@@ -207,4 +208,43 @@ fn cut_and_flipped_objects_are_errors_or_objects() {
         std::fs::write(folder.path().join("a.glb"), &hurt).unwrap();
         drop(LoadObject::run(&p, load_object::In {}, &cx));
     }
+}
+
+fn cameras(path: &str, list: &str, pick: &[&str]) -> Vec<nodes::types::Camera> {
+    let p = LoadCameras {
+        path: InputFile(path.into()),
+        pick: pick.iter().map(|p| (*p).to_owned()).collect(),
+        list: list.into(),
+        resolution: 1.0,
+        distortion: load_cameras::Distortion::Refuse,
+    };
+    let (out, _) = LoadCameras::run(&p, load_cameras::In {}, &cx()).unwrap();
+    out.rig.cameras.clone()
+}
+
+// The case file is our own format; its cube faces stand at the probe, its views look at the object.
+#[test]
+fn cameras_of_the_bench_case_load() {
+    let views = cameras("bench-case/case.json", "views", &[]);
+    assert_eq!(views.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["view_0", "view_1", "view_2"]);
+    for camera in &views {
+        let seen = camera.camera_from_world().transform_point3(glam::DVec3::new(0.4, 0.3, 0.4));
+        let (x, y) = (seen.x / seen.z * camera.fx + camera.cx, seen.y / seen.z * camera.fy + camera.cy);
+        assert!(
+            seen.z > 0.0 && (x - 256.0).abs() < 100.0 && (y - 192.0).abs() < 100.0,
+            "{}: {x} {y}",
+            camera.name
+        );
+    }
+    let faces = cameras("bench-case/case.json", "cube_faces", &["*"]);
+    assert_eq!(faces.len(), 6);
+    assert!(faces.iter().all(|c| (c.eye() - glam::DVec3::new(0.4, 0.3, 0.45)).length() < 1e-6));
+    assert_eq!(cameras("bench-case/case.json", "capture_views", &["0..100..8"]).len(), 5);
+}
+
+#[test]
+fn inria_cameras_load() {
+    let views = cameras("splats/arkit-room.cameras.json", "views", &[]);
+    println!("{} cameras, first {:?}", views.len(), views[0]);
+    assert!(views.len() > 10);
 }

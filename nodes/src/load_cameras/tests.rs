@@ -1,0 +1,179 @@
+use super::*;
+use engine::{Scene, Up};
+
+fn node(path: &str) -> LoadCameras {
+    LoadCameras {
+        path: InputFile(path.into()),
+        pick: Vec::new(),
+        list: "views".into(),
+        resolution: 1.0,
+        distortion: Distortion::Refuse,
+    }
+}
+
+fn load(files: &[(&str, &[u8])], p: &LoadCameras) -> Result<(Vec<Camera>, Notes), NodeError> {
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        path.parent().map(std::fs::create_dir_all).transpose().unwrap_or_else(|e| panic!("{e}"));
+        std::fs::write(path, bytes).unwrap_or_else(|e| panic!("{e}"));
+    }
+    LoadCameras::sources(p, &SourceRoot::new(folder.path()))?;
+    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    LoadCameras::run(p, In {}, &cx).map(|(out, notes)| (out.rig.cameras.clone(), notes))
+}
+
+// One camera at (1, 2, 3), turned a quarter about z: its x is +y of the world, its y is -x.
+const OWN: &str = r#"{"views": [{"name": "a", "w": 40, "h": 30, "fx": 50, "fy": 51, "cx": 20.5, "cy": 14,
+    "c2w_opencv": [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]}]}"#;
+const OPENGL: &str = r#"{"views": [{"name": "a", "w": 40, "h": 30, "fx": 50, "fy": 51, "cx": 20.5, "cy": 14,
+    "c2w_opengl": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]}]}"#;
+const STUDIO: &str = r#"{"w": 40.0, "h": 30, "fl_x": 50, "fl_y": 51, "cx": 20.5, "cy": 14, "k1": 0.0, "frames":
+    [{"file_path": "images/a.png", "transform_matrix": [[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]}]}"#;
+const INRIA: &str = r#"[{"id": 0, "img_name": "a", "width": 40, "height": 30, "fx": 50, "fy": 51,
+    "position": [1, 2, 3], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}]"#;
+const CAMERAS: &str = "# id\n7 PINHOLE 40 30 50 51 20.5 14\n";
+
+/// Camera from world of the same camera: a turn by -90 degrees, and -R (1, 2, 3) = (-2, 1, -3).
+fn images() -> String {
+    let h = 0.5_f64.sqrt();
+    format!("# id\n3 {h} 0 0 -{h} -2 1 -3 7 set/a.png\n1 2 -1 3 4 -1\n4 1 0 0 0 0 0 0 7 a b.png\n\n")
+}
+
+fn binary_files() -> (Vec<u8>, Vec<u8>) {
+    let h = 0.5_f64.sqrt();
+    let mut cameras: Vec<u8> = 1_u64.to_le_bytes().to_vec();
+    cameras.extend([7_u32, 1].iter().flat_map(|v| v.to_le_bytes()));
+    cameras.extend([40_u64, 30].iter().flat_map(|v| v.to_le_bytes()));
+    cameras.extend([50.0_f64, 51.0, 20.5, 14.0].iter().flat_map(|v| v.to_le_bytes()));
+    let mut images: Vec<u8> = 1_u64.to_le_bytes().to_vec();
+    images.extend(3_u32.to_le_bytes());
+    images.extend([h, 0.0, 0.0, -h, -2.0, 1.0, -3.0].iter().flat_map(|v: &f64| v.to_le_bytes()));
+    images.extend(7_u32.to_le_bytes());
+    images.extend(b"set/a.png\0");
+    images.extend(1_u64.to_le_bytes());
+    images.extend([0; 24]);
+    (cameras, images)
+}
+
+fn near(a: &Camera, b: &Camera) -> bool {
+    let close = |x: f64, y: f64| (x - y).abs() < 1e-12;
+    (&a.name, a.width_px, a.height_px) == (&b.name, b.width_px, b.height_px)
+        && close(a.fx, b.fx)
+        && close(a.cy, b.cy)
+        && a.world_from_camera.iter().zip(&b.world_from_camera).all(|(x, y)| close(*x, *y))
+}
+
+#[test]
+fn six_ways_to_write_one_camera() {
+    let own = load(&[("a.json", OWN.as_bytes())], &node("a.json")).unwrap_or_else(|e| panic!("{e}")).0;
+    let [camera] = own.as_slice() else { panic!("one camera") };
+    assert_eq!(camera.eye(), DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(camera.world_from_camera().transform_vector3(DVec3::X), DVec3::Y);
+    let (cameras, images_bin) = binary_files();
+    let text = images();
+    let ways: [(&str, &[(&str, &[u8])]); 5] = [
+        ("a.json", &[("a.json", OPENGL.as_bytes())]),
+        ("transforms.json", &[("transforms.json", STUDIO.as_bytes())]),
+        ("m", &[("m/sparse/0/cameras.txt", CAMERAS.as_bytes()), ("m/sparse/0/images.txt", text.as_bytes())]),
+        ("m/images.bin", &[("m/cameras.bin", &cameras), ("m/images.bin", &images_bin)]),
+        ("c.json", &[("c.json", INRIA.as_bytes())]),
+    ];
+    for (path, files) in ways {
+        let (found, _) = load(files, &node(path)).unwrap_or_else(|e| panic!("{path}: {e}"));
+        let same = found.iter().find(|c| c.name == "a").unwrap_or_else(|| panic!("{path}: {found:?}"));
+        let mut same = same.clone();
+        if path == "c.json" {
+            // INRIA's file has no principal point; it is the middle.
+            assert_eq!((same.cx, same.cy), (20.0, 15.0));
+            (same.cx, same.cy) = (camera.cx, camera.cy);
+        }
+        assert!(near(&same, camera), "{path}: {same:?}");
+    }
+}
+
+#[test]
+fn distortion_is_refused_or_told() {
+    let bent = STUDIO.replace("\"k1\": 0.0", "\"k1\": 0.1");
+    let files: [(&str, &[u8]); 1] = [("t.json", bent.as_bytes())];
+    assert!(load(&files, &node("t.json")).is_err());
+    let ignore = LoadCameras { distortion: Distortion::Ignore, ..node("t.json") };
+    assert!(load(&files, &ignore).is_ok_and(|(_, notes)| notes.is_degraded()));
+    let straight = "7 OPENCV 40 30 50 51 20.5 14 0 0 0 0\n";
+    let (text, fish) = (images(), straight.replace("OPENCV", "OPENCV_FISHEYE"));
+    let colmap = |cameras: &str| {
+        load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", text.as_bytes())], &node("m"))
+    };
+    assert!(colmap(straight).is_ok());
+    assert!(colmap(&fish).is_err(), "a fisheye bends even with zeros");
+    assert!(colmap("7 SIMPLE_RADIAL 40 30 50 20 15 0.01\n").is_err());
+}
+
+#[test]
+fn picks_names_globs_and_ranges() {
+    let names: Vec<String> = ["view_0", "view_1", "left", "view_10"].map(str::to_owned).to_vec();
+    let pick =
+        |wishes: &[&str]| pick(&wishes.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>(), &names).ok();
+    assert_eq!(pick(&[]), Some(vec![0, 1, 2, 3]));
+    assert_eq!(pick(&["left", "view_?"]), Some(vec![2, 0, 1]));
+    assert_eq!(pick(&["view_1*"]), Some(vec![1, 3]));
+    assert_eq!(pick(&["0..4..2"]), Some(vec![0, 2]));
+    assert_eq!(pick(&["1..", "*"]), Some(vec![1, 2, 3, 0]));
+    assert_eq!(pick(&["right"]), None);
+    assert_eq!(pick(&["9..12"]), None);
+    assert!(matches("*a*b", "xxaxxab") && !matches("*a*b", "xxaxx") && matches("*", ""));
+}
+
+#[test]
+fn resolution_keeps_the_field_of_view() {
+    let p = LoadCameras { resolution: 0.33, ..node("a.json") };
+    let (cameras, _) = load(&[("a.json", OWN.as_bytes())], &p).unwrap_or_else(|e| panic!("{e}"));
+    let c = &cameras[0];
+    assert_eq!((c.width_px, c.height_px), (13, 10));
+    assert!((c.fx / 13.0 - 50.0 / 40.0).abs() < 1e-12 && (c.cy / 10.0 - 14.0 / 30.0).abs() < 1e-12);
+}
+
+#[test]
+fn names_become_view_names() {
+    for (picture, name) in [
+        ("a/b/IMG_1.JPG", "IMG_1"),
+        ("frame.0001", "frame.0001"),
+        ("x{view}.png", "x_view_"),
+        ("..", "camera"),
+        (".png", ".png"),
+    ] {
+        assert_eq!(view_name(picture), name);
+    }
+}
+
+#[test]
+fn hostile_files_are_errors() {
+    let (cameras, images_bin) = binary_files();
+    for end in 0..cameras.len() {
+        assert!(colmap::binary("m", &cameras[..end], &images_bin).is_err());
+    }
+    for end in 0..images_bin.len() {
+        assert!(colmap::binary("m", &cameras, &images_bin[..end]).is_err());
+    }
+    let mut many = images_bin;
+    many[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+    assert!(colmap::binary("m", &cameras, &many).is_err());
+    for text in [OWN, OPENGL, STUDIO, INRIA] {
+        for end in 0..text.len() - 1 {
+            assert!(json::read("a", &text.as_bytes()[..end], "views", &mut Notes::none()).is_err());
+        }
+    }
+    for (from, to) in [
+        ("1, 2, 3]", "1, 2]"),
+        ("[0, -1, 0]", "[0, -2, 0]"),
+        ("[0, -1, 0]", "[0, 1, 0]"),
+        ("50", "-50"),
+        ("40", "0"),
+    ] {
+        let hurt = INRIA.replace(from, to);
+        assert_ne!(hurt, INRIA);
+        assert!(load(&[("c.json", hurt.as_bytes())], &node("c.json")).is_err(), "{to}");
+    }
+    assert!(load(&[("c.json", b"{\"other\": 3}")], &node("c.json")).is_err());
+    assert!(load(&[], &node("nowhere")).is_err());
+}

@@ -1,0 +1,240 @@
+//! `load-image`: a picture from a file.
+
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+
+use crate::Error;
+use crate::io::png::Raster;
+use crate::io::{exr, hdr, jpeg, png};
+use crate::load_environment::tell;
+use crate::types::{Data, Image, Images, Linear, Picture, Srgb};
+
+engine::choices! {
+    /// What the numbers of a file mean.
+    pub enum FileEncoding {
+        /// PNG and JPEG: display colours; OpenEXR and Radiance: linear light.
+        Auto,
+        /// Display colours with the sRGB curve.
+        Srgb,
+        /// Linear light.
+        Linear,
+        /// Not a colour: a mask, a depth, a ratio.
+        Data,
+    }
+}
+engine::params! {
+    /// Loads a picture: PNG, JPEG, OpenEXR or Radiance HDR.
+    ///
+    /// Codes become numbers from 0 to 1; nothing is converted, `encoding` only says what they mean. Alpha
+    /// is premultiplied where the file has it straight (PNG).
+    pub struct LoadImage {
+        /// The file.
+        path: InputFile, other("\"b.png\"");
+        /// What the numbers mean.
+        encoding: FileEncoding = FileEncoding::Auto, other("Data");
+        /// Which layer of an OpenEXR file: `R0` takes `R0.R`, `R0.G` and `R0.B`, `Z` the channel Z. By
+        /// default the layer without a name.
+        layer: String = String::new(), other("\"Z\""), inert("only OpenEXR has layers");
+        /// Name of the view, which stands for `{view}` in paths; by default the name of the file.
+        name: String = String::new(), other("\"left\"");
+    }
+}
+engine::inputs! {
+    /// None.
+    pub struct In {}
+}
+engine::outputs! {
+    /// The picture.
+    pub struct Out {
+        /// The picture, as one view.
+        image: Arc<Images>,
+    }
+}
+
+impl Kind for LoadImage {
+    const NAME: &'static str = "load-image";
+    const VERSION: u32 = 1;
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(vec![root.file(&p.path)])
+    }
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        if p.name.is_empty() { Ok(()) } else { crate::camera::view_name(&p.name) }
+    }
+
+    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
+        let mut notes = Notes::none();
+        let picture = decode(p, &bytes, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
+        cx.check()?;
+        let name = if p.name.is_empty() {
+            let file = p.path.0.rsplit(['/', '\\']).next().unwrap_or_default();
+            file.rsplit_once('.').map_or(file, |(stem, _)| stem)
+        } else {
+            &p.name
+        };
+        Ok((Out { image: Arc::new(Images::single(name, picture)) }, notes))
+    }
+}
+
+fn decode(p: &LoadImage, bytes: &[u8], notes: &mut Notes) -> Result<Picture, Error> {
+    let name = &p.path.0;
+    let (width, height, channels, samples, linear) = match bytes {
+        [0x89, b'P', b'N', b'G', ..] => whole(name, png::read(name, bytes)?, p.encoding, notes),
+        [0xff, 0xd8, ..] => whole(name, jpeg::read(name, bytes)?, p.encoding, notes),
+        [b'#', b'?', ..] => {
+            let picture = hdr::read(name, bytes)?;
+            (picture.width, picture.height, 3, picture.rgb, true)
+        }
+        [0x76, 0x2f, 0x31, 0x01, ..] => {
+            let planes = exr::read(name, bytes)?;
+            tell(name, &planes, notes);
+            let found = layer(name, &planes, &p.layer)?;
+            let samples: Vec<f32> = (0..planes.width * planes.height)
+                .flat_map(|i| found.iter().map(move |plane| plane[i]))
+                .collect();
+            (planes.width, planes.height, found.len(), samples, true)
+        }
+        _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
+    };
+    let encoding = match p.encoding {
+        FileEncoding::Auto if linear => FileEncoding::Linear,
+        FileEncoding::Auto => FileEncoding::Srgb,
+        given => given,
+    };
+    let samples = finite(samples, encoding == FileEncoding::Data, notes);
+    Ok(match encoding {
+        FileEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
+        FileEncoding::Data => Image::<Data>::from_samples(width, height, channels, samples).into(),
+        _ => Image::<Srgb>::from_samples(width, height, channels, samples).into(),
+    })
+}
+
+type Decoded = (usize, usize, usize, Vec<f32>, bool);
+
+/// Codes to numbers. Colour comes as RGB or RGBA, data with as many channels as it has.
+fn whole(name: &str, raster: Raster, encoding: FileEncoding, notes: &mut Notes) -> Decoded {
+    for ignored in &raster.ignored {
+        notes.warning("profile-ignored", format!("`{name}` has {ignored}, which is not used"));
+    }
+    let mut samples = raster.samples();
+    let mut channels = raster.channels;
+    if encoding != FileEncoding::Data {
+        if channels < 3 {
+            let grey =
+                |p: &[f32]| [p[0], p[0], p[0]].into_iter().chain(p.get(1).copied()).collect::<Vec<_>>();
+            samples = samples.chunks_exact(channels).flat_map(grey).collect();
+            channels += 2;
+        }
+        if channels == 4 {
+            for pixel in samples.as_chunks_mut::<4>().0 {
+                let [r, g, b, a] = *pixel;
+                *pixel = [r * a, g * a, b * a, a];
+            }
+        }
+    }
+    (raster.width, raster.height, channels, samples, false)
+}
+
+/// The planes of a layer: its colour with alpha where it has one, a vector, or a single plane.
+fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a [f32]>, Error> {
+    let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
+    let all = |letters: &[&str]| {
+        letters.iter().map(|letter| planes.find(&format!("{prefix}{letter}"))).collect::<Option<Vec<_>>>()
+    };
+    let single = || planes.find(if layer.is_empty() { "Y" } else { layer }).map(|plane| vec![plane]);
+    let found = all(&["R", "G", "B", "A"])
+        .or_else(|| all(&["R", "G", "B"]))
+        .or_else(|| all(&["X", "Y", "Z"]))
+        .or_else(|| all(&["Y", "A"]))
+        .or_else(single);
+    found.ok_or_else(|| {
+        let names: Vec<&str> = planes.channels.iter().map(|c| c.name.as_str()).collect();
+        Error::format(name, format!("has no layer `{layer}`; its channels are {}", names.join(", ")))
+    })
+}
+
+/// Only data may be infinite, and nothing may be not a number.
+fn finite(mut samples: Vec<f32>, data: bool, notes: &mut Notes) -> Vec<f32> {
+    let (mut lost, mut capped) = (0, 0);
+    for v in &mut samples {
+        if v.is_nan() {
+            lost += 1;
+            *v = 0.0;
+        } else if v.is_infinite() && !data {
+            capped += 1;
+            *v = 65_504.0_f32.copysign(*v);
+        }
+    }
+    if lost > 0 {
+        notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
+    }
+    if capped > 0 {
+        notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
+    }
+    samples
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(encoding: FileEncoding, layer: &str) -> LoadImage {
+        LoadImage { path: InputFile("a".into()), encoding, layer: layer.into(), name: String::new() }
+    }
+    fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
+        let mut notes = Notes::none();
+        (decode(&node(encoding, layer), bytes, &mut notes).unwrap_or_else(|e| panic!("{e}")), notes)
+    }
+    fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
+        let width = codes.len() / channels;
+        let raster = Raster { width, height: 1, channels, largest, codes, ignored: Vec::new() };
+        png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    fn pngs_are_premultiplied_colour_or_data() {
+        let rgba = png_of(4, 255, vec![255, 51, 0, 51]);
+        let (picture, _) = load(&rgba, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()), ("srgb", &[0.2, 0.2 * 0.2, 0.0, 0.2][..]));
+        assert_eq!(load(&rgba, FileEncoding::Data, "").0.samples(), [1.0, 0.2, 0.0, 0.2]);
+        let grey = png_of(1, 65_535, vec![0, 13_107]);
+        let (picture, _) = load(&grey, FileEncoding::Linear, "");
+        assert_eq!((picture.encoding(), picture.size()), ("linear", (2, 1, 3)));
+        assert_eq!(picture.samples()[3..], [0.2; 3]);
+        assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
+    }
+
+    #[test]
+    fn layers_of_an_exr_are_found_by_name() {
+        let plane =
+            |name: &str, v: f32| (exr::Channel { name: name.into(), samples: vec![v] }, exr::Depth::Float);
+        let channels = vec![
+            plane("R", 1.0),
+            plane("G", f32::NAN),
+            plane("B", f32::INFINITY),
+            plane("R0.R", 4.0),
+            plane("R0.G", 5.0),
+            plane("R0.B", 6.0),
+            plane("R0.A", 1.0),
+            plane("Z", f32::INFINITY),
+            plane("N.X", 0.0),
+            plane("N.Y", 0.0),
+            plane("N.Z", 1.0),
+        ];
+        let (bytes, _) = exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}"));
+        let (picture, notes) = load(&bytes, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()), ("linear", &[1.0, 0.0, 65_504.0][..]));
+        assert_eq!(notes.iter().count(), 2);
+        assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
+        assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
+        assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
+        assert!(decode(&node(FileEncoding::Auto, "S"), &bytes, &mut Notes::none()).is_err());
+    }
+}
