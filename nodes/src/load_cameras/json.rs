@@ -103,7 +103,7 @@ fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
     let focal = |key: &str, angle: &str, size: u64| -> Option<f64> {
         let holder = holder(key);
         holder[key].as_f64().or_else(|| {
-            let angle = self::number(top, angle).ok()?;
+            let angle = number(top, angle).ok()?;
             Some(size as f64 / 2.0 / num::f64::tan(angle / 2.0))
         })
     };

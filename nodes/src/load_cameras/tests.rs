@@ -72,7 +72,8 @@ fn six_ways_to_write_one_camera() {
     assert_eq!(camera.world_from_camera().transform_vector3(DVec3::X), DVec3::Y);
     let (cameras, images_bin) = binary_files();
     let text = images();
-    let ways: [(&str, &[(&str, &[u8])]); 5] = [
+    type Files<'a> = &'a [(&'a str, &'a [u8])];
+    let ways: [(&str, Files<'_>); 5] = [
         ("a.json", &[("a.json", OPENGL.as_bytes())]),
         ("transforms.json", &[("transforms.json", STUDIO.as_bytes())]),
         ("m", &[("m/sparse/0/cameras.txt", CAMERAS.as_bytes()), ("m/sparse/0/images.txt", text.as_bytes())]),
