@@ -1,1 +1,425 @@
+use fearless_simd::Level;
+use glam::{DMat3, DMat4, DVec3};
 
+use super::*;
+use crate::num;
+use crate::testing::context;
+use crate::types::SplatEncoding;
+
+/// Numbers in [0, 1), the same on every machine.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+    fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
+}
+
+fn empty(sh_degree: u32) -> Splats {
+    Splats {
+        means: vec![],
+        means_low: vec![],
+        quats: vec![],
+        scales: vec![],
+        opacities: vec![],
+        sh_degree,
+        sh: vec![],
+        encoding: SplatEncoding::Srgb,
+        antialiased: false,
+    }
+}
+
+/// Splats of all sizes and shapes before and around a camera at the origin that looks along z.
+fn cloud(count: usize, seed: u64) -> Splats {
+    let mut random = Random(seed);
+    let mut splats = empty(3);
+    for _ in 0..count {
+        let z = random.within(-0.5, 12.0);
+        let mean = [random.within(-1.0, 1.0) * z, random.within(-1.0, 1.0) * z, z];
+        splats.means.push(mean.map(|v| v as f32));
+        let quat = [0; 4].map(|_| random.within(-1.0, 1.0));
+        let length = quat.iter().map(|q| q * q).sum::<f64>().sqrt();
+        splats.quats.push(quat.map(|q| (q / length) as f32));
+        splats.scales.push([0; 3].map(|_| num::f64::exp(random.within(-7.0, -0.7)) as f32));
+        splats.opacities.push(random.within(0.0, 1.0) as f32);
+        splats.sh.push([0; 3].map(|_| random.within(-1.5, 2.0) as f32));
+        for _ in 1..16 {
+            splats.sh.push([0; 3].map(|_| random.within(-0.2, 0.2) as f32));
+        }
+    }
+    splats
+}
+
+fn one(mean: [f32; 3], scale: [f32; 3], opacity: f32, dc: [f32; 3]) -> Splats {
+    Splats {
+        means: vec![mean],
+        quats: vec![[1.0, 0.0, 0.0, 0.0]],
+        scales: vec![scale],
+        opacities: vec![opacity],
+        sh: vec![dc],
+        ..empty(0)
+    }
+}
+
+fn join(all: &[&Splats]) -> Splats {
+    let mut sum = empty(all[0].sh_degree);
+    for splats in all {
+        sum.means.extend(&splats.means);
+        sum.quats.extend(&splats.quats);
+        sum.scales.extend(&splats.scales);
+        sum.opacities.extend(&splats.opacities);
+        sum.sh.extend(&splats.sh);
+    }
+    sum
+}
+
+fn camera(width_px: u32, height_px: u32, fov_x_deg: f64) -> Camera {
+    let f = 0.5 * f64::from(width_px) / num::f64::tan((0.5 * fov_x_deg).to_radians());
+    Camera {
+        name: "test".to_owned(),
+        width_px,
+        height_px,
+        fx: f,
+        fy: f,
+        cx: 0.5 * f64::from(width_px),
+        cy: 0.5 * f64::from(height_px),
+        world_from_camera: DMat4::IDENTITY.to_cols_array(),
+    }
+}
+
+fn draw(splats: &Splats, camera: &Camera, settings: Settings) -> Rendered {
+    render(splats, camera, &settings, &context()).expect("renders")
+}
+
+fn largest_difference(a: &Rendered, b: &Rendered) -> f64 {
+    let pairs = a.rgba.iter().zip(&b.rgba);
+    pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max)
+}
+
+fn bits(seen: &Rendered) -> Vec<u32> {
+    seen.rgba.iter().chain(&seen.depth).map(|v| v.to_bits()).collect()
+}
+
+const F64: Settings = Settings {
+    bounds: Bounds::Exact,
+    precision: Precision::F64,
+    sort: Sort::Depth,
+    sh_degree: 4,
+    near: 0.2,
+    low_pass_px2: 0.3,
+    compensate: false,
+    alpha_cut: 1.0 / 255.0,
+    alpha_cap: 0.99,
+    stop: 1e-4,
+    depth: DepthMode::Expected,
+};
+
+/// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Nothing is shared
+/// with the renderer but the harmonics.
+fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4] {
+    let mut order: Vec<usize> = (0..splats.len()).collect();
+    order.sort_by(|a, b| splats.means[*a][2].total_cmp(&splats.means[*b][2]));
+    let (mut rgb, mut transmittance) = ([0.0; 3], 1.0);
+    let limit = 1.3 * 0.5 * f64::from(camera.width_px) / camera.fx;
+    let limit_y = 1.3 * 0.5 * f64::from(camera.height_px) / camera.fy;
+    for i in order {
+        let p = DVec3::from(splats.means[i].map(f64::from));
+        if p.z <= 0.2 {
+            continue;
+        }
+        let [w, a, b, c] = splats.quats[i].map(f64::from);
+        let r = DMat3::from_quat(glam::DQuat::from_xyzw(a, b, c, w).normalize());
+        let s = DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)));
+        let sigma = r * s * s * r.transpose();
+        let (tx, ty) = ((p.x / p.z).clamp(-limit, limit) * p.z, (p.y / p.z).clamp(-limit_y, limit_y) * p.z);
+        let jx = DVec3::new(camera.fx / p.z, 0.0, -camera.fx * tx / (p.z * p.z));
+        let jy = DVec3::new(0.0, camera.fy / p.z, -camera.fy * ty / (p.z * p.z));
+        let (xx, xy, yy) = (jx.dot(sigma * jx) + 0.3, jx.dot(sigma * jy), jy.dot(sigma * jy) + 0.3);
+        let det = xx * yy - xy * xy;
+        let dx = x as f64 + 0.5 - (camera.fx * p.x / p.z + camera.cx);
+        let dy = y as f64 + 0.5 - (camera.fy * p.y / p.z + camera.cy);
+        let power = -0.5 * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det;
+        let alpha = (f64::from(splats.opacities[i]) * num::f64::exp(power)).min(0.99);
+        if alpha < 1.0 / 255.0 {
+            continue;
+        }
+        if transmittance * (1.0 - alpha) < 1e-4 {
+            break;
+        }
+        let each = splats.sh_len();
+        let direction = p.normalize().to_array().map(|v| v as f32);
+        let colour = sh::colour(splats.sh_degree, &splats.sh[i * each..(i + 1) * each], direction);
+        for (sum, c) in rgb.iter_mut().zip(colour) {
+            *sum += transmittance * alpha * f64::from(c);
+        }
+        transmittance *= 1.0 - alpha;
+    }
+    [rgb[0], rgb[1], rgb[2], 1.0 - transmittance]
+}
+
+#[test]
+fn f64_is_the_textbook_and_f32_is_f64() {
+    let splats = cloud(300, 1);
+    // Sizes that no tile divides.
+    let camera = camera(75, 53, 70.0);
+    let reference = draw(&splats, &camera, F64);
+    for (i, pixel) in reference.rgba.as_chunks::<4>().0.iter().enumerate() {
+        let expected = brute_force(&splats, &camera, i % 75, i / 75);
+        for c in 0..4 {
+            // Opacities, transmittances and colours leave the renderer as f32.
+            assert!((f64::from(pixel[c]) - expected[c]).abs() < 1e-6, "{i}: {pixel:?} against {expected:?}");
+        }
+    }
+    let fast = draw(&splats, &camera, Settings { precision: Precision::F32, ..F64 });
+    assert!(largest_difference(&fast, &reference) < 2e-6);
+    for (a, b) in fast.depth.iter().zip(&reference.depth) {
+        assert!(a == b || (a / b - 1.0).abs() < 1e-5, "{a} against {b}");
+    }
+    assert_eq!(fast.work.blends, reference.work.blends);
+    assert!(fast.work.blends > 10_000);
+}
+
+// Exact bounds lose no pixel: the same bits as evaluating every splat everywhere.
+#[test]
+fn exact_bounds_equal_no_bounds() {
+    for seed in 0..4 {
+        let splats = cloud(400, 10 + seed);
+        for camera in [camera(100, 61, 90.0), camera(33, 180, 20.0)] {
+            for precision in [Precision::F32, Precision::F64] {
+                let exact = draw(&splats, &camera, Settings { precision, ..F64 });
+                let none = draw(&splats, &camera, Settings { precision, bounds: Bounds::None, ..F64 });
+                assert_eq!(bits(&exact), bits(&none));
+                assert!(exact.work.tile_pairs * 2 < none.work.tile_pairs);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
+    let splats = cloud(500, 3);
+    let camera = camera(90, 70, 80.0);
+    let settings = Settings { precision: Precision::F32, ..F64 };
+    let expected = draw(&splats, &camera, settings);
+    let best = Level::new();
+    let mut levels = vec![Level::baseline()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        levels.extend(best.as_sse2().map(Level::Sse2));
+        levels.extend(best.as_sse4_2().map(Level::Sse4_2));
+        levels.extend(best.as_avx2().map(Level::Avx2));
+        levels.extend(best.as_avx512().map(Level::Avx512));
+    }
+    levels.push(best);
+    for level in levels {
+        for depth in [DepthMode::Expected, DepthMode::Median] {
+            let settings = Settings { depth, ..settings };
+            let here = render_at(&splats, &camera, &settings, &context(), level).expect("renders");
+            let expected = draw(&splats, &camera, settings);
+            assert_eq!(bits(&here), bits(&expected), "{level:?}");
+            assert_eq!(here.work, expected.work);
+        }
+    }
+    for threads in [1, 2, 5] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let here = pool.install(|| draw(&splats, &camera, settings));
+        assert_eq!(bits(&here), bits(&expected), "{threads} threads");
+    }
+}
+
+// Row 12: equal depths are drawn in file order; different ones whatever the order of the file.
+#[test]
+fn ties_follow_the_file_and_nothing_else_does() {
+    let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
+    let blue = one([0.05, 0.0, 2.0], [0.3; 3], 0.9, [-1.7, -1.7, 1.7]);
+    let camera = camera(32, 32, 40.0);
+    let middle = (16 * 32 + 16) * 4;
+    for precision in [Precision::F32, Precision::F64] {
+        let settings = Settings { precision, ..F64 };
+        let a = draw(&join(&[&red, &blue]), &camera, settings);
+        let b = draw(&join(&[&blue, &red]), &camera, settings);
+        assert!(a.rgba[middle] > 0.8 && a.rgba[middle + 2] < 0.2);
+        assert!(b.rgba[middle] < 0.2 && b.rgba[middle + 2] > 0.8);
+        let splats = cloud(200, 5);
+        let backwards = Splats {
+            means: splats.means.iter().rev().copied().collect(),
+            quats: splats.quats.iter().rev().copied().collect(),
+            scales: splats.scales.iter().rev().copied().collect(),
+            opacities: splats.opacities.iter().rev().copied().collect(),
+            sh: splats.sh.chunks(16).rev().flatten().copied().collect(),
+            ..splats.clone()
+        };
+        assert_eq!(bits(&draw(&splats, &camera, settings)), bits(&draw(&backwards, &camera, settings)));
+    }
+}
+
+// Rows 13 and 14: a world far from its origin, and one of another scale, look the same.
+#[test]
+fn pictures_do_not_depend_on_where_or_how_large_the_world_is() {
+    let splats = cloud(300, 6);
+    let here = camera(64, 48, 70.0);
+    let settings = Settings { precision: Precision::F32, ..F64 };
+    let expected = draw(&splats, &here, settings);
+    for far in [1e3, 1e6, 1e7] {
+        let mut moved = splats.clone();
+        let mut there = here.clone();
+        let offset = DVec3::new(far, -far, 0.5 * far);
+        moved.means_low = vec![[0.0; 3]; moved.len()];
+        for i in 0..moved.len() {
+            let mean = splats.mean(i) + offset;
+            moved.means[i] = mean.to_array().map(|v| v as f32);
+            let low = mean - DVec3::from(moved.means[i].map(f64::from));
+            moved.means_low[i] = low.to_array().map(|v| v as f32);
+        }
+        there.world_from_camera = DMat4::from_translation(offset).to_cols_array();
+        assert!(largest_difference(&draw(&moved, &there, settings), &expected) < 1e-3, "at {far}");
+    }
+    for factor in [1e-6_f32, 1e6] {
+        let mut scaled = splats.clone();
+        scaled.means.iter_mut().flatten().for_each(|v| *v *= factor);
+        scaled.scales.iter_mut().flatten().for_each(|v| *v *= factor);
+        let settings = Settings { near: settings.near * f64::from(factor), ..settings };
+        // A rounding at the cut may move one pixel by 1/255 of a splat.
+        assert!(largest_difference(&draw(&scaled, &here, settings), &expected) < 5e-3, "by {factor}");
+    }
+}
+
+// Row 9: splats at the eye and behind the near plane are gone, and nothing is infinite.
+#[test]
+fn the_near_plane_culls() {
+    let at_eye = one([0.0; 3], [0.5; 3], 0.9, [1.0; 3]);
+    let close = one([0.0, 0.0, 0.199], [0.5; 3], 0.9, [1.0; 3]);
+    let camera = camera(20, 20, 90.0);
+    let seen = draw(&join(&[&at_eye, &close]), &camera, F64);
+    assert!(seen.rgba.iter().all(|v| *v == 0.0) && seen.depth.iter().all(|d| *d == f32::INFINITY));
+    assert_eq!(seen.work.behind, 2);
+    let splats = cloud(300, 8);
+    let seen = [0.01, 0.2, 1.0, 5.0].map(|near| draw(&splats, &camera, Settings { near, ..F64 }).work.behind);
+    assert!(seen.is_sorted());
+}
+
+// Row 10: a needle a million times longer than wide, edge-on to the rows, against the textbook in f64.
+#[test]
+fn needles_are_exact() {
+    let mut needle = one([0.0, 0.0, 3.0], [3000.0, 0.003, 0.003], 0.95, [1.0, 0.5, 0.0]);
+    let (sin, cos) = num::sin_cos(0.5 * 0.7);
+    needle.quats[0] = [cos as f32, 0.0, 0.0, sin as f32];
+    let camera = camera(200, 150, 60.0);
+    let seen = draw(&needle, &camera, Settings { precision: Precision::F32, ..F64 });
+    let reference = draw(&needle, &camera, F64);
+    assert!(largest_difference(&seen, &reference) < 1e-5);
+    assert!(seen.rgba.iter().all(|v| v.is_finite()));
+    for i in 0..200 * 150 {
+        let expected = brute_force(&needle, &camera, i % 200, i / 200);
+        assert!((f64::from(seen.rgba[i * 4]) - expected[0]).abs() < 1e-3);
+    }
+}
+
+// Row 11: stopping early changes a deep pile by less than what it leaves.
+#[test]
+fn stopping_early_costs_what_it_says() {
+    let mut random = Random(4);
+    let mut pile = empty(0);
+    for i in 0..100_000 {
+        pile.means.push([0.0, 0.0, 1.0 + i as f32 * 1e-4]);
+        pile.quats.push([1.0, 0.0, 0.0, 0.0]);
+        pile.scales.push([1e-3; 3]);
+        pile.opacities.push(0.999);
+        pile.sh.push([0; 3].map(|_| random.within(-1.7, 1.7) as f32));
+    }
+    let camera = camera(5, 5, 40.0);
+    let settings = Settings { precision: Precision::F32, ..F64 };
+    let stopped = draw(&pile, &camera, settings);
+    let all = draw(&pile, &camera, Settings { stop: 0.0, ..settings });
+    // Colours reach 1, and a finished pixel may leave out a splat that takes it from above to below 1e-4:
+    // with the cap at 0.99 at most 1e-2 of the light is still to come.
+    assert!(largest_difference(&stopped, &all) < 1e-2);
+    assert!(stopped.work.blends * 10 < all.work.blends);
+    let soft = Settings { alpha_cap: 0.5, ..settings };
+    let (stopped, all) = (draw(&pile, &camera, soft), draw(&pile, &camera, Settings { stop: 0.0, ..soft }));
+    assert!(largest_difference(&stopped, &all) < 2.1e-4);
+}
+
+// Row 15: no clamp above; row 17: coverage stays within 0 and 1 and no colour is brighter than a splat's.
+#[test]
+fn colours_are_convex_sums() {
+    let bright = one([0.0, 0.0, 1.0], [0.5; 3], 1.0, [10.0, -10.0, 0.0]);
+    let seen = draw(&bright, &camera(9, 9, 40.0), Settings { precision: Precision::F32, ..F64 });
+    let middle = &seen.rgba[(4 * 9 + 4) * 4..][..4];
+    assert!((middle[0] - 0.99 * 3.320_948).abs() < 1e-3 && middle[1] == 0.0, "{middle:?}");
+    for seed in 0..4 {
+        let splats = cloud(2000, 20 + seed);
+        let seen = draw(&splats, &camera(60, 60, 80.0), Settings { precision: Precision::F32, ..F64 });
+        let most = 0.5
+            + splats
+                .sh
+                .chunks(16)
+                .map(|sh| sh.iter().flatten().map(|c| c.abs()).sum::<f32>())
+                .fold(0.0, f32::max);
+        for [r, g, b, a] in seen.rgba.as_chunks::<4>().0 {
+            assert!((0.0..=1.0).contains(a));
+            assert!([r, g, b].iter().all(|c| **c >= 0.0 && **c <= most * a * (1.0 + 1e-5)));
+        }
+    }
+}
+
+// Row 16.
+#[test]
+fn odd_cameras_are_finite_and_match_f64() {
+    let splats = cloud(300, 9);
+    for camera in [camera(40, 30, 1.0), camera(40, 30, 179.0), camera(1, 1, 60.0), camera(16_000, 1, 100.0)] {
+        let seen = draw(&splats, &camera, Settings { precision: Precision::F32, ..F64 });
+        assert!(seen.rgba.iter().all(|v| v.is_finite()) && seen.depth.iter().all(|d| *d > 0.0));
+        // One pair on the other side of the cut moves a pixel by 1/255 of a splat.
+        assert!(largest_difference(&seen, &draw(&splats, &camera, F64)) < 8e-3);
+    }
+    let huge = Camera { width_px: u32::MAX, height_px: u32::MAX, ..camera(1, 1, 60.0) };
+    assert!(render(&splats, &huge, &F64, &context()).is_err());
+}
+
+#[test]
+fn depth_is_planar_and_modes_differ_as_they_say() {
+    let near = one([0.0, 0.0, 2.0], [0.4; 3], 0.4, [1.0; 3]);
+    let far = one([0.0, 0.0, 6.0], [2.0; 3], 0.9, [1.0; 3]);
+    let camera = camera(33, 33, 60.0);
+    let middle = 16 * 33 + 16;
+    for precision in [Precision::F32, Precision::F64] {
+        let alone = draw(&near, &camera, Settings { precision, ..F64 });
+        let corner = alone.depth[0];
+        assert!((alone.depth[middle] - 2.0).abs() < 1e-6);
+        assert!(corner == f32::INFINITY || (corner - 2.0).abs() < 1e-6);
+        let both = join(&[&far, &near]);
+        let expected = draw(&both, &camera, Settings { precision, ..F64 });
+        let (w0, w1) = (0.4, 0.6 * 0.9);
+        assert!((f64::from(expected.depth[middle]) - (w0 * 2.0 + w1 * 6.0) / (w0 + w1)).abs() < 1e-2);
+        let median = draw(&both, &camera, Settings { precision, depth: DepthMode::Median, ..F64 });
+        assert_eq!(median.depth[middle], 6.0);
+        let none = draw(&near, &camera, Settings { precision, depth: DepthMode::Median, ..F64 });
+        assert_eq!(none.depth[middle], f32::INFINITY);
+    }
+}
+
+#[test]
+fn compensation_keeps_the_energy_of_small_splats() {
+    // A splat far smaller than the filter: its integral over the image, not its peak, is what is seen.
+    let splats = one([0.0, 0.0, 4.0], [0.01; 3], 1.0, [1.0; 3]);
+    let camera = camera(64, 64, 40.0);
+    let sum = |compensate: bool| {
+        let seen = draw(&splats, &camera, Settings { compensate, alpha_cut: 1e-9, ..F64 });
+        seen.rgba.as_chunks::<4>().0.iter().map(|p| f64::from(p[3])).sum::<f64>()
+    };
+    let sigma = camera.fx * 0.01 / 4.0;
+    let energy = std::f64::consts::TAU * sigma * sigma;
+    assert!((sum(true) / energy - 1.0).abs() < 0.02, "{} against {energy}", sum(true));
+    assert!(sum(false) > 1.5 * energy);
+}
+
+#[test]
+fn an_empty_scene_is_background() {
+    let seen = draw(&empty(0), &camera(8, 8, 60.0), F64);
+    assert!(seen.rgba == [0.0; 256] && seen.depth == [f32::INFINITY; 64]);
+}
