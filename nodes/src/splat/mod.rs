@@ -149,6 +149,29 @@ pub fn render(
     render_at(splats, camera, settings, cx, Level::new())
 }
 
+/// Evaluations a second of the blend's arithmetic: one tile that stays in the first cache, every splat
+/// covering it, no pixel ever finished. A yardstick for benches.
+#[doc(hidden)]
+pub fn calibrate(splats: usize) -> f64 {
+    let wide = Footprint {
+        u: 8.0,
+        v: 8.0,
+        l11: 1e-3,
+        l21: 1e-4,
+        l22: 1e-3,
+        opacity: 0.005,
+        log2_opacity: -7.64,
+        rgb: [0.5; 3],
+        z: 1.0,
+    };
+    let list = vec![0; splats];
+    let settings = Settings { stop: 0.0, ..Settings::default() };
+    let start = std::time::Instant::now();
+    let tile = blend32::blend(Level::new(), &[wide], &list, [0, 0, TILE, TILE], &settings);
+    std::hint::black_box(&tile.rgba);
+    tile.evaluations as f64 / start.elapsed().as_secs_f64()
+}
+
 /// [`render`] at a given instruction set, which never changes the result.
 pub fn render_at(
     splats: &Splats,
