@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use cache::{Digest, Key, Store};
+use cache::{Digest, Key, Manifest, Store};
 
 use crate::context::{ContextField, ReadSource, SourceFile};
 use crate::error::NodeError;
@@ -19,25 +19,35 @@ pub(crate) struct Action {
     pub key: Option<Key>,
 }
 
-/// Digests the sources of a node and makes its key. `output` gives what a wire carries, `sources` the
-/// sources of the nodes above.
+impl Action {
+    /// The digest of the key.
+    pub fn digest(&self) -> Digest {
+        self.key.as_ref().expect("a prepared action has a key").digest
+    }
+}
+
+/// Finds the files that a node reads and digests them.
+pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result<Vec<ReadSource>, NodeError> {
+    let node = &graph.nodes[index];
+    let files = node.step.sources(&graph.root)?;
+    files.into_iter().map(|file| digest_source(store, node, file)).collect()
+}
+
+/// Makes the key of a node. `output` gives what a wire carries, `sources_above` the sources of the nodes
+/// above.
 pub(crate) fn prepare<'s>(
     graph: &Graph,
     index: usize,
-    store: &Store,
+    sources: Vec<ReadSource>,
     output: impl Fn(Wire) -> &'s Output,
     sources_above: impl Fn(usize) -> &'s [ReadSource],
 ) -> Result<Action, NodeError> {
     let node = &graph.nodes[index];
-    let mut sources = Vec::new();
-    for file in node.step.sources(&graph.root)? {
-        sources.push(digest_source(store, node, file)?);
-    }
-    let reads_recipe = node.kind.reads.contains(&ContextField::Recipe);
-    let recipe = reads_recipe.then(|| Arc::from(recipe(graph, index, &sources_above)));
-    let inputs: Vec<Vec<&Output>> =
-        node.inputs.iter().map(|wires| wires.iter().map(|wire| output(*wire)).collect()).collect();
-    let key = node_key(graph, index, &inputs, &sources, recipe.as_deref())?;
+    let recipe = node.kind.reads.contains(&ContextField::Recipe).then(|| {
+        let sources_of = |node: usize| if node == index { sources.as_slice() } else { sources_above(node) };
+        Arc::from(recipe(graph, index, sources_of))
+    });
+    let key = node_key(graph, index, output, &sources, recipe.as_deref())?;
     Ok(Action { sources, recipe, key: Some(key) })
 }
 
@@ -55,14 +65,9 @@ fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSou
     }
 }
 
-/// The types of a kind's outputs, as its records must state them.
-pub(crate) fn output_types(node: &Node) -> Vec<(&'static str, u32)> {
-    node.kind.outputs.iter().map(|port| (port.artifact.name, port.artifact.format)).collect()
-}
-
 /// What the store knows of a key. A record that does not decode is no record.
 pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record> {
-    Record::decode(&store.get_record(key)?, &output_types(node)).ok()
+    Record::decode(&store.get_record(key)?, node).ok()
 }
 
 /// Name under which the last key of a node is remembered, for forecasts and explanations.
@@ -71,11 +76,22 @@ fn last_name(graph: &Graph, node: &Node) -> String {
     format!("last key\n{}\n{file}\n{}", graph.root.folder().display(), node.id)
 }
 
-/// The record of the last run of a node of this name in a graph file of this name.
-pub(crate) fn last_record(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
+/// The record of the last run of a node of this name in a graph file of this name, still encoded.
+fn last_record(store: &Store, graph: &Graph, node: &Node) -> Option<Vec<u8>> {
     let bytes = store.history_get(&last_name(graph, node))?;
-    let key = read_digest(&mut crate::artifact::Decoder::new(&bytes)).ok()?;
-    look_up(store, node, &key)
+    store.get_record(&read_digest(&mut crate::artifact::Decoder::new(&bytes)).ok()?)
+}
+
+/// What the last run of a node of this name gave.
+pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
+    Record::decode(&last_record(store, graph, node)?, node).ok()
+}
+
+/// How long the last run of a node of this name took, and what its key was made of.
+pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(f64, Manifest)> {
+    let bytes = last_record(store, graph, node)?;
+    let seconds = Record::decode(&bytes, node).ok()?.seconds;
+    Some((seconds, Record::manifest(&bytes)?))
 }
 
 /// Remembers the key of a node.

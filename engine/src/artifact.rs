@@ -151,6 +151,18 @@ impl<'a> Decoder<'a> {
         }
     }
 
+    /// The bytes of a slice or text, where they lie.
+    pub(crate) fn raw(&mut self) -> Result<&'a [u8], Corrupt> {
+        let count = self.length(1)?;
+        self.take(count)
+    }
+
+    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Corrupt> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.take(N)?);
+        Ok(array)
+    }
+
     /// Reads one `bool`.
     pub fn bool(&mut self) -> Result<bool, Corrupt> {
         match self.u8()? {

@@ -142,15 +142,10 @@ pub(crate) trait PartStore: Send + Sync {
 }
 
 /// A declared source, read and digested when the key was made.
+#[derive(Debug, Clone)]
 pub(crate) struct ReadSource {
     pub file: SourceFile,
     pub digest: Digest,
-}
-
-impl ReadSource {
-    pub fn copy(&self) -> Self {
-        Self { file: self.file.clone(), digest: self.digest }
-    }
 }
 
 /// What a running node may ask of the engine: context fields, files, tiles on the shared threads, parts,
@@ -163,6 +158,8 @@ pub struct Context {
     pub(crate) root: SourceRoot,
     pub(crate) sources: Vec<ReadSource>,
     pub(crate) cancel: Arc<AtomicBool>,
+    /// The node was told that the run is to stop, so its result may be half done.
+    pub(crate) told: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
@@ -180,6 +177,7 @@ impl Context {
             root: SourceRoot::new(folder),
             sources: Vec::new(),
             cancel: Arc::default(),
+            told: AtomicBool::new(false),
             progress: Box::new(|_| {}),
             parts: None,
             counts: Mutex::default(),
@@ -222,7 +220,11 @@ impl Context {
 
     /// True once the run was asked to stop.
     pub fn cancelled(&self) -> bool {
-        self.cancel.load(Ordering::Relaxed)
+        let cancelled = self.cancel.load(Ordering::Relaxed);
+        if cancelled {
+            self.told.store(true, Ordering::Relaxed);
+        }
+        cancelled
     }
 
     /// An error once the run was asked to stop; for loops that have no tiles.

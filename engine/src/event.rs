@@ -127,11 +127,30 @@ pub struct Totals {
     pub stopped: bool,
     /// Wall time of the run.
     pub seconds: f64,
+    /// The most bytes of values that were in memory at once, as far as their types tell.
+    pub peak_bytes: u64,
     /// Work of everything that ran.
     pub counts: Counts,
 }
 
 impl Totals {
+    pub(crate) fn add(&mut self, state: State) {
+        *self.of(state) += 1;
+    }
+
+    pub(crate) fn take_back(&mut self, state: State) {
+        *self.of(state) -= 1;
+    }
+
+    fn of(&mut self, state: State) -> &mut usize {
+        match state {
+            State::Ran => &mut self.ran,
+            State::Cached => &mut self.cached,
+            State::Failed => &mut self.failed,
+            State::Skipped => &mut self.skipped,
+        }
+    }
+
     /// The exit code of a run: 0 good, 1 a node failed, 3 degraded, 130 stopped.
     pub fn exit_code(&self) -> u8 {
         match self {

@@ -58,6 +58,7 @@ pub struct Graph {
     /// Resolves the paths in it.
     pub root: SourceRoot,
     order: Vec<usize>,
+    reads: Vec<Vec<usize>>,
     consumers: Vec<Vec<usize>>,
 }
 
@@ -83,7 +84,8 @@ impl Graph {
         }
         match (scene, order) {
             (Some(scene), Ok((order, consumers))) if diagnostics.is_empty() => {
-                Ok(Self { source, scene, nodes, root, order, consumers })
+                let reads = wiring.into_iter().map(distinct).collect();
+                Ok(Self { source, scene, nodes, root, order, reads, consumers })
             }
             _ => Err(Diagnostics::new(source, diagnostics)),
         }
@@ -92,6 +94,11 @@ impl Graph {
     /// Every node, inputs before what reads them.
     pub fn order(&self) -> &[usize] {
         &self.order
+    }
+
+    /// The nodes whose outputs `node` reads, each once, by index.
+    pub fn reads(&self, node: usize) -> &[usize] {
+        &self.reads[node]
     }
 
     /// The nodes that read an output of `node`, each once, in the order of the file.
@@ -127,8 +134,8 @@ impl Graph {
         }
         for &node in self.order.iter().rev() {
             if wanted[node] {
-                for wire in self.nodes[node].inputs.iter().flatten() {
-                    wanted[wire.node] = true;
+                for &above in &self.reads[node] {
+                    wanted[above] = true;
                 }
             }
         }
@@ -495,6 +502,13 @@ fn wire_names(field: &RawField<'_>) -> Result<Vec<Named>, String> {
     }
     let name: String = parse_value(text).map_err(|_| format!("`{text}` is not a wire"))?;
     Ok(vec![(name, field.span.clone())])
+}
+
+fn distinct(reads: Vec<(usize, Range<usize>)>) -> Vec<usize> {
+    let mut nodes: Vec<usize> = reads.into_iter().map(|(node, _)| node).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes
 }
 
 type Order = (Vec<usize>, Vec<Vec<usize>>);

@@ -8,25 +8,49 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use cache::{Digest, Key, LeaseState, Store};
+use cache::{Digest, LeaseState, Store};
 
-use crate::action::{Action, look_up};
+use crate::action::{Action, last_run, look_up};
 use crate::artifact::AnyArtifact;
-use crate::context::{Context, Part, PartStore};
+use crate::context::{Context, Part, PartStore, ReadSource};
 use crate::error::NodeError;
 use crate::event::{Counts, Event, State};
 use crate::files::Files;
-use crate::graph::{Graph, Node};
+use crate::graph::{Graph, Node, Wire};
 use crate::key::part_key;
 use crate::kind::Keep;
 use crate::record::{FileRecord, Output, Record, digest, read_digest};
+use crate::sink::Placed;
 
 /// What the threads tell the scheduler.
 pub(crate) enum Message {
-    Finished { node: usize, outcome: Result<Box<Finished>, NodeError> },
-    Stored { node: usize, error: Option<String> },
-    Loaded { node: usize, port: usize, value: Option<AnyArtifact> },
     Event(Event),
+    Sources {
+        node: usize,
+        sources: Result<Vec<ReadSource>, NodeError>,
+    },
+    Loaded {
+        node: usize,
+        port: usize,
+        value: Option<AnyArtifact>,
+    },
+    /// Another process computes this key.
+    Busy {
+        node: usize,
+    },
+    /// `Stored` follows.
+    Finished {
+        node: usize,
+        outcome: Result<Box<Finished>, NodeError>,
+    },
+    Stored {
+        node: usize,
+        error: Option<String>,
+    },
+    Placed {
+        node: usize,
+        placed: Result<Option<Placed>, NodeError>,
+    },
 }
 
 /// The result of a node's code, or of another process that was faster.
@@ -35,17 +59,21 @@ pub(crate) struct Finished {
     /// One value an output; empty where another process made them.
     pub values: Vec<AnyArtifact>,
     pub counts: Counts,
+    /// False where another process made them.
+    pub ran: bool,
 }
 
+/// One node whose code is to run, on one of the threads.
 pub(crate) struct Job<'a> {
     pub store: &'a Arc<Store>,
     pub graph: &'a Graph,
     pub node: usize,
     pub inputs: Vec<Vec<AnyArtifact>>,
     pub input_digests: Vec<(&'static str, Vec<Digest>)>,
+    pub key: Digest,
+    /// Its key is absent where only values are wanted, since there is a record then.
     pub action: Action,
-    pub key: Key,
-    /// A remake does not look the result up first.
+    /// Only the values are wanted.
     pub remake: bool,
     pub cancel: Arc<AtomicBool>,
     pub tell: Sender<Message>,
@@ -59,54 +87,47 @@ impl Job<'_> {
     /// Runs the node, tells its values, then stores them.
     pub fn run(self) {
         // The scheduler outlives every job, so telling it cannot fail.
-        let cancel = self.cancel.clone();
-        let lease = loop {
-            match self.store.wait_for_lease(&self.key.digest, Duration::from_millis(500), &|| {
-                cancel.load(Ordering::Relaxed)
-            }) {
-                LeaseState::Acquired(lease) => break lease,
-                LeaseState::Busy if cancel.load(Ordering::Relaxed) => {
-                    let _ = self
-                        .tell
-                        .send(Message::Finished { node: self.node, outcome: Err(NodeError::cancelled()) });
-                    let _ = self.tell.send(Message::Stored { node: self.node, error: None });
-                    return;
-                }
-                LeaseState::Busy => {}
-            }
+        let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
+        let finish = |outcome: Result<Finished, NodeError>| {
+            let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
         };
-        let known = if self.remake { None } else { look_up(self.store, self.node(), &self.key.digest) };
-        let (node, tell, store) = (self.node, self.tell.clone(), self.store);
-        let (key, keep) = (self.key.digest, self.node().kind.store);
-        if let Some(record) = known {
-            let finished = Finished { record, values: Vec::new(), counts: Counts::new() };
-            let _ = tell.send(Message::Finished { node, outcome: Ok(Box::new(finished)) });
-            let _ = tell.send(Message::Stored { node, error: None });
+        let LeaseState::Acquired(lease) = store.lease(&key) else {
+            let _ = tell.send(Message::Busy { node: index });
             return;
-        }
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.compute())).unwrap_or_else(|panic| {
-            Err(NodeError::new(format!("the code of this kind failed: {}", panic_text(&*panic)))
-                .hint("this is a mistake in lightharmony, not in the graph; please report it"))
-        });
-        let (finished, encoded) = match outcome {
-            Ok(done) => done,
-            Err(error) => {
-                let _ = tell.send(Message::Finished { node, outcome: Err(error) });
-                let _ = tell.send(Message::Stored { node, error: None });
-                return;
-            }
         };
-        let record = finished.record.clone();
-        let _ = tell.send(Message::Finished { node, outcome: Ok(Box::new(finished)) });
-        let blobs = if keep == Keep::Always { encoded.as_slice() } else { &[] };
-        let stored = blobs
-            .iter()
-            .zip(&record.outputs)
-            .try_for_each(|(bytes, output)| store.put_blob_as(&output.digest, bytes))
-            .and_then(|()| store.put_record(&key, &record.encode()));
-        let error = stored.err().map(|error| NodeError::from(error).to_string());
+        let mut error = None;
+        // Another process may have had the lease before, and left its result.
+        match look_up(store, self.node(), &key).filter(|_| !self.remake) {
+            Some(record) => {
+                let (values, counts) = (Vec::new(), Counts::new());
+                finish(Ok(Finished { record, values, counts, ran: false }));
+            }
+            None => {
+                if !self.remake {
+                    let forecast = last_run(store, self.graph, self.node()).map(|(seconds, _)| seconds);
+                    let (id, kind) = (self.node().id.clone(), self.node().kind.name);
+                    let _ = tell.send(Message::Event(Event::Start { id, kind, forecast }));
+                }
+                let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
+                match guarded(|| self.compute()) {
+                    Err(error) => finish(Err(error)),
+                    Ok((finished, encoded)) => {
+                        let outputs = finished.record.outputs.clone();
+                        let record = manifest.map(|manifest| finished.record.encode(&manifest));
+                        finish(Ok(finished));
+                        let stored = encoded
+                            .iter()
+                            .zip(&outputs)
+                            .filter(|(_, output)| output.stored)
+                            .try_for_each(|(bytes, output)| store.put_blob_as(&output.digest, bytes))
+                            .and_then(|()| record.map_or(Ok(()), |record| store.put_record(&key, &record)));
+                        error = stored.err().map(|error| NodeError::from(error).to_string());
+                    }
+                }
+            }
+        }
         drop(lease);
-        let _ = tell.send(Message::Stored { node, error });
+        let _ = tell.send(Message::Stored { node: index, error });
     }
 
     fn compute(self) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
@@ -131,6 +152,7 @@ impl Job<'_> {
             root: graph.root.clone(),
             sources: self.action.sources,
             cancel: self.cancel,
+            told: AtomicBool::new(false),
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),
@@ -145,7 +167,9 @@ impl Job<'_> {
         let start = Instant::now();
         let (values, notes) = node.step.run(self.inputs, &context)?;
         let seconds = start.elapsed().as_secs_f64();
-        context.check()?;
+        if context.told.load(Ordering::Relaxed) {
+            return Err(NodeError::cancelled());
+        }
         let keep = node.kind.store == Keep::Always;
         let mut outputs = Vec::with_capacity(values.len());
         let mut encoded = Vec::with_capacity(values.len());
@@ -165,9 +189,17 @@ impl Job<'_> {
             .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
             .collect();
         let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
-        let record = Record { outputs, files, notes, seconds, manifest: self.key.manifest };
-        Ok((Finished { record, values, counts }, encoded))
+        let record = Record { outputs, files, notes, seconds };
+        Ok((Finished { record, values, counts, ran: true }, encoded))
     }
+}
+
+/// Turns a panic of a kind's code into the failure of its node.
+pub(crate) fn guarded<T>(code: impl FnOnce() -> Result<T, NodeError>) -> Result<T, NodeError> {
+    catch_unwind(AssertUnwindSafe(code)).unwrap_or_else(|panic| {
+        Err(NodeError::new(format!("the code of this kind panicked: {}", panic_text(&*panic)))
+            .hint("this is a mistake in the program, not in the graph; please report it"))
+    })
 }
 
 fn panic_text(panic: &(dyn Any + Send)) -> &str {
@@ -223,18 +255,12 @@ impl PartStore for StoredParts {
     }
 }
 
-/// Reads one stored output. `None` when it is missing or damaged, which the store has dealt with.
-pub(crate) fn load(
-    store: &Store,
-    graph: &Graph,
-    node: usize,
-    port: usize,
-    output: &Output,
-    tell: &Sender<Message>,
-) {
-    let artifact = &graph.nodes[node].kind.outputs[port].artifact;
+/// Reads one stored output, and tells `None` when it is missing or damaged.
+pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
+    let Wire { node, port } = wire;
+    let decode = graph.nodes[node].kind.outputs[port].artifact.decode;
     let bytes = store.get_blob(&output.digest).ok().flatten();
-    let value = bytes.and_then(|bytes| (artifact.decode)(&bytes).ok());
+    let value = bytes.and_then(|bytes| guarded(|| Ok(decode(&bytes)?)).ok());
     let _ = tell.send(Message::Loaded { node, port, value });
 }
 

@@ -6,18 +6,18 @@
 use cache::{Digest, Key, KeyWriter};
 
 use crate::context::{ContextField, ReadSource};
-use crate::graph::Graph;
+use crate::graph::{Graph, Wire};
 use crate::record::Output;
 
 /// Written into every key; raised when keys or records change their form.
 const FORMAT: &str = "lightharmony action 1";
 const PART_FORMAT: &str = "lightharmony part 1";
 
-/// The key of a node whose inputs are known. `inputs` holds for each port the outputs its wires end at.
-pub(crate) fn node_key(
+/// The key of a node whose inputs are known. `output` gives what a wire carries.
+pub(crate) fn node_key<'s>(
     graph: &Graph,
     index: usize,
-    inputs: &[Vec<&Output>],
+    output: impl Fn(Wire) -> &'s Output,
     sources: &[ReadSource],
     recipe: Option<&str>,
 ) -> Result<Key, cache::KeyError> {
@@ -32,9 +32,9 @@ pub(crate) fn node_key(
             to.str(name, &text);
         }
     });
-    for (port, values) in node.kind.inputs.iter().zip(inputs) {
+    for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
         to.list(port.name, |to| {
-            for value in values {
+            for value in wires.iter().map(|wire| output(*wire)) {
                 to.str("type", value.type_name);
                 to.u64("format", value.format.into());
                 to.digest("content", value.digest);

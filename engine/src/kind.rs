@@ -126,17 +126,21 @@ pub struct KindEntry {
     pub store: Keep,
     /// [`Kind::PROFILE`].
     pub profile: &'static str,
+    /// Whether a parameter names a file to read.
+    pub(crate) reads_files: bool,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }
 
 impl KindEntry {
     /// The entry of `K`.
     pub fn of<K: Kind>() -> Self {
+        let params = K::Params::specs();
         Self {
             name: K::NAME,
             version: K::VERSION,
             doc: K::Params::DOC,
-            params: K::Params::specs(),
+            reads_files: params.iter().any(|param| param.role == Role::Input),
+            params,
             inputs: K::In::ports(),
             outputs: K::Out::ports(),
             reads: K::READS,

@@ -23,8 +23,11 @@ mod plan;
 mod port;
 mod recipe;
 mod record;
+mod run;
 mod schedule;
 mod sink;
+mod slot;
+mod supply;
 mod syntax;
 
 pub use artifact::{

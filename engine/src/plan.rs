@@ -2,7 +2,7 @@
 
 use cache::{Change, Digest, Manifest};
 
-use crate::action::{Action, last_record, look_up, prepare};
+use crate::action::{Action, last_outputs, last_run, look_up, prepare, read_sources};
 use crate::error::NodeError;
 use crate::graph::{Graph, Wire};
 use crate::record::{Output, Record};
@@ -57,8 +57,8 @@ impl Engine {
         let mut planned: Vec<Option<Planned>> = graph.nodes.iter().map(|_| None).collect();
         for &index in graph.order() {
             let node = &graph.nodes[index];
-            let last = last_record(self.store(), graph, node);
-            let forecast = last.as_ref().map(|record| record.seconds);
+            let last = last_run(self.store(), graph, node);
+            let forecast = last.as_ref().map(|(seconds, _)| *seconds);
             let unknown = node.inputs.iter().flatten().find(|wire| records[wire.node].is_none());
             let fate = if !wanted[index] {
                 Fate::Unwanted
@@ -74,8 +74,8 @@ impl Engine {
                         let manifest = actions[index].key.as_ref().map(|key| &key.manifest);
                         match (known, manifest, last) {
                             (true, ..) => Fate::Known,
-                            (false, Some(new), Some(last)) => {
-                                Fate::Runs(Why::Changed(Manifest::difference(&last.manifest, new)))
+                            (false, Some(new), Some((_, last))) => {
+                                Fate::Runs(Why::Changed(Manifest::difference(&last, new)))
                             }
                             _ => Fate::Runs(Why::New),
                         }
@@ -91,7 +91,7 @@ impl Engine {
 
     /// The content digests of a node's outputs as of its last run, in the order of its ports.
     pub fn digests(&self, graph: &Graph, node: usize) -> Option<Vec<Digest>> {
-        let record = last_record(self.store(), graph, &graph.nodes[node])?;
+        let record = last_outputs(self.store(), graph, &graph.nodes[node])?;
         Some(record.outputs.iter().map(|output| output.digest).collect())
     }
 
@@ -106,9 +106,9 @@ impl Engine {
             &records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
                 [wire.port]
         };
-        let action = prepare(graph, index, self.store(), output, |above| actions[above].sources.as_slice())?;
-        let key = action.key.as_ref().map(|key| key.digest);
-        let record = key.and_then(|key| look_up(self.store(), &graph.nodes[index], &key));
+        let sources = read_sources(graph, index, self.store())?;
+        let action = prepare(graph, index, sources, output, |above| actions[above].sources.as_slice())?;
+        let record = look_up(self.store(), &graph.nodes[index], &action.digest());
         Ok((action, record))
     }
 }

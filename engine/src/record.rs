@@ -2,7 +2,8 @@
 
 use cache::{Digest, Manifest};
 
-use crate::artifact::{Corrupt, Decoder, Encoder};
+use crate::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
+use crate::graph::Node;
 use crate::note::{Level, Notes};
 
 /// One output of a finished node.
@@ -22,7 +23,7 @@ pub(crate) struct FileRecord {
     pub digest: Digest,
 }
 
-/// A finished node: its outputs by digest, its notes, its files, and the manifest of its key.
+/// A finished node: its outputs by digest, its notes and its files. Stored, the manifest of its key follows.
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub outputs: Vec<Output>,
@@ -30,11 +31,18 @@ pub(crate) struct Record {
     pub notes: Notes,
     /// How long the run took, for forecasts; no part of any key.
     pub seconds: f64,
-    pub manifest: Manifest,
 }
 
 impl Record {
-    pub fn encode(&self) -> Vec<u8> {
+    /// The bytes to store: the record, then the manifest of its key.
+    pub fn encode(&self, manifest: &Manifest) -> Vec<u8> {
+        let mut whole = Encoder::default();
+        whole.u8s(&self.body());
+        whole.u8s(manifest.as_bytes());
+        whole.finish()
+    }
+
+    fn body(&self) -> Vec<u8> {
         let mut to = Encoder::default();
         to.u64(self.outputs.len() as u64);
         for output in &self.outputs {
@@ -56,24 +64,24 @@ impl Record {
             to.str(&note.text);
         }
         to.f64(self.seconds);
-        to.u8s(self.manifest.as_bytes());
         to.finish()
     }
 
-    /// Reads a record of a kind whose outputs are of the given types; a record of other types is no
-    /// record of this kind.
-    pub fn decode(bytes: &[u8], types: &[(&'static str, u32)]) -> Result<Self, Corrupt> {
-        let mut from = Decoder::new(bytes);
-        if from.length(45)? != types.len() {
+    /// Reads a record of a node's kind; a record of other outputs is none of this kind.
+    pub fn decode(bytes: &[u8], node: &Node) -> Result<Self, Corrupt> {
+        let mut from = Decoder::new(Decoder::new(bytes).raw()?);
+        let ports = &node.kind.outputs;
+        if from.length(45)? != ports.len() {
             return Err(Corrupt("another number of outputs".to_owned()));
         }
-        let mut outputs = Vec::with_capacity(types.len());
-        for &(type_name, format) in types {
-            let (name, number) = (from.str()?, from.u32()?);
-            if name != type_name || number != format {
-                return Err(Corrupt(format!("holds {name} {number}, not {type_name} {format}")));
+        let mut outputs = Vec::with_capacity(ports.len());
+        for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {
+            let (found, number) = (from.raw()?, from.u32()?);
+            if found != name.as_bytes() || number != format {
+                return Err(Corrupt(format!("holds another type than {name} {format}")));
             }
-            outputs.push(Output { type_name, format, digest: read_digest(&mut from)?, stored: from.bool()? });
+            let digest = read_digest(&mut from)?;
+            outputs.push(Output { type_name: name, format, digest, stored: from.bool()? });
         }
         let files = (0..from.length(40)?)
             .map(|_| Ok(FileRecord { view: from.str()?, digest: read_digest(&mut from)? }))
@@ -85,9 +93,15 @@ impl Record {
             notes.push(level, &from.str()?, from.str()?);
         }
         let seconds = from.f64()?;
-        let manifest = Manifest::from_bytes(&from.u8s()?).ok_or_else(|| Corrupt("no manifest".to_owned()))?;
         from.end()?;
-        Ok(Self { outputs, files, notes, seconds, manifest })
+        Ok(Self { outputs, files, notes, seconds })
+    }
+
+    /// What the key of a stored record was made of. Most readers have no use for it, so it is read apart.
+    pub fn manifest(bytes: &[u8]) -> Option<Manifest> {
+        let mut from = Decoder::new(bytes);
+        from.raw().ok()?;
+        Manifest::from_bytes(from.raw().ok()?)
     }
 }
 
@@ -98,9 +112,5 @@ pub(crate) fn digest(to: &mut Encoder, digest: &Digest) {
 }
 
 pub(crate) fn read_digest(from: &mut Decoder<'_>) -> Result<Digest, Corrupt> {
-    let mut bytes = [0; 32];
-    for byte in &mut bytes {
-        *byte = from.u8()?;
-    }
-    Ok(Digest::from_bytes(bytes))
+    from.array().map(Digest::from_bytes)
 }

@@ -1,8 +1,9 @@
 //! Sinks: the files a run leaves in the output folder.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cache::{Store, publish_file};
+use cache::{Digest, Store, publish_file};
 
 use crate::artifact::AnyArtifact;
 use crate::error::NodeError;
@@ -12,32 +13,41 @@ use crate::record::FileRecord;
 /// Each file and whether it had to be written.
 pub(crate) type Placed = Vec<(PathBuf, bool)>;
 
-/// Makes the files of a sink lie under `out`. An equal file is left alone. `None` when bytes must be
-/// written that are not in memory.
-pub(crate) fn place(
-    store: &Store,
+/// Where the files of a sink belong, each with its digest.
+pub(crate) fn targets(
     out: &Path,
     template: &str,
     files: &[FileRecord],
-    value: Option<&AnyArtifact>,
-) -> Result<Option<Placed>, NodeError> {
-    let mut placed = Vec::with_capacity(files.len());
+) -> Result<Vec<(PathBuf, Digest)>, NodeError> {
     if files.len() > 1 && !template.contains("{view}") {
         let views: Vec<&str> = files.iter().map(|file| file.view.as_str()).collect();
-        return Err(NodeError::new(format!(
-            "`{template}` names one file, there are {}: {}",
-            files.len(),
-            views.join(", ")
-        ))
-        .at("path")
-        .hint("put `{view}` into the path"));
+        let message = format!("`{template}` names one file, there are {}: {}", files.len(), views.join(", "));
+        return Err(NodeError::new(message).at("path").hint("put `{view}` into the path"));
     }
-    for (index, file) in files.iter().enumerate() {
-        let path = out.join(template.replace("{view}", &plain_name(&file.view)));
-        let equal = store.digest_file(&path).is_ok_and(|(digest, _)| digest == file.digest);
+    let mut seen: BTreeMap<String, &str> = BTreeMap::new();
+    for file in files {
+        if let Some(first) = seen.insert(plain_name(&file.view), &file.view) {
+            let message = format!("the views `{first}` and `{}` would be one file", file.view);
+            return Err(NodeError::new(message).at("path"));
+        }
+    }
+    let path = |file: &FileRecord| out.join(template.replace("{view}", &plain_name(&file.view)));
+    Ok(files.iter().map(|file| (path(file), file.digest)).collect())
+}
+
+/// Makes files lie where they belong. An equal file is left alone. `None` when bytes must be written that
+/// are not in memory.
+pub(crate) fn place(
+    store: &Store,
+    targets: Vec<(PathBuf, Digest)>,
+    value: Option<&AnyArtifact>,
+) -> Result<Option<Placed>, NodeError> {
+    let mut placed = Vec::with_capacity(targets.len());
+    for (index, (path, wanted)) in targets.into_iter().enumerate() {
+        let equal = store.digest_file(&path).is_ok_and(|(digest, _)| digest == wanted);
         if !equal {
-            let Some(value) = value.and_then(|value| value.downcast_ref::<Files>()) else { return Ok(None) };
-            write(&path, &value.0[index].bytes)?;
+            let Some(files) = value.and_then(|value| value.downcast_ref::<Files>()) else { return Ok(None) };
+            write(&path, &files.0[index].bytes)?;
         }
         placed.push((path, !equal));
     }
@@ -55,5 +65,8 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), NodeError> {
 
 /// A view's name as part of a file name: what could lead elsewhere becomes `_`.
 fn plain_name(view: &str) -> String {
-    view.chars().map(|c| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' }).collect()
+    let plain = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
+    let name: String = view.chars().map(plain).collect();
+    // Dots alone would name a folder.
+    if name.chars().all(|c| c == '.') { "_".repeat(name.len()) } else { name }
 }

@@ -1,0 +1,539 @@
+//! A run of a graph: what is wanted and not known runs, on shared threads, within a memory budget.
+//!
+//! One thread decides, the others compute. Deciding is a walk over the graph: a node whose inputs are
+//! known by digest is *resolved* by looking its key up; where nothing is found its input values are
+//! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant};
+
+use cache::Digest;
+
+use crate::action::{look_up, prepare, read_sources, remember};
+use crate::artifact::AnyArtifact;
+use crate::context::ReadSource;
+use crate::diag::{Diagnostic, Diagnostics};
+use crate::error::NodeError;
+use crate::event::{Counts, Event, State, Totals};
+use crate::graph::{Graph, Wire};
+use crate::job::{Finished, Message, guarded};
+use crate::record::{Output, Record};
+use crate::schedule::{Engine, Outcome, RunOptions};
+use crate::sink;
+use crate::slot::{Life, Slot, Waiter};
+
+/// What the deciding thread has yet to do.
+pub(crate) enum Task {
+    Resolve(usize),
+    Gather(usize),
+    /// Bring an output of a node to memory.
+    Bring(Wire),
+    Files(usize),
+}
+
+/// The scope that runs jobs on the engine's threads.
+pub(crate) type Scope<'a, 's> = &'a rayon::Scope<'s>;
+
+pub(crate) struct Run<'a> {
+    pub engine: &'a Engine,
+    pub graph: &'a Graph,
+    pub options: &'a RunOptions,
+    pub sender: Sender<Message>,
+    pub tell: &'a mut dyn FnMut(Event),
+    pub slots: Vec<Slot>,
+    /// Position of each node in the order of the graph: what comes first there runs first.
+    pub rank: Vec<usize>,
+    pub todo: VecDeque<Task>,
+    /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
+    pub ready: BTreeSet<(usize, usize)>,
+    pub queue: BTreeSet<(usize, usize)>,
+    pub parked: Vec<(Instant, usize)>,
+    /// Nodes being computed, by key, each with those of the same key.
+    in_flight: HashMap<Digest, Vec<usize>>,
+    /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
+    made: HashMap<Digest, usize>,
+    /// Which sink writes a file.
+    claims: BTreeMap<PathBuf, usize>,
+    /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
+    pub supplied: usize,
+    pub running: usize,
+    /// Messages that threads still owe.
+    pub busy: usize,
+    /// Bytes of values in memory, and bytes that running code was admitted with.
+    pub held: u64,
+    pub reserved: u64,
+    pub store_failed: bool,
+    failures: Vec<Diagnostic>,
+    pub totals: Totals,
+    start: Instant,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(
+        engine: &'a Engine,
+        graph: &'a Graph,
+        options: &'a RunOptions,
+        sender: Sender<Message>,
+        tell: &'a mut dyn FnMut(Event),
+    ) -> Self {
+        let start = Instant::now();
+        let targets = if options.only.is_empty() { graph.targets() } else { options.only.clone() };
+        let wanted = graph.above(&targets);
+        let mut rank = vec![0; graph.nodes.len()];
+        for (position, &node) in graph.order().iter().enumerate() {
+            rank[node] = position;
+        }
+        let life = |node: usize| if wanted[node] { Life::Waiting } else { Life::Unwanted };
+        let mut slots: Vec<Slot> =
+            (0..graph.nodes.len()).map(|node| Slot::new(life(node), graph.reads(node).len())).collect();
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
+            slots[index].readers += usize::from(node.sink_path.is_some());
+            for &above in graph.reads(index) {
+                slots[above].readers += 1;
+            }
+        }
+        let ready = graph.order().iter().filter(|&&node| wanted[node] && slots[node].unresolved == 0);
+        let todo = ready.map(|&node| Task::Resolve(node)).collect();
+        Self {
+            engine,
+            graph,
+            options,
+            sender,
+            tell,
+            slots,
+            rank,
+            todo,
+            ready: BTreeSet::new(),
+            queue: BTreeSet::new(),
+            parked: Vec::new(),
+            in_flight: HashMap::new(),
+            made: HashMap::new(),
+            claims: BTreeMap::new(),
+            supplied: 0,
+            running: 0,
+            busy: 0,
+            held: 0,
+            reserved: 0,
+            store_failed: false,
+            failures: Vec::new(),
+            totals: Totals::default(),
+            start,
+        }
+    }
+
+    fn stopped(&self) -> bool {
+        self.options.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Decides until nothing is left to do, or the run is stopped and the threads are idle.
+    pub fn coordinate<'s>(&mut self, scope: Scope<'_, 's>, receiver: &Receiver<Message>)
+    where
+        'a: 's,
+    {
+        loop {
+            while !self.stopped() {
+                match self.todo.pop_front() {
+                    Some(Task::Resolve(node)) => self.resolve(node, scope),
+                    Some(Task::Gather(node)) => self.gather(node),
+                    Some(Task::Bring(wire)) => self.bring(wire, scope),
+                    Some(Task::Files(node)) => self.place_files(node, scope),
+                    // Launching may fail nodes and supplying may lose values, which gives tasks again.
+                    None => {
+                        self.unpark();
+                        self.supply();
+                        self.launch(scope);
+                        if self.todo.is_empty() {
+                            break;
+                        }
+                    }
+                }
+            }
+            let idle = self.todo.is_empty() && self.queue.is_empty() && self.parked.is_empty();
+            if self.busy == 0 && (self.stopped() || idle) {
+                return;
+            }
+            // Short enough to notice that the run was stopped.
+            let patience = if self.parked.is_empty() { 100 } else { 5 };
+            match receiver.recv_timeout(Duration::from_millis(patience)) {
+                Ok(message) => self.receive(message),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            while let Ok(message) = receiver.try_recv() {
+                self.receive(message);
+            }
+        }
+    }
+
+    fn receive(&mut self, message: Message) {
+        match message {
+            Message::Event(event) => (self.tell)(event),
+            Message::Sources { node, sources } => {
+                self.busy -= 1;
+                match sources {
+                    Ok(sources) => self.look_up(node, sources),
+                    Err(error) => self.fail(node, &error),
+                }
+            }
+            Message::Loaded { node, port, value } => {
+                self.busy -= 1;
+                match value {
+                    Some(value) => self.arrive(node, port, value),
+                    None => self.missing(node, port),
+                }
+            }
+            Message::Busy { node } => {
+                self.busy -= 1;
+                self.end_running(node);
+                self.park(node);
+            }
+            Message::Finished { node, outcome } => {
+                self.end_running(node);
+                match (outcome, self.slots[node].remaking) {
+                    (Ok(finished), Some(_)) => self.remade(node, *finished),
+                    (Ok(finished), None) => self.finished(node, *finished),
+                    (Err(error), _) => self.stumble(node, &error),
+                }
+            }
+            Message::Stored { node, error } => {
+                self.busy -= 1;
+                self.slots[node].storing = false;
+                if let Some(error) = error {
+                    self.unstored(node, error);
+                }
+                self.drop_unread(node);
+            }
+            Message::Placed { node, placed } => {
+                self.busy -= 1;
+                self.placed(node, placed);
+            }
+        }
+    }
+
+    fn end_running(&mut self, index: usize) {
+        self.running -= 1;
+        self.reserved -= std::mem::take(&mut self.slots[index].reserved);
+    }
+
+    /// All inputs of a node are known by digest: so is its key, once the files it reads are.
+    fn resolve<'s>(&mut self, index: usize, scope: Scope<'_, 's>)
+    where
+        'a: 's,
+    {
+        let (graph, engine) = (self.graph, self.engine);
+        if !graph.nodes[index].kind.reads_files {
+            return self.look_up(index, Vec::new());
+        }
+        // Gigabytes may have to be hashed, so this is not for the thread that decides.
+        self.slots[index].life = Life::Reading;
+        self.busy += 1;
+        let sender = self.sender.clone();
+        scope.spawn(move |_| {
+            let sources = guarded(|| read_sources(graph, index, &engine.store));
+            let _ = sender.send(Message::Sources { node: index, sources });
+        });
+    }
+
+    fn look_up(&mut self, index: usize, sources: Vec<ReadSource>) {
+        let node = &self.graph.nodes[index];
+        let slots = &self.slots;
+        let output = |wire: Wire| -> &Output {
+            &slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
+        };
+        let sources_above = |above: usize| slots[above].action.sources.as_slice();
+        let action = match prepare(self.graph, index, sources, output, sources_above) {
+            Ok(action) => action,
+            Err(error) => return self.fail(index, &error),
+        };
+        let key = action.digest();
+        self.slots[index].key = Some(key);
+        self.slots[index].action = action;
+        if let Some(&twin) = self.made.get(&key) {
+            let record = self.slots[twin].record.clone().expect("what was made has a record");
+            self.copy_values(twin, index);
+            return self.settle(index, record, State::Cached, Counts::new());
+        }
+        if let Some(followers) = self.in_flight.get_mut(&key) {
+            followers.push(index);
+            self.slots[index].life = Life::Following;
+            return;
+        }
+        if let Some(record) = look_up(&self.engine.store, node, &key) {
+            return self.settle(index, record, State::Cached, Counts::new());
+        }
+        self.in_flight.insert(key, Vec::new());
+        self.slots[index].life = Life::Ready;
+        self.ready.insert((self.rank[index], index));
+    }
+
+    fn take_followers(&mut self, index: usize) -> Vec<usize> {
+        let slot = &self.slots[index];
+        let key = slot.key.filter(|_| slot.leads());
+        key.and_then(|key| self.in_flight.remove(&key)).unwrap_or_default()
+    }
+
+    fn finished(&mut self, index: usize, finished: Finished) {
+        let Finished { mut record, values, counts, ran } = finished;
+        let followers = self.take_followers(index);
+        if let (true, Some(key)) = (ran, self.slots[index].key) {
+            self.made.insert(key, index);
+            if self.engine.store.is_read_only() {
+                record.outputs.iter_mut().for_each(|output| output.stored = false);
+                self.warn_unstored("cache-read-only", "the cache can only be read".to_owned());
+            }
+        }
+        for follower in followers {
+            self.hold(follower, &values);
+            self.settle(follower, record.clone(), State::Cached, Counts::new());
+        }
+        self.hold(index, &values);
+        // Another process may have been faster.
+        self.settle(index, record, if ran { State::Ran } else { State::Cached }, counts);
+    }
+
+    /// The outputs of a node are known: what waited for that is resolved.
+    fn settle(&mut self, index: usize, record: Record, state: State, counts: Counts) {
+        let graph = self.graph;
+        let node = &graph.nodes[index];
+        let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
+        let slot = &mut self.slots[index];
+        slot.degraded = inherited || record.notes.is_degraded();
+        slot.record = Some(record);
+        slot.end = Some(state);
+        // What the key was made of is in the record, and a large graph would hold it all.
+        slot.action.key = None;
+        if let Some(key) = slot.key {
+            remember(&self.engine.store, graph, node, &key);
+        }
+        for (name, n) in &counts {
+            *self.totals.counts.entry(name.clone()).or_default() += n;
+        }
+        self.release_inputs(index);
+        if node.sink_path.is_some() {
+            self.slots[index].life = Life::Placing;
+            self.slots[index].counts = counts;
+            self.todo.push_back(Task::Files(index));
+        } else {
+            self.done(index, counts);
+        }
+    }
+
+    /// Tells that a node is done, and wakes those below.
+    fn done(&mut self, index: usize, counts: Counts) {
+        let graph = self.graph;
+        let node = &graph.nodes[index];
+        let slot = &mut self.slots[index];
+        slot.life = Life::Done;
+        let state = slot.end.expect("a node that is done came to an end");
+        let record = slot.record.as_ref().expect("a node that is done has a record");
+        self.totals.add(state);
+        self.totals.degraded += usize::from(slot.degraded);
+        (self.tell)(Event::Node {
+            id: node.id.clone(),
+            kind: node.kind.name,
+            state,
+            key: slot.key,
+            seconds: if state == State::Ran { record.seconds } else { 0.0 },
+            counts,
+            notes: record.notes.iter().cloned().collect(),
+            degraded: slot.degraded,
+            error: None,
+        });
+        for &below in graph.consumers(index) {
+            let slot = &mut self.slots[below];
+            slot.unresolved -= 1;
+            if slot.unresolved == 0 && slot.life == Life::Waiting {
+                self.todo.push_back(Task::Resolve(below));
+            }
+        }
+        self.drop_unread(index);
+    }
+
+    /// Compares the files of a sink with what lies there, and writes those that differ.
+    fn place_files<'s>(&mut self, index: usize, scope: Scope<'_, 's>)
+    where
+        'a: 's,
+    {
+        let (graph, engine) = (self.graph, self.engine);
+        let node = &graph.nodes[index];
+        let (Some(record), Some(template)) = (&self.slots[index].record, &node.sink_path) else { return };
+        let targets = match sink::targets(&self.options.out, template, &record.files) {
+            Ok(targets) => targets,
+            Err(error) => return self.fail(index, &error),
+        };
+        for (path, _) in &targets {
+            let other = self.claims.insert(path.clone(), index);
+            let Some(other) = other.filter(|&other| other != index) else { continue };
+            // Whichever comes first while it runs, the later one in the file is in the wrong.
+            let (first, second) = (other.min(index), other.max(index));
+            self.claims.insert(path.clone(), first);
+            let message = format!("`{}` writes to {} too", graph.nodes[first].id, path.display());
+            self.fail(second, &NodeError::new(message).at("path").hint("give each its own path"));
+            if second == index {
+                return;
+            }
+        }
+        let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
+        self.busy += 1;
+        scope.spawn(move |_| {
+            let placed = guarded(|| sink::place(&engine.store, targets, value.as_ref()));
+            let _ = sender.send(Message::Placed { node: index, placed });
+        });
+    }
+
+    fn placed(&mut self, index: usize, placed: Result<Option<sink::Placed>, NodeError>) {
+        if self.slots[index].life != Life::Placing {
+            return;
+        }
+        match placed {
+            Ok(Some(files)) => {
+                for (path, written) in files {
+                    (self.tell)(Event::File { id: self.graph.nodes[index].id.clone(), path, written });
+                }
+                let slot = &mut self.slots[index];
+                slot.readers -= 1;
+                let counts = std::mem::take(&mut slot.counts);
+                self.done(index, counts);
+            }
+            Ok(None) => self.request(Wire { node: index, port: 0 }, Waiter::Files(index)),
+            Err(error) => self.fail(index, &error),
+        }
+    }
+
+    /// A node cannot give its outputs: everything below it is skipped, everything else goes on.
+    pub fn fail(&mut self, index: usize, error: &NodeError) {
+        if error.is_cancelled() {
+            return self.skip(index);
+        }
+        self.report(index, error);
+        for follower in self.take_followers(index) {
+            self.report(follower, error);
+            self.give_up(follower, Life::Failed);
+        }
+        self.give_up(index, Life::Failed);
+    }
+
+    /// A node is not tried. Others of its key are, since their inputs may be at hand.
+    pub fn skip(&mut self, index: usize) {
+        for follower in self.take_followers(index) {
+            self.slots[follower].life = Life::Waiting;
+            self.todo.push_back(Task::Resolve(follower));
+        }
+        self.tell_skipped(index);
+        self.give_up(index, Life::Skipped);
+    }
+
+    /// Takes a node out of the run, and everything below it that is not resolved.
+    fn give_up(&mut self, index: usize, life: Life) {
+        let graph = self.graph;
+        self.leave(index, life);
+        let mut doomed: Vec<usize> = graph.consumers(index).to_vec();
+        while let Some(node) = doomed.pop() {
+            if self.slots[node].life == Life::Waiting {
+                self.tell_skipped(node);
+                self.leave(node, Life::Skipped);
+                doomed.extend(graph.consumers(node));
+            }
+        }
+    }
+
+    fn leave(&mut self, index: usize, life: Life) {
+        let place = (self.rank[index], index);
+        let settled = self.slots[index].record.is_some();
+        match self.slots[index].life {
+            Life::Ready => drop(self.ready.remove(&place)),
+            Life::Gathering => self.supplied -= 1,
+            Life::Queued => {
+                self.supplied -= 1;
+                self.queue.remove(&place);
+            }
+            Life::Placing => self.slots[index].readers -= 1,
+            _ => {}
+        }
+        self.slots[index].life = life;
+        if settled {
+            self.drop_unread(index);
+        } else {
+            self.release_inputs(index);
+        }
+    }
+
+    /// Tells that a node failed. Where it had been told to be done, that is taken back.
+    pub fn report(&mut self, index: usize, error: &NodeError) {
+        let node = &self.graph.nodes[index];
+        let message = format!("`{}` failed: {error}", node.id);
+        let mut diagnostic = Diagnostic::new(node.place(error.field), message);
+        diagnostic.hints.extend(error.hint.clone());
+        self.failures.push(diagnostic);
+        let slot = &self.slots[index];
+        if let (Life::Done, Some(state)) = (slot.life, slot.end) {
+            self.totals.take_back(state);
+            self.totals.degraded -= usize::from(slot.degraded);
+        }
+        self.totals.add(State::Failed);
+        (self.tell)(Event::Node {
+            id: node.id.clone(),
+            kind: node.kind.name,
+            state: State::Failed,
+            key: slot.key,
+            seconds: 0.0,
+            counts: Counts::new(),
+            notes: Vec::new(),
+            degraded: false,
+            error: Some(error.to_string()),
+        });
+    }
+
+    fn tell_skipped(&mut self, index: usize) {
+        let node = &self.graph.nodes[index];
+        self.totals.add(State::Skipped);
+        (self.tell)(Event::Node {
+            id: node.id.clone(),
+            kind: node.kind.name,
+            state: State::Skipped,
+            key: None,
+            seconds: 0.0,
+            counts: Counts::new(),
+            notes: Vec::new(),
+            degraded: false,
+            error: None,
+        });
+    }
+
+    pub fn finish(mut self) -> Outcome {
+        for index in 0..self.slots.len() {
+            let slot = &self.slots[index];
+            let over = matches!(slot.life, Life::Unwanted | Life::Done | Life::Failed | Life::Skipped);
+            if !over && slot.remaking != Some(Life::Done) {
+                self.slots[index].life = Life::Skipped;
+                self.tell_skipped(index);
+            }
+        }
+        if let Err(error) = self.engine.store.flush() {
+            let text = NodeError::from(error).to_string();
+            (self.tell)(Event::Warning { id: "cache-write", text });
+        }
+        for incident in self.engine.store.take_incidents() {
+            (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
+        }
+        self.totals.stopped = self.stopped();
+        self.totals.seconds = self.start.elapsed().as_secs_f64();
+        (self.tell)(Event::Done(self.totals.clone()));
+        let failures = (!self.failures.is_empty())
+            .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
+        Outcome { totals: self.totals, failures }
+    }
+
+    /// Values of a node of the same key, for the readers of this one.
+    fn copy_values(&mut self, from: usize, to: usize) {
+        let outputs = self.graph.nodes[from].kind.outputs.len();
+        let values: Option<Vec<AnyArtifact>> =
+            (0..outputs).map(|port| self.slots[from].value(port).cloned()).collect();
+        if let Some(values) = values {
+            self.hold(to, &values);
+        }
+    }
+}

@@ -1,0 +1,464 @@
+//! Small kinds whose results anybody can check: what the engine's tests run in place of rendering.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use engine::{
+    Artifact, Context, ContextField, Corrupt, Cost, Decoder, Difference, Encoder, FileBytes, Files,
+    InputFile, Keep, Kind, KindEntry, NodeError, Notes, OutputFile, Part, Registry, SourceFile, SourceRoot,
+};
+
+/// Every kind of this file.
+pub fn registry() -> Registry {
+    Registry::new(entries())
+}
+
+/// The same with another entry in place of the one of its name.
+pub fn registry_with(entry: KindEntry) -> Registry {
+    let others = entries().into_iter().filter(|other| other.name != entry.name);
+    Registry::new(others.collect()).with(entry)
+}
+
+fn entries() -> Vec<KindEntry> {
+    vec![
+        KindEntry::of::<LoadNumber>(),
+        KindEntry::of::<Number>(),
+        KindEntry::of::<Add>(),
+        KindEntry::of::<Scale>(),
+        KindEntry::of::<Round>(),
+        KindEntry::of::<Split>(),
+        KindEntry::of::<Seeded>(),
+        KindEntry::of::<UpAxis>(),
+        KindEntry::of::<Series>(),
+        KindEntry::of::<Ramp>(),
+        KindEntry::of::<Sum>(),
+        KindEntry::of::<Refuse>(),
+        KindEntry::of::<Remark>(),
+        KindEntry::of::<Slow>(),
+        KindEntry::of::<Heavy>(),
+        KindEntry::of::<Panic>(),
+        KindEntry::of::<Drift>(),
+        KindEntry::of::<WriteNumber>(),
+        KindEntry::of::<WriteRecipe>(),
+    ]
+}
+
+/// One number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Num(pub f64);
+
+impl Artifact for Num {
+    const TYPE: &'static str = "number";
+    const FORMAT: u32 = 1;
+    fn encode(&self, to: &mut Encoder) {
+        to.f64(self.0);
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        Ok(Self(from.f64()?))
+    }
+    fn bytes(&self) -> usize {
+        8
+    }
+    fn difference(&self, other: &Self) -> Difference {
+        if self == other {
+            Difference::none()
+        } else {
+            Difference::of(format!("{} apart", (self.0 - other.0).abs()))
+        }
+    }
+}
+
+/// Many numbers: large enough for a file of its own in the cache.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Numbers(pub Vec<f64>);
+
+impl Artifact for Numbers {
+    const TYPE: &'static str = "numbers";
+    const FORMAT: u32 = 1;
+    fn encode(&self, to: &mut Encoder) {
+        to.f64s(&self.0);
+    }
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        Ok(Self(from.f64s()?))
+    }
+    fn bytes(&self) -> usize {
+        self.0.len() * 8
+    }
+    fn difference(&self, other: &Self) -> Difference {
+        if self == other { Difference::none() } else { Difference::of("unequal") }
+    }
+}
+
+engine::inputs! { /** Nothing. */ pub struct Nothing {} }
+engine::inputs! { /** One number. */ pub struct One { /** The number. */ value: Arc<Num>, } }
+engine::inputs! { /** Any number of numbers. */ pub struct Terms { /** The numbers. */ terms: Vec<Arc<Num>>, } }
+engine::outputs! { /** One number. */ pub struct Gives { /** The result. */ number: Arc<Num>, } }
+
+type Ran<T = Gives> = Result<(T, Notes), NodeError>;
+
+fn give(value: f64) -> Ran {
+    Ok((Gives { number: Arc::new(Num(value)) }, Notes::none()))
+}
+
+/// Declares a kind of one number in, one number out.
+macro_rules! simple {
+    ($name:ident = $kebab:literal, $in:ty, |$params:ident, $inputs:ident, $cx:ident| $run:expr $(, $item:item)*) => {
+        impl Kind for $name {
+            const NAME: &'static str = $kebab;
+            const VERSION: u32 = 1;
+            type Params = Self;
+            type In = $in;
+            type Out = Gives;
+            $($item)*
+            fn run($params: &Self, $inputs: $in, $cx: &Context) -> Ran { $run }
+        }
+    };
+}
+
+engine::params! {
+    /// Reads a number from a text file.
+    pub struct LoadNumber {
+        /// The file.
+        path: InputFile, other("\"b.txt\"");
+    }
+}
+simple!(
+    LoadNumber = "load-number",
+    Nothing,
+    |params, _inputs, cx| {
+        let bytes = cx.read(&params.path)?;
+        let text = String::from_utf8_lossy(&bytes);
+        let parsed = text.trim().parse();
+        give(parsed.map_err(|_| NodeError::new(format!("`{}` is no number", text.trim())).at("path"))?)
+    },
+    const STORE: Keep = Keep::Cheap;,
+    fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(vec![root.file(&params.path)])
+    }
+);
+
+engine::params! {
+    /// A constant.
+    pub struct Number {
+        /// The number.
+        value: f64 = 1.0, range(-1e6, 1e6), other("2.0");
+    }
+}
+simple!(Number = "number", Nothing, |params, _inputs, _cx| give(params.value));
+
+engine::params! {
+    /// The sum of its inputs, in order.
+    pub struct Add {
+        /// Added to the sum.
+        bias: f64 = 0.0, other("1.0");
+    }
+}
+simple!(Add = "add", Terms, |params, inputs, cx| {
+    cx.count("terms", inputs.terms.len() as u64);
+    give(inputs.terms.iter().map(|term| term.0).sum::<f64>() + params.bias)
+});
+
+engine::params! {
+    /// A product.
+    pub struct Scale {
+        /// The factor.
+        by: f64 = 2.0, range(-100.0, 100.0), other("3.0");
+    }
+}
+simple!(Scale = "scale", One, |params, inputs, _cx| give(inputs.value.0 * params.by));
+
+engine::choices! {
+    /// Which whole number.
+    pub enum Towards {
+        /** The nearest. */ Nearest,
+        /** The one below. */ Down,
+        /** The one above. */ Upwards,
+    }
+}
+engine::params! {
+    /// A whole number near the input: many inputs give the same one.
+    pub struct Round {
+        /// Which.
+        towards: Towards = Towards::Nearest, other("Down");
+    }
+}
+simple!(Round = "round", One, |params, inputs, _cx| give(match params.towards {
+    Towards::Nearest => inputs.value.0.round(),
+    Towards::Down => inputs.value.0.floor(),
+    Towards::Upwards => inputs.value.0.ceil(),
+}));
+
+engine::params! {
+    /// The whole part and the rest.
+    pub struct Split {}
+}
+engine::outputs! {
+    /// Two numbers and a list.
+    pub struct Parts {
+        /// The whole part.
+        whole: Arc<Num>,
+        /// What is left.
+        rest: Arc<Num>,
+        /// Both.
+        both: Arc<Numbers>,
+    }
+}
+impl Kind for Split {
+    const NAME: &'static str = "split";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = One;
+    type Out = Parts;
+    fn run(_params: &Self, inputs: One, _cx: &Context) -> Ran<Parts> {
+        let (whole, rest) = (inputs.value.0.trunc(), inputs.value.0.fract());
+        let both = Arc::new(Numbers(vec![whole, rest]));
+        Ok((Parts { whole: Arc::new(Num(whole)), rest: Arc::new(Num(rest)), both }, Notes::none()))
+    }
+}
+
+engine::params! {
+    /// The seed of the graph.
+    pub struct Seeded {}
+}
+simple!(
+    Seeded = "seeded",
+    Nothing,
+    |_params, _inputs, cx| give(cx.seed() as f64),
+    const READS: &'static [ContextField] = &[ContextField::Seed];
+);
+
+engine::params! {
+    /// A number for the axis that points up.
+    pub struct UpAxis {}
+}
+simple!(
+    UpAxis = "up-axis",
+    Nothing,
+    |_params, _inputs, cx| give(cx.up().name().len() as f64 + cx.up() as u8 as f64),
+    const READS: &'static [ContextField] = &[ContextField::Up];
+);
+
+engine::params! {
+    /// The mean of `samples` numbers near the input, in parts of 16.
+    pub struct Series {
+        /// How many.
+        samples: u32 = 32, range(1, 4096), other("48");
+        /// Scales the mean; no part depends on it.
+        gain: f64 = 1.0, other("2.0");
+    }
+}
+simple!(Series = "series", One, |params, inputs, cx| {
+    let mut sum = 0.0;
+    for first in (0..params.samples).step_by(16) {
+        let last = params.samples.min(first + 16);
+        let part = Part { name: "chunk", version: 1, inputs: &["value"] };
+        let chunk = cx.part(part, &(first, last), || {
+            cx.count("samples", u64::from(last - first));
+            Ok(Num((first..last).map(|n| inputs.value.0 + f64::from(n)).sum()))
+        })?;
+        sum += chunk.0;
+        cx.progress(last as f32 / params.samples as f32);
+    }
+    give(sum / f64::from(params.samples) * params.gain)
+});
+
+engine::params! {
+    /// The numbers from the input upwards.
+    pub struct Ramp {
+        /// How many.
+        count: u32 = 2000, range(1, 100000000), other("3000");
+    }
+}
+engine::outputs! { /** A list. */ pub struct List { /** The numbers. */ numbers: Arc<Numbers>, } }
+impl Kind for Ramp {
+    const NAME: &'static str = "ramp";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = One;
+    type Out = List;
+    fn estimate(params: &Self, _inputs: &One) -> Cost {
+        Cost { bytes: u64::from(params.count) * 8, work: f64::from(params.count) }
+    }
+    fn run(params: &Self, inputs: One, cx: &Context) -> Ran<List> {
+        let numbers = cx.for_each_tile(params.count as usize, |n| inputs.value.0 + n as f64)?;
+        Ok((List { numbers: Arc::new(Numbers(numbers)) }, Notes::none()))
+    }
+}
+
+engine::params! {
+    /// The sum of a list.
+    pub struct Sum {
+        /// How often it is counted.
+        times: u32 = 1, range(1, 10), other("2");
+    }
+}
+engine::inputs! { /** A list. */ pub struct Listed { /** The numbers. */ numbers: Arc<Numbers>, } }
+simple!(Sum = "sum", Listed, |params, inputs, _cx| {
+    give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times))
+});
+
+engine::params! {
+    /// Passes a number on, or fails.
+    pub struct Refuse {
+        /// The largest number that is let through.
+        above: f64 = 10.0, other("20.0");
+    }
+}
+simple!(Refuse = "refuse", One, |params, inputs, _cx| {
+    if inputs.value.0 > params.above {
+        let message = format!("{} is more than {}", inputs.value.0, params.above);
+        return Err(NodeError::new(message).at("above").hint("raise `above`"));
+    }
+    give(inputs.value.0)
+});
+
+engine::params! {
+    /// Passes a number on and has something to say.
+    pub struct Remark {
+        /// Says that the result is less than what was asked for.
+        degraded: bool = false, other("true");
+    }
+}
+impl Kind for Remark {
+    const NAME: &'static str = "remark";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = One;
+    type Out = Gives;
+    fn run(params: &Self, inputs: One, _cx: &Context) -> Ran {
+        let mut notes = Notes::none();
+        notes.count("numbers", 1, "number seen");
+        notes.warning("odd-number", format!("{} is odd", inputs.value.0));
+        if params.degraded {
+            notes.degraded("half-done", "only half of it");
+        }
+        Ok((Gives { number: Arc::new(Num(inputs.value.0)) }, notes))
+    }
+}
+
+engine::params! {
+    /// Passes a number on after a while, unless stopped.
+    pub struct Slow {
+        /// How long it takes.
+        millis: u32 = 50, unit("ms"), inert("only the time differs"), other("1");
+    }
+}
+simple!(Slow = "slow", One, |params, inputs, cx| {
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_millis(params.millis.into()) {
+        cx.check()?;
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    give(inputs.value.0)
+});
+
+/// How many [`Heavy`] nodes run now, and the most there ever were.
+pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize::new(0));
+
+engine::params! {
+    /// Passes a number on and claims memory for it.
+    pub struct Heavy {
+        /// How much.
+        megabytes: u32 = 1, unit("MB"), inert("claims memory only"), other("2");
+    }
+}
+simple!(
+    Heavy = "heavy",
+    One,
+    |_params, inputs, _cx| {
+        let now = HEAVY.0.fetch_add(1, Ordering::SeqCst) + 1;
+        HEAVY.1.fetch_max(now, Ordering::SeqCst);
+        std::thread::sleep(Duration::from_millis(20));
+        HEAVY.0.fetch_sub(1, Ordering::SeqCst);
+        give(inputs.value.0)
+    },
+    fn estimate(params: &Self, _inputs: &One) -> Cost {
+        Cost { bytes: u64::from(params.megabytes) << 20, work: 1.0 }
+    }
+);
+
+engine::params! {
+    /// Panics, where its number is not zero.
+    pub struct Panic {
+        /// Panics in the estimate already.
+        early: bool = false, other("true");
+    }
+}
+simple!(
+    Panic = "panic",
+    One,
+    |_params, inputs, _cx| {
+        assert!(inputs.value.0 == 0.0, "no {} here", inputs.value.0);
+        give(0.0)
+    },
+    fn estimate(params: &Self, _inputs: &One) -> Cost {
+        assert!(!params.early, "no estimate");
+        Cost::default()
+    }
+);
+
+static DRIFTS: AtomicUsize = AtomicUsize::new(0);
+
+engine::params! {
+    /// Gives another number each time it runs, which no kind may do.
+    pub struct Drift {}
+}
+simple!(
+    Drift = "drift",
+    One,
+    |_params, _inputs, _cx| give(DRIFTS.fetch_add(1, Ordering::SeqCst) as f64),
+    const STORE: Keep = Keep::Cheap;
+);
+
+engine::params! {
+    /// Writes numbers to text files.
+    pub struct WriteNumber {
+        /// The file.
+        path: OutputFile, other("\"b.txt\"");
+        /// One file a number rather than one for all.
+        each: bool = false, other("true");
+        /// Names of the views, in place of `a`, `b` and so on.
+        views: Vec<String> = Vec::new(), other("[\"x\"]");
+    }
+}
+engine::inputs! { /** Numbers. */ pub struct Written { /** The numbers. */ number: Vec<Arc<Num>>, } }
+engine::outputs! { /** Files. */ pub struct Writes { /** The files. */ files: Arc<Files>, } }
+impl Kind for WriteNumber {
+    const NAME: &'static str = "write-number";
+    const VERSION: u32 = 1;
+    type Params = Self;
+    type In = Written;
+    type Out = Writes;
+    fn run(params: &Self, inputs: Written, _cx: &Context) -> Ran<Writes> {
+        let text: Vec<String> = inputs.number.iter().map(|number| format!("{:?}\n", number.0)).collect();
+        let files = if params.each {
+            let letters = ('a'..='z').map(String::from);
+            let views = params.views.iter().cloned().chain(letters.skip(params.views.len()));
+            views.zip(text).map(|(view, text)| FileBytes { view, bytes: text.into_bytes() }).collect()
+        } else {
+            vec![FileBytes { view: String::new(), bytes: text.concat().into_bytes() }]
+        };
+        Ok((Writes { files: Arc::new(Files(files)) }, Notes::none()))
+    }
+}
+
+engine::params! {
+    /// Writes down how its number was made.
+    pub struct WriteRecipe {
+        /// The file.
+        path: OutputFile, other("\"b.txt\"");
+    }
+}
+impl Kind for WriteRecipe {
+    const NAME: &'static str = "write-recipe";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Recipe];
+    type Params = Self;
+    type In = Written;
+    type Out = Writes;
+    fn run(_params: &Self, _inputs: Written, cx: &Context) -> Ran<Writes> {
+        let bytes = cx.recipe().unwrap_or_default().as_bytes().to_vec();
+        Ok((Writes { files: Arc::new(Files(vec![FileBytes { view: String::new(), bytes }])) }, Notes::none()))
+    }
+}

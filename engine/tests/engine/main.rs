@@ -1,0 +1,10 @@
+//! What the engine promises, asserted on the log of events of graphs of small arithmetic kinds.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(missing_docs, reason = "the names say it")]
+
+mod arithmetic;
+mod failures;
+mod faults;
+mod invalidation;
+mod lab;
+mod running;

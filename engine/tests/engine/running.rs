@@ -1,0 +1,256 @@
+//! How graphs run: parts, sinks, wanted nodes, memory, threads, stores and other processes.
+
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use cache::Store;
+use engine::{Engine, Event, State};
+
+use crate::arithmetic::HEAVY;
+use crate::lab::{Lab, graph_text};
+
+#[test]
+fn more_samples_compute_only_new_parts() {
+    for lab in [Lab::on_disk(), Lab::in_memory()] {
+        let nodes =
+            "a: Number(), s: Series(value: \"a\", samples: 64), w: WriteNumber(number: \"s\", path: \"s\")";
+        let more = nodes.replace("64", "256");
+        assert_eq!(lab.run(nodes).parts(), (4, 0));
+        let log = lab.run(&more);
+        assert_eq!((log.parts(), log.outcome.totals.counts["samples"]), ((12, 4), 192));
+        let grown = lab.out("s");
+        assert_eq!((Lab::on_disk().run(&more).parts(), lab.run(&more).parts()), ((16, 0), (0, 0)));
+        // A parameter that no part names leaves them all as they are.
+        assert_eq!(lab.run(&more.replace("samples", "gain: 2.0, samples")).parts(), (0, 16));
+        assert_eq!(lab.run(&more.replace("Number()", "Number(value: 2)")).parts(), (16, 0));
+        let fresh = Lab::on_disk();
+        fresh.run(&more);
+        assert_eq!(fresh.out("s"), grown, "64 and then 256 equals 256");
+    }
+}
+
+#[test]
+fn files_are_kept_equal_without_running_nodes() {
+    let lab = Lab::on_disk();
+    let nodes =
+        "a: Number(value: 3), s: Scale(value: \"a\"), w: WriteNumber(number: \"s\", path: \"deep/w.txt\")";
+    assert_eq!(lab.run(nodes).files(), "w.txt*");
+    let file = lab.path("out/deep/w.txt");
+    let before = std::fs::metadata(&file).unwrap().modified().unwrap();
+    let log = lab.run(nodes);
+    assert_eq!((log.files().as_str(), log.ran().as_str()), ("w.txt", ""));
+    assert_eq!(std::fs::metadata(&file).unwrap().modified().unwrap(), before);
+    std::fs::remove_file(&file).unwrap();
+    let log = lab.run(nodes);
+    assert_eq!((log.files().as_str(), log.ran().as_str(), log.remade().as_str()), ("w.txt*", "", ""));
+    std::fs::write(&file, "6.1\n").unwrap();
+    assert_eq!(lab.run(nodes).files(), "w.txt*");
+    assert_eq!(lab.out("deep/w.txt"), "6.0\n");
+    // Another name for the file is no new result.
+    let log = lab.run(&nodes.replace("w.txt", "v.txt"));
+    assert_eq!((log.files().as_str(), log.ran().as_str()), ("v.txt*", ""));
+    let log = lab.run(&nodes.replace("w.txt", "w.csv"));
+    assert_eq!((log.files().as_str(), log.ran().as_str()), ("w.csv*", "w"), "the ending names the format");
+}
+
+#[test]
+fn files_come_before_the_end_of_their_node() {
+    let lab = Lab::on_disk();
+    for _ in 0..2 {
+        let log = lab.run("a: Number(), w: WriteNumber(number: \"a\", path: \"w\")");
+        let file = log.events.iter().position(|event| matches!(event, Event::File { .. }));
+        let end = log.events.iter().position(|event| matches!(event, Event::Node { id, .. } if id == "w"));
+        assert!(file.is_some() && file < end);
+    }
+}
+
+#[test]
+fn many_views_need_a_place_in_the_path() {
+    let lab = Lab::on_disk();
+    let nodes = "a: Number(), b: Number(value: 2), w: WriteNumber(number: [\"a\", \"b\"], each: true, views: [\"left\"], path: \"w_{view}.txt\")";
+    assert_eq!(lab.run(nodes).files(), "w_b.txt* w_left.txt*");
+    assert_eq!((lab.out("w_left.txt"), lab.out("w_b.txt")), ("1.0\n".into(), "2.0\n".into()));
+    std::fs::remove_file(lab.path("out/w_b.txt")).unwrap();
+    assert_eq!(lab.run(nodes).files(), "w_b.txt* w_left.txt");
+    let log = lab.run(&nodes.replace("_{view}", ""));
+    assert_eq!((log.failed().as_str(), log.files().as_str()), ("w", ""));
+    let text = log.failures();
+    assert!(text.contains("names one file, there are 2: left, b") && text.contains("put `{view}`"), "{text}");
+    assert!(text.contains("\"w.txt\""), "the path is underlined: {text}");
+}
+
+#[test]
+fn views_cannot_lead_out_of_the_folder_nor_onto_each_other() {
+    let lab = Lab::on_disk();
+    let nodes = "a: Number(), w: WriteNumber(number: [\"a\"], each: true, views: [\"..\"], path: \"in/{view}/w.txt\")";
+    let log = lab.run(nodes);
+    assert_eq!((log.files().as_str(), log.exit_code()), ("w.txt*", 0));
+    assert!(!lab.path("out/w.txt").exists() && lab.path("out/in/__/w.txt").exists());
+    let two = "a: Number(), b: Number(value: 2), w: WriteNumber(number: [\"a\", \"b\"], each: true, views: [\"x/y\", \"x_y\"], path: \"{view}.txt\")";
+    let log = lab.run(two);
+    assert!(log.failures().contains("`x/y` and `x_y` would be one file"), "{}", log.failures());
+    let sinks = "a: Number(), v: WriteNumber(number: \"a\", each: true, path: \"w_{view}.txt\"), w: WriteNumber(number: \"a\", path: \"w_a.txt\")";
+    let log = lab.run(sinks);
+    assert_eq!(log.exit_code(), 1);
+    assert!(log.failures().contains("`w` failed: `v` writes to "), "{}", log.failures());
+}
+
+#[test]
+fn a_file_that_cannot_be_written_fails_its_sink() {
+    let lab = Lab::on_disk();
+    let nodes = "a: Number(), w: WriteNumber(number: \"a\", path: \"in/the/way.txt\"), v: WriteNumber(number: \"a\", path: \"ok.txt\")";
+    std::fs::create_dir_all(lab.path("out")).unwrap();
+    std::fs::write(lab.path("out/in"), "a file").unwrap();
+    for _ in 0..2 {
+        let log = lab.run(nodes);
+        assert_eq!((log.failed().as_str(), log.files().trim_end_matches('*')), ("w", "ok.txt"));
+        assert!(log.failures().contains("in/the"), "{}", log.failures());
+    }
+    std::fs::remove_file(lab.path("out/in")).unwrap();
+    let log = lab.run(nodes);
+    assert_eq!((log.ran().as_str(), log.files().as_str()), ("", "ok.txt way.txt*"));
+}
+
+#[test]
+fn only_what_is_named_runs() {
+    let lab = Lab::on_disk();
+    let text = graph_text(
+        "a: Number(), s: Scale(value: \"a\"), t: Scale(value: \"a\", by: 3.0), v: WriteNumber(number: \"s\", path: \"v\"), w: WriteNumber(number: \"t\", path: \"w\")",
+    );
+    let log = lab.run_only(&text, &["s"]);
+    assert_eq!((log.ran().as_str(), log.files().as_str()), ("a s", ""));
+    let log = lab.run_only(&text, &["w", "t"]);
+    assert_eq!((log.ran().as_str(), log.files().as_str()), ("t w", "w*"));
+    assert_eq!(lab.run_text(&text).ran(), "v");
+    // Without sinks, what nothing reads is wanted.
+    assert_eq!(
+        Lab::on_disk().run("a: Number(), s: Scale(value: \"a\"), t: Scale(value: \"a\", by: 3.0)").ran(),
+        "a s t"
+    );
+}
+
+#[test]
+fn one_key_is_computed_once() {
+    for lab in [Lab::on_disk(), Lab::in_memory()] {
+        let nodes: String = (0..20)
+            .map(|n| {
+                format!("a{n}: Number(value: 4), s{n}: Slow(value: \"a{n}\"), t{n}: Scale(value: \"s{n}\"),")
+            })
+            .collect();
+        let log = lab.run(&nodes);
+        let totals = &log.outcome.totals;
+        assert_eq!((totals.ran, totals.cached), (3, 57));
+    }
+    // Nor twice where nothing can be kept.
+    let mut lab = Lab::on_disk();
+    lab.run("a: Number()");
+    lab.options.read_only = true;
+    let log = lab.run("x: Number(value: 5), y: Number(value: 5), z: Add(terms: [\"x\"]), w: Add(terms: [\"z\", \"y\"]), last: Add(terms: [\"w\"])");
+    assert_eq!((log.outcome.totals.ran, log.cached().len()), (4, 1));
+}
+
+#[test]
+fn what_needs_more_memory_than_there_is_never_starts() {
+    let mut lab = Lab::on_disk();
+    lab.budget = 100 << 20;
+    let log = lab.run("a: Number(), h: Heavy(value: \"a\", megabytes: 4000000), s: Scale(value: \"h\")");
+    assert_eq!((log.failed().as_str(), log.skipped().as_str()), ("h", "s"));
+    assert!(!log.events.iter().any(|event| matches!(event, Event::Start { id, .. } if id == "h")));
+    let text = log.failures();
+    assert!(text.contains("needs about 3906.2 GiB of memory, the budget is 100.0 MiB"), "{text}");
+}
+
+#[test]
+fn two_that_do_not_fit_together_run_one_after_the_other() {
+    let mut lab = Lab::on_disk();
+    lab.jobs = 4;
+    lab.budget = 100 << 20;
+    let nodes: String = (0..4)
+        .map(|n| format!("a{n}: Number(value: {n}), h{n}: Heavy(value: \"a{n}\", megabytes: 60),"))
+        .collect();
+    assert_eq!(lab.run(&nodes).outcome.totals.ran, 8);
+    assert_eq!(HEAVY.1.swap(0, Ordering::SeqCst), 1);
+    lab.budget = 1000 << 20;
+    // Other nodes than before, which are in the cache.
+    assert_eq!(lab.run(&nodes.replace("Number(value: ", "Number(value: 1")).outcome.totals.ran, 8);
+    assert!(HEAVY.1.load(Ordering::SeqCst) > 1);
+}
+
+#[test]
+fn a_run_holds_about_what_its_budget_allows() {
+    // A warm cache of 40 lists of 8 MB, and then a change below all of them: they come one by one.
+    let mut lab = Lab::on_disk();
+    let nodes: String = (0..40)
+        .map(|n| format!("a{n}: Number(value: {n}), r{n}: Ramp(value: \"a{n}\", count: 100000), s{n}: Sum(numbers: \"r{n}\"), t{n}: Scale(value: \"s{n}\"),"))
+        .collect();
+    lab.run(&nodes);
+    lab.budget = 3 << 20;
+    let mut sum = engine::KindEntry::of::<crate::arithmetic::Sum>();
+    sum.version += 1;
+    lab.registry = crate::arithmetic::registry_with(sum);
+    let log = lab.run(&nodes);
+    assert_eq!((log.outcome.totals.ran, log.remade()), (40, String::new()));
+    let peak = log.outcome.totals.peak_bytes;
+    assert!(peak <= 6 << 20, "held {peak} bytes");
+}
+
+#[test]
+fn another_engine_on_the_same_cache_computes_nothing_twice() {
+    let lab = Lab::on_disk();
+    let nodes: String = (0..12)
+        .map(|n| format!("a{n}: Number(value: {n}), s{n}: Slow(value: \"a{n}\", millis: 30), t{n}: Scale(value: \"s{n}\"),"))
+        .collect();
+    let text = graph_text(&nodes);
+    let run = || lab.run_on(&lab.engine(), &text, &[], |_, _| {});
+    let logs = std::thread::scope(|scope| {
+        [scope.spawn(run), scope.spawn(run), scope.spawn(run)].map(|thread| thread.join().unwrap())
+    });
+    let ran: usize = logs.iter().map(|log| log.outcome.totals.ran).sum();
+    let cached: usize = logs.iter().map(|log| log.outcome.totals.cached).sum();
+    assert_eq!((ran, cached), (36, 72));
+    assert!(logs.windows(2).all(|pair| pair[0].keys() == pair[1].keys()));
+}
+
+#[test]
+fn a_busy_key_does_not_hold_up_the_rest() {
+    let mut lab = Lab::on_disk();
+    lab.jobs = 1;
+    let text = graph_text(
+        "a: Number(), s: Slow(value: \"a\", millis: 400), b: Number(value: 2), t: Scale(value: \"b\")",
+    );
+    let (other, slow) = (lab.engine(), graph_text("a: Number(), s: Slow(value: \"a\", millis: 400)"));
+    let (sender, started) = std::sync::mpsc::channel();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            lab.run_on(&other, &slow, &[], |event, _| {
+                if matches!(event, Event::Start { id, .. } if id == "s") {
+                    sender.send(()).unwrap();
+                }
+            })
+        });
+        started.recv().unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        let start = Instant::now();
+        let mut scaled = None;
+        let log = lab.run_on(&lab.engine(), &text, &[], |event, _| {
+            if matches!(event, Event::Node { id, state: State::Ran, .. } if id == "t") {
+                scaled = Some(start.elapsed());
+            }
+        });
+        assert_eq!((log.ran().as_str(), log.cached().as_str()), ("b t", "a s"));
+        assert!(scaled.unwrap() < Duration::from_millis(200), "{scaled:?}");
+    });
+}
+
+#[test]
+fn a_stored_value_can_be_looked_at() {
+    let lab = Lab::on_disk();
+    let text = graph_text("a: Number(value: 2), s: Scale(value: \"a\")");
+    lab.run_text(&text);
+    let graph = lab.parse(&text).unwrap();
+    let wire = engine::Wire { node: graph.find("s").unwrap(), port: 0 };
+    let value: Option<crate::arithmetic::Num> = lab.engine().value(&graph, wire);
+    assert_eq!(value, Some(crate::arithmetic::Num(4.0)));
+    let engine = Engine::new(Store::in_memory(), 1, 1 << 20).unwrap();
+    assert_eq!(engine.value::<crate::arithmetic::Num>(&graph, wire), None);
+}
