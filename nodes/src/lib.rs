@@ -13,6 +13,7 @@ pub mod color;
 pub mod composite;
 pub mod crop_mesh;
 pub mod cube_rig;
+pub mod demo_scene;
 pub mod equirect;
 pub mod error;
 pub mod fuse_hdr;
@@ -54,6 +55,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<composite::Composite>(),
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<cube_rig::CubeRig>(),
+        KindEntry::of::<demo_scene::DemoScene>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<load_cameras::LoadCameras>(),
         KindEntry::of::<load_environment::LoadEnvironment>(),
@@ -62,11 +64,11 @@ pub fn registry() -> Registry {
         KindEntry::of::<load_object::LoadObject>(),
         KindEntry::of::<load_splats::LoadSplats>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
+        KindEntry::of::<path_trace::PathTrace>(),
         KindEntry::of::<place::Place>(),
         KindEntry::of::<pose::PoseNode>(),
         KindEntry::of::<predict_exposure::PredictExposure>(),
         KindEntry::of::<score_env::ScoreEnv>(),
-        KindEntry::of::<path_trace::PathTrace>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),
