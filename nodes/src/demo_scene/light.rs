@@ -194,7 +194,7 @@ impl<'a> Lit<'a> {
     /// Radiance that a ray brings, with all light at the hit taken from the cache.
     pub(super) fn rough_radiance(&self, from: DVec3, toward: DVec3) -> Rgb {
         let Some(hit) = self.caster.nearest(from, toward, FAR) else {
-            return self.beyond(from, toward, false);
+            return self.beyond(from, toward);
         };
         let quad = &self.quads[hit.quad as usize];
         let (p, mut n) = (quad.point(hit.u, hit.v), quad.normal(hit.u, hit.v));
@@ -209,7 +209,7 @@ impl<'a> Lit<'a> {
     /// Radiance that a ray brings, with direct light sampled at the hit.
     pub(super) fn radiance(&self, from: DVec3, toward: DVec3, key: u64, effort: Effort) -> Rgb {
         let Some(hit) = self.caster.nearest(from, toward, FAR) else {
-            return self.beyond(from, toward, true);
+            return self.beyond(from, toward);
         };
         let quad = &self.quads[hit.quad as usize];
         self.surface(quad, hit.u, hit.v, toward, key, effort)
@@ -253,8 +253,8 @@ impl<'a> Lit<'a> {
         }
     }
 
-    /// What lies beyond the place in a direction.
-    pub(super) fn beyond(&self, from: DVec3, toward: DVec3, sun: bool) -> Rgb {
+    /// What lies beyond the place in a direction, without the disc of the sun.
+    pub(super) fn beyond(&self, from: DVec3, toward: DVec3) -> Rgb {
         if let Some(Opening { corner, u, v }) = self.opening {
             // A ray that slips between two triangles of a closed room is not light from outside.
             let inward = u.cross(v);
@@ -265,7 +265,12 @@ impl<'a> Lit<'a> {
                 return [0.0; 3];
             }
         }
-        if sun { self.sky.with_sun(toward) } else { self.sky.radiance(toward) }
+        self.sky.radiance(toward)
+    }
+
+    /// Whether something stands between a point and the sky in a direction.
+    pub(super) fn hidden(&self, from: DVec3, toward: DVec3) -> bool {
+        self.caster.blocked(from, toward, FAR)
     }
 }
 

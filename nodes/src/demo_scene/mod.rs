@@ -8,7 +8,7 @@ use glam::{DMat4, DVec3};
 
 use crate::equirect;
 use crate::num;
-use crate::types::{Camera, Environment, Image, Mesh, Object, Rig, Splats};
+use crate::types::{Camera, Environment, Image, Linear, Mesh, Object, Rig, Splats};
 
 mod capture;
 mod cast;
@@ -238,8 +238,35 @@ fn truth(
         }
         row
     })?;
-    let image = Image::from_samples(width, height, 3, rows.into_iter().flatten().collect());
+    let mut image = Image::from_samples(width, height, 3, rows.into_iter().flatten().collect());
+    add_sun(lit, from, &mut image);
     Ok(Environment { image, up: cx.up(), origin: Some(world.point(from)) })
+}
+
+/// Points of the disc of the sun, along one side of their square.
+const SUN_POINTS: usize = 64;
+
+/// Adds the sun, which is smaller than a pixel may be: each point of its disc that is not hidden gives
+/// its share of the irradiance to the pixel it lies in.
+fn add_sun(lit: &Lit<'_>, from: DVec3, image: &mut Image<Linear>) {
+    let (width, height) = (image.width, image.height);
+    let (a, b) = light::frame(lit.sky.sun);
+    for i in 0..SUN_POINTS * SUN_POINTS {
+        let (s, t) = ((i % SUN_POINTS) as f64 + 0.5, (i / SUN_POINTS) as f64 + 0.5);
+        let (sin, cos) = num::sin_cos(2.0 * PI * t / SUN_POINTS as f64);
+        let r = (s / SUN_POINTS as f64).sqrt() * lit.sky.sun_sine;
+        let toward = (lit.sky.sun + a * (r * cos) + b * (r * sin)).normalize();
+        if lit.hidden(from, toward) {
+            continue;
+        }
+        let (u, v) = equirect::uv(Up::PlusZ, toward);
+        let (x, y) = ((u * width as f64) as usize, (v * height as f64) as usize);
+        let (x, y) = (x.min(width - 1), y.min(height - 1));
+        let share = 1.0 / ((SUN_POINTS * SUN_POINTS) as f64 * equirect::pixel_solid_angle(width, height, y));
+        for (to, sun) in image.pixel_mut(x, y).iter_mut().zip(lit.sky.sun_irradiance) {
+            *to += (sun * share) as f32;
+        }
+    }
 }
 
 #[cfg(test)]
