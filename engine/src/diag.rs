@@ -76,6 +76,9 @@ impl Diagnostic {
     }
 }
 
+/// Nobody reads more than this at once, and each is laid out on its own.
+const MOST_SHOWN: usize = 100;
+
 /// The mistakes of one text, in the order of their places.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostics {
@@ -96,7 +99,11 @@ impl Diagnostics {
     /// The mistakes as a person reads them, with the text underlined.
     pub fn render(&self, colour: bool) -> String {
         let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
-        let rendered: Vec<String> = self.list.iter().map(|one| self.render_one(&renderer, one)).collect();
+        let shown = self.list.iter().take(MOST_SHOWN);
+        let mut rendered: Vec<String> = shown.map(|one| self.render_one(&renderer, one)).collect();
+        if let Some(more) = self.list.len().checked_sub(MOST_SHOWN).filter(|more| *more > 0) {
+            rendered.push(format!("and {more} more"));
+        }
         rendered.join("\n\n")
     }
 
@@ -133,6 +140,14 @@ impl std::fmt::Display for Diagnostics {
 }
 
 impl std::error::Error for Diagnostics {}
+
+/// A text as part of a message: long ones are cut.
+pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
+    match text.char_indices().nth(60) {
+        None => text.into(),
+        Some((end, _)) => format!("{}..", &text[..end]).into(),
+    }
+}
 
 /// The candidate nearest in spelling, when it is near enough to be a slip.
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {

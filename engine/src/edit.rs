@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::diag::{Diagnostics, Source, nearest};
+use crate::graph::SCENE_FIELDS;
 use crate::syntax::{RawNode, parse, parse_value};
 
 /// One `--set node.field=value`.
@@ -68,15 +69,21 @@ pub fn apply(source: &Source, settings: &[Setting]) -> Result<Source, EditError>
             return Err(Diagnostics::new(Source::new(source.name.clone(), text.as_str()), diagnostics).into());
         }
         let value = ron_text(&setting.value);
-        let edit = match document.nodes.iter().find(|node| node.id == setting.node) {
-            Some(node) => node_edit(&text, node, &setting.field, &value),
-            None if setting.node == "scene" && document.scene.is_some() => {
-                let (span, fields) = document.scene.as_ref().expect("just seen");
-                match fields.iter().find(|field| field.name == setting.field) {
+        let node = document.nodes.iter().find(|node| node.id == setting.node);
+        let scene = document.scene.as_ref().filter(|_| setting.node == "scene");
+        let own = |node: &RawNode<'_>| node.fields.iter().any(|field| field.name == setting.field);
+        let edit = match node {
+            // A node may be called `scene`, too; what only the block has is the block's.
+            _ if let Some(scene) = scene.filter(|_| {
+                node.is_none_or(|node| SCENE_FIELDS.contains(&setting.field.as_str()) && !own(node))
+            }) =>
+            {
+                match scene.fields.iter().find(|field| field.name == setting.field) {
                     Some(field) => (field.span.clone(), value),
-                    None => insertion(&text, span.clone(), !fields.is_empty(), &setting.field, &value),
+                    None => insertion(scene.inside, !scene.fields.is_empty(), &setting.field, &value),
                 }
             }
+            Some(node) => node_edit(node, &setting.field, &value),
             None => {
                 let near = nearest(&setting.node, document.nodes.iter().map(|node| node.id));
                 let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
@@ -89,26 +96,17 @@ pub fn apply(source: &Source, settings: &[Setting]) -> Result<Source, EditError>
     Ok(Source::new(source.name.clone(), text))
 }
 
-fn node_edit(text: &str, node: &RawNode<'_>, field: &str, value: &str) -> (Range<usize>, String) {
-    if let Some(known) = node.fields.iter().find(|known| known.name == field) {
-        return (known.span.clone(), value.to_owned());
+fn node_edit(node: &RawNode<'_>, field: &str, value: &str) -> (Range<usize>, String) {
+    match (node.fields.iter().find(|known| known.name == field), node.inside) {
+        (Some(known), _) => (known.span.clone(), value.to_owned()),
+        (None, Some(inside)) => insertion(inside, !node.fields.is_empty(), field, value),
+        (None, None) => (node.span.end..node.span.end, format!("({field}: {value})")),
     }
-    if !text[node.span.clone()].ends_with(')') {
-        return (node.span.end..node.span.end, format!("({field}: {value})"));
-    }
-    insertion(text, node.span.clone(), !node.fields.is_empty(), field, value)
 }
 
 /// Puts a field right behind the opening parenthesis, where no comment can swallow it.
-fn insertion(
-    text: &str,
-    span: Range<usize>,
-    others: bool,
-    field: &str,
-    value: &str,
-) -> (Range<usize>, String) {
-    let at = text[span.clone()].find('(').map_or(span.end, |open| span.start + open + 1);
-    (at..at, format!("{field}: {value}{}", if others { ", " } else { "" }))
+fn insertion(inside: usize, others: bool, field: &str, value: &str) -> (Range<usize>, String) {
+    (inside..inside, format!("{field}: {value}{}", if others { ", " } else { "" }))
 }
 
 /// What was typed in a shell as RON: quotes are easily lost there, so what is no RON value, and a lower

@@ -8,11 +8,12 @@ use petgraph::algo::{kosaraju_scc, toposort};
 use petgraph::graph::{DiGraph, NodeIndex};
 
 use crate::context::{Scene, SourceRoot, Up};
-use crate::diag::{Diagnostic, Diagnostics, Source};
+use crate::diag::{Diagnostic, Diagnostics, Source, shown};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::param::{InputFile, Role};
 use crate::port::{Arity, PortSpec};
-use crate::syntax::{Document, Fields, RawField, RawNode, parse, parse_value};
+use crate::scan::Scanner;
+use crate::syntax::{Document, Fields, RawField, RawNode, RawScene, parse, parse_value, sort_of, twice};
 
 /// One end of a wire: an output of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -152,6 +153,9 @@ struct Check<'t, 'a> {
     broken: &'a [&'t str],
 }
 
+/// What the `scene` block may hold.
+pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
+
 /// For each node the nodes it reads, with the span of the wire.
 type Wiring = Vec<Vec<(usize, Range<usize>)>>;
 
@@ -170,7 +174,7 @@ impl<'t> Check<'t, '_> {
                 )
                 .label("this program reads version 1"),
             ),
-            None if self.diagnostics.is_empty() => {
+            None if document.whole => {
                 self.report(
                     Diagnostic::new(whole.clone(), "the graph does not state its version")
                         .hint("begin it with `version: 1,`"),
@@ -178,8 +182,8 @@ impl<'t> Check<'t, '_> {
             }
             _ => {}
         }
-        let Some((span, fields)) = &document.scene else {
-            if self.diagnostics.is_empty() {
+        let Some(RawScene { span, fields, .. }) = &document.scene else {
+            if document.whole {
                 self.report(Diagnostic::new(whole, "the graph has no `scene`").hint(
                     "add `scene: (up: \"+z\"),` with the axis of your capture that points up: +y, -y or +z",
                 ));
@@ -188,7 +192,7 @@ impl<'t> Check<'t, '_> {
         };
         let before = self.diagnostics.len();
         for field in fields {
-            let known = ["up", "metres_per_unit", "seed"];
+            let known = SCENE_FIELDS;
             if !known.contains(&field.name) {
                 self.report(
                     Diagnostic::new(
@@ -269,11 +273,7 @@ impl<'t> Check<'t, '_> {
                     .hint(format!("`lightharmony nodes {}` describes it", kind.name)),
                 );
             } else if let Some(first) = raw.fields[..index].iter().find(|other| other.name == field.name) {
-                self.report(
-                    Diagnostic::new(field.name_span.clone(), format!("`{}` is given twice", field.name))
-                        .label("second")
-                        .related(first.name_span.clone(), "first"),
-                );
+                self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));
             }
         }
         let inputs: Vec<Vec<Wire>> =
@@ -356,11 +356,8 @@ impl<'t> Check<'t, '_> {
         };
         let names = match wire_names(field) {
             Ok(names) => names,
-            Err(message) => {
-                self.report(
-                    Diagnostic::new(field.span.clone(), message)
-                        .label("a wire is written \"node\" or \"node.port\""),
-                );
+            Err(mistake) => {
+                self.report(mistake);
                 return Vec::new();
             }
         };
@@ -486,22 +483,36 @@ fn check_sink_path(path: &str) -> Result<(), &'static str> {
 type Named = (String, Range<usize>);
 
 /// The node names in a wire or a list of wires, each with its span.
-fn wire_names(field: &RawField<'_>) -> Result<Vec<Named>, String> {
-    let text = field.text;
-    if text.starts_with('[') {
-        let list: Vec<String> = parse_value(text).map_err(|(message, _)| message)?;
-        let mut from = 0;
-        return Ok(list
-            .into_iter()
-            .map(|name| {
-                let at = text[from..].find(&name).map_or(from, |at| from + at);
-                from = at + name.len();
-                (name, field.span.start + at.saturating_sub(1)..field.span.start + from + 1)
-            })
-            .collect());
+fn wire_names(field: &RawField<'_>) -> Result<Vec<Named>, Diagnostic> {
+    let how = || "a wire is written \"node\" or \"node.port\"";
+    let mut scan = Scanner::new(field.text);
+    let list = scan.eat(b'[');
+    let mut names = Vec::new();
+    loop {
+        scan.skip_space();
+        if list && scan.eat(b']') {
+            return Ok(names);
+        }
+        let start = scan.at;
+        let text = scan.value().map_or("", |span| &field.text[span]);
+        let span = field.span.start + start..field.span.start + scan.at.max(start + 1);
+        let name = match text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
+            Some(plain) if !plain.contains('\\') => plain.to_owned(),
+            _ => parse_value::<String>(text).map_err(|_| {
+                let mistake = Diagnostic::new(span.clone(), format!("`{}` is not a wire", shown(text)));
+                match sort_of(text) {
+                    "a word" if !text.is_empty() => mistake.label(format!("write \"{}\"", shown(text))),
+                    _ => mistake.label(how()),
+                }
+            })?,
+        };
+        names.push((name, span));
+        scan.skip_space();
+        if !list {
+            return Ok(names);
+        }
+        scan.eat(b',');
     }
-    let name: String = parse_value(text).map_err(|_| format!("`{text}` is not a wire"))?;
-    Ok(vec![(name, field.span.clone())])
 }
 
 fn distinct(reads: Vec<(usize, Range<usize>)>) -> Vec<usize> {

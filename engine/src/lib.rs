@@ -24,6 +24,7 @@ mod port;
 mod recipe;
 mod record;
 mod run;
+mod scan;
 mod schedule;
 mod sink;
 mod slot;

@@ -1,18 +1,15 @@
 //! From RON text to nodes and fields, each with its place in the text.
 //!
-//! ron parses; every value is kept as the raw slice it stands in, whose address gives its span. The
-//! engine so needs no knowledge of kinds here, sees duplicates, and can report all mistakes together.
+//! A scan finds the structure, `ron` reads the values. The engine so needs no knowledge of kinds here, sees
+//! duplicates, and can report all mistakes together.
 
-use std::fmt;
 use std::ops::Range;
 
 use ron::extensions::Extensions;
-use ron::value::RawValue;
-use serde::Deserializer;
-use serde::de::{MapAccess, Visitor};
 
-use crate::diag::Diagnostic;
+use crate::diag::{Diagnostic, shown};
 use crate::param::ParamType;
+use crate::scan::Scanner;
 
 /// `name: text`, as it stands in the file.
 #[derive(Debug, Clone)]
@@ -30,7 +27,19 @@ pub(crate) struct RawNode<'t> {
     pub id_span: Range<usize>,
     pub kind: &'t str,
     pub kind_span: Range<usize>,
+    /// The kind and the fields.
     pub span: Range<usize>,
+    /// Where the first field may stand; `None` where there are no parentheses.
+    pub inside: Option<usize>,
+    pub fields: Vec<RawField<'t>>,
+}
+
+/// The `scene` block.
+#[derive(Debug)]
+pub(crate) struct RawScene<'t> {
+    pub span: Range<usize>,
+    /// Where the first field may stand.
+    pub inside: usize,
     pub fields: Vec<RawField<'t>>,
 }
 
@@ -38,205 +47,228 @@ pub(crate) struct RawNode<'t> {
 #[derive(Debug, Default)]
 pub(crate) struct Document<'t> {
     pub version: Option<RawField<'t>>,
-    pub scene: Option<(Range<usize>, Vec<RawField<'t>>)>,
+    pub scene: Option<RawScene<'t>>,
     pub nodes: Vec<RawNode<'t>>,
     /// Names of nodes whose text could not be read, so that wires to them are no second mistake.
     pub broken: Vec<&'t str>,
+    /// False where something may be missing only because it could not be read.
+    pub whole: bool,
 }
 
-fn options() -> ron::Options {
-    ron::Options::default().with_default_extension(Extensions::IMPLICIT_SOME)
-}
+const TOP: [&str; 3] = ["version", "scene", "nodes"];
 
-/// Parses the structure. Text that is no RON at all gives one diagnostic, else every misplaced field
-/// gives one of its own.
+/// Finds the structure of a graph file. What cannot be read is reported and left out.
 pub(crate) fn parse<'t>(text: &'t str, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
-    let mut document = Document::default();
-    let Some(top) = pairs(text, text, diagnostics) else { return document };
-    for field in top {
-        match field.name {
-            "version" => document.version = Some(field),
-            "scene" => {
-                document.scene =
-                    pairs(text, field.text, diagnostics).map(|fields| (field.span.clone(), fields));
+    let mut parser = Parser { scan: Scanner::new(text), document: Document::default() };
+    parser.graph();
+    parser.document.whole = parser.scan.diagnostics.is_empty();
+    diagnostics.append(&mut parser.scan.diagnostics);
+    parser.document
+}
+
+struct Parser<'t> {
+    scan: Scanner<'t>,
+    document: Document<'t>,
+}
+
+impl<'t> Parser<'t> {
+    fn graph(&mut self) {
+        self.scan.skip_space();
+        // `#![enable(..)]` names extensions of RON; the one we need is always on.
+        while self.scan.eat(b'#') {
+            self.scan.eat(b'!');
+            self.scan.value();
+            self.scan.skip_space();
+        }
+        let start = self.scan.at;
+        let name = self.scan.word();
+        self.scan.skip_space();
+        if name != Some("Graph") || self.scan.peek() != b'(' {
+            let what = Diagnostic::new(start..self.scan.at.max(start), "a graph file begins with `Graph(`");
+            return self.scan.report(what);
+        }
+        let mut seen: Vec<(&str, Range<usize>)> = Vec::new();
+        self.fields(|parser, name, span| {
+            if let Some((_, first)) = seen.iter().find(|(known, _)| *known == name) {
+                parser.scan.report(twice(name, span, first.clone()));
+                parser.scan.value();
+                return;
             }
-            "nodes" => {
-                for node in pairs(text, field.text, diagnostics).unwrap_or_default() {
-                    let id = node.name;
-                    match parse_node(text, node, diagnostics) {
-                        Some(node) => document.nodes.push(node),
-                        None => document.broken.push(id),
-                    }
+            seen.push((name, span.clone()));
+            match name {
+                "version" => parser.document.version = parser.value(name, span),
+                "scene" => parser.scene(span),
+                "nodes" => parser.nodes(span),
+                other => {
+                    parser.scan.report(
+                        Diagnostic::new(span, format!("a graph has no field `{}`", shown(other)))
+                            .suggest(other, TOP)
+                            .hint("a graph has the fields `version`, `scene` and `nodes`"),
+                    );
+                    parser.scan.value();
                 }
             }
-            other => {
-                let known = ["version", "scene", "nodes"];
-                diagnostics.push(
-                    Diagnostic::new(field.name_span, format!("a graph has no field `{other}`"))
-                        .suggest(other, known)
-                        .hint("a graph has the fields `version`, `scene` and `nodes`"),
+        });
+        self.scan.skip_space();
+        if !self.scan.is_at_end() {
+            let rest = self.scan.at..self.scan.text.trim_end().len();
+            self.scan.report(Diagnostic::new(rest, "nothing may follow the graph").hint(
+                "if more nodes were to follow, a `)` too many stands before them",
+            ));
+        }
+    }
+
+    /// Walks over `(name: .., name: ..)`; `each` reads one value. The current place is the parenthesis.
+    fn fields(&mut self, mut each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
+        let open = self.scan.at;
+        self.scan.at += 1;
+        loop {
+            self.scan.skip_space();
+            if self.scan.eat(b')') {
+                return;
+            }
+            if self.scan.is_at_end() {
+                return self.scan.report(
+                    Diagnostic::new(open..open + 1, "`(` has no matching `)`")
+                        .hint("somewhere below a `)` is missing"),
                 );
             }
-        }
-    }
-    document
-}
-
-fn parse_node<'t>(
-    text: &'t str,
-    node: RawField<'t>,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<RawNode<'t>> {
-    let kind_length =
-        node.text.find(|c: char| !c.is_alphanumeric() && c != '_' && c != '-').unwrap_or(node.text.len());
-    let kind = &node.text[..kind_length];
-    if kind.is_empty() || !kind.starts_with(|c: char| c.is_alphabetic()) {
-        diagnostics.push(
-            Diagnostic::new(node.span, format!("`{}` is not a node", node.name))
-                .label("expected `Kind(field: value, ..)`"),
-        );
-        return None;
-    }
-    let fields = if node.text[kind_length..].trim().is_empty() {
-        Vec::new()
-    } else {
-        pairs(text, &node.text[kind_length..], diagnostics)?
-    };
-    Some(RawNode {
-        id: node.name,
-        id_span: node.name_span,
-        kind,
-        kind_span: node.span.start..node.span.start + kind_length,
-        span: node.span,
-        fields,
-    })
-}
-
-/// The ordered (name, value) pairs of a RON struct that is a slice of `text`.
-fn pairs<'t>(text: &'t str, slice: &'t str, diagnostics: &mut Vec<Diagnostic>) -> Option<Vec<RawField<'t>>> {
-    let result = ron::de::Deserializer::from_str_with_options(slice, &options())
-        .map_err(|e| (e.code, e.span))
-        .and_then(|mut from| {
-            let pairs = from.deserialize_any(Pairs).and_then(|pairs| from.end().map(|()| pairs));
-            pairs.map_err(|e| {
-                let spanned = from.span_error(e);
-                (spanned.code, spanned.span)
-            })
-        });
-    match result {
-        Ok(pairs) => Some(
-            pairs
-                .into_iter()
-                .map(|(name, value)| {
-                    let value = trim(value);
-                    RawField { name, name_span: span_of(text, name), text: value, span: span_of(text, value) }
-                })
-                .collect(),
-        ),
-        Err((code, span)) => {
-            let start = span_of(text, slice).start + offset(slice, span.start.line, span.start.col);
-            let end = span_of(text, slice).start + offset(slice, span.end.line, span.end.col);
-            diagnostics.push(syntax_error(&code, start..end.max(start)));
-            None
-        }
-    }
-}
-
-fn syntax_error(code: &ron::Error, span: Range<usize>) -> Diagnostic {
-    let plain = Diagnostic::new(span, reword(code));
-    match code {
-        ron::Error::ExpectedComma => plain.hint("fields and nodes are separated by commas"),
-        ron::Error::ExpectedStructLikeEnd | ron::Error::Eof => plain.hint("a `(` has no matching `)`"),
-        ron::Error::ExpectedIdentifier => {
-            plain.hint("names of nodes and fields are plain words: letters, digits and `_`")
-        }
-        _ => plain,
-    }
-}
-
-fn reword(code: &ron::Error) -> String {
-    match code {
-        ron::Error::ExpectedComma => "expected a comma here".to_owned(),
-        ron::Error::Eof => "the text ends in the middle of a value".to_owned(),
-        ron::Error::Message(message) => message.clone(),
-        other => other.to_string(),
-    }
-}
-
-// The slices come from ron and are parts of `text`, so the difference of addresses is the offset.
-fn span_of(text: &str, slice: &str) -> Range<usize> {
-    let start = (slice.as_ptr() as usize).saturating_sub(text.as_ptr() as usize).min(text.len());
-    start..(start + slice.len()).min(text.len())
-}
-
-/// Byte offset of a place that ron gives as line and column, both from 1, columns in characters.
-fn offset(text: &str, line: usize, column: usize) -> usize {
-    let mut start = 0;
-    for _ in 1..line {
-        match text[start..].find('\n') {
-            Some(length) => start += length + 1,
-            None => break,
-        }
-    }
-    let rest = &text[start..];
-    start + rest.char_indices().nth(column.saturating_sub(1)).map_or(rest.len(), |(at, _)| at)
-}
-
-/// Without white space and comments at both ends.
-fn trim(mut text: &str) -> &str {
-    loop {
-        text = text.trim();
-        if let Some(rest) = text.strip_prefix("//") {
-            text = rest.split_once('\n').map_or("", |(_, rest)| rest);
-        } else if text.starts_with("/*") {
-            text = skip_block_comment(text);
-        } else {
-            break;
-        }
-    }
-    text
-}
-
-fn skip_block_comment(text: &str) -> &str {
-    let mut depth = 0_usize;
-    let mut at = 0;
-    while let Some(found) = text[at..].find(['/', '*']) {
-        at += found;
-        match text.get(at..at + 2) {
-            Some("/*") => (depth, at) = (depth + 1, at + 2),
-            Some("*/") => {
-                (depth, at) = (depth.saturating_sub(1), at + 2);
-                if depth == 0 {
-                    return &text[at..];
-                }
+            let start = self.scan.at;
+            let Some(name) = self.scan.word() else {
+                self.scan.report(
+                    Diagnostic::new(self.scan.here(), "expected `name: value`")
+                        .hint("names are plain words: letters, digits and `_`, the first no digit"),
+                );
+                self.after_mistake();
+                continue;
+            };
+            let span = start..self.scan.at;
+            self.scan.skip_space();
+            if !self.scan.eat(b':') {
+                self.scan.report(
+                    Diagnostic::new(span, format!("`{}` has no value", shown(name)))
+                        .label("expected `name: value`"),
+                );
+                self.after_mistake();
+                continue;
             }
-            _ => at += 1,
+            self.scan.skip_space();
+            each(self, name, span);
+            let end = self.scan.at;
+            self.scan.skip_space();
+            if !self.scan.eat(b',') && self.scan.peek() != b')' && !self.scan.is_at_end() {
+                let last = self.scan.text[..end].trim_end().len();
+                self.scan.report(
+                    Diagnostic::new(last..last + 1, "expected a comma here")
+                        .hint("fields and nodes are separated by commas"),
+                );
+                self.after_mistake();
+            }
         }
     }
-    ""
+
+    /// Goes on with what looks like the next field: a name and a colon, or what follows a comma.
+    fn after_mistake(&mut self) {
+        loop {
+            self.scan.skip_space();
+            let place = self.scan.at;
+            if self.scan.word().is_some() {
+                self.scan.skip_space();
+                if self.scan.peek() == b':' {
+                    return self.scan.at = place;
+                }
+                self.scan.at = place;
+            }
+            match self.scan.peek() {
+                b')' => return,
+                b',' => return self.scan.at += 1,
+                _ if self.scan.is_at_end() => return,
+                _ => self.scan.step_over(),
+            }
+        }
+    }
+
+    fn value(&mut self, name: &'t str, name_span: Range<usize>) -> Option<RawField<'t>> {
+        let before = self.scan.diagnostics.len();
+        match self.scan.value() {
+            // What was reported already needs no second report from whoever reads the value.
+            Some(_) if self.scan.diagnostics.len() > before => None,
+            Some(span) => Some(RawField { name, name_span, text: &self.scan.text[span.clone()], span }),
+            None => {
+                let what = format!("`{}` has no value", shown(name));
+                self.scan.report(Diagnostic::new(name_span, what).label("expected `name: value`"));
+                None
+            }
+        }
+    }
+
+    fn scene(&mut self, name_span: Range<usize>) {
+        let start = self.scan.at;
+        if self.scan.peek() != b'(' {
+            self.scan.report(Diagnostic::new(name_span, "`scene` is written `scene: (up: \"+z\")`"));
+            self.scan.value();
+            return;
+        }
+        let mut fields: Vec<RawField<'t>> = Vec::new();
+        self.fields(|parser, name, span| {
+            if let Some(first) = fields.iter().find(|field| field.name == name) {
+                parser.scan.report(twice(name, span.clone(), first.name_span.clone()));
+            }
+            fields.extend(parser.value(name, span));
+        });
+        let span = start..self.scan.at;
+        self.document.scene = Some(RawScene { span, inside: start + 1, fields });
+    }
+
+    fn nodes(&mut self, name_span: Range<usize>) {
+        if self.scan.peek() != b'(' {
+            self.scan.report(
+                Diagnostic::new(name_span, "`nodes` is written `nodes: (name: Kind(..), ..)`"),
+            );
+            self.scan.value();
+            return;
+        }
+        self.fields(|parser, id, id_span| {
+            let before = parser.scan.diagnostics.len();
+            match parser.node(id, id_span) {
+                Some(node) if parser.scan.diagnostics.len() == before => parser.document.nodes.push(node),
+                _ => parser.document.broken.push(id),
+            }
+        });
+    }
+
+    fn node(&mut self, id: &'t str, id_span: Range<usize>) -> Option<RawNode<'t>> {
+        let start = self.scan.at;
+        let Some(mut kind) = self.scan.word() else {
+            let what = format!("`{}` is not a node", shown(id));
+            self.scan.report(Diagnostic::new(id_span, what).label("expected `name: Kind(field: value, ..)`"));
+            self.scan.value();
+            return None;
+        };
+        // The kebab-case name of a kind is no RON, but clear.
+        while self.scan.eat(b'-') {
+            self.scan.word();
+            kind = &self.scan.text[start..self.scan.at];
+        }
+        let kind_span = start..self.scan.at;
+        self.scan.skip_space();
+        let mut fields = Vec::new();
+        let mut inside = None;
+        if self.scan.peek() == b'(' {
+            inside = Some(self.scan.at + 1);
+            self.fields(|parser, name, span| fields.extend(parser.value(name, span)));
+        } else {
+            self.scan.at = kind_span.end;
+        }
+        let span = start..self.scan.at;
+        Some(RawNode { id, id_span, kind, kind_span, span, inside, fields })
+    }
 }
 
-struct Pairs;
-
-impl<'de> Visitor<'de> for Pairs {
-    type Value = Vec<(&'de str, &'de str)>;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a list of `name: value` in parentheses")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
-        let mut pairs = Vec::new();
-        while let Some(name) = map.next_key::<&'de str>()? {
-            let value: &'de RawValue = map.next_value()?;
-            pairs.push((name, value.get_ron()));
-        }
-        Ok(pairs)
-    }
-
-    fn visit_unit<E: serde::de::Error>(self) -> Result<Self::Value, E> {
-        Ok(Vec::new())
-    }
+pub(crate) fn twice(name: &str, second: Range<usize>, first: Range<usize>) -> Diagnostic {
+    Diagnostic::new(second, format!("`{}` is given twice", shown(name)))
+        .label("second")
+        .related(first, "first")
 }
 
 /// The fields of one node while its parameters are read. Collects every mistake.
@@ -266,18 +298,15 @@ impl Fields<'_, '_> {
         };
         let value = match parse_value::<T>(field.text) {
             Ok(value) => value,
-            Err((message, span)) => {
-                let span = field.span.start + span.start..field.span.start + span.end;
-                self.diagnostics.push(
-                    Diagnostic::new(span, format!("`{name}`: {message}"))
-                        .label(format!("expected {}", T::describe())),
-                );
+            Err(error) => {
+                let span = field.span.clone();
+                self.diagnostics.push(value_mistake::<T>(name, field.text, &error, span));
                 return None;
             }
         };
         if let Err(error) = value.key_text() {
             let message = format!("`{name}`: {error}");
-            self.diagnostics.push(Diagnostic::new(field.span.clone(), message).label("must be finite"));
+            self.diagnostics.push(Diagnostic::new(field.span.clone(), message));
             return None;
         }
         match range {
@@ -285,7 +314,7 @@ impl Fields<'_, '_> {
                 self.diagnostics.push(
                     Diagnostic::new(
                         field.span.clone(),
-                        format!("`{name}` is out of range: {}", field.text.trim()),
+                        format!("`{name}` is out of range: {}", shown(field.text)),
                     )
                     .label(format!("must lie between {low} and {high}")),
                 );
@@ -296,33 +325,69 @@ impl Fields<'_, '_> {
     }
 }
 
-/// One value of a known type; the span of an error counts from the start of `text`.
-pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Result<T, (String, Range<usize>)> {
-    options().from_str(text).map_err(|error| {
-        let start = offset(text, error.span.start.line, error.span.start.col).min(text.len());
-        let end = offset(text, error.span.end.line, error.span.end.col).min(text.len());
-        let span = if start < end { start..end } else { 0..text.len() };
-        (value_error(&error.code, text), span)
-    })
+fn options() -> ron::Options {
+    ron::Options::default().with_default_extension(Extensions::IMPLICIT_SOME)
 }
 
-fn value_error(code: &ron::Error, text: &str) -> String {
-    match code {
+/// One value of a known type.
+pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Result<T, ron::Error> {
+    options().from_str(text).map_err(|error| error.code)
+}
+
+/// What a person would call a value of this text.
+pub(crate) fn sort_of(text: &str) -> &'static str {
+    match text.bytes().next().unwrap_or_default() {
+        b'"' => "text",
+        b'\'' => "a letter",
+        b'[' => "a list",
+        b'(' => "a group in ( )",
+        b'{' => "a group in { }",
+        b'+' | b'-' | b'.' | b'0'..=b'9' => "a number",
+        _ if matches!(text, "true" | "false") => "true or false",
+        _ => "a word",
+    }
+}
+
+/// What is wrong with the text of a parameter.
+fn value_mistake<T: ParamType>(name: &str, text: &str, error: &ron::Error, span: Range<usize>) -> Diagnostic {
+    let wanted = T::describe();
+    let plain = |message: String| Diagnostic::new(span.clone(), message);
+    let found = shown(text);
+    match error {
         ron::Error::NoSuchEnumVariant { found, expected, .. } => {
-            let near = crate::diag::nearest(found, expected.iter().copied());
-            match near {
-                Some(near) => format!("no such choice `{found}`, did you mean `{near}`?"),
-                None => format!("no such choice `{found}`"),
-            }
+            plain(format!("`{name}` has no choice `{}`", shown(found)))
+                .label(format!("one of {wanted}"))
+                .suggest(found, expected.iter().copied())
         }
         ron::Error::NoSuchStructField { found, expected, .. } => {
-            format!("no such field `{found}`, there are {}", expected.join(", "))
+            plain(format!("`{name}` has no field `{}`", shown(found)))
+                .suggest(found, expected.iter().copied())
+                .hint(format!("it has {}", expected.join(", ")))
         }
-        ron::Error::MissingStructField { field, .. } => format!("needs `{field}`"),
-        // ron stops at the dot of `512.0` where a whole number belongs.
-        ron::Error::TrailingCharacters | ron::Error::ExpectedComma => {
-            format!("`{text}` has the wrong form")
+        ron::Error::MissingStructField { field, .. } => {
+            plain(format!("`{name}` needs `{field}`")).label(format!("expected {wanted}"))
         }
-        other => other.to_string(),
+        ron::Error::ExceededRecursionLimit => plain(format!("`{name}` has too many brackets in each other")),
+        ron::Error::Message(why) => plain(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
+        ron::Error::IntegerOutOfBounds => {
+            plain(format!("`{name}` is out of range: {found}")).label(format!("expected {wanted}"))
+        }
+        _ => {
+            let number: Option<f64> = text.parse().ok();
+            let whole = number.filter(|n| n.fract() == 0.0 && n.abs() < 1e15);
+            let sort = sort_of(text);
+            let plain = plain(format!("`{name}` takes {wanted}, not {sort}"));
+            match (sort, whole) {
+                ("a number", Some(whole)) if wanted.contains("whole") || wanted.contains("integer") => {
+                    let written = if whole < 0.0 { "must not be negative".into() } else { format!("write {whole}") };
+                    Diagnostic::new(span, format!("`{name}` takes a {wanted}, not {found}")).label(written)
+                }
+                ("a number", _) => Diagnostic::new(span, format!("`{name}` takes a {wanted}, not {found}")),
+                ("a word", _) if wanted.contains("text") || wanted.contains("path") => {
+                    plain.label(format!("write \"{found}\""))
+                }
+                _ => plain,
+            }
+        }
     }
 }
