@@ -51,7 +51,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let shape = arguments.next().unwrap_or_else(|| "chain".to_owned());
     let count = arguments.next().unwrap_or_else(|| "10000".to_owned()).parse()?;
-    let folder = arguments.next().map_or_else(|| std::env::temp_dir().join("lightharmony-noop"), PathBuf::from);
+    let folder =
+        arguments.next().map_or_else(|| std::env::temp_dir().join("lightharmony-noop"), PathBuf::from);
     let source = Source::new(format!("{shape}-{count}.ron"), graph(&shape, count));
     let mut stages = Vec::new();
     let (mut cpu, mut wall) = (cpu_ms(), Instant::now());

@@ -46,12 +46,13 @@ pub struct Diagnostic {
 impl Diagnostic {
     /// A mistake at `span`.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
-        Self { span, message: message.into(), label: String::new(), related: Vec::new(), hints: Vec::new() }
+        let message = bounded(message.into());
+        Self { span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
     }
 
     /// Adds the text under the underline.
     pub fn label(mut self, label: impl Into<String>) -> Self {
-        self.label = label.into();
+        self.label = bounded(label.into());
         self
     }
 
@@ -63,7 +64,7 @@ impl Diagnostic {
 
     /// Adds advice.
     pub fn hint(mut self, hint: impl Into<String>) -> Self {
-        self.hints.push(hint.into());
+        self.hints.push(bounded(hint.into()));
         self
     }
 
@@ -123,6 +124,12 @@ impl Diagnostics {
         let snippet = Snippet::source(text).path(self.source.name.as_str()).annotation(primary).annotations(
             one.related
                 .iter()
+                .filter(|(span, _)| {
+                    // A line of megabytes would be shown whole.
+                    let (low, high) = (span.start.min(one.span.start), span.start.max(one.span.start));
+                    let between = text.get(low..high).unwrap_or_default();
+                    between.len() < 1000 || between.contains('\n')
+                })
                 .map(|(span, label)| AnnotationKind::Context.span(place(span)).label(label.as_str())),
         );
         let mut group = Level::ERROR.primary_title(one.message.as_str()).element(snippet);
@@ -147,6 +154,16 @@ pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
         None => text.into(),
         Some((end, _)) => format!("{}..", &text[..end]).into(),
     }
+}
+
+/// A sentence that a name of a megabyte got into is cut, too.
+fn bounded(mut text: String) -> String {
+    const MOST: usize = 2000;
+    if text.len() > MOST {
+        text.truncate(text.floor_char_boundary(MOST));
+        text.push_str("..");
+    }
+    text
 }
 
 /// The candidate nearest in spelling, when it is near enough to be a slip.

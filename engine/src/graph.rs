@@ -8,7 +8,7 @@ use petgraph::algo::{kosaraju_scc, toposort};
 use petgraph::graph::{DiGraph, NodeIndex};
 
 use crate::context::{Scene, SourceRoot, Up};
-use crate::diag::{Diagnostic, Diagnostics, Source, shown};
+use crate::diag::{Diagnostic, Diagnostics, Source, nearest, shown};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::param::{InputFile, Role};
 use crate::port::{Arity, PortSpec};
@@ -76,6 +76,7 @@ impl Graph {
             diagnostics: &mut diagnostics,
             ids: BTreeMap::new(),
             broken: &document.broken,
+            strangers: 0,
         };
         let scene = check.document(&document);
         let (nodes, wiring) = check.nodes(&document.nodes);
@@ -151,7 +152,12 @@ struct Check<'t, 'a> {
     diagnostics: &'a mut Vec<Diagnostic>,
     ids: BTreeMap<&'t str, usize>,
     broken: &'a [&'t str],
+    /// Wires to nodes that do not exist, so far.
+    strangers: usize,
 }
+
+/// How many wires to nodes that do not exist get a suggestion.
+const MOST_SUGGESTIONS: usize = 20;
 
 /// What the `scene` block may hold.
 pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
@@ -219,9 +225,12 @@ impl<'t> Check<'t, '_> {
         for (index, node) in raw.iter().enumerate() {
             if let Some(&first) = self.ids.get(node.id) {
                 self.report(
-                    Diagnostic::new(node.id_span.clone(), format!("two nodes are named `{}`", node.id))
-                        .label("second")
-                        .related(raw[first].id_span.clone(), "first"),
+                    Diagnostic::new(
+                        node.id_span.clone(),
+                        format!("two nodes are named `{}`", shown(node.id)),
+                    )
+                    .label("second")
+                    .related(raw[first].id_span.clone(), "first"),
                 );
             } else {
                 self.ids.insert(node.id, index);
@@ -244,9 +253,12 @@ impl<'t> Check<'t, '_> {
         if found.is_none() {
             let names: Vec<String> = self.registry.iter().map(|kind| kind.camel_name()).collect();
             self.report(
-                Diagnostic::new(node.kind_span.clone(), format!("no kind of node is named `{}`", node.kind))
-                    .suggest(node.kind, names.iter().map(String::as_str))
-                    .hint("`lightharmony nodes` lists them"),
+                Diagnostic::new(
+                    node.kind_span.clone(),
+                    format!("no kind of node is named `{}`", shown(node.kind)),
+                )
+                .suggest(node.kind, names.iter().map(String::as_str))
+                .hint("`lightharmony nodes` lists them"),
             );
         }
         found
@@ -264,14 +276,15 @@ impl<'t> Check<'t, '_> {
         for (index, field) in raw.fields.iter().enumerate() {
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
             if !names().any(|name| name == field.name) {
-                self.report(
-                    Diagnostic::new(
-                        field.name_span.clone(),
-                        format!("`{camel}` has no field `{}`", field.name),
-                    )
-                    .suggest(field.name, names())
-                    .hint(format!("`lightharmony nodes {}` describes it", kind.name)),
-                );
+                let message = format!("`{camel}` has no field `{}`", shown(field.name));
+                let mistake = Diagnostic::new(field.name_span.clone(), message).suggest(field.name, names());
+                let node =
+                    field.text.starts_with(|c: char| c.is_ascii_uppercase()) && field.text.ends_with(')');
+                self.report(if node {
+                    mistake.hint("if it is a node of its own, a `)` is missing before it")
+                } else {
+                    mistake.hint(format!("`lightharmony nodes {}` describes it", kind.name))
+                });
             } else if let Some(first) = raw.fields[..index].iter().find(|other| other.name == field.name) {
                 self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));
             }
@@ -349,7 +362,7 @@ impl<'t> Check<'t, '_> {
                         raw.kind_span.clone(),
                         format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
                     )
-                    .label(format!("wire `{}` to an output of type {}", port.name, port.artifact.name)),
+                    .label(format!("wire it to an output of type `{}`", port.artifact.name)),
                 );
             }
             return Vec::new();
@@ -389,8 +402,14 @@ impl<'t> Check<'t, '_> {
             if self.broken.contains(&id) {
                 return None;
             }
-            let ids: Vec<&str> = self.ids.keys().copied().collect();
-            self.report(Diagnostic::new(span, format!("no node is named `{id}`")).suggest(id, ids));
+            let mistake = Diagnostic::new(span, format!("no node is named `{}`", shown(id)));
+            // One node that was renamed may be read by thousands, and each look through all names costs.
+            self.strangers += 1;
+            let near = (self.strangers <= MOST_SUGGESTIONS).then(|| nearest(id, self.ids.keys().copied()));
+            self.report(match near.flatten() {
+                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
+                None => mistake,
+            });
             return None;
         };
         // A node of unknown kind was reported already.
@@ -425,8 +444,8 @@ impl<'t> Check<'t, '_> {
                 .map(|o| format!("\"{id}.{}\"", o.name))
                 .collect();
             let mut diagnostic =
-                Diagnostic::new(span, format!("`{}` takes {wanted}, not {given}", port.name))
-                    .label(format!("this is of type {given}"));
+                Diagnostic::new(span, format!("`{}` takes values of type `{wanted}`", port.name))
+                    .label(format!("this is of type `{given}`"));
             if !fitting.is_empty() {
                 diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
             }
@@ -467,6 +486,10 @@ fn check_sink_path(path: &str) -> Result<(), &'static str> {
     use std::path::Component;
     if path.is_empty() || path.ends_with('/') {
         return Err("it names no file");
+    }
+    // They would mean something else on another system.
+    if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
+        return Err("write `/` between folders, and no `\\` or `:`");
     }
     for part in std::path::Path::new(path).components() {
         match part {
@@ -511,7 +534,10 @@ fn wire_names(field: &RawField<'_>) -> Result<Vec<Named>, Diagnostic> {
         if !list {
             return Ok(names);
         }
-        scan.eat(b',');
+        if !scan.eat(b',') && scan.peek() != b']' {
+            let end = names.last().map_or(field.span.end, |(_, span)| span.end);
+            return Err(Diagnostic::new(end..end + 1, "expected a comma here"));
+        }
     }
 }
 
@@ -565,6 +591,9 @@ fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usize]) -> Diag
     let start = walked.iter().position(|&node| node == at).unwrap_or_default();
     let mut cycle = walked.split_off(start);
     cycle.reverse();
+    // The one that stands first in the file leads.
+    let first = (0..cycle.len()).min_by_key(|&place| cycle[place]).unwrap_or_default();
+    cycle.rotate_left(first);
     let shown = 12;
     let mut names: Vec<&str> = cycle.iter().take(shown).map(|&node| raw[node].id).collect();
     if cycle.len() > shown {

@@ -13,11 +13,13 @@ pub(crate) struct Scanner<'t> {
     pub text: &'t str,
     pub at: usize,
     pub diagnostics: Vec<Diagnostic>,
+    /// Something that never ends was reported: what it swallowed is no second mistake.
+    endless: bool,
 }
 
 impl<'t> Scanner<'t> {
     pub fn new(text: &'t str) -> Self {
-        Self { text, at: 0, diagnostics: Vec::new() }
+        Self { text, at: 0, diagnostics: Vec::new(), endless: false }
     }
 
     /// The byte at the current place; 0 at the end.
@@ -46,6 +48,14 @@ impl<'t> Scanner<'t> {
 
     pub fn report(&mut self, diagnostic: Diagnostic) {
         self.diagnostics.push(diagnostic);
+    }
+
+    /// The text ended before the bracket that closes the one at `place`.
+    pub fn unclosed(&mut self, place: usize, open: u8) {
+        if !std::mem::replace(&mut self.endless, true) {
+            let what = format!("`{}` has no matching `{}`", open as char, closing(open) as char);
+            self.report(Diagnostic::new(place..place + 1, what).hint("it is missing somewhere below"));
+        }
     }
 
     /// The character at the current place, for an underline.
@@ -83,6 +93,7 @@ impl<'t> Scanner<'t> {
                 self.step();
             }
         }
+        self.endless = true;
         self.report(Diagnostic::new(start..start + 2, "a comment is not closed").hint("end it with `*/`"));
     }
 
@@ -143,10 +154,10 @@ impl<'t> Scanner<'t> {
                 _ => self.step(),
             }
         }
-        // What was meant most likely ends before the punctuation.
-        let line = self.text[start..self.at].trim_end();
-        let end = start + line.trim_end_matches([',', ')', ']']).trim_end().len();
-        self.at = end.max(start + 1);
+        // What was meant most likely ends before the next punctuation.
+        let line = &self.text[start + 1..self.at];
+        let end = line.find([',', ')', ']']).unwrap_or(line.len());
+        self.at = start + 1 + line[..end].trim_end().len();
         self.report(
             Diagnostic::new(start..self.at, "this text is not closed")
                 .label("a `\"` is missing at its end or its start"),
@@ -157,7 +168,10 @@ impl<'t> Scanner<'t> {
         let start = self.at;
         let hashes = self.rest().bytes().take_while(|byte| *byte == b'#').count();
         if !raw || !self.rest()[hashes..].starts_with('"') {
-            return if self.peek() == b'"' { self.string() };
+            if self.peek() == b'"' {
+                self.string();
+            }
+            return;
         }
         let close = format!("\"{}", "#".repeat(hashes));
         self.at += hashes + 1;
@@ -165,8 +179,11 @@ impl<'t> Scanner<'t> {
             Some(length) => self.at += length + close.len(),
             None => {
                 self.at = self.text.len();
+                self.endless = true;
                 let opening = start..start + hashes + 1;
-                self.report(Diagnostic::new(opening, "this text is not closed").label(format!("ends with {close}")));
+                self.report(
+                    Diagnostic::new(opening, "this text is not closed").label(format!("ends with {close}")),
+                );
             }
         }
     }
@@ -197,11 +214,18 @@ impl<'t> Scanner<'t> {
         let start = self.at;
         self.step();
         let line = self.rest().find('\n').map_or(self.rest(), |end| &self.rest()[..end]);
-        let inside = line.find(['\u{201c}', '\u{201d}', '\u{2018}', '\u{2019}', '"']).map(|end| &line[..end]);
-        if let Some(inside) = inside {
-            self.at += inside.len();
-            self.step();
-        }
+        let inside = match line.find(CURLY) {
+            Some(end) => {
+                self.at += end;
+                self.step();
+                Some(&line[..end])
+            }
+            None => {
+                let inside = line.find(['"', ',', ')', ']']).map_or(line, |end| &line[..end]).trim_end();
+                self.at += inside.len();
+                Some(inside).filter(|inside| !inside.is_empty())
+            }
+        };
         self.report(quotes(start..self.at, inside));
     }
 
@@ -221,8 +245,11 @@ impl<'t> Scanner<'t> {
                     if closing(opened) != byte {
                         // The bracket may close a group further out, which goes on from here.
                         return self.report(
-                            Diagnostic::new(self.here(), format!("`{}` is missing here", closing(opened) as char))
-                                .related(place..place + 1, "opened here"),
+                            Diagnostic::new(
+                                self.here(),
+                                format!("`{}` is missing here", closing(opened) as char),
+                            )
+                            .related(place..place + 1, "opened here"),
                         );
                     }
                     open.pop();
@@ -235,8 +262,7 @@ impl<'t> Scanner<'t> {
                 b'\'' => self.character(),
                 0 if self.is_at_end() => {
                     let Some(&(opened, place)) = open.last() else { return };
-                    let what = format!("`{}` has no matching `{}`", opened as char, closing(opened) as char);
-                    return self.report(Diagnostic::new(place..place + 1, what));
+                    return self.unclosed(place, opened);
                 }
                 _ if self.rest().starts_with(CURLY) => self.curly(),
                 _ => {

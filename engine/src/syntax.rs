@@ -59,7 +59,7 @@ const TOP: [&str; 3] = ["version", "scene", "nodes"];
 
 /// Finds the structure of a graph file. What cannot be read is reported and left out.
 pub(crate) fn parse<'t>(text: &'t str, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
-    let mut parser = Parser { scan: Scanner::new(text), document: Document::default() };
+    let mut parser = Parser { scan: Scanner::new(text), document: Document::default(), stray: false };
     parser.graph();
     parser.document.whole = parser.scan.diagnostics.is_empty();
     diagnostics.append(&mut parser.scan.diagnostics);
@@ -69,6 +69,8 @@ pub(crate) fn parse<'t>(text: &'t str, diagnostics: &mut Vec<Diagnostic>) -> Doc
 struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
+    /// A node was found outside of `nodes`.
+    stray: bool,
 }
 
 impl<'t> Parser<'t> {
@@ -99,6 +101,19 @@ impl<'t> Parser<'t> {
                 "version" => parser.document.version = parser.value(name, span),
                 "scene" => parser.scene(span),
                 "nodes" => parser.nodes(span),
+                // A parenthesis too many ends `nodes` early, and every node after it would be a mistake.
+                other if parser.scan.peek().is_ascii_uppercase() => {
+                    if !std::mem::replace(&mut parser.stray, true) {
+                        parser.scan.report(
+                            Diagnostic::new(
+                                span.clone(),
+                                format!("`{}` stands outside of `nodes`", shown(other)),
+                            )
+                            .hint("a `)` too many stands before it, or `nodes: (` is missing"),
+                        );
+                    }
+                    parser.add_node(other, span);
+                }
                 other => {
                     parser.scan.report(
                         Diagnostic::new(span, format!("a graph has no field `{}`", shown(other)))
@@ -110,28 +125,30 @@ impl<'t> Parser<'t> {
             }
         });
         self.scan.skip_space();
-        if !self.scan.is_at_end() {
+        if !self.scan.is_at_end() && !self.stray {
             let rest = self.scan.at..self.scan.text.trim_end().len();
-            self.scan.report(Diagnostic::new(rest, "nothing may follow the graph").hint(
-                "if more nodes were to follow, a `)` too many stands before them",
-            ));
+            self.scan.report(
+                Diagnostic::new(rest, "nothing may follow the graph")
+                    .hint("if more nodes were to follow, a `)` too many stands before them"),
+            );
         }
     }
 
     /// Walks over `(name: .., name: ..)`; `each` reads one value. The current place is the parenthesis.
-    fn fields(&mut self, mut each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
+    fn fields(&mut self, each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
         let open = self.scan.at;
         self.scan.at += 1;
+        self.fields_inside(open, each);
+    }
+
+    fn fields_inside(&mut self, open: usize, mut each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
         loop {
             self.scan.skip_space();
             if self.scan.eat(b')') {
                 return;
             }
             if self.scan.is_at_end() {
-                return self.scan.report(
-                    Diagnostic::new(open..open + 1, "`(` has no matching `)`")
-                        .hint("somewhere below a `)` is missing"),
-                );
+                return self.scan.unclosed(open, b'(');
             }
             let start = self.scan.at;
             let Some(name) = self.scan.word() else {
@@ -145,6 +162,7 @@ impl<'t> Parser<'t> {
             let span = start..self.scan.at;
             self.scan.skip_space();
             if !self.scan.eat(b':') {
+                self.document.broken.push(name);
                 self.scan.report(
                     Diagnostic::new(span, format!("`{}` has no value", shown(name)))
                         .label("expected `name: value`"),
@@ -222,19 +240,27 @@ impl<'t> Parser<'t> {
 
     fn nodes(&mut self, name_span: Range<usize>) {
         if self.scan.peek() != b'(' {
-            self.scan.report(
-                Diagnostic::new(name_span, "`nodes` is written `nodes: (name: Kind(..), ..)`"),
-            );
+            let open = name_span.start;
+            self.scan.report(Diagnostic::new(name_span, "`nodes` is written `nodes: (name: Kind(..), ..)`"));
+            let start = self.scan.at;
             self.scan.value();
+            self.scan.skip_space();
+            if self.scan.peek() == b':' {
+                // Only the parenthesis is missing.
+                self.scan.at = start;
+                self.fields_inside(open, Self::add_node);
+            }
             return;
         }
-        self.fields(|parser, id, id_span| {
-            let before = parser.scan.diagnostics.len();
-            match parser.node(id, id_span) {
-                Some(node) if parser.scan.diagnostics.len() == before => parser.document.nodes.push(node),
-                _ => parser.document.broken.push(id),
-            }
-        });
+        self.fields(Self::add_node);
+    }
+
+    fn add_node(&mut self, id: &'t str, id_span: Range<usize>) {
+        let before = self.scan.diagnostics.len();
+        match self.node(id, id_span) {
+            Some(node) if self.scan.diagnostics.len() == before => self.document.nodes.push(node),
+            _ => self.document.broken.push(id),
+        }
     }
 
     fn node(&mut self, id: &'t str, id_span: Range<usize>) -> Option<RawNode<'t>> {
@@ -291,16 +317,17 @@ impl Fields<'_, '_> {
             if default.is_none() {
                 self.diagnostics.push(
                     Diagnostic::new(self.node_span.clone(), format!("`{}` needs `{name}`", self.kind))
-                        .label(format!("`{name}` is missing: {}", T::describe())),
+                        .label(format!("expected {}", with_article(&T::describe()))),
                 );
             }
             return default;
         };
+        let between = |(low, high): (f64, f64)| format!("must lie between {low} and {high}");
         let value = match parse_value::<T>(field.text) {
             Ok(value) => value,
             Err(error) => {
-                let span = field.span.clone();
-                self.diagnostics.push(value_mistake::<T>(name, field.text, &error, span));
+                let (span, range) = (field.span.clone(), range.map(between));
+                self.diagnostics.push(value_mistake::<T>(name, field.text, &error, span, range));
                 return None;
             }
         };
@@ -311,13 +338,9 @@ impl Fields<'_, '_> {
         }
         match range {
             Some((low, high)) if !value.within(low, high) => {
-                self.diagnostics.push(
-                    Diagnostic::new(
-                        field.span.clone(),
-                        format!("`{name}` is out of range: {}", shown(field.text)),
-                    )
-                    .label(format!("must lie between {low} and {high}")),
-                );
+                let message = format!("`{name}` is out of range: {}", shown(field.text));
+                self.diagnostics
+                    .push(Diagnostic::new(field.span.clone(), message).label(between((low, high))));
                 None
             }
             _ => Some(value),
@@ -348,45 +371,63 @@ pub(crate) fn sort_of(text: &str) -> &'static str {
     }
 }
 
-/// What is wrong with the text of a parameter.
-fn value_mistake<T: ParamType>(name: &str, text: &str, error: &ron::Error, span: Range<usize>) -> Diagnostic {
-    let wanted = T::describe();
-    let plain = |message: String| Diagnostic::new(span.clone(), message);
-    let found = shown(text);
+/// `a number`, `an integer`; what is no plain noun stays as it is.
+fn with_article(described: &str) -> String {
+    let article = match described.bytes().next() {
+        Some(b'a' | b'e' | b'i' | b'o' | b'u') => "an ",
+        Some(b'a'..=b'z') if !described.starts_with("text") && !described.contains(" | ") => "a ",
+        _ => "",
+    };
+    format!("{article}{described}")
+}
+
+/// What is wrong with the text of a parameter. `range` is what is said where it has one.
+fn value_mistake<T: ParamType>(
+    name: &str,
+    text: &str,
+    error: &ron::Error,
+    span: Range<usize>,
+    range: Option<String>,
+) -> Diagnostic {
+    let described = T::describe();
+    let wanted = with_article(&described);
+    let mistake = |message: String| Diagnostic::new(span.clone(), message);
     match error {
         ron::Error::NoSuchEnumVariant { found, expected, .. } => {
-            plain(format!("`{name}` has no choice `{}`", shown(found)))
+            mistake(format!("`{name}` has no choice `{}`", shown(found)))
                 .label(format!("one of {wanted}"))
                 .suggest(found, expected.iter().copied())
         }
         ron::Error::NoSuchStructField { found, expected, .. } => {
-            plain(format!("`{name}` has no field `{}`", shown(found)))
+            mistake(format!("`{name}` has no field `{}`", shown(found)))
                 .suggest(found, expected.iter().copied())
                 .hint(format!("it has {}", expected.join(", ")))
         }
         ron::Error::MissingStructField { field, .. } => {
-            plain(format!("`{name}` needs `{field}`")).label(format!("expected {wanted}"))
+            mistake(format!("`{name}` needs `{field}`")).label(format!("expected {wanted}"))
         }
-        ron::Error::ExceededRecursionLimit => plain(format!("`{name}` has too many brackets in each other")),
-        ron::Error::Message(why) => plain(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
-        ron::Error::IntegerOutOfBounds => {
-            plain(format!("`{name}` is out of range: {found}")).label(format!("expected {wanted}"))
+        ron::Error::ExceededRecursionLimit => {
+            mistake(format!("`{name}` has too many brackets in each other"))
         }
+        ron::Error::Message(why) => mistake(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
+        ron::Error::IntegerOutOfBounds => mistake(format!("`{name}` is out of range: {}", shown(text)))
+            .label(range.unwrap_or_else(|| format!("expected {wanted}"))),
         _ => {
-            let number: Option<f64> = text.parse().ok();
-            let whole = number.filter(|n| n.fract() == 0.0 && n.abs() < 1e15);
             let sort = sort_of(text);
-            let plain = plain(format!("`{name}` takes {wanted}, not {sort}"));
+            let is_number = sort == "a number";
+            let found = if is_number { shown(text) } else { sort.into() };
+            let mistake = mistake(format!("`{name}` takes {wanted}, not {found}"));
+            let inner = text.trim_matches('"');
+            let whole = text.parse().ok().filter(|n: &f64| n.fract() == 0.0 && (0.0..1e15).contains(n));
             match (sort, whole) {
-                ("a number", Some(whole)) if wanted.contains("whole") || wanted.contains("integer") => {
-                    let written = if whole < 0.0 { "must not be negative".into() } else { format!("write {whole}") };
-                    Diagnostic::new(span, format!("`{name}` takes a {wanted}, not {found}")).label(written)
+                ("a number", Some(whole)) => mistake.label(format!("write {whole}")),
+                ("text", _) if inner.parse::<f64>().is_ok() || described.split(" | ").any(|c| c == inner) => {
+                    mistake.label(format!("write {inner} without quotes"))
                 }
-                ("a number", _) => Diagnostic::new(span, format!("`{name}` takes a {wanted}, not {found}")),
-                ("a word", _) if wanted.contains("text") || wanted.contains("path") => {
-                    plain.label(format!("write \"{found}\""))
+                ("a word", _) if described.starts_with("text") || described.starts_with("path") => {
+                    mistake.label(format!("write \"{}\"", shown(text)))
                 }
-                _ => plain,
+                _ => mistake,
             }
         }
     }

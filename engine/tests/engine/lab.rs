@@ -86,7 +86,6 @@ impl Lab {
         Graph::parse(Source::new("graph.ron", text), &self.registry, SourceRoot::new(self.folder.path()))
     }
 
-    #[expect(dead_code, reason = "for the tests to come")]
     /// The mistakes of a graph, as a person reads them.
     pub fn mistakes(&self, text: &str) -> String {
         match self.parse(text) {

@@ -7,4 +7,5 @@ mod failures;
 mod faults;
 mod invalidation;
 mod lab;
+mod mistakes;
 mod running;
