@@ -12,10 +12,10 @@ const DIGIT_BITS: u32 = 11;
 
 /// The order of ascending keys; equal keys stay in their order, which is that of the file. A radix
 /// sort from the lowest digit, leaving out digits that all keys share.
-pub(super) fn order(keys: &[u64]) -> Vec<u32> {
+pub(super) fn order(mut from: Vec<(u64, u32)>) -> Vec<u32> {
     let mask = (1_u64 << DIGIT_BITS) - 1;
-    let varying = keys.iter().fold(0, |bits, key| bits | (key ^ keys[0]));
-    let mut from: Vec<(u64, u32)> = keys.iter().zip(0..).map(|(key, index)| (*key, index)).collect();
+    let first = from.first().map_or(0, |item| item.0);
+    let varying = from.iter().fold(0, |bits, (key, _)| bits | (key ^ first));
     let mut to = vec![(0, 0); from.len()];
     let mut shift = 0;
     while shift < u64::BITS && varying >> shift != 0 {
@@ -97,39 +97,38 @@ pub(super) fn bin(
     if settings.bounds == Bounds::None || settings.alpha_cut == 0.0 {
         return Ok(Lists::Shared { order, columns, rows });
     }
-    let mut by_row: Vec<Vec<u32>> = vec![Vec::new(); rows];
+    // (footprint, first column, end of columns) of every row, so that a footprint is looked up once.
+    let mut by_row: Vec<Vec<(u32, u16, u16)>> = vec![Vec::new(); rows];
     for index in order {
-        let reach = projected.reaches[index as usize];
+        let reach = projected.reach(index);
         for list in &mut by_row[usize::from(reach.y0)..usize::from(reach.y1)] {
-            list.push(index);
+            list.push((index, reach.x0, reach.x1));
         }
     }
     let exact = settings.bounds == Bounds::Exact;
     let bands = cx.for_each_tile(rows, |row| {
         let mut starts = vec![0_u32; columns + 2];
-        let spans: Vec<(u16, u16)> = by_row[row]
+        let entries: Vec<(u32, u16, u16)> = by_row[row]
             .iter()
-            .map(|index| {
-                let reach = projected.reaches[*index as usize];
-                let mut span = (reach.x0, reach.x1);
-                // Below three columns the blend's own row test is as cheap as this one.
-                if exact && span.1 - span.0 > 2 {
-                    let f = &projected.footprints[*index as usize];
-                    span = f.columns_in(row * TILE, span, projected.log2_cut);
+            .map(|&(index, mut first, mut end)| {
+                // Below four columns the blend's own row test is as cheap as this one.
+                if exact && end - first > 3 {
+                    let footprint = projected.footprint(index);
+                    (first, end) = footprint.columns_in(row * TILE, (first, end), projected.log2_cut);
                 }
-                for start in &mut starts[usize::from(span.0) + 2..usize::from(span.1) + 2] {
+                for start in &mut starts[usize::from(first) + 2..usize::from(end) + 2] {
                     *start += 1;
                 }
-                span
+                (index, first, end)
             })
             .collect();
         for column in 2..starts.len() {
             starts[column] += starts[column - 1];
         }
         let mut list = vec![0_u32; starts.last().map_or(0, |n| *n as usize)];
-        for (index, span) in by_row[row].iter().zip(spans) {
-            for at in &mut starts[usize::from(span.0) + 1..usize::from(span.1) + 1] {
-                list[*at as usize] = *index;
+        for (index, first, end) in entries {
+            for at in &mut starts[usize::from(first) + 1..usize::from(end) + 1] {
+                list[*at as usize] = index;
                 *at += 1;
             }
         }
@@ -154,8 +153,8 @@ mod tests {
             let keys: Vec<u64> = (0..5000).map(|_| (next() & ((1 << bits) - 1)) | (5 << 50)).collect();
             let mut expected: Vec<u32> = (0..5000).collect();
             expected.sort_by_key(|index| keys[*index as usize]);
-            assert_eq!(order(&keys), expected, "{bits} bits");
+            assert_eq!(order(keys.iter().copied().zip(0..).collect()), expected, "{bits} bits");
         }
-        assert!(order(&[]).is_empty());
+        assert!(order(Vec::new()).is_empty());
     }
 }

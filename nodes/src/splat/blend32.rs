@@ -5,7 +5,8 @@
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
 use super::bin::TILE;
-use super::{DepthMode, Footprint, Settings, Tile};
+use super::project::{Footprint, Projected};
+use super::{DepthMode, Settings, Tile};
 use crate::num;
 
 const LANES: usize = 8;
@@ -41,17 +42,17 @@ fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
 /// Blends the footprints of `list`, front to back, over the tile `[x0, y0, width, height]`.
 pub(super) fn blend(
     level: Level,
-    footprints: &[Footprint],
+    projected: &Projected,
     list: &[u32],
     area: [usize; 4],
     settings: &Settings,
 ) -> Tile {
     match settings.depth {
         DepthMode::Expected => {
-            dispatch!(level, simd => tile::<_, false>(simd, footprints, list, area, settings))
+            dispatch!(level, simd => tile::<_, false>(simd, projected, list, area, settings))
         }
         DepthMode::Median => {
-            dispatch!(level, simd => tile::<_, true>(simd, footprints, list, area, settings))
+            dispatch!(level, simd => tile::<_, true>(simd, projected, list, area, settings))
         }
     }
 }
@@ -70,18 +71,18 @@ struct Pixels {
 #[inline(always)]
 fn tile<S: Simd, const MEDIAN: bool>(
     simd: S,
-    footprints: &[Footprint],
+    projected: &Projected,
     list: &[u32],
     [x0, y0, width, height]: [usize; 4],
     settings: &Settings,
 ) -> Tile {
     const ZERO: [[f32; LANES]; TILE * HALVES] = [[0.0; LANES]; TILE * HALVES];
     let mut pixels = Pixels { transmittance: ZERO, red: ZERO, green: ZERO, blue: ZERO, depth: ZERO };
-    // One bit a vector: row * 2 + half.
+    // One bit a vector: those of the left half of the tile, row by row, then those of the right.
     let mut live = 0_u32;
     for row in 0..TILE {
         for half in 0..HALVES {
-            let vector = row * HALVES + half;
+            let vector = half * TILE + row;
             for lane in 0..LANES {
                 let inside = row < height && half * LANES + lane < width;
                 pixels.transmittance[vector][lane] = if inside { 1.0 } else { -1.0 };
@@ -108,7 +109,7 @@ fn tile<S: Simd, const MEDIAN: bool>(
             break;
         }
         for (to, index) in batch.iter_mut().zip(indices) {
-            *to = footprints[*index as usize];
+            *to = *projected.footprint(*index);
         }
         for f in &batch[..indices.len()] {
             // Offsets from the tile's first pixel in f64, so that f32 only sees what is near.
@@ -121,23 +122,23 @@ fn tile<S: Simd, const MEDIAN: bool>(
             let reach = (peak - (log2_cut - 1e-4)).max(0.0).sqrt();
             let seen = peak.simd_ge(log2_cut - 1e-4);
             let in_left = seen & t.simd_le(reach) & (t + 7.0 * l11).simd_ge(-reach);
-            let in_right = seen & (t + 8.0 * l11).simd_le(reach) & (t + 15.0 * l11).simd_ge(-reach);
-            let hit = interleave(in_left.to_bitmask() as u32, in_right.to_bitmask() as u32);
+            let right = t + 8.0 * l11;
+            let in_right = seen & right.simd_le(reach) & (t + 15.0 * l11).simd_ge(-reach);
+            let hit = in_left.to_bitmask() as u32 | (in_right.to_bitmask() as u32) << TILE;
             let mut todo = hit & live;
             if todo == 0 {
                 continue;
             }
-            let (mut t_of, mut peak_of) = ([0.0_f32; TILE], [0.0_f32; TILE]);
-            t.store_slice(&mut t_of);
+            let (mut t_of, mut peak_of) = ([0.0_f32; TILE * HALVES], [0.0_f32; TILE]);
+            t.store_slice(&mut t_of[..TILE]);
+            right.store_slice(&mut t_of[TILE..]);
             peak.store_slice(&mut peak_of);
             let along = lanes * l11;
             while todo != 0 {
                 let vector = todo.trailing_zeros() as usize % (TILE * HALVES);
                 todo &= todo - 1;
-                let row = vector / HALVES;
-                let start = t_of[row] + if vector.is_multiple_of(HALVES) { 0.0 } else { 8.0 * l11 };
-                let t = along + start;
-                let exponent = f32x8::splat(simd, peak_of[row]) - t * t;
+                let t = along + t_of[vector];
+                let exponent = f32x8::splat(simd, peak_of[vector % TILE]) - t * t;
                 let drawn: mask32x8<S> = exponent.simd_ge(cut);
                 let alpha = drawn.select(exp2(simd, exponent.max(cut)).min(cap), zero);
                 let before = f32x8::from_slice(simd, &pixels.transmittance[vector]);
@@ -172,19 +173,6 @@ fn tile<S: Simd, const MEDIAN: bool>(
     finish::<MEDIAN>(&pixels, evaluations, blends)
 }
 
-/// Bit `i` of `even` to bit `2 i`, of `odd` to bit `2 i + 1`.
-#[inline(always)]
-fn interleave(even: u32, odd: u32) -> u32 {
-    let spread = |bits: u32| {
-        let mut x = bits & 0xffff;
-        x = (x | x << 8) & 0x00ff_00ff;
-        x = (x | x << 4) & 0x0f0f_0f0f;
-        x = (x | x << 2) & 0x3333_3333;
-        (x | x << 1) & 0x5555_5555
-    };
-    spread(even) | spread(odd) << 1
-}
-
 fn finish<const MEDIAN: bool>(pixels: &Pixels, evaluations: u64, blends: u64) -> Tile {
     let mut tile = Tile {
         rgba: Vec::with_capacity(TILE * TILE),
@@ -192,8 +180,9 @@ fn finish<const MEDIAN: bool>(pixels: &Pixels, evaluations: u64, blends: u64) ->
         evaluations,
         blends,
     };
-    for vector in 0..TILE * HALVES {
-        for lane in 0..LANES {
+    for row in 0..TILE {
+        for column in 0..TILE {
+            let (vector, lane) = (column / LANES * TILE + row, column % LANES);
             let alpha = 1.0 - pixels.transmittance[vector][lane].abs();
             let [r, g, b] = [&pixels.red, &pixels.green, &pixels.blue].map(|sums| sums[vector][lane]);
             tile.rgba.push([r, g, b, alpha]);

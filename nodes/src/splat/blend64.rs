@@ -1,12 +1,13 @@
 //! The blend in f64, one pixel after another: the reference that the fast one is measured against.
 
 use super::bin::TILE;
-use super::{DepthMode, Footprint, Settings, Tile};
+use super::project::Projected;
+use super::{DepthMode, Settings, Tile};
 use crate::num;
 
 /// Blends the footprints of `list`, front to back, over the tile `[x0, y0, width, height]`.
 pub(super) fn blend(
-    footprints: &[Footprint],
+    projected: &Projected,
     list: &[u32],
     [x0, y0, width, height]: [usize; 4],
     settings: &Settings,
@@ -21,7 +22,7 @@ pub(super) fn blend(
         if left == 0 {
             break;
         }
-        let f = &footprints[*index as usize];
+        let f = projected.footprint(*index);
         let opacity = f64::from(f.opacity);
         // Looser than the test on alpha below by far more than rounding; it only saves time.
         let reach = num::f64::log2(opacity / settings.alpha_cut) + 1e-6;

@@ -18,7 +18,7 @@ use engine::{Context, NodeError};
 use fearless_simd::Level;
 
 pub use bin::TILE;
-pub(crate) use project::Footprint;
+use project::{Footprint, Projected};
 
 use crate::types::{Camera, Splats};
 
@@ -167,7 +167,7 @@ pub fn calibrate(splats: usize) -> f64 {
     let list = vec![0; splats];
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let start = std::time::Instant::now();
-    let tile = blend32::blend(Level::new(), &[wide], &list, [0, 0, TILE, TILE], &settings);
+    let tile = blend32::blend(Level::new(), &Projected::of(vec![wide]), &list, [0, 0, TILE, TILE], &settings);
     std::hint::black_box(&tile.rgba);
     tile.evaluations as f64 / start.elapsed().as_secs_f64()
 }
@@ -190,7 +190,7 @@ pub fn render_at(
 
     let projected = project::project(splats, camera, settings, cx, level)?;
     let project_s = lap();
-    let order = bin::order(&projected.keys);
+    let order = bin::order(projected.keys());
     let sort_s = lap();
     let lists = bin::bin(&projected, order, width, height, settings, cx)?;
     let bin_s = lap();
@@ -199,15 +199,15 @@ pub fn render_at(
         let (list, x0, y0) = lists.tile(tile);
         let (w, h) = ((width - x0).min(TILE), (height - y0).min(TILE));
         match settings.precision {
-            Precision::F32 => blend32::blend(level, &projected.footprints, list, [x0, y0, w, h], settings),
-            Precision::F64 => blend64::blend(&projected.footprints, list, [x0, y0, w, h], settings),
+            Precision::F32 => blend32::blend(level, &projected, list, [x0, y0, w, h], settings),
+            Precision::F64 => blend64::blend(&projected, list, [x0, y0, w, h], settings),
         }
     })?;
 
     let mut work = Work {
-        projected: projected.footprints.len() as u64,
-        behind: projected.behind,
-        degenerate: projected.degenerate,
+        projected: projected.len() as u64,
+        behind: projected.behind(),
+        degenerate: projected.degenerate(),
         tile_pairs: lists.pairs(),
         ..Work::default()
     };

@@ -1,8 +1,10 @@
 //! From splats to footprints on the image plane: EWA splatting (Zwicker et al. 2001, "EWA Splatting",
 //! eq. 24 to 26) with the constants of the INRIA rasterizer. All in f64.
 
+use std::ops::Range;
+
 use engine::{Context, NodeError};
-use fearless_simd::Level;
+use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
 use super::bin::TILE;
@@ -10,8 +12,10 @@ use super::{Bounds, Precision, Settings, Sort, sh};
 use crate::num;
 use crate::types::{Camera, Splats};
 
-/// Splats a job; fixed, so that the order of footprints does not depend on the number of threads.
-const CHUNK: usize = 8192;
+/// Splats a job, as a power of two; fixed, so that the order of footprints does not depend on the number
+/// of threads.
+const CHUNK_BITS: u32 = 13;
+const CHUNK: usize = 1 << CHUNK_BITS;
 
 /// How far beyond the edges of the image the slopes of the projection follow the splat, as a share of
 /// the half image: beyond, the linear approximation explodes (INRIA forward.cu: 1.3 times the tangent).
@@ -47,17 +51,60 @@ pub(super) struct Reach {
     pub y1: u16,
 }
 
-/// Footprints in file order.
+/// The footprints of one job, in file order.
 #[derive(Default)]
-pub(super) struct Projected {
-    pub footprints: Vec<Footprint>,
-    pub reaches: Vec<Reach>,
-    /// Sort keys, ascending from front to back.
-    pub keys: Vec<u64>,
-    pub behind: u64,
-    pub degenerate: u64,
+struct Chunk {
+    footprints: Vec<Footprint>,
+    reaches: Vec<Reach>,
+    keys: Vec<u64>,
+    behind: u64,
+    degenerate: u64,
+}
+
+/// Footprints in file order. They stay in the chunks they were made in: joining them would take longer
+/// than all that looks them up.
+pub(crate) struct Projected {
+    chunks: Vec<Chunk>,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
+}
+
+impl Projected {
+    /// Of one chunk, for calibration.
+    pub(super) fn of(footprints: Vec<Footprint>) -> Self {
+        Self { chunks: vec![Chunk { footprints, ..Chunk::default() }], log2_cut: 0.0 }
+    }
+
+    /// (sort key, index) of each footprint, in file order; keys ascend from front to back.
+    pub(super) fn keys(&self) -> Vec<(u64, u32)> {
+        let mut keys = Vec::with_capacity(self.len());
+        for (number, chunk) in (0_u32..).zip(&self.chunks) {
+            keys.extend(chunk.keys.iter().zip(number << CHUNK_BITS..).map(|(key, index)| (*key, index)));
+        }
+        keys
+    }
+
+    #[inline(always)]
+    pub(super) fn footprint(&self, index: u32) -> &Footprint {
+        &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
+    }
+
+    #[inline(always)]
+    pub(super) fn reach(&self, index: u32) -> Reach {
+        self.chunks[(index >> CHUNK_BITS) as usize].reaches[index as usize % CHUNK]
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.chunks.iter().map(|chunk| chunk.footprints.len()).sum()
+    }
+
+    pub(super) fn behind(&self) -> u64 {
+        self.chunks.iter().map(|chunk| chunk.behind).sum()
+    }
+
+    pub(super) fn degenerate(&self) -> u64 {
+        self.chunks.iter().map(|chunk| chunk.degenerate).sum()
+    }
 }
 
 impl Footprint {
@@ -89,14 +136,23 @@ impl Footprint {
         let right = self.u + edge(widest.clamp(low, high), 1.0) + SLACK_PX;
         let left = self.u + edge((-widest).clamp(low, high), -1.0) - SLACK_PX;
         let first = tile_of(left - 0.5, span.1).max(span.0);
-        let last = tile_of((right - 0.5).floor(), span.1 - 1);
+        let last = tile_of(right - 1.5, span.1 - 1);
         (first.min(span.1), (last + 1).clamp(first.min(span.1), span.1))
     }
 }
 
-/// The tile of a pixel coordinate, clamped to 0 and `end`.
+/// The next whole number not below `x`, held within what an i32 can be. Without SSE4.1, which the
+/// portable build cannot assume, the method of f64 is a call.
+#[inline(always)]
+fn ceil(x: f64) -> i32 {
+    let x = x.clamp(-1e9, 1e9);
+    let whole = x as i32;
+    whole + i32::from(f64::from(whole) < x)
+}
+
+/// The tile of the first pixel not before a coordinate, clamped to 0 and `end`.
 fn tile_of(pixel: f64, end: u16) -> u16 {
-    (pixel.ceil() / TILE as f64).floor().clamp(0.0, f64::from(end)) as u16
+    ceil(pixel).div_euclid(TILE as i32).clamp(0, i32::from(end)) as u16
 }
 
 /// What of the camera a splat needs.
@@ -148,36 +204,36 @@ pub(super) fn project(
     camera: &Camera,
     settings: &Settings,
     cx: &Context,
-    _level: Level,
+    level: Level,
 ) -> Result<Projected, NodeError> {
     let eye = Eye::new(camera);
     let log2_cut = num::f64::log2(settings.alpha_cut);
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |chunk| {
-        let mut out = Projected::default();
-        for index in chunk * CHUNK..((chunk + 1) * CHUNK).min(splats.len()) {
-            one(splats, index, &eye, settings, log2_cut, &mut out);
-        }
-        out
+        let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(splats.len());
+        dispatch!(level, simd => many(simd, splats, range, &eye, settings, log2_cut))
     })?;
-    let total = chunks.iter().map(|chunk| chunk.footprints.len()).sum();
-    let mut all = Projected {
-        footprints: Vec::with_capacity(total),
-        reaches: Vec::with_capacity(total),
-        keys: Vec::with_capacity(total),
-        log2_cut,
-        ..Projected::default()
-    };
-    for chunk in chunks {
-        all.footprints.extend_from_slice(&chunk.footprints);
-        all.reaches.extend_from_slice(&chunk.reaches);
-        all.keys.extend_from_slice(&chunk.keys);
-        all.behind += chunk.behind;
-        all.degenerate += chunk.degenerate;
-    }
-    Ok(all)
+    Ok(Projected { chunks, log2_cut })
 }
 
-fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: f64, out: &mut Projected) {
+/// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
+#[inline(always)]
+fn many<S: Simd>(
+    _simd: S,
+    splats: &Splats,
+    range: Range<usize>,
+    eye: &Eye,
+    settings: &Settings,
+    log2_cut: f64,
+) -> Chunk {
+    let mut out = Chunk::default();
+    for index in range {
+        one(splats, index, eye, settings, log2_cut, &mut out);
+    }
+    out
+}
+
+#[inline(always)]
+fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: f64, out: &mut Chunk) {
     let mut opacity = f64::from(splats.opacities[index]);
     if opacity < settings.alpha_cut || opacity <= 0.0 {
         return;
@@ -285,11 +341,12 @@ fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: 
     });
 }
 
+#[inline(always)]
 /// Tiles with a pixel centre inside the box of the ellipse, its edge included.
 fn exact_reach(u: f64, v: f64, half_x: f64, half_y: f64, eye: &Eye) -> Option<Reach> {
     let pixels = |centre: f64, half: f64, size: f64| {
-        let first = (centre - half - SLACK_PX - 0.5).ceil().max(0.0);
-        let last = (centre + half + SLACK_PX - 0.5).floor().min(size - 1.0);
+        let first = ceil(centre - half - SLACK_PX - 0.5).max(0);
+        let last = ceil(centre + half + SLACK_PX + 0.5).min(size as i32 + 1) - 2;
         (first <= last).then(|| ((first as usize / TILE) as u16, (last as usize / TILE) as u16 + 1))
     };
     let (x0, x1) = pixels(u, half_x, eye.width)?;
