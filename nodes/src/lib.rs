@@ -10,6 +10,7 @@ pub mod alpha_shadow;
 pub mod bvh;
 pub mod camera;
 pub mod color;
+pub mod compare;
 pub mod composite;
 pub mod crop_mesh;
 pub mod cube_rig;
@@ -26,12 +27,14 @@ pub mod load_image;
 pub mod load_mesh;
 pub mod load_object;
 pub mod load_splats;
+pub mod metrics;
 pub mod num;
 pub mod override_material;
 pub mod path_trace;
 pub mod place;
 pub mod pose;
 pub mod predict_exposure;
+pub mod region_masks;
 pub mod sampling;
 pub mod score_env;
 pub mod shadow_ratio;
@@ -41,6 +44,7 @@ pub mod stitch;
 pub mod types;
 pub mod write_exr;
 pub mod write_image;
+pub mod write_report;
 
 #[cfg(test)]
 mod testing;
@@ -52,6 +56,7 @@ pub fn registry() -> Registry {
     Registry::new(vec![
         KindEntry::of::<alpha_shadow::AlphaShadow>(),
         KindEntry::of::<camera::Camera>(),
+        KindEntry::of::<compare::Compare>(),
         KindEntry::of::<composite::Composite>(),
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<cube_rig::CubeRig>(),
@@ -68,11 +73,13 @@ pub fn registry() -> Registry {
         KindEntry::of::<place::Place>(),
         KindEntry::of::<pose::PoseNode>(),
         KindEntry::of::<predict_exposure::PredictExposure>(),
+        KindEntry::of::<region_masks::RegionMasks>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),
         KindEntry::of::<write_exr::WriteExr>(),
         KindEntry::of::<write_image::WriteImage>(),
+        KindEntry::of::<write_report::WriteReport>(),
     ])
 }

@@ -5,6 +5,7 @@
 
 mod files;
 mod light;
+mod metrics;
 mod splat;
 mod trace;
 

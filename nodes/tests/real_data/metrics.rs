@@ -1,0 +1,139 @@
+//! Metrics against the values of published packages, and regions against the bench case.
+
+use std::sync::Arc;
+
+use engine::{Context, InputFile, Kind, Scene, Up};
+use nodes::compare::{self, Compare, Space};
+use nodes::load_image::{self, FileEncoding, LoadImage};
+use nodes::region_masks::{self, RegionMasks};
+use nodes::types::{Cell, Images, Report};
+
+use super::data;
+
+fn cx() -> Context {
+    Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, data("."))
+}
+
+fn image(path: &str, encoding: FileEncoding) -> Arc<Images> {
+    let p = LoadImage { path: InputFile(path.into()), encoding, layer: String::new(), name: "v".into() };
+    LoadImage::run(&p, load_image::In {}, &cx()).unwrap().0.image
+}
+
+fn table(report: &Report, row: usize, column: &str) -> f64 {
+    let table = &report.tables[0];
+    let column = table.columns.iter().position(|c| c.starts_with(column)).unwrap();
+    match &table.rows[row][column] {
+        Cell::Number(x) => *x,
+        Cell::Text(t) if t == "inf" => f64::INFINITY,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn number(v: &serde_json::Value) -> f64 {
+    v.as_f64().unwrap_or_else(|| if v == "inf" { f64::INFINITY } else { panic!("{v}") })
+}
+
+fn plain() -> Compare {
+    Compare { space: Space::Display, quantise: true, names: Vec::new(), gain: 1.0 }
+}
+
+// scikit-image, torch and torchmetrics in f64; the README suggests 1e-9.
+#[test]
+fn psnr_and_ssim_agree_with_published_packages() {
+    let refs: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(data("metric-refs/refs.json")).unwrap()).unwrap();
+    let mut largest = 0.0_f64;
+    for (name, wanted) in refs["ldr"].as_object().unwrap() {
+        let file = |part: &str, e| image(&format!("metric-refs/{name}_{part}.png"), e);
+        let inputs = compare::In {
+            image: file("test", FileEncoding::Auto),
+            reference: file("ref", FileEncoding::Auto),
+            mask: None,
+            regions: vec![file("mask", FileEncoding::Data)],
+            background: None,
+            no_shadow: None,
+        };
+        let report = Compare::run(&plain(), inputs, &cx()).unwrap().0.report;
+        for (row, column, key) in [
+            (0, "psnr", "psnr"),
+            (0, "ssim_3dgs_zero_pad", "ssim_3dgs_zero_pad"),
+            (0, "ssim_valid", "ssim_valid"),
+            (0, "mean absolute", "mae"),
+            (1, "psnr", "masked_psnr"),
+            (1, "ssim_3dgs_zero_pad", "masked_ssim_3dgs_zero_pad"),
+            (1, "share", "mask_fraction"),
+        ] {
+            let (ours, theirs) = (table(&report, row, column), number(&wanted[key]));
+            let off = if ours == theirs { 0.0 } else { (ours - theirs).abs() };
+            largest = largest.max(off);
+            assert!(off < 1e-9, "{name} {key}: {ours} against {theirs}");
+        }
+    }
+    println!("largest deviation {largest:e}");
+}
+
+#[test]
+fn relative_mse_agrees_on_linear_light() {
+    let refs: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(data("metric-refs/refs.json")).unwrap()).unwrap();
+    for (name, wanted) in refs["hdr"].as_object().unwrap() {
+        let file = |part: &str| image(&format!("metric-refs/{name}_{part}.exr"), FileEncoding::Auto);
+        let inputs = compare::In {
+            image: file("test"),
+            reference: file("ref"),
+            mask: None,
+            regions: Vec::new(),
+            background: None,
+            no_shadow: None,
+        };
+        let p = Compare { space: Space::Linear, ..plain() };
+        let report = Compare::run(&p, inputs, &cx()).unwrap().0.report;
+        let (ours, theirs) = (table(&report, 0, "relative mse"), number(&wanted["rel_mse_eps1e2"]));
+        assert!((ours - theirs).abs() < 1e-9 * theirs.max(1.0), "{name}: {ours} against {theirs}");
+        let (ours, theirs) = (table(&report, 0, "psnr"), -10.0 * number(&wanted["mse"]).log10());
+        assert!((ours - theirs).abs() < 1e-9, "{name}: {ours} against {theirs}");
+    }
+}
+
+// README of bench-case: baselines "nothing inserted" and the shadow region it ships.
+#[test]
+fn bench_case_regions_and_baselines() {
+    let read = |v: usize, part: &str, e| image(&format!("bench-case/gt/view_{v}_{part}.png"), e);
+    for (view, whole, shadow, object) in [(0, 33.1, 22.3, 16.8), (1, 33.8, 17.4, 17.7), (2, 30.7, 17.7, 16.0)]
+    {
+        let p =
+            RegionMasks { object_threshold: 0.5, edge_threshold: 0.0, shadow_threshold: 0.02, contact: 0.05 };
+        let inputs = region_masks::In {
+            object: read(view, "object_alpha", FileEncoding::Data),
+            shadow: None,
+            without: Some(read(view, "without", FileEncoding::Auto)),
+            with: Some(read(view, "with", FileEncoding::Auto)),
+        };
+        let masks = RegionMasks::run(&p, inputs, &cx()).unwrap().0;
+        let truth = read(view, "shadow_region", FileEncoding::Data);
+        let (a, b) = (masks.shadow.0[0].picture.samples(), truth.0[0].picture.samples());
+        let channels = truth.0[0].picture.size().2;
+        let (mut both, mut either) = (0, 0);
+        for (x, y) in a.iter().zip(b.chunks_exact(channels)) {
+            both += u32::from(*x > 0.5 && y[0] > 0.5);
+            either += u32::from(*x > 0.5 || y[0] > 0.5);
+        }
+        let p = Compare { names: vec!["shadow".into(), "object".into()], ..plain() };
+        let inputs = compare::In {
+            image: read(view, "without", FileEncoding::Auto),
+            reference: read(view, "with", FileEncoding::Auto),
+            mask: None,
+            regions: vec![truth.clone(), masks.object],
+            background: None,
+            no_shadow: None,
+        };
+        let report = Compare::run(&p, inputs, &cx()).unwrap().0.report;
+        let found = [0, 1, 2].map(|row| table(&report, row, "psnr"));
+        println!("view {view}: overlap {both} of {either}; {found:.2?}");
+        // Printed with one digit, of the float pictures; ours are of the 8-bit ones. Their object region
+        // has its own threshold.
+        assert!((found[0] - whole).abs() < 0.1 && (found[1] - shadow).abs() < 0.1, "{found:?}");
+        assert!((found[2] - object).abs() < 0.8, "{found:?}");
+        assert!(f64::from(both) > 0.85 * f64::from(either), "{both} of {either}");
+    }
+}
