@@ -62,7 +62,7 @@ const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
 /// Deepest stack of the walk; a tree that needs more is replaced by a balanced one.
-const STACK: usize = 160;
+const STACK: usize = 96;
 /// Boxes are entered up to this much beyond the nearest hit, which covers the rounding of both.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 

@@ -107,10 +107,10 @@ pub fn circle(turns: f32) -> (f32, f32) {
 /// A discrete distribution over indices, sampled by inversion in O(1) expected time.
 #[derive(Debug, Clone)]
 pub struct Discrete {
-    /// Cumulative probability before each index; one more entry than indices, from 0 to 1.
-    cumulative: Vec<f64>,
-    /// For each of as many equal steps of probability, the index that its start falls into.
-    guide: Vec<u32>,
+    /// Cumulative probability before each index, from 0; and for each of as many equal steps of
+    /// probability the index that its start falls into. The last entry holds 1. Side by side, since
+    /// both are read for one sample.
+    cells: Vec<(f64, u32)>,
 }
 
 impl Discrete {
@@ -140,19 +140,20 @@ impl Discrete {
             }
             guide.push(index as u32);
         }
-        (Self { cumulative, guide }, sum)
+        guide.push(n as u32);
+        (Self { cells: cumulative.into_iter().zip(guide).collect() }, sum)
     }
 
     /// The index at a point of [0, 1), and where in its interval the point lies, in [0, 1).
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64) {
-        let n = self.guide.len();
-        let mut index = self.guide[((u * n as f64) as usize).min(n - 1)] as usize;
-        while index + 1 < n && self.cumulative[index + 1] <= u {
+        let n = self.cells.len() - 1;
+        let mut index = self.cells[((u * n as f64) as usize).min(n - 1)].1 as usize;
+        while index + 1 < n && self.cells[index + 1].0 <= u {
             index += 1;
         }
-        let low = self.cumulative[index];
-        let width = self.cumulative[index + 1] - low;
+        let low = self.cells[index].0;
+        let width = self.cells[index + 1].0 - low;
         let within = if width > 0.0 { (u - low) / width } else { 0.5 };
         (index, within.clamp(0.0, 1.0 - f64::EPSILON))
     }
@@ -160,7 +161,7 @@ impl Discrete {
     /// Probability of an index.
     #[inline]
     pub fn probability(&self, index: usize) -> f64 {
-        self.cumulative[index + 1] - self.cumulative[index]
+        self.cells[index + 1].0 - self.cells[index].0
     }
 }
 

@@ -279,14 +279,17 @@ fn trace_pair(
 ) -> TileSums {
     let mut tile = TileSums::default();
     let objects = world.objects;
+    let mut landings = Vec::with_capacity((range.1 - range.0) as usize);
     for &pixel in pixels {
         let mut sums = [0.0; PAIR];
         let mut touched = false;
+        landings.clear();
         for sample in range.0..range.1 {
             let (points, key, ray) = lens.sample(pixel, sample);
             tile.rays += 2;
             let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, key, true));
             let landed = receiver_hit(&world, ray);
+            landings.push(landed);
             if let Some(front) = front
                 && landed.is_none_or(|hit| front.t <= hit.t)
             {
@@ -306,14 +309,14 @@ fn trace_pair(
             }
         }
         if touched {
-            for sample in range.0..range.1 {
+            for (sample, landed) in (range.0..range.1).zip(&landings) {
                 let (points, key, ray) = lens.sample(pixel, sample);
                 let mut walk = Walk::new(world, points, key, true);
-                let light = match receiver_hit(&world, ray) {
+                let light = match *landed {
                     Some(hit) => walk.radiance::<false>(Vertex::Receiver(hit), ray.direction),
                     None => world.sky.lookup(ray.direction).radiance,
                 };
-                tile.rays += walk.rays + 1;
+                tile.rays += walk.rays;
                 if add(&mut sums[..3], light, &mut tile.broken) {
                     sums[3] += squared_luminance(light);
                 }
