@@ -2,6 +2,7 @@
 //! checkout. A missing file is a failure here, never a skip; `cargo test` without the feature
 //! `real-data` leaves the whole set out, and `.ci/run` says so.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::print_stdout, reason = "figures are for those who run with --nocapture")]
 
 mod files;
 mod light;
