@@ -39,10 +39,10 @@ pub(super) fn still_life(seed: u64) -> Object {
         Material {
             base_colour_texture: texture(0),
             normal_texture: texture(1),
-            normal_scale: 0.5,
+            normal_scale: 0.35,
             ..plain("glazed ceramic", [1.0; 3], 0.0, 0.12)
         },
-        plain("brass", [0.91, 0.70, 0.36], 1.0, 0.16),
+        plain("brass", [0.91, 0.70, 0.36], 1.0, 0.24),
         plain("clay", [0.52, 0.185, 0.085], 0.0, 0.85),
         Material {
             base_colour_texture: texture(2),
@@ -234,7 +234,7 @@ fn glaze(seed: u64, u: f64, v: f64) -> [f64; 3] {
 
 fn throwing_rings(seed: u64, u: f64, v: f64) -> f64 {
     let wander = wrapped(u, |u| noise(seed + 73, u * 3.0, v * 3.0));
-    0.5 * num::f64::sin((v * 46.0 + 0.4 * wander) * 2.0 * PI) / 6.0
+    num::f64::sin((v * 24.0 + 0.5 * wander) * 2.0 * PI) / 30.0
 }
 
 fn fibres(seed: u64, u: f64, v: f64) -> f64 {
@@ -246,7 +246,7 @@ fn timber(seed: u64, u: f64, v: f64) -> [f64; 3] {
     let warp = 0.10 * noise(seed + 76, u * 1.5, v * 3.0);
     let rings = num::f64::sin((v + warp) * 42.0) * 0.5 + 0.5;
     let tone = 0.72 + 0.30 * rings + 0.55 * fibres(seed, u, v);
-    [0.46, 0.315, 0.215].map(|c| c * tone)
+    [0.52, 0.36, 0.25].map(|c| c * tone)
 }
 
 #[cfg(test)]

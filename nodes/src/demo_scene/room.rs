@@ -67,9 +67,9 @@ pub(super) fn layout(seed: u64) -> Layout {
         lamp: Some(lamp),
         stand: TABLE,
         bounds: [DVec3::new(LEFT, FRONT, 0.0), DVec3::new(RIGHT, BACK, CEILING)],
-        eye: DVec3::new(0.62, -2.28, 1.32),
-        target: DVec3::new(0.03, 0.35, 0.70),
-        fov_y_deg: 44.0,
+        eye: DVec3::new(0.58, -2.12, 1.30),
+        target: DVec3::new(0.02, 0.30, 0.68),
+        fov_y_deg: 42.0,
         captures: captures.collect(),
         dome: None,
     }
