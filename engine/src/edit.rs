@@ -116,7 +116,7 @@ fn ron_text(value: &str) -> String {
     let is_ron = matches!(value, "true" | "false")
         || first.is_ascii_digit()
         || matches!(first, '"' | '(' | '[' | '-' | '+' | '.')
-        || (first.is_uppercase() && !value.contains(['/', '.']));
+        || (first.is_uppercase() && !value.contains('/'));
     if is_ron && parse_value::<&ron::value::RawValue>(value).is_ok() {
         value.to_owned()
     } else {

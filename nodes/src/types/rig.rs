@@ -75,7 +75,7 @@ impl Artifact for Rig {
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
-        let count = from.length(200)?;
+        let count = from.length(192)?;
         let mut cameras = Vec::with_capacity(count);
         for _ in 0..count {
             let (name, width_px, height_px) = (from.str()?, from.u32()?, from.u32()?);

@@ -1,0 +1,101 @@
+//! Small files of the formats that loaders read and no sink writes.
+
+/// A quad with one corner raised, as ASCII PLY.
+pub const MESH_PLY: &str = "ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+element face 1
+property list uchar int vertex_indices
+end_header
+-2 -2 0 200 90 90
+2 -2 0 90 200 90
+2 2 0 90 90 200
+-2 2 3 200 200 200
+4 0 1 2 3
+";
+
+/// Two cameras in our own JSON, in two lists.
+pub const CAMERAS_JSON: &str = r#"{
+  "views": [
+    {"name": "a", "w": 24, "h": 16, "fx": 20, "fy": 20, "cx": 12, "cy": 8,
+     "c2w_opencv": [[1,0,0,0],[0,0,1,-3],[0,-1,0,1],[0,0,0,1]]},
+    {"name": "b", "w": 24, "h": 16, "fx": 20, "fy": 20, "cx": 12, "cy": 8,
+     "c2w_opencv": [[1,0,0,1],[0,0,1,-3],[0,-1,0,1],[0,0,0,1]]}
+  ],
+  "cube_faces": [
+    {"name": "c", "w": 12, "h": 8, "fx": 20, "fy": 20, "cx": 6, "cy": 4,
+     "c2w_opencv": [[1,0,0,0],[0,0,1,-5],[0,-1,0,1],[0,0,0,1]]}
+  ]
+}"#;
+
+/// INRIA PLY of `n` splats along a line, the last one large, degree 1.
+pub fn splats_ply(n: usize) -> Vec<u8> {
+    let mut names: Vec<String> =
+        ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(String::from).into();
+    names.extend((0..9).map(|i| format!("f_rest_{i}")));
+    names.extend(
+        ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(String::from),
+    );
+    let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {n}\n").into_bytes();
+    for name in &names {
+        bytes.extend_from_slice(format!("property float {name}\n").as_bytes());
+    }
+    bytes.extend_from_slice(b"end_header\n");
+    for i in 0..n {
+        let size = if i + 1 == n { -1.0 } else { -2.5 };
+        // The first one stands close to the camera.
+        let y = if i == 0 { -2.0 } else { 0.0 };
+        let mut row = vec![i as f32 * 0.1 - 0.5, y, 0.5, 0.0, 0.0, 0.0, 0.3, -0.2, 0.1 * i as f32];
+        row.extend((0..9).map(|k| 0.05 * k as f32));
+        row.extend([1.5, size, size - 0.2, size + 0.1, 1.0, 0.1, 0.2, 0.0]);
+        row.iter().for_each(|v: &f32| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    bytes
+}
+
+/// A GLB of two scenes, a triangle in each, of different size.
+pub fn object_glb() -> Vec<u8> {
+    let mut buffer = Vec::new();
+    for size in [0.5_f32, 0.3] {
+        for v in [[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, size, 0.0]] {
+            v.iter().for_each(|c: &f32| buffer.extend_from_slice(&c.to_le_bytes()));
+        }
+    }
+    let accessor = |at: usize, size: f32| {
+        format!(
+            r#"{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[{size},{size},0]}}"#
+        )
+    };
+    let mut json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}},{{"nodes":[1]}}],
+"nodes":[{{"mesh":0}},{{"mesh":1}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"material":0}}]}},{{"primitives":[{{"attributes":{{"POSITION":1}},"material":0}}]}}],
+"materials":[{{"doubleSided":true,"pbrMetallicRoughness":{{"baseColorFactor":[0.8,0.3,0.2,1],"metallicFactor":0.2,"roughnessFactor":0.6}}}}],
+"buffers":[{{"byteLength":{}}}],"bufferViews":[{{"buffer":0,"byteLength":{}}}],"accessors":[{},{}]}}"#,
+        buffer.len(),
+        buffer.len(),
+        accessor(0, 0.5),
+        accessor(36, 0.3)
+    )
+    .into_bytes();
+    while json.len() % 4 != 0 {
+        json.push(b' ');
+    }
+    let mut glb = Vec::new();
+    glb.extend_from_slice(b"glTF");
+    for word in [2, (12 + 8 + json.len() + 8 + buffer.len()) as u32, json.len() as u32] {
+        glb.extend_from_slice(&word.to_le_bytes());
+    }
+    glb.extend_from_slice(b"JSON");
+    glb.extend_from_slice(&json);
+    glb.extend_from_slice(&(buffer.len() as u32).to_le_bytes());
+    glb.extend_from_slice(b"BIN\0");
+    glb.extend_from_slice(&buffer);
+    glb
+}

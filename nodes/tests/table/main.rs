@@ -1,0 +1,217 @@
+//! Tests that read the table of kinds: every kind, every parameter, every output, with no list of names
+//! here. A new kind is covered once `table/fixture.ron` holds a node of it.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+mod files;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+use engine::{
+    Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
+};
+
+/// What a run of the fixture gave for each node: its key and the digests of its outputs.
+type Results = BTreeMap<String, (Digest, Vec<Digest>)>;
+
+struct Fixture {
+    registry: Registry,
+    engine: Engine,
+    folder: PathBuf,
+}
+
+/// One fixture serves all tests: its cold run is the dear part.
+static SHARED: LazyLock<Fixture> = LazyLock::new(Fixture::new);
+
+impl Fixture {
+    fn new() -> Self {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("table");
+        std::fs::create_dir_all(&folder).unwrap();
+        let engine = Engine::new(engine::Store::in_memory(), 2, 8 << 30).unwrap();
+        let fixture = Self { registry: nodes::registry(), engine, folder };
+        fixture.make_files();
+        fixture
+    }
+
+    /// The files that the loaders of the fixture read are written by its own sinks.
+    fn make_files(&self) {
+        let text = include_str!("files.ron");
+        let graph = self.parse(text, &[]).unwrap_or_else(|e| panic!("{e}"));
+        let outcome = self.run(&graph);
+        assert!(outcome.1.is_empty(), "{}", outcome.1);
+        for (name, bytes) in handmade() {
+            let path = self.folder.join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        }
+    }
+
+    fn parse(&self, text: &str, settings: &[Setting]) -> Result<Graph, String> {
+        let source = engine::apply(&Source::new("fixture.ron", text), settings).map_err(|e| e.to_string())?;
+        Graph::parse(source, &self.registry, SourceRoot::new(&self.folder)).map_err(|e| e.to_string())
+    }
+
+    fn run(&self, graph: &Graph) -> (Results, String) {
+        // Every node, not only what a sink wants.
+        let only = (0..graph.nodes.len()).collect();
+        let options = RunOptions { out: self.folder.clone(), only, ..RunOptions::default() };
+        let mut results = Results::new();
+        let outcome = self.engine.run(graph, &options, |event| {
+            if let Event::Node { id, key: Some(key), state: State::Ran | State::Cached, .. } = event {
+                results.insert(id, (key, Vec::new()));
+            }
+        });
+        for (id, result) in &mut results {
+            result.1 = self.engine.digests(graph, graph.find(id).unwrap()).unwrap();
+        }
+        (results, outcome.failures.map(|f| f.to_string()).unwrap_or_default())
+    }
+}
+
+/// Files of formats that no sink of ours writes.
+fn handmade() -> Vec<(&'static str, Vec<u8>)> {
+    vec![
+        ("mesh.ply", files::MESH_PLY.into()),
+        ("cameras.json", files::CAMERAS_JSON.into()),
+        ("b.json", files::CAMERAS_JSON.into()),
+        ("splats.ply", files::splats_ply(12)),
+        ("b.ply", files::splats_ply(3)),
+        ("object.glb", files::object_glb()),
+    ]
+}
+
+const FIXTURE: &str = include_str!("fixture.ron");
+
+fn setting(node: &str, spec: &ParamSpec, value: &str) -> Setting {
+    Setting { node: node.to_owned(), field: spec.name.to_owned(), value: value.to_owned() }
+}
+
+#[test]
+fn every_kind_is_documented_and_its_parameters_are_complete() {
+    for kind in nodes::registry().iter() {
+        assert!(kind.doc.trim().len() > 20, "{} has no doc", kind.name);
+        assert!(kind.version > 0 && !kind.outputs.is_empty(), "{}", kind.name);
+        let mut names = BTreeSet::new();
+        for port in &kind.inputs {
+            assert!(names.insert(port.name), "{}.{} twice", kind.name, port.name);
+            assert!(!port.doc.is_empty(), "{}.{} has no doc", kind.name, port.name);
+        }
+        for param in &kind.params {
+            let name = format!("{}.{}", kind.name, param.name);
+            assert!(names.insert(param.name), "{name} twice");
+            assert!(!param.doc.is_empty(), "{name} has no doc");
+            assert!(
+                param.other.is_some() || param.inert.is_some() || param.role != Role::Value,
+                "{name} has no second value"
+            );
+            assert_ne!(param.other, param.default.as_deref(), "{name}: its second value is the default");
+        }
+    }
+}
+
+#[test]
+fn fixture_holds_every_kind_and_runs() {
+    let fixture = &*SHARED;
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let used: BTreeSet<&str> = graph.nodes.iter().map(|node| node.kind.name).collect();
+    let missing: Vec<&str> =
+        fixture.registry.iter().map(|k| k.name).filter(|name| !used.contains(name)).collect();
+    assert!(missing.is_empty(), "no node of {missing:?} in nodes/tests/table/fixture.ron");
+    let (_, failures) = fixture.run(&graph);
+    assert!(failures.is_empty(), "{failures}");
+}
+
+#[test]
+fn values_outside_their_range_are_refused() {
+    let fixture = &*SHARED;
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    for node in &graph.nodes {
+        for spec in &node.kind.params {
+            let Some((low, high)) = spec.range else { continue };
+            let number = |text: &str| text.trim().parse::<f64>().is_ok();
+            if !spec.default.as_deref().or(spec.other).is_some_and(number) {
+                continue;
+            }
+            for wrong in [low - 1.0 - low.abs(), high + 1.0 + high.abs(), f64::NAN, f64::INFINITY] {
+                // Whole numbers are refused for their form where they are not for their range.
+                let text = if wrong.fract() == 0.0 && wrong.abs() < 1e18 {
+                    format!("{wrong:.0}")
+                } else {
+                    format!("{wrong}")
+                };
+                let result = fixture.parse(FIXTURE, &[setting(&node.id, spec, &text)]);
+                let message = result.err().unwrap_or_else(|| panic!("{}.{} took {text}", node.id, spec.name));
+                assert!(message.contains(spec.name), "{message}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_parameter_changes_the_key_and_the_output() {
+    let fixture = &*SHARED;
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let (before, _) = fixture.run(&graph);
+    let mut wrong = Vec::new();
+    for node in &graph.nodes {
+        for spec in &node.kind.params {
+            let Some(other) = spec.other else { continue };
+            if spec.role != Role::Value {
+                continue;
+            }
+            let name = format!("{} {}.{}", node.id, node.kind.name, spec.name);
+            let changed = match fixture.parse(FIXTURE, &[setting(&node.id, spec, other)]) {
+                Ok(graph) => graph,
+                Err(error) => {
+                    wrong.push(format!("{name}: its second value {other} is refused: {error}"));
+                    continue;
+                }
+            };
+            let only = vec![changed.find(&node.id).unwrap()];
+            let options = RunOptions { out: fixture.folder.clone(), only, ..RunOptions::default() };
+            let mut key = None;
+            let outcome = fixture.engine.run(&changed, &options, |event| {
+                if let Event::Node { id, key: Some(k), .. } = event
+                    && id == node.id
+                {
+                    key = Some(k);
+                }
+            });
+            let (old_key, old_outputs) = &before[&node.id];
+            if let Some(failures) = outcome.failures {
+                wrong.push(format!("{name} = {other} fails: {failures}"));
+                continue;
+            }
+            if key.as_ref() == Some(old_key) {
+                wrong.push(format!("{name} = {other} leaves the key as it is"));
+            }
+            let outputs = fixture.engine.digests(&changed, changed.find(&node.id).unwrap()).unwrap();
+            if outputs == *old_outputs && spec.inert.is_none() {
+                wrong.push(format!("{name} = {other} leaves every output as it is, and does not say why"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn decoding_then_encoding_gives_the_same_bytes() {
+    let fixture = &*SHARED;
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let (results, _) = fixture.run(&graph);
+    let mut types = BTreeSet::new();
+    for node in &graph.nodes {
+        let Some((_, digests)) = results.get(&node.id) else { continue };
+        for (port, digest) in node.kind.outputs.iter().zip(digests) {
+            // Kinds that keep only digests have nothing to decode.
+            let Some(bytes) = fixture.engine.store().get_blob(digest).unwrap() else { continue };
+            assert_eq!(port.artifact.round_trip(&bytes).unwrap(), bytes, "{}.{}", node.id, port.name);
+            types.insert(port.artifact.name);
+            for cut in [0, 1, bytes.len() / 2, bytes.len().saturating_sub(1)] {
+                let _ = port.artifact.round_trip(&bytes[..cut]);
+            }
+        }
+    }
+    assert!(types.len() >= 6, "only {types:?} are stored");
+}

@@ -1,0 +1,114 @@
+//! What an edit reruns: the first invalidation tests of the design, on the event stream of real runs.
+
+use crate::{INSERT, Place, Told};
+
+fn edited(from: &str, to: &str) -> String {
+    assert!(INSERT.contains(from), "{from}");
+    INSERT.replace(from, to)
+}
+
+fn ran(place: &Place, graph: &str) -> Told {
+    place.write(graph);
+    place.run(&[]).good()
+}
+
+#[test]
+fn edits_rerun_what_they_touch_and_nothing_else() {
+    let place = Place::new(INSERT);
+    let cold = place.run(&[]).good();
+    assert_eq!(cold.nodes("ran").len(), 16);
+    let notes = cold.notes();
+
+    let again = place.run(&[]).good();
+    assert_eq!(again.nodes("ran"), [""; 0]);
+    assert_eq!(again.nodes("cached").len(), 16);
+    assert_eq!(again.notes(), notes, "notes are part of the result");
+
+    // Renaming, reordering, comments, layout: nothing.
+    let renamed = INSERT.replace("shadow\"", "schatten\"").replace("shadow:", "schatten:");
+    let mut lines: Vec<&str> = renamed.lines().collect();
+    let (a, b) =
+        (lines.iter().position(|l| l.contains("view:")), lines.iter().position(|l| l.contains("pose:")));
+    lines.swap(a.unwrap(), b.unwrap());
+    let shuffled = lines.join("\n// a comment\n") + "\n";
+    assert_eq!(ran(&place, &shuffled).nodes("ran"), [""; 0]);
+
+    // A default that is written out is no edit.
+    let spelt = edited("size_px: 32)", "size_px: 32, guard_deg: 3.0)");
+    assert_eq!(ran(&place, &spelt).nodes("ran"), [""; 0]);
+
+    // Touching the graph file: nothing.
+    place.write(INSERT);
+    assert_eq!(place.run(&[]).good().nodes("ran"), [""; 0]);
+
+    // gamma: the ratio, the composite, the sinks that show them.
+    let gamma = ran(&place, &edited("gamma: 0.8", "gamma: 0.7"));
+    assert_eq!(gamma.nodes("ran"), ["final", "layers", "save", "shadow"]);
+
+    // Camera: the view, the trace and what follows, not the light.
+    let camera = ran(&place, &edited("fov_y_deg: 40.0", "fov_y_deg: 41.0"));
+    assert_eq!(camera.nodes("ran"), ["camera", "final", "layers", "save", "shadow", "trace", "view"]);
+
+    // Yaw: the rig of the probe is made again, comes out equal and stops there; R0 is kept.
+    let yaw = ran(&place, &edited("yaw_deg: 30.0", "yaw_deg: 35.0"));
+    assert_eq!(yaw.nodes("ran"), ["final", "layers", "placed", "pose", "probe", "save", "shadow", "trace"]);
+    assert!(!yaw.parts("trace", "cached").is_empty(), "R0 comes from the cache");
+    assert!(yaw.parts("trace", "ran").iter().all(|part| *part != "r0"));
+
+    // Translation: the probe, what it lights and what follows, and not the background.
+    let moved = ran(&place, &edited("translation: (0.0, 0.0, 0.0)", "translation: (0.1, 0.0, 0.0)"));
+    assert_eq!(
+        moved.nodes("ran"),
+        [
+            "dark", "env", "faces", "final", "layers", "light", "pano", "placed", "pose", "probe", "save",
+            "shadow", "trace"
+        ]
+    );
+
+    // Back to the first graph: everything is still known.
+    assert_eq!(ran(&place, INSERT).nodes("ran"), [""; 0]);
+}
+
+#[test]
+fn more_samples_trace_only_the_missing_ones() {
+    let place = Place::new(INSERT);
+    place.run(&["--set", "trace.samples=4"]).good();
+    let more = place.run(&["--set", "trace.samples=80"]).good();
+    assert!(more.parts("trace", "cached").contains(&"r0"), "the first samples are kept");
+    let many = place.outputs();
+    let fresh = Place::new(INSERT);
+    fresh.run(&["--set", "trace.samples=80"]).good();
+    assert!(fresh.outputs() == many, "4 then 80 samples give the bytes of 80 at once");
+}
+
+#[test]
+fn plan_and_explain_name_the_cause_with_its_values() {
+    let place = Place::new(INSERT);
+    place.run(&[]).good();
+    place.write(&edited("yaw_deg: 30.0", "yaw_deg: 35.0"));
+    let plan = String::from_utf8(place.call(&["plan", "graph.ron"]).stdout).unwrap();
+    assert!(plan.contains("`yaw_deg` 30.0 -> 35.0"), "{plan}");
+    assert!(plan.lines().last().unwrap().contains("nodes may run"), "{plan}");
+    let explained = String::from_utf8(place.call(&["explain", "graph.ron", "final"]).stdout).unwrap();
+    assert!(explained.contains("`yaw_deg` 30.0 -> 35.0"), "{explained}");
+}
+
+#[test]
+fn written_files_are_kept_when_equal_and_written_when_not() {
+    let place = Place::new(INSERT);
+    place.run(&[]).good();
+    let first = place.outputs();
+    std::fs::remove_file(place.path("out/final.png")).unwrap();
+    std::fs::write(place.path("out/light.json"), "someone else's").unwrap();
+    let again = place.run(&[]).good();
+    assert_eq!(again.nodes("ran"), [""; 0], "files are written without running nodes");
+    let mut written: Vec<&str> = again
+        .events
+        .iter()
+        .filter(|event| event["event"] == "file" && event["written"] == true)
+        .filter_map(|event| event["id"].as_str())
+        .collect();
+    written.sort_unstable();
+    assert_eq!(written, ["light", "save"]);
+    assert!(place.outputs() == first);
+}
