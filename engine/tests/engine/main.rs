@@ -6,6 +6,9 @@ mod arithmetic;
 mod failures;
 mod faults;
 mod invalidation;
+#[cfg(unix)]
+mod kills;
 mod lab;
 mod mistakes;
 mod running;
+mod shapes;

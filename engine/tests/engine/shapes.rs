@@ -1,0 +1,101 @@
+//! Graphs of many nodes: nothing recurses over them, and time grows as they do.
+
+use std::time::{Duration, Instant};
+
+use crate::lab::{Lab, graph_text};
+
+/// How long this thread, which is the one that decides, has been computing: other work on the machine does
+/// not count where the system tells.
+fn spent(start: Instant) -> Duration {
+    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let nanos = told.and_then(|text| text.split(' ').next()?.parse().ok());
+    nanos.map_or_else(|| start.elapsed(), Duration::from_nanos)
+}
+
+/// Parses, runs cold and runs warm in memory, and says how long deciding took.
+fn times(nodes: &str, count: usize) -> [Duration; 3] {
+    let lab = Lab::in_memory();
+    let text = graph_text(nodes);
+    let start = Instant::now();
+    let before = spent(start);
+    let graph = lab.parse(&text).unwrap_or_else(|e| panic!("{}", &e.render(false)[..1000]));
+    let parsed = spent(start) - before;
+    assert_eq!(graph.nodes.len(), count);
+    let run = || {
+        let before = spent(start);
+        let log = lab.run_text(&text);
+        (log.outcome.totals, spent(start) - before)
+    };
+    let ((cold, cold_time), (warm, warm_time)) = (run(), run());
+    assert_eq!((cold.ran, cold.failed + cold.skipped), (count, 0));
+    assert_eq!((warm.ran, warm.cached), (0, count));
+    [parsed, cold_time, warm_time]
+}
+
+/// Ten times the nodes take about ten times as long, and never a hundred times.
+fn assert_linear(small: [Duration; 3], large: [Duration; 3]) {
+    for (small, large) in small.into_iter().zip(large) {
+        let allowed = small.max(Duration::from_millis(2)) * 40;
+        assert!(large < allowed, "{large:?} after {small:?} for a tenth");
+    }
+}
+
+fn chain(count: usize) -> String {
+    let below = (1..count).map(|n| format!("n{n}: Add(terms: [\"n{}\"], bias: 0.5),\n", n - 1));
+    std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
+}
+
+/// One node that everybody reads, and one that reads everybody.
+fn fan(count: usize) -> String {
+    let middle = 1..count - 1;
+    let rays: String = middle.clone().map(|n| format!("n{n}: Scale(value: \"n0\", by: {n}e-4),\n")).collect();
+    let names: Vec<String> = middle.map(|n| format!("\"n{n}\"")).collect();
+    format!("n0: Number(),\n{rays}sum: Add(terms: [{}]),\n", names.join(", "))
+}
+
+/// Two ways to every node from the one before: 2^n ways through the whole.
+fn diamonds(count: usize) -> String {
+    let below = (1..count).map(|n| {
+        let (near, far) = (n - 1, n.saturating_sub(2));
+        format!("n{n}: Add(terms: [\"n{near}\", \"n{far}\"], bias: -{n}.0),\n")
+    });
+    std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
+}
+
+#[test]
+fn a_chain_of_a_hundred_thousand_nodes() {
+    // On a stack of the size that threads have: a walk that recurses overflows it.
+    let small = times(&chain(10_000), 10_000);
+    let large = times(&chain(100_000), 100_000);
+    assert_linear(small, large);
+}
+
+#[test]
+fn a_fan_and_a_node_that_reads_it_all() {
+    assert_linear(times(&fan(2_000), 2_000), times(&fan(20_000), 20_000));
+}
+
+#[test]
+fn diamonds_are_walked_once() {
+    assert_linear(times(&diamonds(1_500), 1_500), times(&diamonds(15_000), 15_000));
+}
+
+#[test]
+fn a_failure_at_the_top_skips_a_whole_chain() {
+    let lab = Lab::in_memory();
+    let chain =
+        chain(50_000).replace("n1: Add(terms: [\"n0\"], bias: 0.5)", "n1: Refuse(value: \"n0\", above: 0.0)");
+    let log = lab.run(&chain);
+    let totals = &log.outcome.totals;
+    assert_eq!((totals.ran, totals.failed, totals.skipped), (1, 1, 49_998));
+}
+
+#[test]
+fn a_chain_whose_values_are_gone_is_made_again() {
+    let lab = Lab::on_disk();
+    let nodes = chain(3_000);
+    lab.run(&nodes);
+    std::fs::remove_file(lab.cache().join("v1/blobs.log")).unwrap();
+    let log = lab.run(&format!("{nodes} last: Scale(value: \"n2999\")"));
+    assert_eq!((log.ran().as_str(), log.remade().split(' ').count()), ("last", 3_000));
+}
