@@ -70,10 +70,15 @@ pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record
     Record::decode(&store.get_record(key)?, node).ok()
 }
 
+/// What the names of [`last_name`] begin with, for all nodes of a graph.
+pub(crate) fn last_prefix(graph: &Graph) -> String {
+    let file = graph.source.name.rsplit('/').next().unwrap_or_default();
+    format!("last key\n{}\n{file}\n", graph.root.folder().display())
+}
+
 /// Name under which the last key of a node is remembered, for forecasts and explanations.
 fn last_name(graph: &Graph, node: &Node) -> String {
-    let file = graph.source.name.rsplit('/').next().unwrap_or_default();
-    format!("last key\n{}\n{file}\n{}", graph.root.folder().display(), node.id)
+    last_prefix(graph) + &node.id
 }
 
 /// The record of the last run of a node of this name in a graph file of this name, still encoded.
@@ -94,10 +99,13 @@ pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(f64
     Some((seconds, Record::manifest(&bytes)?))
 }
 
-/// Remembers the key of a node.
-pub(crate) fn remember(store: &Store, graph: &Graph, node: &Node, key: &Digest) {
-    let name = last_name(graph, node);
-    if store.history_get(&name).as_deref() != Some(key.as_bytes()) {
-        store.history_put(&name, key.as_bytes());
+/// Remembers the key of a node. `name` holds the prefix of its graph, and does so again afterwards: a run
+/// with nothing to do still does this for every node.
+pub(crate) fn remember(store: &Store, name: &mut String, node: &Node, key: &Digest) {
+    let prefix = name.len();
+    name.push_str(&node.id);
+    if store.history_get(name).as_deref() != Some(key.as_bytes()) {
+        store.history_put(name, key.as_bytes());
     }
+    name.truncate(prefix);
 }

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use crate::check::SCENE_FIELDS;
 use crate::diag::{Diagnostics, Source, nearest};
-use crate::graph::SCENE_FIELDS;
 use crate::syntax::{RawNode, parse, parse_value};
 
 /// One `--set node.field=value`.

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use cache::Digest;
 
-use crate::action::{look_up, prepare, read_sources, remember};
+use crate::action::{last_prefix, look_up, prepare, read_sources, remember};
 use crate::artifact::AnyArtifact;
 use crate::context::ReadSource;
 use crate::diag::{Diagnostic, Diagnostics};
@@ -52,9 +52,11 @@ pub(crate) struct Run<'a> {
     pub queue: BTreeSet<(usize, usize)>,
     pub parked: Vec<(Instant, usize)>,
     /// Nodes being computed, by key, each with those of the same key.
-    in_flight: HashMap<Digest, Vec<usize>>,
+    pub in_flight: HashMap<Digest, Vec<usize>>,
     /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
     made: HashMap<Digest, usize>,
+    /// Prefix of the names that keys are remembered under.
+    last_name: String,
     /// Which sink writes a file.
     claims: BTreeMap<PathBuf, usize>,
     /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
@@ -66,7 +68,7 @@ pub(crate) struct Run<'a> {
     pub held: u64,
     pub reserved: u64,
     pub store_failed: bool,
-    failures: Vec<Diagnostic>,
+    pub failures: Vec<Diagnostic>,
     pub totals: Totals,
     start: Instant,
 }
@@ -111,6 +113,7 @@ impl<'a> Run<'a> {
             parked: Vec::new(),
             in_flight: HashMap::new(),
             made: HashMap::new(),
+            last_name: last_prefix(graph),
             claims: BTreeMap::new(),
             supplied: 0,
             running: 0,
@@ -269,12 +272,6 @@ impl<'a> Run<'a> {
         self.ready.insert((self.rank[index], index));
     }
 
-    fn take_followers(&mut self, index: usize) -> Vec<usize> {
-        let slot = &self.slots[index];
-        let key = slot.key.filter(|_| slot.leads());
-        key.and_then(|key| self.in_flight.remove(&key)).unwrap_or_default()
-    }
-
     fn finished(&mut self, index: usize, finished: Finished) {
         let Finished { mut record, values, counts, ran } = finished;
         let followers = self.take_followers(index);
@@ -306,7 +303,7 @@ impl<'a> Run<'a> {
         // What the key was made of is in the record, and a large graph would hold it all.
         slot.action.key = None;
         if let Some(key) = slot.key {
-            remember(&self.engine.store, graph, node, &key);
+            remember(&self.engine.store, &mut self.last_name, node, &key);
         }
         for (name, n) in &counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
@@ -401,106 +398,6 @@ impl<'a> Run<'a> {
             Ok(None) => self.request(Wire { node: index, port: 0 }, Waiter::Files(index)),
             Err(error) => self.fail(index, &error),
         }
-    }
-
-    /// A node cannot give its outputs: everything below it is skipped, everything else goes on.
-    pub fn fail(&mut self, index: usize, error: &NodeError) {
-        if error.is_cancelled() {
-            return self.skip(index);
-        }
-        self.report(index, error);
-        for follower in self.take_followers(index) {
-            self.report(follower, error);
-            self.give_up(follower, Life::Failed);
-        }
-        self.give_up(index, Life::Failed);
-    }
-
-    /// A node is not tried. Others of its key are, since their inputs may be at hand.
-    pub fn skip(&mut self, index: usize) {
-        for follower in self.take_followers(index) {
-            self.slots[follower].life = Life::Waiting;
-            self.todo.push_back(Task::Resolve(follower));
-        }
-        self.tell_skipped(index);
-        self.give_up(index, Life::Skipped);
-    }
-
-    /// Takes a node out of the run, and everything below it that is not resolved.
-    fn give_up(&mut self, index: usize, life: Life) {
-        let graph = self.graph;
-        self.leave(index, life);
-        let mut doomed: Vec<usize> = graph.consumers(index).to_vec();
-        while let Some(node) = doomed.pop() {
-            if self.slots[node].life == Life::Waiting {
-                self.tell_skipped(node);
-                self.leave(node, Life::Skipped);
-                doomed.extend(graph.consumers(node));
-            }
-        }
-    }
-
-    fn leave(&mut self, index: usize, life: Life) {
-        let place = (self.rank[index], index);
-        let settled = self.slots[index].record.is_some();
-        match self.slots[index].life {
-            Life::Ready => drop(self.ready.remove(&place)),
-            Life::Gathering => self.supplied -= 1,
-            Life::Queued => {
-                self.supplied -= 1;
-                self.queue.remove(&place);
-            }
-            Life::Placing => self.slots[index].readers -= 1,
-            _ => {}
-        }
-        self.slots[index].life = life;
-        if settled {
-            self.drop_unread(index);
-        } else {
-            self.release_inputs(index);
-        }
-    }
-
-    /// Tells that a node failed. Where it had been told to be done, that is taken back.
-    pub fn report(&mut self, index: usize, error: &NodeError) {
-        let node = &self.graph.nodes[index];
-        let message = format!("`{}` failed: {error}", node.id);
-        let mut diagnostic = Diagnostic::new(node.place(error.field), message);
-        diagnostic.hints.extend(error.hint.clone());
-        self.failures.push(diagnostic);
-        let slot = &self.slots[index];
-        if let (Life::Done, Some(state)) = (slot.life, slot.end) {
-            self.totals.take_back(state);
-            self.totals.degraded -= usize::from(slot.degraded);
-        }
-        self.totals.add(State::Failed);
-        (self.tell)(Event::Node {
-            id: node.id.clone(),
-            kind: node.kind.name,
-            state: State::Failed,
-            key: slot.key,
-            seconds: 0.0,
-            counts: Counts::new(),
-            notes: Vec::new(),
-            degraded: false,
-            error: Some(error.to_string()),
-        });
-    }
-
-    fn tell_skipped(&mut self, index: usize) {
-        let node = &self.graph.nodes[index];
-        self.totals.add(State::Skipped);
-        (self.tell)(Event::Node {
-            id: node.id.clone(),
-            kind: node.kind.name,
-            state: State::Skipped,
-            key: None,
-            seconds: 0.0,
-            counts: Counts::new(),
-            notes: Vec::new(),
-            degraded: false,
-            error: None,
-        });
     }
 
     pub fn finish(mut self) -> Outcome {

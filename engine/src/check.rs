@@ -1,0 +1,437 @@
+//! Checking a graph file: kinds known, wires typed, parameters in range, all mistakes at once.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::context::{Scene, SourceRoot, Up};
+use crate::diag::{Diagnostic, nearest, shown};
+use crate::graph::{Node, Wire};
+use crate::kind::{KindEntry, Registry};
+use crate::order::Wiring;
+use crate::param::{InputFile, Role};
+use crate::port::{Arity, PortSpec};
+use crate::scan::Scanner;
+use crate::syntax::{Document, Fields, RawField, RawNode, RawScene, parse_value, sort_of, twice};
+
+/// What the `scene` block may hold.
+pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
+
+/// The check of one file.
+pub(crate) struct Check<'t, 'a> {
+    text: &'t str,
+    registry: &'a Registry,
+    root: &'a SourceRoot,
+    diagnostics: &'a mut Vec<Diagnostic>,
+    ids: HashMap<&'t str, usize>,
+    names: Vec<&'t str>,
+    broken: HashSet<&'t str>,
+    /// Wires to nodes that do not exist, so far.
+    strangers: usize,
+}
+
+/// How many wires to nodes that do not exist get a suggestion.
+const MOST_SUGGESTIONS: usize = 20;
+
+impl<'t, 'a> Check<'t, 'a> {
+    /// Mistakes go to `diagnostics`.
+    pub fn new(
+        text: &'t str,
+        registry: &'a Registry,
+        root: &'a SourceRoot,
+        document: &Document<'t>,
+        diagnostics: &'a mut Vec<Diagnostic>,
+    ) -> Self {
+        let names = document.nodes.iter().map(|node| node.id).collect();
+        let broken = document.broken.iter().copied().collect();
+        let ids = HashMap::with_capacity(document.nodes.len());
+        Self { text, registry, root, diagnostics, ids, names, broken, strangers: 0 }
+    }
+
+    fn report(&mut self, diagnostic: Diagnostic) {
+        self.diagnostics.push(diagnostic);
+    }
+
+    /// What stands beside the nodes.
+    pub fn document(&mut self, document: &Document<'t>) -> Option<Scene> {
+        let whole = 0..self.text.len().min(1);
+        match &document.version {
+            Some(field) if field.text.trim() != "1" => self.report(
+                Diagnostic::new(
+                    field.span.clone(),
+                    format!("version {} of graph files is unknown", field.text),
+                )
+                .label("this program reads version 1"),
+            ),
+            None if document.whole => {
+                self.report(
+                    Diagnostic::new(whole.clone(), "the graph does not state its version")
+                        .hint("begin it with `version: 1,`"),
+                );
+            }
+            _ => {}
+        }
+        let Some(RawScene { span, fields, .. }) = &document.scene else {
+            if document.whole {
+                self.report(Diagnostic::new(whole, "the graph has no `scene`").hint(
+                    "add `scene: (up: \"+z\"),` with the axis of your capture that points up: +y, -y or +z",
+                ));
+            }
+            return None;
+        };
+        let before = self.diagnostics.len();
+        for field in fields {
+            let known = SCENE_FIELDS;
+            if !known.contains(&field.name) {
+                self.report(
+                    Diagnostic::new(
+                        field.name_span.clone(),
+                        format!("`scene` has no field `{}`", field.name),
+                    )
+                    .suggest(field.name, known)
+                    .hint("it has `up`, `metres_per_unit` and `seed`"),
+                );
+            }
+        }
+        let mut fields =
+            Fields { fields, node_span: span.clone(), kind: "scene", diagnostics: self.diagnostics };
+        let up: Option<Up> = fields.parameter("up", None, None);
+        let metres_per_unit = fields.parameter("metres_per_unit", Some(1.0), Some((1e-9, 1e9)));
+        let seed = fields.parameter("seed", Some(0_u64), None);
+        if self.diagnostics.len() > before {
+            return None;
+        }
+        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed? })
+    }
+
+    /// The nodes that are right, and which reads which, of all of them.
+    pub fn nodes(&mut self, raw: &[RawNode<'t>]) -> (Vec<Node>, Wiring) {
+        for (index, node) in raw.iter().enumerate() {
+            if let Some(&first) = self.ids.get(node.id) {
+                self.report(
+                    Diagnostic::new(
+                        node.id_span.clone(),
+                        format!("two nodes are named `{}`", shown(node.id)),
+                    )
+                    .label("second")
+                    .related(raw[first].id_span.clone(), "first"),
+                );
+            } else {
+                self.ids.insert(node.id, index);
+            }
+        }
+        let kinds: Vec<Option<Arc<KindEntry>>> = raw.iter().map(|node| self.kind(node)).collect();
+        let mut nodes = Vec::with_capacity(raw.len());
+        let mut wiring = vec![Vec::new(); raw.len()];
+        for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
+            if let Some(kind) = kind {
+                nodes.extend(self.node(node, kind, &kinds, reads));
+            }
+        }
+        self.sink_paths(&nodes);
+        (nodes, wiring)
+    }
+
+    fn kind(&mut self, node: &RawNode<'t>) -> Option<Arc<KindEntry>> {
+        let found = self.registry.get(node.kind).cloned();
+        if found.is_none() {
+            let names: Vec<String> = self.registry.iter().map(|kind| kind.camel_name()).collect();
+            self.report(
+                Diagnostic::new(
+                    node.kind_span.clone(),
+                    format!("no kind of node is named `{}`", shown(node.kind)),
+                )
+                .suggest(node.kind, names.iter().map(String::as_str))
+                .hint("`lightharmony nodes` lists them"),
+            );
+        }
+        found
+    }
+
+    fn node(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &Arc<KindEntry>,
+        kinds: &[Option<Arc<KindEntry>>],
+        reads: &mut Vec<(usize, Range<usize>)>,
+    ) -> Option<Node> {
+        let before = self.diagnostics.len();
+        for (index, field) in raw.fields.iter().enumerate() {
+            let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+            if !names().any(|name| name == field.name) {
+                let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
+                let mistake = Diagnostic::new(field.name_span.clone(), message).suggest(field.name, names());
+                let node =
+                    field.text.starts_with(|c: char| c.is_ascii_uppercase()) && field.text.ends_with(')');
+                self.report(if node {
+                    mistake.hint("if it is a node of its own, a `)` is missing before it")
+                } else {
+                    mistake.hint(format!("`lightharmony nodes {}` describes it", kind.name))
+                });
+            } else if let Some(first) = raw.fields[..index].iter().find(|other| other.name == field.name) {
+                self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));
+            }
+        }
+        let inputs: Vec<Vec<Wire>> =
+            kind.inputs.iter().map(|port| self.wires(raw, kind, port, kinds, reads)).collect();
+        let mut fields = Fields {
+            fields: &raw.fields,
+            node_span: raw.kind_span.clone(),
+            kind: raw.kind,
+            diagnostics: self.diagnostics,
+        };
+        let step = (kind.read)(&mut fields)?;
+        let mut sink_path = None;
+        let mut sources = Vec::new();
+        for param in kind.params.iter().filter(|param| param.role != Role::Value) {
+            step.visit(&mut |name, value| {
+                if name != param.name {
+                    return;
+                }
+                for path in value.paths() {
+                    match param.role {
+                        Role::Output => sink_path = Some(path.to_owned()),
+                        _ => sources.push((param.name, path.to_owned())),
+                    }
+                }
+            });
+        }
+        let place = |name: &str| {
+            raw.fields
+                .iter()
+                .find(|field| field.name == name)
+                .map_or(raw.kind_span.clone(), |field| field.span.clone())
+        };
+        for (name, path) in sources {
+            let file = self.root.file(&InputFile(path.clone()));
+            if !file.path.exists() {
+                self.report(
+                    Diagnostic::new(place(name), format!("`{path}` does not exist"))
+                        .label(format!("looked for {}", file.path.display()))
+                        .hint("paths are relative to the folder of the graph file"),
+                );
+            }
+        }
+        if let Err(error) = step.check() {
+            let mut diagnostic =
+                Diagnostic::new(error.field.map_or(raw.kind_span.clone(), place), error.message());
+            diagnostic.hints.extend(error.hint);
+            self.report(diagnostic);
+        }
+        let place = |name: &'static str| {
+            let field = raw.fields.iter().find(|field| field.name == name)?;
+            Some((name, field.span.clone()))
+        };
+        let fields = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+        let fields = fields.filter_map(place).collect();
+        (self.diagnostics.len() == before).then(|| Node {
+            id: raw.id.to_owned(),
+            kind: kind.clone(),
+            inputs,
+            sink_path,
+            span: raw.id_span.start..raw.span.end,
+            fields,
+            step,
+        })
+    }
+
+    fn wires(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &KindEntry,
+        port: &PortSpec,
+        kinds: &[Option<Arc<KindEntry>>],
+        reads: &mut Vec<(usize, Range<usize>)>,
+    ) -> Vec<Wire> {
+        let Some(field) = raw.fields.iter().find(|field| field.name == port.name) else {
+            if port.arity == Arity::One {
+                self.report(
+                    Diagnostic::new(
+                        raw.kind_span.clone(),
+                        format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
+                    )
+                    .label(format!("wire it to an output of type `{}`", port.artifact.name)),
+                );
+            }
+            return Vec::new();
+        };
+        let names = match wire_names(field) {
+            Ok(names) => names,
+            Err(mistake) => {
+                self.report(mistake);
+                return Vec::new();
+            }
+        };
+        if port.arity != Arity::Many && names.len() != 1 {
+            self.report(Diagnostic::new(
+                field.span.clone(),
+                format!("`{}` takes one wire, not {}", port.name, names.len()),
+            ));
+        }
+        let mut wires = Vec::with_capacity(names.len());
+        for (name, span) in names {
+            let (id, output) = name.split_once('.').map_or((&*name, None), |(id, port)| (id, Some(port)));
+            if let Some(node) = self.read(id, &span) {
+                reads.push((node, span.clone()));
+                wires.extend(self.wire(id, output, node, span, port, kinds));
+            }
+        }
+        wires
+    }
+
+    /// The node that a wire comes from.
+    fn read(&mut self, id: &str, span: &Range<usize>) -> Option<usize> {
+        if let Some(&node) = self.ids.get(id) {
+            return Some(node);
+        }
+        if !self.broken.contains(id) {
+            let mistake = Diagnostic::new(span.clone(), format!("no node is named `{}`", shown(id)));
+            // One node that was renamed may be read by thousands, and each look through all names costs.
+            self.strangers += 1;
+            let near = (self.strangers <= MOST_SUGGESTIONS).then(|| nearest(id, self.names.iter().copied()));
+            self.report(match near.flatten() {
+                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
+                None => mistake,
+            });
+        }
+        None
+    }
+
+    fn wire(
+        &mut self,
+        id: &str,
+        output: Option<&str>,
+        node: usize,
+        span: Range<usize>,
+        port: &PortSpec,
+        kinds: &[Option<Arc<KindEntry>>],
+    ) -> Option<Wire> {
+        // A node of unknown kind was reported already.
+        let outputs = &kinds[node].as_ref()?.outputs;
+        let wanted = port.artifact.name;
+        let found = match output {
+            Some(output) => outputs.iter().position(|known| known.name == output),
+            // The first output, or the first of the type that the input takes.
+            None => {
+                outputs.iter().position(|known| known.artifact.name == wanted).or(outputs.first().map(|_| 0))
+            }
+        };
+        let Some(index) = found else {
+            let names = || outputs.iter().map(|known| known.name);
+            let message = match output {
+                Some(output) => format!("`{id}` has no output `{output}`"),
+                None => format!("`{id}` has no output"),
+            };
+            let list: Vec<&str> = names().collect();
+            self.report(
+                Diagnostic::new(span, message)
+                    .suggest(output.unwrap_or_default(), names())
+                    .hint(format!("its outputs are {}", list.join(", "))),
+            );
+            return None;
+        };
+        let given = outputs[index].artifact.name;
+        if given != wanted {
+            let fitting: Vec<String> = outputs
+                .iter()
+                .filter(|o| o.artifact.name == wanted)
+                .map(|o| format!("\"{id}.{}\"", o.name))
+                .collect();
+            let mut diagnostic =
+                Diagnostic::new(span, format!("`{}` takes values of type `{wanted}`", port.name))
+                    .label(format!("this is of type `{given}`"));
+            if !fitting.is_empty() {
+                diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
+            }
+            self.report(diagnostic);
+            return None;
+        }
+        Some(Wire { node, port: index })
+    }
+
+    fn sink_paths(&mut self, nodes: &[Node]) {
+        let mut seen: BTreeMap<String, &Node> = BTreeMap::new();
+        for node in nodes {
+            let Some(path) = &node.sink_path else { continue };
+            if let Err(why) = check_sink_path(path) {
+                self.report(Diagnostic::new(
+                    node.place(Some("path")),
+                    format!("cannot write to `{path}`: {why}"),
+                ));
+                continue;
+            }
+            let plain =
+                path.split('/').filter(|part| !matches!(*part, "" | ".")).collect::<Vec<_>>().join("/");
+            if let Some(first) = seen.get(&plain) {
+                self.report(
+                    Diagnostic::new(node.place(Some("path")), format!("two sinks write to `{path}`"))
+                        .label(format!("`{}`", node.id))
+                        .related(first.place(Some("path")), format!("`{}`", first.id)),
+                );
+            } else {
+                seen.insert(plain, node);
+            }
+        }
+    }
+}
+
+/// Sinks write under the output folder and nowhere else.
+fn check_sink_path(path: &str) -> Result<(), &'static str> {
+    use std::path::Component;
+    if path.is_empty() || path.ends_with('/') {
+        return Err("it names no file");
+    }
+    // They would mean something else on another system.
+    if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
+        return Err("write `/` between folders, and no `\\` or `:`");
+    }
+    for part in std::path::Path::new(path).components() {
+        match part {
+            Component::Normal(_) | Component::CurDir => {}
+            Component::ParentDir => return Err("it leads out of the output folder"),
+            Component::RootDir | Component::Prefix(_) => {
+                return Err("it must be relative to the output folder");
+            }
+        }
+    }
+    Ok(())
+}
+
+type Named<'t> = (Cow<'t, str>, Range<usize>);
+
+/// The node names in a wire or a list of wires, each with its span.
+fn wire_names<'t>(field: &RawField<'t>) -> Result<Vec<Named<'t>>, Diagnostic> {
+    let how = || "a wire is written \"node\" or \"node.port\"";
+    let mut scan = Scanner::new(field.text);
+    let list = scan.eat(b'[');
+    let mut names = Vec::new();
+    loop {
+        scan.skip_space();
+        if list && scan.eat(b']') {
+            return Ok(names);
+        }
+        let start = scan.at;
+        let text = scan.value().map_or("", |span| &field.text[span]);
+        let span = field.span.start + start..field.span.start + scan.at.max(start + 1);
+        let name = match text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
+            Some(plain) if !plain.contains('\\') => Cow::Borrowed(plain),
+            _ => parse_value::<String>(text).map(Cow::Owned).map_err(|_| {
+                let mistake = Diagnostic::new(span.clone(), format!("`{}` is not a wire", shown(text)));
+                match sort_of(text) {
+                    "a word" if !text.is_empty() => mistake.label(format!("write \"{}\"", shown(text))),
+                    _ => mistake.label(how()),
+                }
+            })?,
+        };
+        names.push((name, span));
+        scan.skip_space();
+        if !list {
+            return Ok(names);
+        }
+        if !scan.eat(b',') && scan.peek() != b']' {
+            let end = names.last().map_or(field.span.end, |(_, span)| span.end);
+            return Err(Diagnostic::new(end..end + 1, "expected a comma here"));
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Starting code: what is queued runs where a thread is free and memory lasts.
+
+use std::time::{Duration, Instant};
+
+use crate::action::Action;
+use crate::artifact::AnyArtifact;
+use crate::error::NodeError;
+use crate::graph::Wire;
+use crate::job::{Job, guarded};
+use crate::run::{Run, Scope};
+use crate::slot::Life;
+
+/// How long a node waits before it asks again for a key that another process computes.
+const FIRST_PAUSE: Duration = Duration::from_millis(5);
+
+impl<'a> Run<'a> {
+    /// Starts queued code while threads and memory last. One node always runs, however large it is
+    /// within the budget as a whole.
+    pub fn launch<'s>(&mut self, scope: Scope<'_, 's>)
+    where
+        'a: 's,
+    {
+        while self.running < self.engine.jobs
+            && let Some(&(rank, index)) = self.queue.first()
+        {
+            let bytes = match self.cost(index) {
+                Ok(bytes) => bytes,
+                Err(error) => {
+                    self.stumble(index, &error);
+                    continue;
+                }
+            };
+            if self.running > 0 && self.held + self.reserved + bytes > self.engine.memory {
+                return;
+            }
+            self.queue.remove(&(rank, index));
+            self.start(index, bytes, scope);
+        }
+    }
+
+    fn inputs(&self, index: usize) -> Vec<Vec<AnyArtifact>> {
+        let value = |wire: &Wire| {
+            let value = self.slots[wire.node].value(wire.port);
+            value.expect("inputs stay in memory while a reader is queued").clone()
+        };
+        self.graph.nodes[index].inputs.iter().map(|wires| wires.iter().map(value).collect()).collect()
+    }
+
+    fn cost(&mut self, index: usize) -> Result<u64, NodeError> {
+        if let Some(bytes) = self.slots[index].cost {
+            return Ok(bytes);
+        }
+        let (step, inputs) = (&self.graph.nodes[index].step, self.inputs(index));
+        let bytes = guarded(|| Ok(step.estimate(inputs)))?.bytes;
+        if bytes > self.engine.memory {
+            let (needs, budget) = (size_text(bytes), size_text(self.engine.memory));
+            return Err(NodeError::new(format!("needs about {needs} of memory, the budget is {budget}"))
+                .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
+        }
+        self.slots[index].cost = Some(bytes);
+        Ok(bytes)
+    }
+
+    fn start<'s>(&mut self, index: usize, bytes: u64, scope: Scope<'_, 's>)
+    where
+        'a: 's,
+    {
+        let (graph, engine) = (self.graph, self.engine);
+        let node = &graph.nodes[index];
+        let digest = |w: &Wire| self.slots[w.node].record.as_ref().map(|r| r.outputs[w.port].digest);
+        let ports = node.kind.inputs.iter().zip(&node.inputs);
+        let input_digests =
+            ports.map(|(port, wires)| (port.name, wires.iter().filter_map(digest).collect())).collect();
+        let inputs = self.inputs(index);
+        let slot = &mut self.slots[index];
+        if slot.remaking.is_none() {
+            self.supplied -= 1;
+        }
+        slot.life = Life::Running;
+        slot.reserved = bytes;
+        slot.storing = true;
+        let job = Job {
+            store: &engine.store,
+            graph,
+            node: index,
+            inputs,
+            input_digests,
+            key: slot.key.expect("a queued node has a key"),
+            action: Action {
+                sources: slot.action.sources.clone(),
+                recipe: slot.action.recipe.clone(),
+                key: slot.action.key.clone(),
+            },
+            remake: slot.remaking.is_some(),
+            cancel: self.options.cancel.clone(),
+            tell: self.sender.clone(),
+        };
+        self.reserved += bytes;
+        self.running += 1;
+        self.busy += 1;
+        scope.spawn(move |_| job.run());
+    }
+
+    /// Another process computes the key of this node; its thread is free for others meanwhile.
+    pub fn park(&mut self, index: usize) {
+        let slot = &mut self.slots[index];
+        slot.storing = false;
+        slot.life = Life::Parked;
+        let pause = FIRST_PAUSE * (1 << slot.parked.min(4));
+        slot.parked += 1;
+        self.parked.push((Instant::now() + pause, index));
+    }
+
+    /// Queues parked nodes that have waited long enough.
+    pub fn unpark(&mut self) {
+        let now = Instant::now();
+        let parked = std::mem::take(&mut self.parked).into_iter();
+        let (due, rest): (Vec<_>, Vec<_>) = parked.partition(|(when, _)| *when <= now);
+        self.parked = rest;
+        for (_, index) in due {
+            if self.slots[index].remaking.is_none() {
+                self.supplied += 1;
+            }
+            self.enqueue(index);
+        }
+    }
+}
+
+/// A size in the unit that a person would use.
+fn size_text(bytes: u64) -> String {
+    let gib = bytes as f64 / (1_u64 << 30) as f64;
+    if gib >= 1.0 { format!("{gib:.1} GiB") } else { format!("{:.1} MiB", gib * 1024.0) }
+}
