@@ -373,7 +373,37 @@ struct Shot {
     broken: u64,
 }
 
-fn finish(camera: &Camera, samples: u32, r0: &[Arc<Sums>], pair: &[Arc<Sums>], front: &Sums) -> Shot {
+/// The chunks of a camera, added in their order as they come, so that memory does not grow with them.
+struct Running {
+    /// `R0 + PAIR` sums a pixel.
+    sums: Vec<f64>,
+    rays: u64,
+    broken: u64,
+    untouched: u64,
+    chunks: u64,
+}
+
+impl Running {
+    fn new(camera: &Camera) -> Self {
+        let pixels = camera.width_px as usize * camera.height_px as usize;
+        Self { sums: vec![0.0; pixels * (R0 + PAIR)], rays: 0, broken: 0, untouched: 0, chunks: 0 }
+    }
+
+    fn add(&mut self, r0: &Sums, pair: &Sums) {
+        let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
+        for (sums, (a, b)) in self.sums.chunks_exact_mut(R0 + PAIR).zip(parts) {
+            for (sum, v) in sums.iter_mut().zip(a.iter().chain(b)) {
+                *sum += f64::from(*v);
+            }
+        }
+        self.rays += r0.rays + pair.rays;
+        self.broken += r0.broken + pair.broken;
+        self.untouched += pair.untouched;
+        self.chunks += 1;
+    }
+}
+
+fn finish(camera: &Camera, samples: u32, running: &Running, front: &Sums) -> Shot {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
     let [mut depth, mut normal, mut variance] = [1, 3, 3].map(|channels| Image::new(width, height, channels));
@@ -381,15 +411,7 @@ fn finish(camera: &Camera, samples: u32, r0: &[Arc<Sums>], pair: &[Arc<Sums>], f
     let (mut means, mut errors) = ([0.0; 3], [0.0; 3]);
     for index in 0..width * height {
         let (x, y) = (index % width, index / width);
-        // Chunks are added in their order, whichever of them came from the cache.
-        let mut sums = [0.0_f64; R0 + PAIR];
-        for (a, b) in r0.iter().zip(pair) {
-            let a = &a.sums[index * R0..(index + 1) * R0];
-            let b = &b.sums[index * PAIR..(index + 1) * PAIR];
-            for (sum, v) in sums.iter_mut().zip(a.iter().chain(b)) {
-                *sum += f64::from(*v);
-            }
-        }
+        let sums = &running.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)];
         let groups: [(usize, usize); 3] = [(0, 3), (R0, R0 + 3), (R0 + 4, R0 + 8)];
         for (k, (first, square)) in groups.into_iter().enumerate() {
             let channels = images[k].channels;
@@ -408,17 +430,15 @@ fn finish(camera: &Camera, samples: u32, r0: &[Arc<Sums>], pair: &[Arc<Sums>], f
         normal.pixel_mut(x, y).copy_from_slice(&values[1..]);
     }
     let all = (width * height).max(1) as f64;
-    let rays: u64 = r0.iter().chain(pair).map(|part| part.rays).sum::<u64>() + front.rays;
-    let untouched = pair.iter().map(|part| part.untouched).sum::<u64>();
+    let rays = running.rays + front.rays;
     let mut row = vec![Cell::Text(camera.name.clone())];
     for k in 0..3 {
         row.push(Cell::Number(means[k] / all));
         row.push(Cell::Number((errors[k] / all).sqrt()));
     }
     row.push(Cell::Count(rays));
-    row.push(Cell::Number(untouched as f64 / (all * pair.len().max(1) as f64)));
-    let broken = r0.iter().chain(pair).map(|part| part.broken).sum();
-    Shot { images, depth, normal, variance, row, rays, broken }
+    row.push(Cell::Number(running.untouched as f64 / (all * running.chunks.max(1) as f64)));
+    Shot { images, depth, normal, variance, row, rays, broken: running.broken }
 }
 
 fn columns(names: &[&str]) -> Vec<String> {
@@ -438,13 +458,11 @@ impl Kind for PathTrace {
             inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px)).sum();
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
-        let chunk_bytes = ((R0 + PAIR + FRONT) * 4) as u64 * (chunks(params.samples).len() as u64 + 1);
+        // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
+        let pixel_bytes = ((R0 + PAIR) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 17 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
-        Cost {
-            bytes: pixels * (chunk_bytes + 64) + scene + sky,
-            work: pixels as f64 * f64::from(params.samples),
-        }
+        Cost { bytes: pixels * pixel_bytes + scene + sky, work: pixels as f64 * f64::from(params.samples) }
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -499,7 +517,7 @@ impl Kind for PathTrace {
                 seed,
                 range,
             };
-            let (mut plain, mut pairs) = (Vec::new(), Vec::new());
+            let mut running = Running::new(camera);
             for &range in &chunks {
                 let part = Part { name: "r0", version: 1, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(range), || {
@@ -518,8 +536,7 @@ impl Kind for PathTrace {
                     Ok(sums)
                 })?;
                 expect_size(&pair, camera, PAIR)?;
-                plain.push(r0);
-                pairs.push(pair);
+                running.add(&r0, &pair);
             }
             let part = Part { name: "front", version: 1, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra((0, 0)), || {
@@ -527,7 +544,7 @@ impl Kind for PathTrace {
                 Sums::trace(cx, camera, FRONT, step, |tile| trace_front(world, &lens, tile))
             })?;
             expect_size(&front, camera, FRONT)?;
-            shots.push(finish(camera, params.samples, &plain, &pairs, &front));
+            shots.push(finish(camera, params.samples, &running, &front));
         }
         let broken: u64 = shots.iter().map(|shot| shot.broken).sum();
         if broken > 0 {
