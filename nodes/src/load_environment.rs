@@ -61,7 +61,7 @@ impl Kind for LoadEnvironment {
         if width != 2 * height {
             notes.warning(
                 "not-two-to-one",
-                format!("`{name}` is {width}x{height}; a whole panorama is twice as wide as high"),
+                format!("the picture is {width}x{height}; a whole panorama is twice as wide as high"),
             );
         }
         replace_impossible(&mut rgb, p.scale, &mut notes);
@@ -85,7 +85,7 @@ fn decode(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, 
         ));
     }
     let planes = exr::read(name, bytes)?;
-    tell(name, &planes, notes);
+    tell(&planes, notes);
     let rgb = rgb_planes(name, &planes)?;
     let samples = (0..planes.width * planes.height).flat_map(|i| rgb.map(|plane| plane[i])).collect();
     Ok((planes.width, planes.height, samples))
@@ -106,18 +106,15 @@ pub(crate) fn rgb_planes<'a>(name: &str, planes: &'a exr::Planes) -> Result<[&'a
 }
 
 /// Notes on what of an EXR file was passed over.
-pub(crate) fn tell(name: &str, planes: &exr::Planes, notes: &mut Notes) {
+pub(crate) fn tell(planes: &exr::Planes, notes: &mut Notes) {
     if planes.parts > 1 {
         notes.warning(
             "first-part-only",
-            format!("`{name}` has {} parts; only the first flat one is read", planes.parts),
+            format!("the file has {} parts; only the first flat one is read", planes.parts),
         );
     }
     if planes.cropped {
-        notes.decision(
-            "data-window",
-            format!("the data window of `{name}` is not its display window; the rest is 0"),
-        );
+        notes.decision("data-window", format!("the data window is not its display window; the rest is 0"));
     }
 }
 

@@ -86,15 +86,15 @@ impl Kind for LoadImage {
 fn decode(p: &LoadImage, bytes: &[u8], notes: &mut Notes) -> Result<Picture, Error> {
     let name = &p.path.0;
     let (width, height, channels, samples, linear) = match bytes {
-        [0x89, b'P', b'N', b'G', ..] => whole(name, png::read(name, bytes)?, p.encoding, notes),
-        [0xff, 0xd8, ..] => whole(name, jpeg::read(name, bytes)?, p.encoding, notes),
+        [0x89, b'P', b'N', b'G', ..] => whole(png::read(name, bytes)?, p.encoding, notes),
+        [0xff, 0xd8, ..] => whole(jpeg::read(name, bytes)?, p.encoding, notes),
         [b'#', b'?', ..] => {
             let picture = hdr::read(name, bytes)?;
             (picture.width, picture.height, 3, picture.rgb, true)
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
             let planes = exr::read(name, bytes)?;
-            tell(name, &planes, notes);
+            tell(&planes, notes);
             let found = layer(name, &planes, &p.layer)?;
             let samples: Vec<f32> = (0..planes.width * planes.height)
                 .flat_map(|i| found.iter().map(move |plane| plane[i]))
@@ -119,9 +119,9 @@ fn decode(p: &LoadImage, bytes: &[u8], notes: &mut Notes) -> Result<Picture, Err
 type Decoded = (usize, usize, usize, Vec<f32>, bool);
 
 /// Codes to numbers. Colour comes as RGB or RGBA, data with as many channels as it has.
-fn whole(name: &str, raster: Raster, encoding: FileEncoding, notes: &mut Notes) -> Decoded {
+fn whole(raster: Raster, encoding: FileEncoding, notes: &mut Notes) -> Decoded {
     for ignored in &raster.ignored {
-        notes.warning("profile-ignored", format!("`{name}` has {ignored}, which is not used"));
+        notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
     }
     let mut samples = raster.samples();
     let mut channels = raster.channels;

@@ -101,10 +101,7 @@ impl Kind for LoadMesh {
             ColourEncoding::Auto if !raw.colours.is_empty() => {
                 let srgb = !of_gltf || raw.by_trimesh;
                 let word = if srgb { "sRGB" } else { "linear" };
-                notes.decision(
-                    "colour-encoding",
-                    format!("vertex colours of `{name}` are taken to be {word}"),
-                );
+                notes.decision("colour-encoding", format!("vertex colours are taken to be {word}"));
                 srgb
             }
             other => other == ColourEncoding::Srgb,
@@ -316,7 +313,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     if mesh.colours.is_empty() {
         notes.warning(
             "no-vertex-colours",
-            format!("`{name}` has no vertex colours: the receiver will bounce white light"),
+            format!("the mesh has no vertex colours: the receiver will bounce white light"),
         );
     }
     Ok(mesh)

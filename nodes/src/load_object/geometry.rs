@@ -77,7 +77,7 @@ impl<'a> Geometry<'a> {
         if let (Some(chosen), None, true) = (&chosen, scene, count > 1) {
             notes.decision(
                 "scene",
-                format!("`{}` has {count} scenes; scene {} is taken", self.name, chosen.index()),
+                format!("of {count} scenes in the file, number {} is taken", chosen.index()),
             );
         }
         let mut order = Vec::new();
