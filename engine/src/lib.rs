@@ -2,6 +2,84 @@
 //!
 //! The engine knows graphs, ports, keys and schedules and never an image. A crate of kinds implements
 //! [`Kind`] for each of its nodes and hands a [`Registry`] over.
+//!
+//! - A graph file is RON text. [`Graph::parse`] reads and checks it against the registry, and tells all its
+//!   mistakes at once as [`Diagnostics`], each with its place and what to do. [`apply`] edits such a text by
+//!   place (`--set node.field=value`).
+//! - [`Engine::run`] brings about what a graph wants: each node has a [key](crate#keys), what the store knows
+//!   is not computed again, the rest runs on shared threads within a memory budget. What happens is told as
+//!   one stream of [`Event`]s. [`Engine::plan`] tells what a run would do, and why.
+//! - What travels along wires is an [`Artifact`]; its encoded bytes are what is stored, compared and keyed.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, Engine, Graph, Kind, KindEntry};
+//! use engine::{NodeError, Notes, Registry, RunOptions, Source, SourceRoot, Store};
+//!
+//! // A type that ports can carry.
+//! struct Num(f64);
+//! impl Artifact for Num {
+//!     const TYPE: &'static str = "number";
+//!     const FORMAT: u32 = 1;
+//!     fn encode(&self, to: &mut Encoder) { to.f64(self.0) }
+//!     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> { from.f64().map(Num) }
+//!     fn bytes(&self) -> usize { 8 }
+//!     fn difference(&self, other: &Self) -> Difference {
+//!         if self.0 == other.0 { Difference::none() } else { Difference::of("another number") }
+//!     }
+//! }
+//!
+//! // A kind: parameters, ports, code.
+//! engine::params! {
+//!     /// Adds numbers.
+//!     pub struct Add {
+//!         /// Added to the sum.
+//!         bias: f64 = 0.0, range(-1e6, 1e6), other("1.0");
+//!     }
+//! }
+//! engine::inputs! { pub struct In { /** What is added. */ terms: Vec<Arc<Num>>, } }
+//! engine::outputs! { pub struct Out { /** The sum. */ sum: Arc<Num>, } }
+//! impl Kind for Add {
+//!     const NAME: &'static str = "add";
+//!     const VERSION: u32 = 1;
+//!     type Params = Self;
+//!     type In = In;
+//!     type Out = Out;
+//!     fn run(params: &Self, inputs: In, _cx: &Context) -> Result<(Out, Notes), NodeError> {
+//!         let sum = inputs.terms.iter().map(|term| term.0).sum::<f64>() + params.bias;
+//!         Ok((Out { sum: Arc::new(Num(sum)) }, Notes::none()))
+//!     }
+//! }
+//!
+//! let registry = Registry::new(vec![KindEntry::of::<Add>()]);
+//! let text = r#"Graph(version: 1, scene: (up: "+z"), nodes: (
+//!     one: Add(terms: [], bias: 1.0),
+//!     three: Add(terms: ["one", "one.sum"], bias: 1.0),
+//! ))"#;
+//! let graph = Graph::parse(Source::new("sums.ron", text), &registry, SourceRoot::new("."))?;
+//! let engine = Engine::new(Store::in_memory(), 2, 1 << 30)?;
+//! let cold = engine.run(&graph, &RunOptions::default(), |_event| {});
+//! assert_eq!((cold.totals.ran, cold.totals.cached), (2, 0));
+//! let warm = engine.run(&graph, &RunOptions::default(), |_event| {});
+//! assert_eq!((warm.totals.ran, warm.totals.cached), (0, 2));
+//!
+//! let wrong = Graph::parse(Source::new("sums.ron", text.replace("bias", "bais")), &registry, SourceRoot::new("."));
+//! assert!(wrong.is_err_and(|mistakes| mistakes.render(false).contains("did you mean `bias`?")));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Keys
+//! The key of a node is a digest over its kind and version, every parameter with defaults filled in, the
+//! content of its inputs, the content of the files it reads, its numeric profile, and of the context what the
+//! kind declares to read. Nothing else is in it: no name, no layout, no folder, no time, no thread. Since
+//! inputs enter by content, a node that gives equal bytes stops the rerun there. A key is written in one walk
+//! together with its [`Manifest`], the readable form that explanations compare.
+//!
+//! # What holds
+//! - Results do not depend on the number of threads, the order in which nodes run, or what was cached.
+//! - A node that fails stops what depends on it and nothing else. A panic is the failure of its node.
+//! - Damage to the cache costs time and one warning. A run that is stopped or killed keeps what finished.
+//! - Nothing recurses over the graph: a chain may be as long as memory allows.
 
 extern crate self as engine;
 
