@@ -10,5 +10,6 @@ mod invalidation;
 mod kills;
 mod lab;
 mod mistakes;
+mod plans;
 mod running;
 mod shapes;
