@@ -283,6 +283,11 @@ impl Context {
         Ok(Arc::new(made))
     }
 
+    /// Where the file that a parameter names lies on this machine; for a folder whose files are sources.
+    pub fn source(&self, file: &InputFile) -> SourceFile {
+        self.root.file(file)
+    }
+
     /// The bytes of a source file. Reading a file that the kind's `sources` did not list is our bug; a
     /// file that changed since its digest was taken is an error that asks for another run.
     pub fn read(&self, file: &InputFile) -> Result<Vec<u8>, NodeError> {

@@ -74,6 +74,7 @@ fn main() {
                 more: more.iter().cloned().map(InputFile).collect(),
                 strict: false,
                 max_extent: 1e6,
+                frame: load_splats::Frame::ByFormat,
             };
             let (out, _) = LoadSplats::run(&params, load_splats::In {}, &cx).unwrap();
             std::sync::Arc::unwrap_or_clone(out.splats)

@@ -36,6 +36,7 @@ pub mod pose;
 pub mod predict_exposure;
 pub mod region_masks;
 pub mod sampling;
+pub mod save_splats;
 pub mod score_env;
 pub mod shadow_ratio;
 pub mod splat;

@@ -1,26 +1,57 @@
 //! `load-splats`: a scene of Gaussian splats from a file.
 
+mod accessor;
+mod bytes;
+mod frame;
+mod gltf;
+mod inflate;
+mod ksplat;
 mod ply;
+mod ply_header;
+mod ply_packed;
 mod rows;
+mod sh_turn;
 mod sog;
+mod source;
+mod splat;
+mod spz;
 #[cfg(test)]
 mod tests;
+mod zip;
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{
+    Context, ContextField, Cost, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
+};
+use glam::{DMat3, DVec3};
 
+use crate::Error;
 use crate::types::{SplatEncoding, Splats};
-pub use rows::{Row, RowFault};
+use frame::Placing;
+use rows::Part;
+
+pub use frame::{Frame, Turn, from_y_up};
+pub use rows::{Row, RowFault, SH_C0, sh_rest};
+pub use sh_turn::ShTurn;
+pub use source::Format;
+pub(crate) use spz::COLOUR_SCALE as SPZ_COLOUR_SCALE;
 
 engine::params! {
     /// Reads a scene of Gaussian splats.
     ///
-    /// Formats, told by content: INRIA PLY (binary little-endian, spherical harmonics of degree 0 to 4,
-    /// `filter_3D` of Mip-Splatting and MILo applied, other extra fields passed over) and SOG version 2
-    /// (give its `meta.json`). Rows that cannot be drawn are dropped and counted by reason.
+    /// Formats, told by content and not by the ending: INRIA PLY (spherical harmonics of degree 0 to 4,
+    /// `filter_3D` of Mip-Splatting and MILo applied, other extra fields passed over), PlayCanvas
+    /// compressed PLY, SOG versions 1 and 2 (`meta.json`, its folder, a folder of chunks joined in the order of
+    /// their names, or a `.sog` bundle), SPZ versions 1 to 4, `.splat`, `.ksplat`, and glTF or GLB with
+    /// `KHR_gaussian_splatting`. Rows that cannot be drawn are dropped and counted by reason.
+    ///
+    /// Frames: SPZ and glTF say that +y is up, so they are turned to the `up` of the scene as objects are (to +z
+    /// (x, -z, y), to -y (x, -y, -z)); glTF is in metres and is divided by `metres_per_unit` too.
+    /// The other formats say nothing and are used as stored: set `up` of the scene to what they have,
+    /// which for INRIA PLY is mostly -y. `frame` overrides the rule.
     pub struct LoadSplats {
-        /// The file.
+        /// The file, or the folder of a SOG scene.
         path: InputFile, other("\"b.ply\"");
         /// More files of the same scene, such as the chunks of a capture; appended in this order.
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
@@ -29,6 +60,8 @@ engine::params! {
         /// Splats with a longer axis are dropped: they hide the scene and are a sign of scales that are
         /// not logarithms.
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");
+        /// Which way is up in the file: what its format says, or what you say.
+        frame: Frame = Frame::ByFormat, other("YUp");
     }
 }
 engine::inputs! {
@@ -43,98 +76,152 @@ engine::outputs! {
     }
 }
 
-/// Rows a job.
-const CHUNK: usize = 16_384;
+/// Gives the bytes of a file beside the one that is read.
+type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
 
-/// A part of a scene: what one job has read.
-#[derive(Default)]
-struct Part {
-    rows: Vec<Row>,
-    sh: Vec<[f32; 3]>,
-    dropped: [u64; RowFault::ALL.len()],
-    first_fault: Option<(usize, RowFault)>,
-    /// True when a centre has more digits than f32 holds.
-    finer: bool,
+/// What every reader needs to know.
+struct Reading<'a> {
+    cx: &'a Context,
+    placing: Placing,
+    max_extent: f64,
 }
 
-impl Part {
-    fn add(&mut self, index: usize, row: Result<Row, RowFault>) {
-        match row {
-            Ok(row) => {
-                self.finer |= row.mean_low != [0.0; 3];
-                self.rows.push(row);
-            }
-            Err(fault) => {
-                self.dropped[fault as usize] += 1;
-                self.first_fault.get_or_insert((index, fault));
-            }
-        }
+impl Reading<'_> {
+    /// Rows of a file without sections; see [`rows::read_rows`].
+    fn rows(
+        &self,
+        count: usize,
+        turn: Option<&Turn>,
+        read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
+    ) -> Result<Vec<Part>, NodeError> {
+        rows::read_rows(0, count, turn, self.cx, read)
     }
-}
 
-/// Reads rows in parallel with `read(index, sh)`, which appends the colour of the rows it keeps.
-fn read_rows(
-    count: usize,
-    cx: &Context,
-    read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
-) -> Result<Vec<Part>, NodeError> {
-    cx.for_each_tile(count.div_ceil(CHUNK), |chunk| {
-        let mut part = Part::default();
-        for index in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
-            let row = read(index, &mut part.sh);
-            part.add(index, row);
+    /// Rows of a section that begins at row `first` of the file.
+    fn rows_from(
+        &self,
+        first: usize,
+        count: usize,
+        turn: Option<&Turn>,
+        read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
+    ) -> Result<Vec<Part>, NodeError> {
+        rows::read_rows(first, count, turn, self.cx, read)
+    }
+
+    /// The turn and scale into the world, from what the format says; the decision is noted.
+    fn world(
+        &self,
+        file: &str,
+        declared: Option<Up>,
+        metres: bool,
+        notes: &mut Notes,
+    ) -> Option<(DMat3, f64)> {
+        let (turn, text) = self.placing.turn(declared, metres);
+        if let Some(text) = text {
+            notes.decision("frame", format!("`{file}` {text}"));
         }
-        part
-    })
+        turn
+    }
+
+    /// The same, ready to be applied.
+    fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
+        let (matrix, scale) = self.world(file, declared, metres, notes)?;
+        Some(Turn::new(matrix, scale, DVec3::ZERO))
+    }
 }
 
 /// One file: its rows and what they are.
 struct Loaded {
     parts: Vec<Part>,
+    /// Rows of the file, also those that were dropped.
     count: usize,
     sh_degree: u32,
     antialiased: bool,
+    encoding: SplatEncoding,
 }
 
-fn is_sog(file: &InputFile) -> bool {
-    file.0.ends_with(".json")
+impl Loaded {
+    fn new(parts: Vec<Part>, count: usize, sh_degree: u32) -> Self {
+        Self { parts, count, sh_degree, antialiased: false, encoding: SplatEncoding::Srgb }
+    }
+
+    /// Appends another part of the same file.
+    fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
+        if self.antialiased != other.antialiased || self.encoding != other.encoding {
+            return Err(Error::format(file, "holds splats of different filters or colour spaces").into());
+        }
+        let degree = self.sh_degree.max(other.sh_degree);
+        self.widen(degree);
+        let mut other = other;
+        other.widen(degree);
+        self.count += other.count;
+        self.parts.append(&mut other.parts);
+        Ok(self)
+    }
+
+    /// Fills up with coefficients of 0 to a higher degree.
+    fn widen(&mut self, degree: u32) {
+        if self.sh_degree == degree {
+            return;
+        }
+        let (own, wide) = (sh_rest(self.sh_degree) + 1, sh_rest(degree) + 1);
+        for part in &mut self.parts {
+            let filled = part
+                .sh
+                .chunks_exact(own)
+                .flat_map(|one| one.iter().copied().chain(std::iter::repeat_n([0.0; 3], wide - own)));
+            part.sh = filled.collect();
+        }
+        self.sh_degree = degree;
+    }
 }
 
-fn load(file: &InputFile, max_extent: f64, cx: &Context, notes: &mut Notes) -> Result<Loaded, NodeError> {
-    let bytes = cx.read(file)?;
-    if is_sog(file) {
-        return sog::load(file, &bytes, max_extent, cx);
+fn load(
+    file: &str,
+    bytes: &[u8],
+    fetch: &Fetch<'_>,
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    match Format::of(file, bytes)? {
+        Format::Ply => {
+            let header = ply_header::Header::read(file, bytes)?;
+            if ply_packed::is_packed(&header) {
+                ply_packed::load(file, bytes, &header, reading, notes)
+            } else {
+                ply::load(file, bytes, &header, reading, notes)
+            }
+        }
+        Format::Spz => spz::load(file, bytes, None, reading, notes),
+        Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, fetch, reading, notes),
+        Format::SogBundle => sog::load_bundle(file, bytes, reading, notes),
+        Format::Glb | Format::Gltf => gltf::load(file, bytes, fetch, reading, notes),
+        Format::Ksplat => ksplat::load(file, bytes, reading, notes),
+        Format::Splat => splat::load(file, bytes, reading, notes),
     }
-    let layout = ply::Layout::read(&file.0, &bytes)?;
-    if layout.has_filter() {
-        notes
-            .decision("filter-3d", format!("`filter_3D` of `{}` is applied to scales and opacities", file.0));
-    }
-    if !layout.unused.is_empty() {
-        let text =
-            format!("`{}`: {} fields are passed over: {}", file.0, layout.unused.len(), some(&layout.unused));
-        notes.decision("fields-passed-over", text);
-    }
-    let rows = layout.rows(&bytes);
-    let parts = read_rows(layout.count, cx, |index, sh| {
-        let row = rows.get(index * layout.stride..(index + 1) * layout.stride).unwrap_or(&[]);
-        layout.row(row, max_extent, sh)
-    })?;
-    Ok(Loaded { parts, count: layout.count, sh_degree: layout.sh_degree, antialiased: false })
 }
 
-/// The first few names of a list.
-fn some(names: &[String]) -> String {
-    let mut text = names.iter().take(4).map(String::as_str).collect::<Vec<_>>().join(", ");
-    if names.len() > 4 {
-        text.push_str(", ..");
-    }
-    text
+/// Reads splats of any format from memory, as [`LoadSplats`] does with its other parameters at their
+/// defaults. A format that needs files beside it is an error.
+pub fn from_bytes(
+    file: &str,
+    bytes: &[u8],
+    frame: Frame,
+    cx: &Context,
+) -> Result<(Splats, Notes), NodeError> {
+    let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
+    let reading = Reading { cx, placing, max_extent: 1e6 };
+    let mut notes = Notes::none();
+    let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` beside it")));
+    let loaded = load(file, bytes, &alone, &reading, &mut notes)?;
+    report(file, &loaded, false, &mut notes)?;
+    Ok((assemble(vec![loaded])?, notes))
 }
 
 impl Kind for LoadSplats {
     const NAME: &'static str = "load-splats";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -146,67 +233,41 @@ impl Kind for LoadSplats {
 
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut sources = Vec::new();
-        for file in std::iter::once(&params.path).chain(&params.more) {
-            let source = root.file(file);
-            if is_sog(file) {
-                let bytes = std::fs::read(&source.path)
-                    .map_err(|e| NodeError::new(format!("cannot read `{}`: {e}", source.path.display())))?;
-                let meta = sog::Meta::read(&file.0, &bytes)?;
-                sources.extend(meta.files().map(|name| root.beside(&source, name)));
+        for named in std::iter::once(&params.path).chain(&params.more) {
+            for file in source::expand(named, &root.file(named).path)? {
+                sources.extend(source::with_companions(&file, root)?);
             }
-            sources.push(source);
         }
         Ok(sources)
     }
 
     fn run(params: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
+        let placing = Placing { frame: params.frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
+        let reading = Reading { cx, placing, max_extent: params.max_extent };
+        let mut names = Vec::new();
+        for (field, named) in
+            std::iter::once(("path", &params.path)).chain(params.more.iter().map(|file| ("more", file)))
+        {
+            let expanded = source::expand(named, &cx.source(named).path).map_err(|e| e.at(field))?;
+            names.extend(expanded.into_iter().map(|file| (field, file)));
+        }
         let mut files = Vec::new();
-        for file in std::iter::once(&params.path).chain(&params.more) {
-            let loaded = load(file, params.max_extent, cx, &mut notes).map_err(|e| e.at("path"))?;
-            report(file, &loaded, params.strict, &mut notes)?;
-            files.push(loaded);
+        let total = names.len() as f32;
+        for (done, (field, file)) in names.iter().enumerate() {
+            cx.progress(done as f32 / total);
+            let fetch = |name: &str| cx.read_beside(file, name);
+            let read = || {
+                let bytes = cx.read(file)?;
+                let loaded = load(&file.0, &bytes, &fetch, &reading, &mut notes)?;
+                report(&file.0, &loaded, params.strict, &mut notes)?;
+                Ok(loaded)
+            };
+            let mut read = read;
+            files.push(read().map_err(|e: NodeError| e.at(field))?);
         }
-        let sh_degree = files.iter().map(|file| file.sh_degree).max().unwrap_or(0);
-        let antialiased = files.iter().any(|file| file.antialiased);
-        if files.iter().any(|file| file.antialiased != antialiased) {
-            let what = "some of the files say that they were trained antialiased and some do not";
-            return Err(NodeError::new(what).at("more").hint("load them as scenes of their own"));
-        }
-        let total: usize = files.iter().flat_map(|file| &file.parts).map(|part| part.rows.len()).sum();
-        let sh_len = ((sh_degree + 1) * (sh_degree + 1)) as usize;
-        let finer = files.iter().flat_map(|file| &file.parts).any(|part| part.finer);
-        let mut splats = Splats {
-            means: Vec::with_capacity(total),
-            means_low: Vec::new(),
-            quats: Vec::with_capacity(total),
-            scales: Vec::with_capacity(total),
-            opacities: Vec::with_capacity(total),
-            sh_degree,
-            sh: Vec::with_capacity(total * sh_len),
-            encoding: SplatEncoding::Srgb,
-            antialiased,
-        };
-        for file in files {
-            let own_len = ((file.sh_degree + 1) * (file.sh_degree + 1)) as usize;
-            for part in file.parts {
-                splats.means.extend(part.rows.iter().map(|row| row.mean));
-                if finer {
-                    splats.means_low.extend(part.rows.iter().map(|row| row.mean_low));
-                }
-                splats.quats.extend(part.rows.iter().map(|row| row.quat));
-                splats.scales.extend(part.rows.iter().map(|row| row.scale));
-                splats.opacities.extend(part.rows.iter().map(|row| row.opacity));
-                if own_len == sh_len {
-                    splats.sh.extend_from_slice(&part.sh);
-                } else {
-                    for own in part.sh.chunks_exact(own_len) {
-                        splats.sh.extend_from_slice(own);
-                        splats.sh.extend(std::iter::repeat_n([0.0; 3], sh_len - own_len));
-                    }
-                }
-            }
-        }
+        let splats = assemble(files)?;
+        cx.count("splats", splats.len() as u64);
         if splats.is_empty() {
             notes.warning("no-splats", "the scene holds no splat that can be drawn");
         }
@@ -214,10 +275,51 @@ impl Kind for LoadSplats {
     }
 }
 
+/// Joins the parts of files into one scene, in order.
+fn assemble(mut files: Vec<Loaded>) -> Result<Splats, NodeError> {
+    let sh_degree = files.iter().map(|file| file.sh_degree).max().unwrap_or(0);
+    let first = files.first().map(|file| (file.antialiased, file.encoding));
+    let (antialiased, encoding) = first.unwrap_or((false, SplatEncoding::Srgb));
+    for (what, differs) in [
+        ("were trained antialiased", files.iter().any(|file| file.antialiased != antialiased)),
+        ("hold linear colours", files.iter().any(|file| file.encoding != encoding)),
+    ] {
+        if differs {
+            let what = format!("some of the files say that they {what} and some do not");
+            return Err(NodeError::new(what).at("more").hint("load them as scenes of their own"));
+        }
+    }
+    files.iter_mut().for_each(|file| file.widen(sh_degree));
+    let total: usize = files.iter().flat_map(|file| &file.parts).map(|part| part.rows.len()).sum();
+    let finer = files.iter().flat_map(|file| &file.parts).any(|part| part.finer);
+    let mut splats = Splats {
+        means: Vec::with_capacity(total),
+        means_low: Vec::with_capacity(if finer { total } else { 0 }),
+        quats: Vec::with_capacity(total),
+        scales: Vec::with_capacity(total),
+        opacities: Vec::with_capacity(total),
+        sh_degree,
+        sh: Vec::with_capacity(total * (sh_rest(sh_degree) + 1)),
+        encoding,
+        antialiased,
+    };
+    for part in files.into_iter().flat_map(|file| file.parts) {
+        splats.means.extend(part.rows.iter().map(|row| row.mean));
+        if finer {
+            splats.means_low.extend(part.rows.iter().map(|row| row.mean_low));
+        }
+        splats.quats.extend(part.rows.iter().map(|row| row.quat));
+        splats.scales.extend(part.rows.iter().map(|row| row.scale));
+        splats.opacities.extend(part.rows.iter().map(|row| row.opacity));
+        splats.sh.extend_from_slice(&part.sh);
+    }
+    Ok(splats)
+}
+
 /// Tells what was dropped, or stops at it.
-fn report(file: &InputFile, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
+fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
     if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
-        let what = format!("`{}`: splat {row} is one {}", file.0, fault.words());
+        let what = format!("`{file}`: splat {row} is one {}", fault.words());
         return Err(NodeError::new(what)
             .at("path")
             .hint("`strict: false` drops such splats and counts them"));
@@ -227,12 +329,11 @@ fn report(file: &InputFile, loaded: &Loaded, strict: bool, notes: &mut Notes) ->
         let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
         all += dropped;
         if dropped > 0 {
-            notes.count(fault.id(), dropped, format!("splats of `{}` {}; dropped", file.0, fault.words()));
+            notes.count(fault.id(), dropped, format!("splats of `{file}` {}; dropped", fault.words()));
         }
     }
     if all * 2 > loaded.count as u64 {
-        let text =
-            format!("{all} of {} splats of `{}` were dropped; is the file whole?", loaded.count, file.0);
+        let text = format!("{all} of {} splats of `{file}` were dropped; is the file whole?", loaded.count);
         notes.warning("mostly-dropped", text);
     }
     Ok(())

@@ -1,227 +1,347 @@
-use engine::{Scene, Up};
+//! Small files of every format, written here byte by byte, and what hostile hands make of them.
+
+mod build;
+mod hostile;
+mod inria;
+mod placed;
+
+use engine::{Kind, Note};
 
 use super::*;
+use crate::testing::context;
+use build::{Packed, PlyRow};
 
-/// A binary little-endian PLY of float rows.
-fn ply(fields: &[&str], rows: &[Vec<f32>], promised: u64) -> Vec<u8> {
-    let mut text = format!("ply\nformat binary_little_endian 1.0\nelement vertex {promised}\n");
-    for field in fields {
-        text.push_str(&format!("property float {field}\n"));
+fn read(bytes: &[u8]) -> Result<(Splats, Notes), NodeError> {
+    from_bytes("a", bytes, Frame::ByFormat, &context())
+}
+
+fn counts(notes: &Notes) -> Vec<(String, String)> {
+    let dropped = notes.iter().filter(|note| note.level == engine::Level::Count);
+    dropped.map(|Note { id, text, .. }| (id.clone(), text.split(' ').next().unwrap().to_owned())).collect()
+}
+
+fn near(a: &[f32], b: &[f32], bar: f32) {
+    assert_eq!(a.len(), b.len());
+    for (x, y) in a.iter().zip(b) {
+        assert!((x - y).abs() <= bar, "{a:?} {b:?}");
     }
-    text.push_str("end_header\n");
-    let mut bytes = text.into_bytes();
-    for value in rows.iter().flatten() {
-        bytes.extend_from_slice(&value.to_le_bytes());
-    }
-    bytes
 }
 
-const PLAIN: [&str; 14] = [
-    "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0",
-    "rot_1", "rot_2", "rot_3",
-];
-
-fn good(x: f32) -> Vec<f32> {
-    vec![x, 2.0, 3.0, 0.1, 0.2, 0.3, 0.5, -3.0, -2.0, -1.0, 1.0, 0.5, -0.5, 0.25]
-}
-
-fn with(mut row: Vec<f32>, field: &str, value: f32) -> Vec<f32> {
-    let at = PLAIN.iter().position(|name| *name == field).expect("a field");
-    row[at] = value;
-    row
-}
-
-fn read(bytes: &[u8], strict: bool) -> Result<(Arc<Splats>, Notes), NodeError> {
-    let folder = tempfile::tempdir().expect("a folder");
-    std::fs::write(folder.path().join("a.ply"), bytes).expect("writes");
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
-    let params =
-        LoadSplats { path: InputFile("a.ply".to_owned()), more: Vec::new(), strict, max_extent: 1e6 };
-    LoadSplats::run(&params, In {}, &Context::detached(scene, folder.path()))
-        .map(|(out, notes)| (out.splats, notes))
-}
-
-fn counted(notes: &Notes, id: &str) -> Option<String> {
-    notes.iter().find(|note| note.id == id).map(|note| note.text.clone())
-}
-
+// users-metrics.md, section 5, row 1.
 #[test]
-fn activates_what_the_optimiser_stores() {
-    let (splats, _) = read(&ply(&PLAIN, &[good(1.0)], 1), true).expect("reads");
-    assert_eq!(splats.means, [[1.0, 2.0, 3.0]]);
-    assert!(splats.means_low.is_empty());
-    assert!((splats.opacities[0] - 0.622_459_35).abs() < 1e-6);
-    for (scale, expected) in splats.scales[0].iter().zip([0.049_787_07, 0.135_335_28, 0.367_879_44]) {
-        assert!((scale - expected).abs() < 1e-7);
-    }
-    let length = 1.5625_f32.sqrt();
-    assert_eq!(splats.quats[0], [1.0, 0.5, -0.5, 0.25].map(|q| q / length));
-    assert_eq!((splats.sh_degree, splats.sh.as_slice()), (0, &[[0.1, 0.2, 0.3]][..]));
+fn zero_quaternions_are_dropped_and_counted() {
+    let mut rows = vec![PlyRow::default(); 5];
+    rows[1].rotation = [0.0; 4];
+    rows[4].rotation = [0.0; 4];
+    let (splats, notes) = read(&build::ply(&rows, 0)).unwrap();
+    assert_eq!(counts(&notes), [("zero-quaternion".to_owned(), "2".to_owned())]);
+    let (others, _) = read(&build::ply(&[rows[0].clone(), rows[2].clone(), rows[3].clone()], 0)).unwrap();
+    assert_eq!(splats, others);
 }
 
-// Rows 1, 3 and 4 of the table of extremes.
+// Row 2.
 #[test]
-fn broken_rows_are_dropped_and_counted_by_reason() {
-    let zero = ["rot_0", "rot_1", "rot_2", "rot_3"].iter().fold(good(9.0), |row, name| with(row, name, 0.0));
-    let rows = vec![
-        good(1.0),
-        zero,
-        with(good(9.0), "f_dc_1", f32::NAN),
-        with(good(9.0), "y", f32::INFINITY),
-        with(good(9.0), "scale_1", 88.0),
-        with(good(9.0), "scale_1", 200.0),
-        with(good(9.0), "scale_2", f32::NEG_INFINITY),
-        good(2.0),
+fn quaternions_of_any_length_become_units() {
+    let rows = [1e-20, 1e20, 3e38, 1e-44].map(|length| PlyRow {
+        rotation: [0.5 * length, -0.5 * length, 0.5 * length, 0.5 * length],
+        ..PlyRow::default()
+    });
+    let (splats, _) = read(&build::ply(&rows, 0)).unwrap();
+    assert_eq!(splats.len(), 4);
+    for quat in splats.quats {
+        near(&quat, &[0.5, -0.5, 0.5, 0.5], 1e-7);
+    }
+}
+
+// Row 3: every field of its own, dropped, or named when strict.
+#[test]
+fn what_is_not_finite_is_dropped_or_named() {
+    let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
+    for field in 0..fields / 4 {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut bytes = build::ply(&vec![PlyRow::default(); 3], 3);
+            let at = bytes.len() - 2 * fields + field * 4;
+            bytes[at..at + 4].copy_from_slice(&bad.to_le_bytes());
+            let (splats, notes) = read(&bytes).unwrap();
+            // Normals are not used. An opacity or a scale of -inf would be 0, but is a sign of harm all the same.
+            let kept = if (3..6).contains(&field) { 3 } else { 2 };
+            assert_eq!(splats.len(), kept, "field {field} {bad}");
+            assert_eq!(counts(&notes).len(), 3 - kept);
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let mut rows = vec![PlyRow::default(); 40_000];
+    rows[33_333].opacity = f32::NAN;
+    std::fs::write(folder.path().join("a.ply"), build::ply(&rows, 0)).unwrap();
+    let cx = Context::detached(engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let mut params = LoadSplats {
+        path: InputFile("a.ply".into()),
+        more: Vec::new(),
+        strict: true,
+        max_extent: 1e6,
+        frame: Frame::ByFormat,
+    };
+    let error = LoadSplats::run(&params, In {}, &cx).err().unwrap();
+    assert!(error.message().contains("splat 33333 "), "{error}");
+    params.strict = false;
+    assert_eq!(LoadSplats::run(&params, In {}, &cx).unwrap().0.splats.len(), 39_999);
+}
+
+// Rows 4, 5 and 6.
+#[test]
+fn scales_and_opacities_at_the_ends() {
+    let row = |scale: f32, opacity: f32| PlyRow { scale: [scale, -1.0, -1.0], opacity, ..PlyRow::default() };
+    let rows = [
+        row(88.0, 0.0),
+        row(200.0, 0.0),
+        row(1e30, 0.0),
+        row(-40.0, 0.0),
+        row(0.0, 1000.0),
+        row(0.0, -1000.0),
     ];
-    let bytes = ply(&PLAIN, &rows, 8);
-    let (splats, notes) = read(&bytes, false).expect("reads");
-    assert_eq!(splats, read(&ply(&PLAIN, &[good(1.0), good(2.0)], 2), true).expect("reads").0);
-    assert!(counted(&notes, "zero-quaternion").is_some_and(|text| text.starts_with("1 ")));
-    assert!(counted(&notes, "not-finite").is_some_and(|text| text.starts_with("3 ")));
-    assert!(counted(&notes, "too-large").is_some_and(|text| text.starts_with("2 ")));
-    assert!(counted(&notes, "mostly-dropped").is_some());
-    let stopped = read(&bytes, true).expect_err("strict");
-    assert!(stopped.message().contains("splat 1 "), "{stopped}");
+    let (splats, notes) = read(&build::ply(&rows, 0)).unwrap();
+    assert_eq!(counts(&notes), [("too-large".to_owned(), "3".to_owned())]);
+    assert!(splats.scales[0][0] > 0.0 && splats.scales[0][0] < 1e-17);
+    assert_eq!(splats.opacities, [0.5, 1.0, 0.0]);
 }
 
-// Rows 2, 5 and 6.
+// Row 7.
 #[test]
-fn extremes_that_can_be_drawn_are_kept() {
-    let tiny =
-        ["rot_0", "rot_1", "rot_2", "rot_3"].iter().fold(good(1.0), |row, name| with(row, name, 1e-20));
-    let huge = ["rot_0", "rot_1", "rot_2", "rot_3"].iter().fold(good(1.0), |row, name| with(row, name, 1e20));
-    let small = with(good(1.0), "scale_0", -40.0);
-    let rows = [tiny, huge, small, with(good(1.0), "opacity", 1000.0), with(good(1.0), "opacity", -1000.0)];
-    let (splats, _) = read(&ply(&PLAIN, &rows, 5), true).expect("reads");
-    assert_eq!(splats.quats[0], [0.5; 4]);
-    assert_eq!(splats.quats[1], [0.5; 4]);
-    assert!(splats.scales[2][0] > 0.0);
-    assert_eq!(&splats.opacities[3..], [1.0, 0.0]);
+fn headers_that_lie_are_told_with_numbers() {
+    let bytes = build::ply(&vec![PlyRow::default(); 3], 0);
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    let promise = |n: &str| {
+        let at = text.find("vertex 3").unwrap() + 7;
+        [&bytes[..at], n.as_bytes(), &bytes[at + 1..]].concat()
+    };
+    for n in ["4", "4294967296", "18446744073709551615", "9223372036854775808"] {
+        let error = read(&promise(n)).err().unwrap();
+        assert!(error.message().contains(&format!("promises {n} rows")), "{error}");
+        assert!(error.message().contains("the file holds 3"), "{error}");
+    }
+    for n in ["-1", "x", "18446744073709551616", "1.5"] {
+        assert!(read(&promise(n)).is_err(), "{n}");
+    }
+    let (none, _) = read(&promise("0")).unwrap();
+    assert_eq!(none.len(), 0);
 }
 
-// Row 7: what the header promises is not believed before the bytes are there.
+// Row 8.
 #[test]
-fn headers_that_lie_are_errors() {
-    for promised in [2, 1 << 32, u64::MAX] {
-        let error = read(&ply(&PLAIN, &[good(1.0)], promised), false).expect_err("lies");
-        assert!(error.message().contains("promises") || error.message().contains("memory"), "{error}");
+fn degrees_extra_fields_and_filters() {
+    for degree in 0..=4 {
+        let mut row = PlyRow::default();
+        row.rest = (0..sh_rest(degree) * 3).map(|i| i as f32 / 64.0).collect();
+        let (splats, _) = read(&build::ply(&[row.clone(), row], degree)).unwrap();
+        assert_eq!((splats.sh_degree, splats.sh.len()), (degree, 2 * (sh_rest(degree) + 1)));
+        // Channel by channel in the file, triple by triple here.
+        for i in 0..sh_rest(degree) {
+            let each = sh_rest(degree);
+            assert_eq!(splats.sh[1 + i], [0, 1, 2].map(|c| (c * each + i) as f32 / 64.0));
+        }
     }
-    let (none, notes) = read(&ply(&PLAIN, &[], 0), true).expect("reads");
-    assert!(none.is_empty() && counted(&notes, "no-splats").is_some());
-    for (text, says) in [
-        ("plx\n", "not a PLY"),
-        ("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "ascii"),
-        ("ply\nformat binary_little_endian 1.0\nend_header\n", "vertex"),
-        ("ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nend_header\n", "`y`"),
-        ("ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty half x\nend_header\n", "`half`"),
-    ] {
-        let error = read(text.as_bytes(), false).expect_err("broken");
-        assert!(error.message().contains(says), "{error}");
+    let row = PlyRow { scale: [0.0, -1.0, -2.0], opacity: 0.4, ..PlyRow::default() };
+    let extra = [("base_occupancy_0", 7.0), ("filter_3D", 0.25), ("label", f32::NAN)];
+    let (splats, notes) = read(&build::ply_with(&[row], 0, &extra)).unwrap();
+    let sizes = [1.0, (-1.0_f64).exp_ref(), (-2.0_f64).exp_ref()];
+    let wide = sizes.map(|s| (s * s + 0.0625).sqrt());
+    near(&splats.scales[0], &wide.map(|s| s as f32), 1e-7);
+    let kept: f64 = sizes.iter().zip(wide).map(|(s, w)| s / w).product();
+    near(&splats.opacities, &[(kept / (1.0 + (-0.4_f32 as f64).exp_ref())) as f32], 1e-7);
+    let ids: Vec<&str> = notes.iter().map(|note| note.id.as_str()).collect();
+    assert_eq!(ids, ["filter-3d", "fields-passed-over"]);
+}
+
+trait ExpRef {
+    fn exp_ref(self) -> f64;
+}
+impl ExpRef for f64 {
+    /// The series of e^x, of 40 terms: a reference that shares nothing with the code.
+    fn exp_ref(self) -> f64 {
+        (1..40)
+            .fold((1.0, 1.0), |(sum, term), n| (sum + term * self / f64::from(n), term * self / f64::from(n)))
+            .0
     }
 }
 
 #[test]
-fn every_truncation_is_an_error_and_no_byte_flip_panics() {
-    let whole = ply(&PLAIN, &[good(1.0), good(2.0)], 2);
-    for end in 0..whole.len() {
-        assert!(ply::Layout::read("a", &whole[..end]).is_err(), "{end} bytes");
+fn compressed_ply_is_unpacked() {
+    let packed = Packed {
+        position: 2047 << 21 | 511 << 11,
+        rotation: 2 << 30 | 1023 << 20 | 512 << 10,
+        scale: 0x7ff,
+        colour: 0xff80_0033,
+        rest: vec![0, 255, 127, 128, 1, 254, 100, 200, 64],
+    };
+    let (splats, _) = read(&build::compressed_ply(&vec![packed; 257], 1)).unwrap();
+    assert_eq!((splats.len(), splats.sh_degree), (257, 1));
+    // The second chunk lies 10 further on.
+    let low = splats.means_low[256];
+    near(&splats.means[0], &[2.0, -1.0 + 3.0 * 511.0 / 1023.0, -1.0], 1e-6);
+    near(&splats.means[256], &[12.0, 9.0 + 3.0 * 511.0 / 1023.0, 9.0], 1e-5);
+    assert!(low.iter().all(|v| v.abs() < 1e-6));
+    near(&splats.scales[0], &[(-6.0_f64).exp_ref() as f32, (-6.0_f64).exp_ref() as f32, 1.0], 1e-6);
+    near(&splats.opacities[..1], &[0.2], 1e-7);
+    let half = std::f32::consts::SQRT_2;
+    let (a, b, c) = (half / 2.0, (512.0 / 1023.0 - 0.5) * half, -half / 2.0);
+    let left = (1.0 - a * a - b * b - c * c).max(0.0).sqrt();
+    let length = (a * a + b * b + c * c + left * left).sqrt();
+    near(&splats.quats[0], &[a, b, left, c].map(|q| q / length), 1e-6);
+    // Colours between -0.5 and 1.5.
+    let c0 = 0.282_094_8;
+    near(&splats.sh[0], &[1.0 / c0, (-0.5 + 2.0 * 128.0 / 255.0 - 0.5) / c0, -1.0 / c0], 1e-5);
+    let n = |byte: f32| {
+        (match byte {
+            0.0 => 0.0,
+            255.0 => 1.0,
+            b => (b + 0.5) / 256.0,
+        } - 0.5)
+            * 8.0
+    };
+    near(&splats.sh[1], &[n(0.0), n(128.0), n(100.0)], 1e-6);
+    near(&splats.sh[3], &[n(127.0), n(254.0), n(64.0)], 1e-6);
+}
+
+#[test]
+fn splat_rows_are_read() {
+    let (splats, _) = read(&build::splat(3)).unwrap();
+    assert_eq!((splats.len(), splats.sh_degree), (3, 0));
+    near(&splats.means[2], &[2.0, -2.0, 4.0], 0.0);
+    near(&splats.scales[2], &[0.5, 0.25, 0.0], 0.0);
+    near(&splats.opacities, &[51.0 / 255.0; 3], 1e-7);
+    // Bytes 192, 64, 192, 64: half, minus a half, ..
+    near(&splats.quats[0], &[0.5, -0.5, 0.5, -0.5], 1e-7);
+    near(&splats.sh[0], &[0.5 / 0.282_094_8, -0.5 / 0.282_094_8, (128.0 / 255.0 - 0.5) / 0.282_094_8], 1e-5);
+    // A negative size and a zero quaternion among good rows.
+    let mut bytes = build::splat(8);
+    bytes[12..16].copy_from_slice(&(-1.0_f32).to_le_bytes());
+    bytes[32 + 28..64].copy_from_slice(&[128; 4]);
+    let (splats, notes) = read(&bytes).unwrap();
+    assert_eq!(splats.len(), 6);
+    let ids = counts(&notes).into_iter().map(|(id, _)| id).collect::<Vec<_>>();
+    assert_eq!(ids, ["zero-quaternion", "negative-scale"]);
+}
+
+#[test]
+fn ksplat_of_every_level_is_the_same_scene() {
+    let mut scenes = Vec::new();
+    for level in 0..3 {
+        let (splats, _) = read(&build::ksplat(level, 2)).unwrap();
+        assert_eq!((splats.len(), splats.sh_degree), (5, 2));
+        scenes.push(splats);
     }
-    for at in 0..whole.len() {
-        for flip in [1, 0x10, 0x80, 0xff] {
-            let mut broken = whole.clone();
-            broken[at] ^= flip;
-            if let Ok(layout) = ply::Layout::read("a", &broken) {
-                for row in layout.rows(&broken).chunks_exact(layout.stride.max(1)) {
-                    let _ = layout.row(row, 1e6, &mut Vec::new());
-                }
+    for (level, scene) in scenes.iter().enumerate() {
+        for i in 0..5 {
+            let v = i as f32;
+            // 16 bits over buckets of 4 units: steps of 1/16384.
+            near(&scene.means[i], &[v * 0.25, 1.0 - v, -v], if level == 0 { 0.0 } else { 1e-4 });
+            near(&scene.scales[i], &[0.5, 0.25, 0.125], 0.0);
+            near(&scene.quats[i], &[0.5, -0.5, 0.5, 0.5], 1e-7);
+            near(&[scene.opacities[i]], &[102.0 / 255.0], 1e-7);
+            for (j, triple) in scene.sh[i * 9 + 1..(i + 1) * 9].iter().enumerate() {
+                let expected = [0, 1, 2].map(|c| build::harmonic(j, c));
+                near(triple, &expected, if level == 2 { 2.0 / 255.0 * 0.51 } else { 1e-7 });
             }
         }
     }
 }
 
-// Row 8: every degree, channel by channel; fields nobody knows; the filter of Mip-Splatting and MILo.
 #[test]
-fn degrees_extra_fields_and_the_filter_are_read() {
-    for (degree, rest) in [(0, 0_usize), (1, 9), (2, 24), (3, 45), (4, 72)] {
-        let names: Vec<String> = (0..rest).map(|i| format!("f_rest_{i}")).collect();
-        let mut fields = PLAIN.to_vec();
-        fields.extend(names.iter().map(String::as_str));
-        fields.push("base_occupancy_0");
-        let mut row = good(1.0);
-        row.extend((0..rest).map(|i| i as f32));
-        row.push(f32::NAN);
-        let (splats, notes) = read(&ply(&fields, &[row], 1), true).expect("reads");
-        assert_eq!(splats.sh_degree, degree);
-        assert_eq!(splats.sh.len(), rest / 3 + 1);
-        for (i, triple) in splats.sh[1..].iter().enumerate() {
-            let each = rest / 3;
-            assert_eq!(*triple, [i, each + i, 2 * each + i].map(|v| v as f32));
+fn spz_of_every_version_is_the_same_scene() {
+    let mut scenes = Vec::new();
+    for version in 1..=4 {
+        let bytes = build::spz(version, 1);
+        let up = Frame::AsStored;
+        let (splats, notes) = from_bytes("a", &bytes, up, &context()).unwrap();
+        assert_eq!((splats.len(), splats.sh_degree, splats.antialiased), (3, 1, true));
+        assert_eq!(notes.iter().any(|note| note.id == "coarse-rotations"), version <= 2);
+        scenes.push(splats);
+    }
+    for (version, scene) in (1..).zip(&scenes) {
+        near(&scene.means[1], &[1.5, -2.25, 0.125], 0.0);
+        near(&scene.means[2], &[3.0, -4.5, 0.25], 0.0);
+        near(&scene.scales[0], &[(-1.0_f64).exp_ref() as f32, 1.0, (-2.5_f64).exp_ref() as f32], 1e-6);
+        near(&scene.opacities, &[0.0, 51.0 / 255.0, 1.0], 1e-7);
+        // Half a step of 1/127.5, or of sqrt(1/2)/511.
+        let bar = if version <= 2 { 0.008 } else { 0.0011 };
+        near(&scene.quats[0], &[0.8, 0.0, 0.36, -0.48], bar);
+        near(
+            &scene.sh[0],
+            &[0.0, 0.5 / 0.15, -0.5 / 0.15].map(|v| v + if v == 0.0 { 0.5 / 255.0 / 0.15 } else { 0.0 }),
+            1e-5,
+        );
+        near(&scene.sh[1], &[-1.0, 0.0, 0.5], 0.0);
+    }
+    // From version 3 on only the packing differs.
+    assert_eq!(scenes[2], scenes[3]);
+    assert_eq!(scenes[0].means, scenes[3].means);
+}
+
+#[test]
+fn sog_versions_and_wrappings_agree() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, version) in [("two", 2), ("one", 1)] {
+        let chunk = folder.path().join(name);
+        std::fs::create_dir(&chunk).unwrap();
+        for (file, bytes) in build::sog(version) {
+            std::fs::write(chunk.join(file), bytes).unwrap();
         }
-        assert!(counted(&notes, "fields-passed-over").is_some_and(|text| text.contains("base_occupancy_0")));
     }
-    let mut fields = PLAIN.to_vec();
-    fields.push("filter_3D");
-    let mut row = good(1.0);
-    row.push(0.2);
-    let (splats, notes) = read(&ply(&fields, &[row], 1), true).expect("reads");
-    assert!(counted(&notes, "filter-3d").is_some());
-    let plain = [-3.0, -2.0, -1.0].map(num_exp);
-    let wide = plain.map(|s| (s * s + 0.04_f64).sqrt());
-    for (scale, expected) in splats.scales[0].iter().zip(wide) {
-        assert!((f64::from(*scale) - expected).abs() < 1e-7);
+    std::fs::write(folder.path().join("three.sog"), build::zip("inner/", &build::sog(2), false)).unwrap();
+    std::fs::write(folder.path().join("zour.sog"), build::zip("", &build::sog(2), true)).unwrap();
+    std::fs::write(folder.path().join("readme.txt"), "no splats").unwrap();
+    let cx = Context::detached(engine::Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let root = SourceRoot::new(folder.path());
+    let load = |path: &str| {
+        let params = LoadSplats {
+            path: InputFile(path.to_owned()),
+            more: Vec::new(),
+            strict: true,
+            max_extent: 1e6,
+            frame: Frame::ByFormat,
+        };
+        let sources = LoadSplats::sources(&params, &root).unwrap();
+        (LoadSplats::run(&params, In {}, &cx).unwrap().0.splats, sources)
+    };
+    let (two, sources) = load("two/meta.json");
+    assert_eq!(sources.len(), 8);
+    assert!(sources.iter().all(|source| source.path.is_file() && source.name.starts_with("two/")));
+    near(&two.means[3], &[19.0, -0.5, 0.0], 1e-3);
+    near(&two.opacities[3..4], &[1.0], 1e-6);
+    assert_eq!(two.sh_degree, 1);
+    for (path, count) in [("two", 8), ("three.sog", 1), ("zour.sog", 1)] {
+        let (other, sources) = load(path);
+        assert_eq!((&other, sources.len()), (&two, count), "{path}");
     }
-    let kept: f64 = plain.iter().zip(wide).map(|(s, w)| s / w).product();
-    assert!((f64::from(splats.opacities[0]) - 0.622_459_331 * kept).abs() < 1e-7);
-}
-
-fn num_exp(x: f64) -> f64 {
-    crate::num::f64::exp(x)
-}
-
-// Surveyed frames have centres in f64; f32 alone would round them to decimetres.
-#[test]
-fn centres_in_f64_keep_their_digits() {
-    let text =
-        "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty double x\nproperty double y\n\
-                property double z\n"
-            .to_owned()
-            + &PLAIN[3..].iter().map(|name| format!("property float {name}\n")).collect::<String>()
-            + "end_header\n";
-    let mut bytes = text.into_bytes();
-    let centre = [4_512_345.123_456_7, 5.0, -1e7 - 0.001];
-    centre.iter().for_each(|v: &f64| bytes.extend_from_slice(&v.to_le_bytes()));
-    good(1.0)[3..].iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
-    let (splats, _) = read(&bytes, true).expect("reads");
-    let off = splats.mean(0) - glam::DVec3::from(centre);
-    assert!(off.length() < 1e-7, "{off}");
+    let (one, _) = load("one");
+    near(one.means.as_flattened(), two.means.as_flattened(), 0.0);
+    near(one.scales.as_flattened(), two.scales.as_flattened(), 1e-6);
+    near(one.sh.as_flattened(), two.sh.as_flattened(), 1e-6);
+    // Version 1 spaces logits evenly, here from -1 to 20.
+    near(&one.opacities[1..2], &[(1.0 / (1.0 + (1.0 - 21.0 * 30.0 / 255.0_f64).exp_ref())) as f32], 1e-6);
+    // The folder of all: one, three, two, zour.
+    let (all, sources) = load(".");
+    assert_eq!((all.len(), sources.len()), (4 * two.len(), 8 + 1 + 8 + 1));
+    assert_eq!(all.opacities[..one.len()], one.opacities[..]);
 }
 
 #[test]
-fn files_of_a_scene_are_appended_at_the_higher_degree() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let names: Vec<String> = (0..9).map(|i| format!("f_rest_{i}")).collect();
-    let mut fields = PLAIN.to_vec();
-    fields.extend(names.iter().map(String::as_str));
-    let mut row = good(2.0);
-    row.extend([7.0; 9]);
-    std::fs::write(folder.path().join("a.ply"), ply(&PLAIN, &[good(1.0)], 1)).expect("writes");
-    std::fs::write(folder.path().join("b.ply"), ply(&fields, &[row], 1)).expect("writes");
-    let file = |name: &str| InputFile(name.to_owned());
-    let params = LoadSplats { path: file("a.ply"), more: vec![file("b.ply")], strict: true, max_extent: 1e6 };
-    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
-    let cx = Context::detached(scene, folder.path());
-    let splats = LoadSplats::run(&params, In {}, &cx).expect("reads").0.splats;
-    assert_eq!((splats.len(), splats.sh_degree, splats.sh.len()), (2, 1, 8));
-    assert_eq!(splats.sh[1..4], [[0.0; 3]; 3]);
-    assert_eq!(splats.sh[5..8], [[7.0; 3]; 3]);
-    let bytes = engine::encode_to_vec(&*splats);
-    assert_eq!(engine::decode_all::<Splats>(&bytes).expect("decodes"), *splats);
-}
-
-#[test]
-fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
-    let says = |text: &str| sog::Meta::read("meta.json", text.as_bytes()).expect_err("refused").to_string();
-    assert!(says("{}").contains("version 0"));
-    assert!(says("{\"version\": 2}").contains("missing field"));
-    assert!(says("[").contains("no SOG"));
+fn unknown_content_is_refused_in_words() {
+    for (bytes, says) in [
+        (&b""[..], "empty"),
+        (b"\x89PNG\r\n\x1a\n rest of a picture that is no scene at all", "no known format"),
+        (b"{\"frames\": []}", "neither glTF nor"),
+        (b"ply\nformat ascii 1.0\nend_header\n", "binary_little_endian"),
+        (b"ply\nformat binary_little_endian 1.0\nelement face 0\nend_header\n", "no element `vertex`"),
+        (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nend_header\n",
+            "no field",
+        ),
+        (b"{\"version\": 7, \"means\": {}}", "SOG version 7"),
+        (b"{\"asset\": {\"version\": \"2.0\"}}", "is it a mesh"),
+        (b"NGSP\x05\0\0\0\0\0\0\0\0\0\0\0", "version 5"),
+    ] {
+        let error = read(bytes).err().unwrap();
+        assert!(error.message().contains(says), "{error}");
+    }
 }

@@ -5,6 +5,7 @@
 #![allow(clippy::print_stdout, reason = "figures are for those who run with --nocapture")]
 
 mod files;
+mod formats;
 mod light;
 mod metrics;
 mod splat;

@@ -1,0 +1,209 @@
+//! From the frame of a file to the world of the graph.
+
+use engine::Up;
+use glam::{DMat3, DVec3};
+
+use super::rows::Row;
+use super::sh_turn::ShTurn;
+
+engine::choices! {
+    /// Which way is up in a file of splats.
+    pub enum Frame {
+        /** What the format says: +y for SPZ and glTF, nothing for the others, which stay as stored. */
+        ByFormat,
+        /** As stored, whatever the format says. */
+        AsStored,
+        /** +y is up. */
+        YUp,
+        /** -y is up, as COLMAP often gives. */
+        YDown,
+        /** +z is up. */
+        ZUp,
+    }
+}
+
+/// The rotation from the right-handed Y-up frame of glTF to a world with `up`.
+pub fn from_y_up(up: Up) -> DMat3 {
+    match up {
+        Up::PlusY => DMat3::IDENTITY,
+        Up::MinusY => DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+        Up::PlusZ => DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
+    }
+}
+
+impl Frame {
+    /// The axis that is up, where the file or the user says so.
+    pub fn up(self, declared: Option<Up>) -> Option<Up> {
+        match self {
+            Self::ByFormat => declared,
+            Self::AsStored => None,
+            Self::YUp => Some(Up::PlusY),
+            Self::YDown => Some(Up::MinusY),
+            Self::ZUp => Some(Up::PlusZ),
+        }
+    }
+}
+
+/// A similarity: turns (or mirrors), scales evenly and moves.
+#[derive(Debug, Clone)]
+pub struct Turn {
+    matrix: DMat3,
+    scale: f64,
+    offset: DVec3,
+    /// Rotation part (w, x, y, z) of `matrix`, or of its negative where that mirrors: a Gaussian is its
+    /// own mirror image through its centre.
+    quat: [f64; 4],
+    sh: ShTurn,
+}
+
+impl Turn {
+    /// `x` becomes `scale * matrix * x + offset`; `matrix` is orthogonal.
+    pub fn new(matrix: DMat3, scale: f64, offset: DVec3) -> Self {
+        let proper = if matrix.determinant() < 0.0 { -matrix } else { matrix };
+        Self { matrix, scale, offset, quat: quaternion(proper), sh: ShTurn::new(matrix) }
+    }
+
+    /// Splits an affine map into a similarity; `None` where its axes are scaled unevenly or sheared.
+    pub fn of_linear(linear: DMat3, offset: DVec3) -> Option<Self> {
+        let scale = linear.x_axis.length();
+        if !(scale > 0.0 && scale.is_finite() && offset.is_finite()) {
+            return None;
+        }
+        let matrix = linear * (1.0 / scale);
+        let [x, y, z] = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+        // Single precision matrices multiplied a few times are orthogonal to about 1e-6.
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-4;
+        let similar = near(y.length(), 1.0)
+            && near(z.length(), 1.0)
+            && near(x.dot(y), 0.0)
+            && near(x.dot(z), 0.0)
+            && near(y.dot(z), 0.0);
+        similar.then(|| {
+            let y = (y - x * x.dot(y)).normalize();
+            let across = x.cross(y);
+            let z = if across.dot(z) < 0.0 { -across } else { across };
+            Self::new(DMat3::from_cols(x, y, z), scale, offset)
+        })
+    }
+
+    /// Turns a splat and its colour.
+    pub fn apply(&self, row: &mut Row, sh: &mut [[f32; 3]]) {
+        let mean = DVec3::from(row.mean.map(f64::from)) + DVec3::from(row.mean_low.map(f64::from));
+        row.set_mean((self.matrix * mean * self.scale + self.offset).to_array());
+        let [a, b, c, d] = self.quat;
+        let [w, x, y, z] = row.quat.map(f64::from);
+        row.quat = [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ]
+        .map(|q| q as f32);
+        row.scale = row.scale.map(|s| (f64::from(s) * self.scale) as f32);
+        self.sh.apply(sh);
+    }
+}
+
+/// The quaternion (w, x, y, z) of a rotation: the largest of four candidates, so that no root of a small
+/// difference is divided by.
+fn quaternion(m: DMat3) -> [f64; 4] {
+    let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
+    let squares =
+        [1.0 + x.x + y.y + z.z, 1.0 + x.x - y.y - z.z, 1.0 - x.x + y.y - z.z, 1.0 - x.x - y.y + z.z];
+    let largest = (1..4).fold(0, |best, i| if squares[i] > squares[best] { i } else { best });
+    let twice = squares[largest].max(0.0).sqrt();
+    let (half, by) = (twice * 0.5, 0.5 / twice);
+    match largest {
+        0 => [half, (y.z - z.y) * by, (z.x - x.z) * by, (x.y - y.x) * by],
+        1 => [(y.z - z.y) * by, half, (x.y + y.x) * by, (z.x + x.z) * by],
+        2 => [(z.x - x.z) * by, (x.y + y.x) * by, half, (y.z + z.y) * by],
+        _ => [(x.y - y.x) * by, (z.x + x.z) * by, (y.z + z.y) * by, half],
+    }
+}
+
+/// What decides how a file is brought into the world.
+#[derive(Debug, Clone, Copy)]
+pub struct Placing {
+    /// The user's word.
+    pub frame: Frame,
+    /// Up in the world.
+    pub up: Up,
+    /// Metres a world unit.
+    pub metres_per_unit: f64,
+}
+
+impl Placing {
+    /// The turn from a file whose format says that `declared` is up, in metres where `metres`. `None` where
+    /// nothing is to be done. The text says what was decided, `None` where there was nothing to decide.
+    pub fn turn(&self, declared: Option<Up>, metres: bool) -> (Option<(DMat3, f64)>, Option<String>) {
+        let scale = if metres && self.frame != Frame::AsStored { 1.0 / self.metres_per_unit } else { 1.0 };
+        let Some(up) = self.frame.up(declared) else {
+            let text =
+                declared.map(|up| format!("is used as stored, though its format has {} up", up.name()));
+            return (None, text);
+        };
+        let matrix = from_y_up(self.up) * from_y_up(up).transpose();
+        let by = if self.frame == Frame::ByFormat { "by its format" } else { "as `frame` says" };
+        let units = if scale == 1.0 { String::new() } else { format!(", and scaled by {scale}") };
+        let text = format!("has {} up {by}; turned to {} up{units}", up.name(), self.up.name());
+        let idle = matrix == DMat3::IDENTITY && scale == 1.0;
+        ((!idle).then_some((matrix, scale)), Some(text))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn covariance(row: &Row) -> DMat3 {
+        let [w, x, y, z] = row.quat.map(f64::from);
+        let r = DMat3::from_cols(
+            DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+            DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+            DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+        );
+        let c = r * DMat3::from_diagonal(DVec3::from(row.scale.map(f64::from)));
+        c * c.transpose()
+    }
+
+    fn row() -> Row {
+        Row::checked([1.0, -2.0, 3.0], [0.3, -0.5, 0.7, 0.4], [0.1, 0.2, 0.5], 0.5, 1e6).unwrap()
+    }
+
+    #[test]
+    fn covariances_turn_with_the_matrix() {
+        let s = 0.5_f64.sqrt();
+        let rotation = DMat3::from_cols_array(&[s, s, 0.0, -0.5, 0.5, s, 0.5, -0.5, s]);
+        let mirror = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
+        for matrix in [rotation, rotation * rotation, mirror, -rotation, from_y_up(Up::PlusZ)] {
+            let turn = Turn::of_linear(matrix * 2.0, DVec3::new(5.0, 6.0, 7.0)).unwrap();
+            let mut turned = row();
+            turn.apply(&mut turned, &mut []);
+            let expected = matrix * covariance(&row()) * matrix.transpose() * 4.0;
+            assert!((covariance(&turned) - expected).to_cols_array().iter().all(|d| d.abs() < 1e-6));
+            let mean = matrix * DVec3::new(1.0, -2.0, 3.0) * 2.0 + DVec3::new(5.0, 6.0, 7.0);
+            let low = DVec3::from(turned.mean_low.map(f64::from));
+            assert!((DVec3::from(turned.mean.map(f64::from)) + low - mean).length() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn uneven_maps_are_refused() {
+        assert!(Turn::of_linear(DMat3::from_diagonal(DVec3::new(1.0, 2.0, 1.0)), DVec3::ZERO).is_none());
+        assert!(Turn::of_linear(DMat3::ZERO, DVec3::ZERO).is_none());
+        assert!(Turn::of_linear(DMat3::IDENTITY, DVec3::splat(f64::NAN)).is_none());
+    }
+
+    // The rule of the design for everything that is Y-up.
+    #[test]
+    fn up_stays_up_and_back_again() {
+        let v = DVec3::new(1.0, 2.0, 3.0);
+        assert_eq!(from_y_up(Up::PlusZ) * v, DVec3::new(1.0, -3.0, 2.0));
+        assert_eq!(from_y_up(Up::MinusY) * v, DVec3::new(1.0, -2.0, -3.0));
+        let placing = Placing { frame: Frame::ZUp, up: Up::PlusZ, metres_per_unit: 2.0 };
+        assert!(placing.turn(None, false).0.is_none());
+        let placing = Placing { frame: Frame::ByFormat, up: Up::PlusY, metres_per_unit: 2.0 };
+        assert!(placing.turn(None, false).1.is_none());
+        assert_eq!(placing.turn(Some(Up::PlusY), true).0, Some((DMat3::IDENTITY, 0.5)));
+    }
+}

@@ -1,0 +1,121 @@
+//! SPZ version 3 (nianticlabs/spz): one gzip stream, which every reader of the format knows; version 4 saves
+//! a little more space and is read by few. Harmonics keep their 8 bits, where the reference rounds to 5 and 4.
+
+use std::io::Write;
+
+use engine::{Context, NodeError, Notes};
+
+use super::chunks;
+use crate::load_splats::{SPZ_COLOUR_SCALE, sh_rest};
+use crate::num;
+use crate::types::Splats;
+
+/// Bits behind the point where the scene allows: 1/65536 of a unit. The reference always writes 12.
+const FRACTION_BITS: u32 = 16;
+/// What fits into 24 bits with sign.
+const LARGEST: f64 = 8_388_607.0;
+
+/// The attributes of some splats, each in its own stream, and how many numbers were cut to their range.
+#[derive(Default)]
+struct Part {
+    streams: [Vec<u8>; 6],
+    scales: u64,
+    colours: u64,
+    harmonics: u64,
+}
+
+/// Rounds to a byte; adds to `cut` what lies more than a step outside.
+fn byte(value: f64, cut: &mut u64) -> u8 {
+    let rounded = (value + 0.5).floor();
+    *cut += u64::from(!(-1.0..=256.0).contains(&rounded));
+    rounded.clamp(0.0, 255.0) as u8
+}
+
+/// The bytes of a file.
+pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result<Vec<u8>, NodeError> {
+    let count = u32::try_from(splats.len())
+        .map_err(|_| NodeError::new(format!("SPZ holds no {} splats", splats.len())))?;
+    let widest = splats.means.as_flattened().iter().fold(0.0_f64, |m, v| m.max(f64::from(v.abs())));
+    let fits = |bits: &u32| widest * f64::from(1_u32 << bits) <= LARGEST - 1.0;
+    let bits = (0..=FRACTION_BITS).rev().find(fits).ok_or_else(|| {
+        NodeError::new(format!("SPZ holds no coordinate of {widest}; the largest is about 8 million"))
+    })?;
+    if bits < 12 {
+        let step = 1.0 / f64::from(1_u32 << bits);
+        let text = format!("the scene is so wide that its centres are rounded to {step} units");
+        notes.warning("coarse-centres", text);
+    }
+    let rest = sh_rest(splats.sh_degree);
+    let parts = chunks(splats.len(), cx, |range| {
+        let mut part = Part::default();
+        let [centres, opacities, colours, scales, rotations, harmonics] = &mut part.streams;
+        for i in range {
+            for value in splats.mean(i).to_array() {
+                let fixed = (value * f64::from(1_u32 << bits) + 0.5).floor().clamp(-LARGEST, LARGEST) as i32;
+                centres.extend_from_slice(&fixed.to_le_bytes()[..3]);
+            }
+            opacities.push(byte(f64::from(splats.opacities[i]) * 255.0, &mut 0));
+            let sh = &splats.sh[i * (rest + 1)..(i + 1) * (rest + 1)];
+            for value in sh[0] {
+                let unit = f64::from(value) * SPZ_COLOUR_SCALE + 0.5;
+                colours.push(byte(unit * 255.0, &mut part.colours));
+            }
+            for scale in splats.scales[i] {
+                // Nothing is seen of what is smaller than e^-10, so only what is too large counts as cut.
+                let log = num::f64::ln(scale.into()).max(-10.0);
+                scales.push(byte((log + 10.0) * 16.0, &mut part.scales));
+            }
+            rotations.extend_from_slice(&rotation(splats.quats[i]).to_le_bytes());
+            for value in sh[1..].as_flattened() {
+                harmonics.push(byte(f64::from(*value) * 128.0 + 128.0, &mut part.harmonics));
+            }
+        }
+        part
+    })?;
+    for (id, cut, what) in [
+        ("scales-cut", parts.iter().map(|p| p.scales).sum::<u64>(), "scales are cut to e^5.9"),
+        (
+            "colours-cut",
+            parts.iter().map(|p| p.colours).sum(),
+            "constant coefficients are cut to -3.3 .. 3.3",
+        ),
+        ("harmonics-cut", parts.iter().map(|p| p.harmonics).sum(), "other coefficients are cut to -1 .. 1"),
+    ] {
+        if cut > 0 {
+            notes.count(id, cut, what);
+        }
+    }
+    let mut plain = Vec::with_capacity(16 + splats.len() * (20 + rest * 3));
+    plain.extend_from_slice(b"NGSP");
+    plain.extend_from_slice(&3_u32.to_le_bytes());
+    plain.extend_from_slice(&count.to_le_bytes());
+    plain.extend_from_slice(&[splats.sh_degree as u8, bits as u8, u8::from(splats.antialiased), 0]);
+    for stream in 0..6 {
+        parts.iter().for_each(|part| plain.extend_from_slice(&part.streams[stream]));
+    }
+    // Neither name nor time goes into the header, so equal scenes give equal files.
+    let mut packed = flate2::GzBuilder::new()
+        .operating_system(255)
+        .write(Vec::with_capacity(plain.len() / 2), flate2::Compression::default());
+    for piece in plain.chunks(1 << 20) {
+        cx.check()?;
+        packed.write_all(piece)?;
+    }
+    Ok(packed.finish()?)
+}
+
+/// The index of the largest component in the order x, y, z, w, then sign and 9 bits of each of the others.
+fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
+    let parts = [x, y, z, w].map(f64::from);
+    let largest = (1..4).fold(0, |best, i| if parts[i].abs() > parts[best].abs() { i } else { best });
+    let mut word = largest as u32;
+    for (i, part) in parts.into_iter().enumerate() {
+        if i != largest {
+            let size = (part.abs() * std::f64::consts::SQRT_2 * 511.0 + 0.5).floor().min(511.0) as u32;
+            // The whole is negated where the largest is below 0: the same rotation.
+            let negative = (part < 0.0) != (parts[largest] < 0.0);
+            word = word << 10 | u32::from(negative) << 9 | size;
+        }
+    }
+    word
+}

@@ -1,0 +1,123 @@
+use engine::{Context, Scene, Up};
+
+use super::*;
+use crate::load_splats::{Frame, from_bytes};
+use crate::testing::context;
+
+/// Splats of every sort of value, degree 3.
+pub fn scene(count: usize, degree: u32) -> Splats {
+    let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0;
+    let spread = |i: usize, k: usize| unit(i, k) * 2.0 - 1.0;
+    let quat = |i: usize| {
+        let q = [0, 1, 2, 3].map(|k| spread(i, k + 20) + 0.01);
+        let length = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+        q.map(|v| v / length)
+    };
+    let width = sh_len(degree);
+    Splats {
+        means: (0..count).map(|i| [0, 1, 2].map(|k| spread(i, k) * 30.0)).collect(),
+        means_low: Vec::new(),
+        quats: (0..count).map(quat).collect(),
+        scales: (0..count).map(|i| [3, 4, 5].map(|k| 0.001 + unit(i, k) * unit(i, 9))).collect(),
+        opacities: (0..count).map(|i| unit(i, 6)).collect(),
+        sh_degree: degree,
+        sh: (0..count * width)
+            .map(|j| [0, 1, 2].map(|k| if j % width == 0 { spread(j, k) * 3.0 } else { spread(j, k) * 0.9 }))
+            .collect(),
+        encoding: SplatEncoding::Srgb,
+        antialiased: false,
+    }
+}
+
+fn sh_len(degree: u32) -> usize {
+    ((degree + 1) * (degree + 1)) as usize
+}
+
+fn off(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
+}
+
+fn off_rotation(a: &[[f32; 4]], b: &[[f32; 4]]) -> f32 {
+    let angle = |(a, b): (&[f32; 4], &[f32; 4])| {
+        // |a - b| and |a + b|: the two signs are one rotation.
+        let chord = |s: f32| a.iter().zip(b).map(|(a, b)| (a - s * b) * (a - s * b)).sum::<f32>().sqrt();
+        chord(1.0).min(chord(-1.0))
+    };
+    a.iter().zip(b).map(angle).fold(0.0, f32::max)
+}
+
+#[test]
+fn ply_gives_back_what_it_was_given() {
+    for degree in 0..=4 {
+        let mut scene = scene(1500, degree);
+        scene.opacities[..2].copy_from_slice(&[0.0, 1.0]);
+        scene.scales[0] = [0.0, 1e-20, 1e5];
+        let (bytes, notes) = encode(&scene, SaveFormat::Ply, Some(Up::PlusZ), &context()).unwrap();
+        assert_eq!(notes.iter().count(), 0);
+        let (back, _) = from_bytes("a.ply", &bytes, Frame::ByFormat, &context()).unwrap();
+        assert_eq!((&back.means, &back.sh, back.sh_degree), (&scene.means, &scene.sh, degree));
+        assert!(off(&back.opacities, &scene.opacities) < 3e-7);
+        assert_eq!(back.opacities[..2], [0.0, 1.0]);
+        for (a, b) in back.scales.as_flattened().iter().zip(scene.scales.as_flattened()) {
+            // A logarithm of 46 in f32 carries 2e-6.
+            assert!((a - b).abs() <= b * 4e-6, "{a} {b}");
+        }
+        assert!(off_rotation(&back.quats, &scene.quats) < 3e-7);
+    }
+}
+
+#[test]
+fn spz_gives_back_within_its_steps() {
+    for (degree, up) in [(0, Up::PlusY), (1, Up::MinusY), (3, Up::PlusZ), (4, Up::MinusY)] {
+        let mut scene = scene(1500, degree);
+        scene.antialiased = degree == 3;
+        let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
+        let (bytes, notes) = encode(&scene, SaveFormat::Spz, Some(up), &cx).unwrap();
+        assert!(notes.iter().all(|note| note.id == "frame"), "{notes:?}");
+        let (back, _) = from_bytes("a.spz", &bytes, Frame::ByFormat, &cx).unwrap();
+        assert_eq!((back.sh_degree, back.antialiased), (degree, scene.antialiased));
+        let low = back.means_low.as_flattened().iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+        assert!(low < 1e-5);
+        assert!(off(back.means.as_flattened(), scene.means.as_flattened()) <= 0.51 / 65_536.0 + 2e-6);
+        assert!(off(&back.opacities, &scene.opacities) <= 0.501 / 255.0);
+        for (a, b) in back.scales.as_flattened().iter().zip(scene.scales.as_flattened()) {
+            let log = crate::num::f64::ln(f64::from(*a) / f64::from(*b));
+            assert!(log.abs() <= 0.501 / 16.0, "{a} {b}");
+        }
+        assert!(off_rotation(&back.quats, &scene.quats) < 0.004);
+        let width = scene.sh_len();
+        for (i, (a, b)) in back.sh.iter().zip(&scene.sh).enumerate() {
+            // Constant: half a step of 1/255 over 0.15. Others: half a step of 1/128 in each of the up to
+            // nine numbers that a turn mixes, with weights whose squares sum to 1.
+            let bar = if i % width == 0 { 0.0131 } else { 0.5 / 128.0 * 3.0 };
+            assert!(off(a, b) <= bar, "{i} {a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_counted() {
+    let mut scene = scene(40, 1);
+    scene.scales[3] = [1000.0; 3];
+    scene.sh[1] = [5.0, -5.0, 0.0];
+    scene.sh[4] = [9.0, 0.0, 0.0];
+    scene.means[7] = [1e5, 0.0, 0.0];
+    scene.encoding = SplatEncoding::Linear;
+    let (_, notes) = encode(&scene, SaveFormat::Spz, None, &context()).unwrap();
+    let ids: Vec<&str> = notes.iter().map(|note| note.id.as_str()).collect();
+    assert_eq!(ids, ["encoding-not-stored", "coarse-centres", "scales-cut", "colours-cut", "harmonics-cut"]);
+    assert!(notes.iter().nth(2).unwrap().text.starts_with("3 "));
+    assert!(notes.iter().nth(4).unwrap().text.starts_with("2 "));
+    scene.means[7] = [1e9, 0.0, 0.0];
+    assert!(encode(&scene, SaveFormat::Spz, None, &context()).is_err());
+}
+
+#[test]
+fn equal_scenes_give_equal_files() {
+    let scene = scene(40_000, 0);
+    let one = encode(&scene, SaveFormat::Spz, None, &context()).unwrap().0;
+    assert_eq!(one, encode(&scene, SaveFormat::Spz, None, &context()).unwrap().0);
+    // No time: bytes 4 to 7 of a gzip header.
+    assert_eq!(one[4..8], [0; 4]);
+}
