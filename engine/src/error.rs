@@ -39,6 +39,11 @@ impl NodeError {
         self
     }
 
+    /// What to do about it, where that is known.
+    pub fn advice(&self) -> Option<&str> {
+        self.hint.as_deref()
+    }
+
     /// True for a run that was stopped rather than one that failed.
     pub fn is_cancelled(&self) -> bool {
         matches!(self.kind, NodeErrorKind::Cancelled)

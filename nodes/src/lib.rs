@@ -18,6 +18,7 @@ pub mod demo_scene;
 pub mod equirect;
 pub mod error;
 pub mod fuse_hdr;
+pub mod inspect_splats;
 pub mod io;
 pub mod layers;
 pub mod light;

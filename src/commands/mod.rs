@@ -1,11 +1,14 @@
 //! One file a verb.
 
 mod check;
+mod convert;
 mod explain;
 mod graph;
+mod inspect;
 mod nodes;
 mod plan;
 mod run;
+mod splats;
 
 use clap::{Parser, Subcommand};
 
@@ -33,6 +36,10 @@ enum Verb {
     Nodes(nodes::Nodes),
     /// Draws a graph with the state of its results
     Graph(graph::Draw),
+    /// Writes a scene of splats in another format
+    Convert(convert::Convert),
+    /// Tells what a scene of splats is like: size, floor, up, what looks wrong
+    Inspect(inspect::Inspect),
 }
 
 impl Command {
@@ -45,6 +52,8 @@ impl Command {
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),
+            Verb::Convert(verb) => verb.run(),
+            Verb::Inspect(verb) => verb.run(),
         }
     }
 }

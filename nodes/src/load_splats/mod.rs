@@ -16,6 +16,7 @@ mod source;
 mod splat;
 mod spz;
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 mod tests;
 mod zip;
 

@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use engine::{InputFile, NodeError, SourceFile, SourceRoot};
+use engine::{InputFile, NodeError, SourceFile, SourceRoot, Up};
 
 use super::gltf::{self, Document};
 use super::sog::Meta;
@@ -32,6 +32,23 @@ pub enum Format {
 }
 
 impl Format {
+    /// Its name, for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Spz => "spz",
+            Self::SogMeta | Self::SogBundle => "sog",
+            Self::Glb | Self::Gltf => "gltf",
+            Self::Ksplat => "ksplat",
+            Self::Splat => "splat",
+        }
+    }
+
+    /// The axis that the format says is up.
+    pub fn declared_up(self) -> Option<Up> {
+        matches!(self, Self::Spz | Self::Glb | Self::Gltf).then_some(Up::PlusY)
+    }
+
     /// The format that the content has.
     pub fn of(file: &str, bytes: &[u8]) -> Result<Self, Error> {
         let starts = |magic: &[u8]| bytes.starts_with(magic);

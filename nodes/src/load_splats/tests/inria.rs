@@ -180,7 +180,7 @@ fn centres_in_f64_keep_their_digits() {
     centre.iter().for_each(|v: &f64| bytes.extend_from_slice(&v.to_le_bytes()));
     good(1.0)[3..].iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
     let (splats, _) = read(&bytes, true).expect("reads");
-    let off = splats.mean(0) - glam::DVec3::from(centre);
+    let off = splats.mean(0) - DVec3::from(centre);
     assert!(off.length() < 1e-7, "{off}");
 }
 
@@ -214,7 +214,7 @@ fn files_of_a_scene_are_appended_at_the_higher_degree() {
 
 #[test]
 fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
-    let says = |text: &str| sog::Meta::read("meta.json", text.as_bytes()).expect_err("refused").to_string();
+    let says = |text: &str| sog::Meta::read("meta.json", text.as_bytes()).err().expect("refused").to_string();
     assert!(says("{}").contains("missing field"));
     assert!(says("{\"version\": 9}").contains("version 9"));
     assert!(says("{\"version\": 2}").contains("missing field"));
