@@ -260,8 +260,12 @@ impl Kind for LoadSplats {
             let fetch = |name: &str| cx.read_beside(file, name);
             let read = || {
                 let bytes = cx.read(file)?;
-                let loaded = load(&file.0, &bytes, &fetch, &reading, &mut notes)?;
-                report(&file.0, &loaded, params.strict, &mut notes)?;
+                // Notes are part of the result, which is the same wherever the file lies.
+                let path = std::path::Path::new(&file.0);
+                let name = path.file_name().filter(|_| path.is_absolute());
+                let name = name.map_or_else(|| file.0.clone(), |name| name.to_string_lossy().into_owned());
+                let loaded = load(&name, &bytes, &fetch, &reading, &mut notes)?;
+                report(&name, &loaded, params.strict, &mut notes)?;
                 Ok(loaded)
             };
             let mut read = read;

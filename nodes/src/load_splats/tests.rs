@@ -130,8 +130,8 @@ fn headers_that_lie_are_told_with_numbers() {
 #[test]
 fn degrees_extra_fields_and_filters() {
     for degree in 0..=4 {
-        let mut row = PlyRow::default();
-        row.rest = (0..sh_rest(degree) * 3).map(|i| i as f32 / 64.0).collect();
+        let rest = (0..sh_rest(degree) * 3).map(|i| i as f32 / 64.0).collect();
+        let row = PlyRow { rest, ..PlyRow::default() };
         let (splats, _) = read(&build::ply(&[row.clone(), row], degree)).unwrap();
         assert_eq!((splats.sh_degree, splats.sh.len()), (degree, 2 * (sh_rest(degree) + 1)));
         // Channel by channel in the file, triple by triple here.

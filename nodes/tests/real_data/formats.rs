@@ -26,10 +26,12 @@ fn off(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).fold(0.0, |m, (a, b)| m.max((a - b).abs()))
 }
 
-/// Angle between rotations, in degrees.
-fn turned(a: [f32; 4], b: [f32; 4]) -> f64 {
-    let dot: f64 = a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(b)).sum();
-    2.0 * nodes::num::f64::acos(dot.abs().min(1.0)).to_degrees()
+/// Angle between the axes of two Gaussians, in degrees: a half turn about an axis of its own changes none.
+fn turned(a: [f32; 4], [w, x, y, z]: [f32; 4]) -> f64 {
+    let same = [[w, x, y, z], [-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]];
+    let dot = |b: [f32; 4]| a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(b)).sum::<f64>().abs();
+    let nearest = same.into_iter().map(dot).fold(0.0, f64::max);
+    2.0 * nodes::num::f64::acos(nearest.min(1.0)).to_degrees()
 }
 
 // One object in two formats, written by different programs from one source, splat for splat in the same
@@ -45,8 +47,9 @@ fn biker_is_the_same_in_both_formats() {
     // Bytes of 1/255 over 0.15 beside bytes over the range of a chunk.
     let colours = off(spz.sh.as_flattened(), ply.sh.as_flattened());
     let opacities = off(&spz.opacities, &ply.opacities);
-    let logs =
-        |s: &Splats| s.scales.as_flattened().iter().map(|v| nodes::num::f32::ln(*v)).collect::<Vec<_>>();
+    // SPZ knows no smaller scale than e^-10, and steps by 1/16.
+    let log = |v: &f32| nodes::num::f32::ln(*v).max(-10.0);
+    let logs = |s: &Splats| s.scales.as_flattened().iter().map(log).collect::<Vec<_>>();
     let scales = off(&logs(&spz), &logs(&ply));
     let mut turns: Vec<f64> = spz.quats.iter().zip(&ply.quats).map(|(a, b)| turned(*a, *b)).collect();
     turns.sort_by(f64::total_cmp);

@@ -34,7 +34,7 @@ fn is_sane(splats: &Splats) {
 fn cut_off_anywhere_is_an_error() {
     for (name, bytes) in all() {
         // A `.splat` has no header, so one that ends with a row is whole.
-        let whole = |length: usize| name == "splat" && length % 32 == 0;
+        let whole = |length: usize| name == "splat" && length.is_multiple_of(32);
         for length in (0..bytes.len()).filter(|length| *length > 0 && !whole(*length)) {
             // The empty space of a .ksplat header holds nothing to notice.
             if name.starts_with("ksplat") && (64..4000).contains(&length) && length % 97 != 0 {

@@ -116,7 +116,7 @@ fn headers_that_lie_are_errors() {
     let (none, notes) = read(&ply(&PLAIN, &[], 0), true).expect("reads");
     assert!(none.is_empty() && counted(&notes, "no-splats").is_some());
     for (text, says) in [
-        ("plx\n", "not a PLY"),
+        ("plx\n", "no known format"),
         ("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "ascii"),
         ("ply\nformat binary_little_endian 1.0\nend_header\n", "vertex"),
         ("ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nend_header\n", "`y`"),
