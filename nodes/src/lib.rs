@@ -41,6 +41,7 @@ pub mod save_splats;
 pub mod score_env;
 pub mod shadow_ratio;
 pub mod splat;
+pub mod splat_panorama;
 pub mod splat_render;
 pub mod stitch;
 pub mod types;
@@ -78,6 +79,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<region_masks::RegionMasks>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
+        KindEntry::of::<splat_panorama::SplatPanorama>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),
         KindEntry::of::<write_exr::WriteExr>(),

@@ -4,8 +4,10 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes};
 
-use crate::splat::{Bounds, Compensation, DepthMode, MAX_PIXELS, Precision, Settings, Sort, Work, render};
-use crate::types::{Data, Image, Images, NamedImage, Rig, Splats, View, Views, tagged};
+use crate::splat::{
+    Bounds, Compensation, DepthMode, MAX_PIXELS, Precision, Settings, Sort, Work, render, render_before,
+};
+use crate::types::{Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
     /// Renders a splat scene for each camera of a rig.
@@ -37,6 +39,8 @@ engine::params! {
         stop: f64 = 1e-4, range(0.0, 0.5), other("0.3");
         /// What the depth of a pixel is.
         depth: DepthMode = DepthMode::Expected, other("Median");
+        /// Whether to count the splats added to each pixel, for `blends`.
+        count_blends: bool = false, other("true");
     }
 }
 engine::inputs! {
@@ -46,6 +50,9 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// The cameras.
         rig: Arc<Rig>,
+        /// Planar depth of a surface in front for each view, as `path-trace.depth` gives it: splats at or
+        /// beyond it are left out. 0 and +inf are no surface.
+        limit: Option<Arc<Images>>,
     }
 }
 engine::outputs! {
@@ -59,6 +66,8 @@ engine::outputs! {
         alpha: Arc<Images>,
         /// Planar depth in world units, +inf where nothing is seen.
         depth: Arc<Images>,
+        /// Splats added to each pixel; no picture unless `count_blends`.
+        blends: Arc<Images>,
     }
 }
 
@@ -71,15 +80,12 @@ impl SplatRender {
             sh_degree: self.sh_degree,
             near: self.near,
             low_pass_px2: self.low_pass_px2,
-            compensate: match self.compensation {
-                Compensation::File => splats.antialiased,
-                Compensation::On => true,
-                Compensation::Off => false,
-            },
+            compensate: self.compensation.applies(splats),
             alpha_cut: self.alpha_cut,
             alpha_cap: self.alpha_cap,
             stop: self.stop,
             depth: self.depth,
+            count_blends: self.count_blends,
         }
     }
 }
@@ -105,35 +111,35 @@ impl Kind for SplatRender {
         }
     }
 
-    fn run(params: &Self, In { splats, rig }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+    fn run(params: &Self, In { splats, rig, limit }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
-        match (params.compensation, splats.antialiased) {
-            (Compensation::On, false) => notes.warning(
-                "compensation-mismatch",
-                "compensation is on, but the file does not say it was trained so; thin detail may vanish",
-            ),
-            (Compensation::Off, true) => notes.warning(
-                "compensation-mismatch",
-                "compensation is off, but the file says it was trained with it",
-            ),
-            _ => {}
-        }
+        params.compensation.warn(&splats, &mut notes);
         if rig.cameras.is_empty() {
             return Err(NodeError::new("the rig has no camera").at("rig"));
         }
         let settings = params.settings(&splats);
         let mut views = Vec::with_capacity(rig.cameras.len());
         let (mut alphas, mut depths, mut colours) = (Vec::new(), Vec::new(), Vec::new());
+        let mut blends = Vec::new();
         let mut total = Work::default();
         for (index, camera) in rig.cameras.iter().enumerate() {
             cx.progress(index as f32 / rig.cameras.len() as f32);
-            let seen = render(&splats, camera, &settings, cx)?;
+            let seen = match &limit {
+                None => render(&splats, camera, &settings, cx)?,
+                Some(limits) => match limits.view(&camera.name) {
+                    Some(Picture::Data(limit)) => render_before(&splats, camera, limit, &settings, cx)?,
+                    Some(_) => return Err(NodeError::new("a depth is no colour").at("limit")),
+                    None => {
+                        let what = format!("no depth of view `{}`", camera.name);
+                        return Err(NodeError::new(what).at("limit"));
+                    }
+                },
+            };
             total.projected += seen.work.projected;
             total.degenerate += seen.work.degenerate;
-            cx.count("splats_projected", seen.work.projected);
-            cx.count("splat_tile_pairs", seen.work.tile_pairs);
-            cx.count("splat_evaluations", seen.work.evaluations);
-            cx.count("splat_blends", seen.work.blends);
+            total.tile_pairs += seen.work.tile_pairs;
+            total.evaluations += seen.work.evaluations;
+            total.blends += seen.work.blends;
             let (width, height) = (camera.width_px as usize, camera.height_px as usize);
             let alpha = seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
             let colour = tagged(splats.encoding, width, height, 4, seen.rgba);
@@ -142,11 +148,12 @@ impl Kind for SplatRender {
             alphas.push(named(Image::<Data>::from_samples(width, height, 1, alpha).into()));
             depths.push(named(depth.clone().into()));
             colours.push(named(colour.clone()));
+            if settings.count_blends {
+                blends.push(named(Image::<Data>::from_samples(width, height, 1, seen.blends).into()));
+            }
             views.push(View { camera: camera.clone(), colour, depth });
         }
-        if total.degenerate > 0 {
-            notes.count("degenerate-splats", total.degenerate, "footprints are no finite ellipse; left out");
-        }
+        total.report(cx, &mut notes);
         // A scene and a camera in different frames give an empty picture, not an error.
         if total.projected * 100 < splats.len() as u64 {
             notes.warning(
@@ -163,6 +170,7 @@ impl Kind for SplatRender {
             colour: Arc::new(Images(colours)),
             alpha: Arc::new(Images(alphas)),
             depth: Arc::new(Images(depths)),
+            blends: Arc::new(Images(blends)),
         };
         Ok((out, notes))
     }

@@ -2,6 +2,7 @@
 
 use engine::{Context, NodeError};
 
+use super::lens;
 use super::project::Projected;
 use super::{Bounds, Settings};
 
@@ -114,10 +115,13 @@ pub(super) fn bin(
                 // Below four columns the blend's own row test is as cheap as this one.
                 if exact && end - first > 3 {
                     let footprint = projected.footprint(index);
-                    (first, end) = footprint.columns_in(row * TILE, (first, end), projected.log2_cut);
+                    let (left, right) = footprint.extent_in(row * TILE, projected.log2_cut);
+                    (first, end) = lens::columns(left, right, (first, end), projected.period);
                 }
-                for start in &mut starts[usize::from(first) + 2..usize::from(end) + 2] {
-                    *start += 1;
+                for part in around(first, end, columns) {
+                    for start in &mut starts[part.start + 2..part.end + 2] {
+                        *start += 1;
+                    }
                 }
                 (index, first, end)
             })
@@ -127,15 +131,24 @@ pub(super) fn bin(
         }
         let mut list = vec![0_u32; starts.last().map_or(0, |n| *n as usize)];
         for (index, first, end) in entries {
-            for at in &mut starts[usize::from(first) + 1..usize::from(end) + 1] {
-                list[*at as usize] = index;
-                *at += 1;
+            for part in around(first, end, columns) {
+                for at in &mut starts[part.start + 1..part.end + 1] {
+                    list[*at as usize] = index;
+                    *at += 1;
+                }
             }
         }
         starts.pop();
         Band { starts, list }
     })?;
     Ok(Lists::Bands { bands, columns })
+}
+
+/// The columns `first..end`, of which those beyond the last are the first ones again.
+#[inline(always)]
+fn around(first: u16, end: u16, columns: usize) -> [std::ops::Range<usize>; 2] {
+    let (first, end) = (usize::from(first), usize::from(end));
+    [first..end.min(columns), 0..end.saturating_sub(columns)]
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@
 use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8};
 
 use super::bin::TILE;
-use super::project::{Footprint, Projected};
-use super::{DepthMode, Settings, Tile};
+use super::project::Footprint;
+use super::{DepthMode, Settings, Sort, Task, Tile};
 use crate::num;
 
 const LANES: usize = 8;
@@ -39,21 +39,17 @@ fn exp2<S: Simd>(simd: S, x: f32x8<S>) -> f32x8<S> {
     (bits + (whole << 23)).bitcast()
 }
 
-/// Blends the footprints of `list`, front to back, over the tile `[x0, y0, width, height]`.
-pub(super) fn blend(
-    level: Level,
-    projected: &Projected,
-    list: &[u32],
-    area: [usize; 4],
-    settings: &Settings,
-) -> Tile {
-    match settings.depth {
-        DepthMode::Expected => {
-            dispatch!(level, simd => tile::<_, false>(simd, projected, list, area, settings))
-        }
-        DepthMode::Median => {
-            dispatch!(level, simd => tile::<_, true>(simd, projected, list, area, settings))
-        }
+/// Numbers of [`DepthMode`], to compile one loop for each.
+const EXPECTED: u8 = 0;
+const MEDIAN: u8 = 1;
+const TRANSMITTANCE: u8 = 2;
+
+/// Blends the footprints of a tile, front to back.
+pub(super) fn blend(level: Level, task: &Task<'_>) -> Tile {
+    match task.settings.depth {
+        DepthMode::Expected => dispatch!(level, simd => tile::<_, EXPECTED>(simd, task)),
+        DepthMode::Median => dispatch!(level, simd => tile::<_, MEDIAN>(simd, task)),
+        DepthMode::Transmittance => dispatch!(level, simd => tile::<_, TRANSMITTANCE>(simd, task)),
     }
 }
 
@@ -66,18 +62,38 @@ struct Pixels {
     green: [[f32; LANES]; TILE * HALVES],
     blue: [[f32; LANES]; TILE * HALVES],
     depth: [[f32; LANES]; TILE * HALVES],
+    /// What `depth` is to be divided by, of `Transmittance`.
+    depth_weight: [[f32; LANES]; TILE * HALVES],
+    /// Blends, where they are counted.
+    count: [[f32; LANES]; TILE * HALVES],
+    /// Depth at which the blend ends, where there is one.
+    limit: [[f32; LANES]; TILE * HALVES],
 }
 
+/// How much closer than the limit a splat behind it must be for the pixel to be left at once: equal keys
+/// of the sort stay in file order, and may differ by 2^-32.
+const BEHIND: f32 = 1.000_001;
+
 #[inline(always)]
-fn tile<S: Simd, const MEDIAN: bool>(
-    simd: S,
-    projected: &Projected,
-    list: &[u32],
-    [x0, y0, width, height]: [usize; 4],
-    settings: &Settings,
-) -> Tile {
+fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_>) -> Tile {
     const ZERO: [[f32; LANES]; TILE * HALVES] = [[0.0; LANES]; TILE * HALVES];
-    let mut pixels = Pixels { transmittance: ZERO, red: ZERO, green: ZERO, blue: ZERO, depth: ZERO };
+    let &Task { projected, list, area: [x0, y0, width, height], settings, .. } = task;
+    let mut pixels = Pixels {
+        transmittance: ZERO,
+        red: ZERO,
+        green: ZERO,
+        blue: ZERO,
+        depth: ZERO,
+        depth_weight: ZERO,
+        count: ZERO,
+        limit: ZERO,
+    };
+    let limits = task.limits();
+    if let Some(limits) = &limits {
+        for (at, limit) in limits.iter().enumerate() {
+            pixels.limit[at % TILE / LANES * TILE + at / TILE][at % LANES] = *limit;
+        }
+    }
     // One bit a vector: those of the left half of the tile, row by row, then those of the right.
     let mut live = 0_u32;
     for row in 0..TILE {
@@ -97,7 +113,9 @@ fn tile<S: Simd, const MEDIAN: bool>(
     let stop = f32x8::splat(simd, settings.stop as f32);
     let zero = f32x8::splat(simd, 0.0);
     let half_seen = f32x8::splat(simd, 0.5);
+    let all = f32x8::splat(simd, 1.0).simd_gt(0.0);
     let lanes = f32x8::from_slice(simd, &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+    let period = projected.period.map(f64::from);
     let row_numbers: [f32; TILE] = std::array::from_fn(|row| row as f32);
     let rows = f32x16::from_slice(simd, &row_numbers);
     let (left, top) = (x0 as f64 + 0.5, y0 as f64 + 0.5);
@@ -113,7 +131,28 @@ fn tile<S: Simd, const MEDIAN: bool>(
         }
         for f in &batch[..indices.len()] {
             // Offsets from the tile's first pixel in f64, so that f32 only sees what is near.
-            let (dx, dy) = (left - f.u, top - f.v);
+            let (mut dx, dy) = (left - f.u, top - f.v);
+            let mut along = [lanes * f.l11 as f32; HALVES];
+            // In a panorama the copy of the splat counts that is nearest to the pixel.
+            let mut split = false;
+            if let Some(period) = period {
+                let centre = dx + 0.5 * (TILE - 1) as f64;
+                dx += period
+                    * (f64::from(u8::from(centre < -0.5 * period))
+                        - f64::from(u8::from(centre > 0.5 * period)));
+                split = 0.5 * period - (dx + 0.5 * (TILE - 1) as f64).abs() < TILE as f64;
+                if split {
+                    for (half, along) in along.iter_mut().enumerate() {
+                        let offset: [f32; LANES] = std::array::from_fn(|lane| {
+                            let here = dx + (half * LANES + lane) as f64;
+                            let turns = f64::from(u8::from(here < -0.5 * period))
+                                - f64::from(u8::from(here > 0.5 * period));
+                            (f.l11 * (lane as f64 + turns * period)) as f32
+                        });
+                        *along = f32x8::from_slice(simd, &offset);
+                    }
+                }
+            }
             let (l11, l21, l22) = (f.l11 as f32, f.l21 as f32, f.l22 as f32);
             let t = rows * l21 + (f.l11 * dx + f.l21 * dy) as f32;
             let s = (rows + dy as f32) * l22;
@@ -124,7 +163,11 @@ fn tile<S: Simd, const MEDIAN: bool>(
             let in_left = seen & t.simd_le(reach) & (t + 7.0 * l11).simd_ge(-reach);
             let right = t + 8.0 * l11;
             let in_right = seen & right.simd_le(reach) & (t + 15.0 * l11).simd_ge(-reach);
-            let hit = in_left.to_bitmask() as u32 | (in_right.to_bitmask() as u32) << TILE;
+            let hit = if split {
+                seen.to_bitmask() as u32 | (seen.to_bitmask() as u32) << TILE
+            } else {
+                in_left.to_bitmask() as u32 | (in_right.to_bitmask() as u32) << TILE
+            };
             let mut todo = hit & live;
             if todo == 0 {
                 continue;
@@ -133,18 +176,25 @@ fn tile<S: Simd, const MEDIAN: bool>(
             t.store_slice(&mut t_of[..TILE]);
             right.store_slice(&mut t_of[TILE..]);
             peak.store_slice(&mut peak_of);
-            let along = lanes * l11;
             while todo != 0 {
                 let vector = todo.trailing_zeros() as usize % (TILE * HALVES);
                 todo &= todo - 1;
-                let t = along + t_of[vector];
+                let t = along[vector / TILE] + t_of[vector];
                 let exponent = f32x8::splat(simd, peak_of[vector % TILE]) - t * t;
-                let drawn: mask32x8<S> = exponent.simd_ge(cut);
+                let mut drawn: mask32x8<S> = exponent.simd_ge(cut);
+                let mut in_front = all;
+                if limits.is_some() {
+                    let limit = f32x8::from_slice(simd, &pixels.limit[vector]);
+                    drawn &= limit.simd_gt(f.z);
+                    if settings.sort == Sort::Depth {
+                        in_front = (limit * BEHIND).simd_ge(f.z);
+                    }
+                }
                 let alpha = drawn.select(exp2(simd, exponent.max(cut)).min(cap), zero);
                 let before = f32x8::from_slice(simd, &pixels.transmittance[vector]);
                 let weight = before * alpha;
                 let after = before - weight;
-                let going = after.simd_ge(stop);
+                let going = after.simd_ge(stop) & in_front;
                 let weight = going.select(weight, zero);
                 going.select(after, -before.abs()).store_slice(&mut pixels.transmittance[vector]);
                 for (sum, value) in [
@@ -155,13 +205,25 @@ fn tile<S: Simd, const MEDIAN: bool>(
                     (f32x8::from_slice(simd, sum) + weight * value).store_slice(sum);
                 }
                 let depth = f32x8::from_slice(simd, &pixels.depth[vector]);
-                let depth = if MEDIAN {
-                    let crossing = going & before.simd_gt(half_seen) & after.simd_le(half_seen);
-                    crossing.select(f32x8::splat(simd, f.z), depth)
-                } else {
-                    depth + weight * f.z
+                let depth = match DEPTH {
+                    EXPECTED => depth + weight * f.z,
+                    MEDIAN => {
+                        let crossing = going & before.simd_gt(half_seen) & after.simd_le(half_seen);
+                        crossing.select(f32x8::splat(simd, f.z), depth)
+                    }
+                    _ => {
+                        let weight = going.select(weight * before, zero);
+                        let sum = &mut pixels.depth_weight[vector];
+                        (f32x8::from_slice(simd, sum) + weight).store_slice(sum);
+                        depth + weight * f.z
+                    }
                 };
                 depth.store_slice(&mut pixels.depth[vector]);
+                if settings.count_blends {
+                    let count = &mut pixels.count[vector];
+                    let one = (drawn & going).select(f32x8::splat(simd, 1.0), zero);
+                    (f32x8::from_slice(simd, count) + one).store_slice(count);
+                }
                 evaluations += LANES as u64;
                 blends += u64::from((drawn & going).to_bitmask().count_ones());
                 if !going.any_true() {
@@ -170,13 +232,14 @@ fn tile<S: Simd, const MEDIAN: bool>(
             }
         }
     }
-    finish::<MEDIAN>(&pixels, evaluations, blends)
+    finish::<DEPTH>(&pixels, settings, evaluations, blends)
 }
 
-fn finish<const MEDIAN: bool>(pixels: &Pixels, evaluations: u64, blends: u64) -> Tile {
+fn finish<const DEPTH: u8>(pixels: &Pixels, settings: &Settings, evaluations: u64, blends: u64) -> Tile {
     let mut tile = Tile {
         rgba: Vec::with_capacity(TILE * TILE),
         depth: Vec::with_capacity(TILE * TILE),
+        counts: Vec::new(),
         evaluations,
         blends,
     };
@@ -187,11 +250,15 @@ fn finish<const MEDIAN: bool>(pixels: &Pixels, evaluations: u64, blends: u64) ->
             let [r, g, b] = [&pixels.red, &pixels.green, &pixels.blue].map(|sums| sums[vector][lane]);
             tile.rgba.push([r, g, b, alpha]);
             let sum = pixels.depth[vector][lane];
-            tile.depth.push(match sum {
+            tile.depth.push(match DEPTH {
                 _ if sum <= 0.0 || alpha <= 0.0 => f32::INFINITY,
-                _ if MEDIAN => sum,
-                _ => sum / alpha,
+                EXPECTED => sum / alpha,
+                MEDIAN => sum,
+                _ => sum / pixels.depth_weight[vector][lane],
             });
+            if settings.count_blends {
+                tile.counts.push(pixels.count[vector][lane]);
+            }
         }
     }
     tile

@@ -1,19 +1,18 @@
 //! The blend in f64, one pixel after another: the reference that the fast one is measured against.
 
 use super::bin::TILE;
-use super::project::Projected;
-use super::{DepthMode, Settings, Tile};
+use super::{DepthMode, Task, Tile};
 use crate::num;
 
-/// Blends the footprints of `list`, front to back, over the tile `[x0, y0, width, height]`.
-pub(super) fn blend(
-    projected: &Projected,
-    list: &[u32],
-    [x0, y0, width, height]: [usize; 4],
-    settings: &Settings,
-) -> Tile {
+/// Blends the footprints of a tile, front to back.
+pub(super) fn blend(task: &Task<'_>) -> Tile {
+    let &Task { projected, list, area: [x0, y0, width, height], settings, .. } = task;
+    let limits = task.limits();
+    let period = projected.period.map(f64::from);
     let mut rgb = vec![[0.0_f64; 3]; TILE * TILE];
     let mut depth = vec![0.0_f64; TILE * TILE];
+    let mut depth_weight = vec![0.0_f64; TILE * TILE];
+    let mut counts = vec![0.0_f32; if settings.count_blends { TILE * TILE } else { 0 }];
     let mut transmittance = vec![1.0_f64; TILE * TILE];
     let mut live = vec![true; TILE * TILE];
     let mut left = width * height;
@@ -38,7 +37,16 @@ pub(super) fn blend(
                     continue;
                 }
                 evaluations += 1;
-                let t = f.l11 * ((x0 + column) as f64 + 0.5 - f.u) + f.l21 * dy;
+                if limits.as_ref().is_some_and(|limits| f.z >= limits[at]) {
+                    continue;
+                }
+                let mut dx = (x0 + column) as f64 + 0.5 - f.u;
+                match period {
+                    Some(period) if dx > 0.5 * period => dx -= period,
+                    Some(period) if dx < -0.5 * period => dx += period,
+                    _ => {}
+                }
+                let t = f.l11 * dx + f.l21 * dy;
                 let exponent = t * t + s * s;
                 if exponent > reach {
                     continue;
@@ -64,6 +72,13 @@ pub(super) fn blend(
                         depth[at] = f64::from(f.z);
                     }
                     DepthMode::Median => {}
+                    DepthMode::Transmittance => {
+                        depth[at] += weight * transmittance[at] * f64::from(f.z);
+                        depth_weight[at] += weight * transmittance[at];
+                    }
+                }
+                if let Some(count) = counts.get_mut(at) {
+                    *count += 1.0;
                 }
                 transmittance[at] = after;
             }
@@ -74,10 +89,11 @@ pub(super) fn blend(
         .zip(&transmittance)
         .map(|(c, t)| [c[0] as f32, c[1] as f32, c[2] as f32, (1.0 - t) as f32])
         .collect();
-    let depth = depth.iter().zip(&transmittance).map(|(sum, t)| match settings.depth {
-        _ if *sum <= 0.0 => f32::INFINITY,
-        DepthMode::Expected => (sum / (1.0 - t)) as f32,
-        DepthMode::Median => *sum as f32,
+    let depth = (0..TILE * TILE).map(|at| match settings.depth {
+        _ if depth[at] <= 0.0 => f32::INFINITY,
+        DepthMode::Expected => (depth[at] / (1.0 - transmittance[at])) as f32,
+        DepthMode::Median => depth[at] as f32,
+        DepthMode::Transmittance => (depth[at] / depth_weight[at]) as f32,
     });
-    Tile { rgba, depth: depth.collect(), evaluations, blends }
+    Tile { rgba, depth: depth.collect(), counts, evaluations, blends }
 }

@@ -9,18 +9,21 @@
 mod bin;
 mod blend32;
 mod blend64;
+mod lens;
 mod project;
 mod sh;
 #[cfg(test)]
 mod tests;
 
-use engine::{Context, NodeError};
+use engine::{Context, NodeError, Notes, Up};
 use fearless_simd::Level;
+use glam::DVec3;
 
 pub use bin::TILE;
+use lens::{Lens, Pinhole, Sphere};
 use project::{Footprint, Projected};
 
-use crate::types::{Camera, Splats};
+use crate::types::{Camera, Data, Image, Splats};
 
 engine::choices! {
     /// Which pixels a splat is evaluated at.
@@ -49,7 +52,34 @@ engine::choices! {
     /// What the depth of a pixel is.
     pub enum DepthMode {
         /** Mean depth of what was blended, by weight. */ Expected,
-        /** Depth of the splat that takes transmittance to one half or below; none where none does. */ Median,
+        /** Depth of the splat that takes transmittance to one half or below; none where none does. */
+        Median,
+        /** As `Expected`, with each weight times the transmittance in front once more: what shines through
+        counts less, so it lies nearer to the first surface. */
+        Transmittance,
+    }
+}
+
+impl Compensation {
+    /// Whether to compensate for a scene.
+    pub(crate) fn applies(self, splats: &Splats) -> bool {
+        match self {
+            Self::File => splats.antialiased,
+            Self::On => true,
+            Self::Off => false,
+        }
+    }
+
+    /// Warns where the file says otherwise.
+    pub(crate) fn warn(self, splats: &Splats, notes: &mut Notes) {
+        let text = match (self, splats.antialiased) {
+            (Self::On, false) => {
+                "compensation is on, but the file does not say it was trained so; thin detail may vanish"
+            }
+            (Self::Off, true) => "compensation is off, but the file says it was trained with it",
+            _ => return,
+        };
+        notes.warning("compensation-mismatch", text);
     }
 }
 
@@ -78,6 +108,8 @@ pub struct Settings {
     pub stop: f64,
     /// What the depth of a pixel is.
     pub depth: DepthMode,
+    /// True to count the blends of each pixel.
+    pub count_blends: bool,
 }
 
 impl Default for Settings {
@@ -95,6 +127,7 @@ impl Default for Settings {
             alpha_cap: 0.99,
             stop: 1e-4,
             depth: DepthMode::Expected,
+            count_blends: false,
         }
     }
 }
@@ -116,28 +149,74 @@ pub struct Work {
     pub blends: u64,
 }
 
+impl Work {
+    /// Counts it, and notes what was left out.
+    pub(crate) fn report(&self, cx: &Context, notes: &mut Notes) {
+        cx.count("splats_projected", self.projected);
+        cx.count("splat_tile_pairs", self.tile_pairs);
+        cx.count("splat_evaluations", self.evaluations);
+        cx.count("splat_blends", self.blends);
+        if self.degenerate > 0 {
+            notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
+        }
+    }
+}
+
 /// What one camera sees.
 pub struct Rendered {
     /// RGB premultiplied, and alpha; row by row.
     pub rgba: Vec<f32>,
-    /// Planar depth in world units, +inf where nothing was seen.
+    /// Planar depth in world units (of a panorama the distance), +inf where nothing was seen.
     pub depth: Vec<f32>,
+    /// Splats added to each pixel; empty unless they were counted.
+    pub blends: Vec<f32>,
     /// What it took.
     pub work: Work,
     /// Seconds of wall time (unless another clock was given) in project, sort, bin and blend; for benches, never part of a result.
     pub seconds: [f64; 4],
 }
 
-/// One finished tile: RGBA and depth of its pixels, in rows of [`TILE`].
+/// What is blended over one tile.
+struct Task<'a> {
+    projected: &'a Projected,
+    list: &'a [u32],
+    /// First column and row, width and height, in pixels.
+    area: [usize; 4],
+    limit: Option<&'a Image<Data>>,
+    settings: &'a Settings,
+}
+
+impl Task<'_> {
+    /// Depth at which the blend of each pixel ends, in rows of [`TILE`]; +inf outside of the picture.
+    fn limits(&self) -> Option<Vec<f32>> {
+        let image = self.limit?;
+        let [x0, y0, width, height] = self.area;
+        let mut limits = vec![f32::INFINITY; TILE * TILE];
+        for row in 0..height {
+            for column in 0..width {
+                // 0 is what some files hold where there is no surface.
+                let depth = image.pixel(x0 + column, y0 + row)[0];
+                limits[row * TILE + column] = if depth > 0.0 { depth } else { f32::INFINITY };
+            }
+        }
+        Some(limits)
+    }
+}
+
+/// One finished tile: RGBA, depth and blends of its pixels, in rows of [`TILE`].
 struct Tile {
     rgba: Vec<[f32; 4]>,
     depth: Vec<f32>,
+    counts: Vec<f32>,
     evaluations: u64,
     blends: u64,
 }
 
 /// The largest picture that is rendered, in pixels.
 pub const MAX_PIXELS: u64 = 1 << 28;
+
+/// The longest side of a picture, in pixels.
+const MAX_SIDE: u32 = 1 << 19;
 
 /// Renders a scene for one camera on the threads of `cx`, at the best instruction set of the machine.
 pub fn render(
@@ -147,6 +226,55 @@ pub fn render(
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
     render_at(splats, camera, settings, cx, Level::new())
+}
+
+/// [`render`] in front of a surface: splats at or beyond its planar depth are left out of a pixel. A depth
+/// of 0 or +inf is no surface.
+pub fn render_before(
+    splats: &Splats,
+    camera: &Camera,
+    limit: &Image<Data>,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Rendered, NodeError> {
+    let size = (camera.width_px as usize, camera.height_px as usize, 1);
+    if (limit.width, limit.height, limit.channels) != size {
+        let what = format!(
+            "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
+            camera.name, limit.width, limit.height, limit.channels, size.0, size.1
+        );
+        return Err(NodeError::new(what).at("limit"));
+    }
+    checked(camera)?;
+    let lens = Pinhole::new(camera);
+    draw(splats, &lens, Some(limit), settings, cx, (Level::new(), &|| 0.0))
+}
+
+/// Everything around `eye` as an equirectangular picture (see [`crate::equirect`]), `width_px` wide, even,
+/// and half as high. Splats are ordered by distance, which is also what `near` and the depth mean.
+pub fn panorama(
+    splats: &Splats,
+    eye: DVec3,
+    up: Up,
+    width_px: u32,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Rendered, NodeError> {
+    panorama_clocked(splats, (eye, up, width_px), settings, cx, Level::new(), &|| 0.0)
+}
+
+/// [`panorama`] at a given instruction set, its stages timed as [`render_clocked`] does.
+#[doc(hidden)]
+pub fn panorama_clocked(
+    splats: &Splats,
+    (eye, up, width_px): (DVec3, Up, u32),
+    settings: &Settings,
+    cx: &Context,
+    level: Level,
+    clock: &dyn Fn() -> f64,
+) -> Result<Rendered, NodeError> {
+    let settings = Settings { sort: Sort::Distance, ..*settings };
+    draw(splats, &Sphere::new(eye, up, width_px), None, &settings, cx, (level, clock))
 }
 
 /// Evaluations a second of the blend's arithmetic: one tile that stays in the first cache, every splat
@@ -167,7 +295,10 @@ pub fn calibrate(splats: usize) -> f64 {
     let list = vec![0; splats];
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let start = std::time::Instant::now();
-    let tile = blend32::blend(Level::new(), &Projected::of(vec![wide]), &list, [0, 0, TILE, TILE], &settings);
+    let projected = Projected::of(vec![wide]);
+    let area = [0, 0, TILE, TILE];
+    let task = Task { projected: &projected, list: &list, area, limit: None, settings: &settings };
+    let tile = blend32::blend(Level::new(), &task);
     std::hint::black_box(&tile.rgba);
     tile.evaluations as f64 / start.elapsed().as_secs_f64()
 }
@@ -194,18 +325,36 @@ pub fn render_clocked(
     level: Level,
     clock: &dyn Fn() -> f64,
 ) -> Result<Rendered, NodeError> {
-    let (width, height) = (camera.width_px as usize, camera.height_px as usize);
-    if u64::from(camera.width_px) * u64::from(camera.height_px) > MAX_PIXELS {
-        let what = format!("view `{}` has {width}x{height} pixels", camera.name);
-        return Err(NodeError::new(what).at("rig").hint(format!("the limit is {MAX_PIXELS}")));
+    checked(camera)?;
+    draw(splats, &Pinhole::new(camera), None, settings, cx, (level, clock))
+}
+
+fn checked(camera: &Camera) -> Result<(), NodeError> {
+    let (width, height) = (camera.width_px, camera.height_px);
+    if u64::from(width) * u64::from(height) <= MAX_PIXELS && width.max(height) <= MAX_SIDE {
+        return Ok(());
     }
+    let what = format!("view `{}` has {width}x{height} pixels", camera.name);
+    let hint = format!("the limit is {MAX_PIXELS} pixels, and {MAX_SIDE} a side");
+    Err(NodeError::new(what).at("rig").hint(hint))
+}
+
+fn draw<L: Lens>(
+    splats: &Splats,
+    lens: &L,
+    limit: Option<&Image<Data>>,
+    settings: &Settings,
+    cx: &Context,
+    (level, clock): (Level, &dyn Fn() -> f64),
+) -> Result<Rendered, NodeError> {
+    let (width, height) = lens.size();
     let mut last = clock();
     let mut lap = || {
         let now = clock();
         now - std::mem::replace(&mut last, now)
     };
 
-    let projected = project::project(splats, camera, settings, cx, level)?;
+    let projected = project::project(splats, lens, settings, cx, level)?;
     let project_s = lap();
     let order = bin::order(projected.keys());
     let sort_s = lap();
@@ -214,10 +363,11 @@ pub fn render_clocked(
 
     let tiles = cx.for_each_tile(lists.tiles(), |tile| {
         let (list, x0, y0) = lists.tile(tile);
-        let (w, h) = ((width - x0).min(TILE), (height - y0).min(TILE));
+        let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
+        let task = Task { projected: &projected, list, area, limit, settings };
         match settings.precision {
-            Precision::F32 => blend32::blend(level, &projected, list, [x0, y0, w, h], settings),
-            Precision::F64 => blend64::blend(&projected, list, [x0, y0, w, h], settings),
+            Precision::F32 => blend32::blend(level, &task),
+            Precision::F64 => blend64::blend(&task),
         }
     })?;
 
@@ -230,6 +380,7 @@ pub fn render_clocked(
     };
     let mut rgba = vec![0.0_f32; width * height * 4];
     let mut depth = vec![f32::INFINITY; width * height];
+    let mut blends = vec![0.0_f32; if settings.count_blends { width * height } else { 0 }];
     for (index, tile) in tiles.iter().enumerate() {
         let (_, x0, y0) = lists.tile(index);
         work.evaluations += tile.evaluations;
@@ -240,7 +391,10 @@ pub fn render_clocked(
             let from = row * TILE;
             rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
             depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
+            if settings.count_blends {
+                blends[to..to + w].copy_from_slice(&tile.counts[from..from + w]);
+            }
         }
     }
-    Ok(Rendered { rgba, depth, work, seconds: [project_s, sort_s, bin_s, lap()] })
+    Ok(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] })
 }

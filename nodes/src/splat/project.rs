@@ -8,22 +8,15 @@ use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
 use super::bin::TILE;
+use super::lens::{Lens, Reach, SLACK_PX, Seen};
 use super::{Bounds, Precision, Settings, Sort, sh};
 use crate::num;
-use crate::types::{Camera, Splats};
+use crate::types::Splats;
 
 /// Splats a job, as a power of two; fixed, so that the order of footprints does not depend on the number
 /// of threads.
 const CHUNK_BITS: u32 = 13;
 const CHUNK: usize = 1 << CHUNK_BITS;
-
-/// How far beyond the edges of the image the slopes of the projection follow the splat, as a share of
-/// the half image: beyond, the linear approximation explodes (INRIA forward.cu: 1.3 times the tangent).
-const GUARD: f64 = 0.3;
-
-/// What a pixel of slack may cost nothing: bounds are widened by this much, in pixels, so that rounding
-/// never loses a pixel whose alpha reaches the cut.
-const SLACK_PX: f64 = 0.01;
 
 /// A splat on the image plane. Its alpha at the pixel centre (x, y) is
 /// `opacity * 2^-(t^2 + s^2)` with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky
@@ -42,15 +35,6 @@ pub(crate) struct Footprint {
     pub z: f32,
 }
 
-/// The tiles a footprint touches, half open.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Reach {
-    pub x0: u16,
-    pub x1: u16,
-    pub y0: u16,
-    pub y1: u16,
-}
-
 /// The footprints of one job, in file order.
 #[derive(Default)]
 struct Chunk {
@@ -67,12 +51,14 @@ pub(crate) struct Projected {
     chunks: Vec<Chunk>,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
+    /// Columns after which the picture repeats, of a panorama.
+    pub period: Option<u32>,
 }
 
 impl Projected {
     /// Of one chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
-        Self { chunks: vec![Chunk { footprints, ..Chunk::default() }], log2_cut: 0.0 }
+        Self { chunks: vec![Chunk { footprints, ..Chunk::default() }], log2_cut: 0.0, period: None }
     }
 
     /// (sort key, index) of each footprint, in file order; keys ascend from front to back.
@@ -121,9 +107,9 @@ impl Footprint {
         z: 0.0,
     };
 
-    /// The columns of tiles, within `span`, that the ellipse of `alpha >= cut` touches in the row of
-    /// tiles whose first pixel row is `y`.
-    pub(super) fn columns_in(&self, y: usize, span: (u16, u16), log2_cut: f64) -> (u16, u16) {
+    /// Where, from left to right, the ellipse of `alpha >= cut` is in the row of tiles whose first pixel row
+    /// is `y`; in pixels, with slack.
+    pub(super) fn extent_in(&self, y: usize, log2_cut: f64) -> (f64, f64) {
         let reach = f64::from(self.log2_opacity) - log2_cut;
         let (low, high) = (y as f64 + 0.5 - self.v - SLACK_PX, (y + TILE) as f64 - 0.5 - self.v + SLACK_PX);
         // Where, seen from the centre, the ellipse is widest: the rightmost point lies at dy = widest.
@@ -135,125 +121,61 @@ impl Footprint {
         };
         let right = self.u + edge(widest.clamp(low, high), 1.0) + SLACK_PX;
         let left = self.u + edge((-widest).clamp(low, high), -1.0) - SLACK_PX;
-        let first = tile_of(left - 0.5, span.1).max(span.0);
-        let last = tile_of(right - 1.5, span.1 - 1);
-        (first.min(span.1), (last + 1).clamp(first.min(span.1), span.1))
-    }
-}
-
-/// The next whole number not below `x`, held within what an i32 can be. Without SSE4.1, which the
-/// portable build cannot assume, the method of f64 is a call.
-#[inline(always)]
-fn ceil(x: f64) -> i32 {
-    let x = x.clamp(-1e9, 1e9);
-    let whole = x as i32;
-    whole + i32::from(f64::from(whole) < x)
-}
-
-/// The tile of the first pixel not before a coordinate, clamped to 0 and `end`.
-fn tile_of(pixel: f64, end: u16) -> u16 {
-    ceil(pixel).div_euclid(TILE as i32).clamp(0, i32::from(end)) as u16
-}
-
-/// What of the camera a splat needs.
-struct Eye {
-    eye: DVec3,
-    right: DVec3,
-    down: DVec3,
-    forward: DVec3,
-    fx: f64,
-    fy: f64,
-    cx: f64,
-    cy: f64,
-    width: f64,
-    height: f64,
-    /// Slopes x/z and y/z at which the projection's derivative is held.
-    slope_x: [f64; 2],
-    slope_y: [f64; 2],
-    columns: u16,
-    rows: u16,
-}
-
-impl Eye {
-    fn new(camera: &Camera) -> Self {
-        let m = camera.world_from_camera();
-        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-        let (guard_x, guard_y) = (GUARD * 0.5 * width / camera.fx, GUARD * 0.5 * height / camera.fy);
-        Self {
-            eye: camera.eye(),
-            right: m.x_axis.truncate(),
-            down: m.y_axis.truncate(),
-            forward: m.z_axis.truncate(),
-            fx: camera.fx,
-            fy: camera.fy,
-            cx: camera.cx,
-            cy: camera.cy,
-            width,
-            height,
-            slope_x: [-camera.cx / camera.fx - guard_x, (width - camera.cx) / camera.fx + guard_x],
-            slope_y: [-camera.cy / camera.fy - guard_y, (height - camera.cy) / camera.fy + guard_y],
-            columns: (camera.width_px as usize).div_ceil(TILE) as u16,
-            rows: (camera.height_px as usize).div_ceil(TILE) as u16,
-        }
+        (left, right)
     }
 }
 
 /// Projects every splat that can change a pixel.
-pub(super) fn project(
+pub(super) fn project<L: Lens>(
     splats: &Splats,
-    camera: &Camera,
+    lens: &L,
     settings: &Settings,
     cx: &Context,
     level: Level,
 ) -> Result<Projected, NodeError> {
-    let eye = Eye::new(camera);
     let log2_cut = num::f64::log2(settings.alpha_cut);
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |chunk| {
         let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(splats.len());
-        dispatch!(level, simd => many(simd, splats, range, &eye, settings, log2_cut))
+        dispatch!(level, simd => many(simd, splats, range, lens, settings, log2_cut))
     })?;
-    Ok(Projected { chunks, log2_cut })
+    Ok(Projected { chunks, log2_cut, period: lens.period() })
 }
 
 /// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
 #[inline(always)]
-fn many<S: Simd>(
+fn many<S: Simd, L: Lens>(
     _simd: S,
     splats: &Splats,
     range: Range<usize>,
-    eye: &Eye,
+    lens: &L,
     settings: &Settings,
     log2_cut: f64,
 ) -> Chunk {
     let mut out = Chunk::default();
     for index in range {
-        one(splats, index, eye, settings, log2_cut, &mut out);
+        one(splats, index, lens, settings, log2_cut, &mut out);
     }
     out
 }
 
 #[inline(always)]
-fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: f64, out: &mut Chunk) {
+fn one<L: Lens>(
+    splats: &Splats,
+    index: usize,
+    lens: &L,
+    settings: &Settings,
+    log2_cut: f64,
+    out: &mut Chunk,
+) {
     let mut opacity = f64::from(splats.opacities[index]);
     if opacity < settings.alpha_cut || opacity <= 0.0 {
         return;
     }
-    let d = splats.mean(index) - eye.eye;
-    let z = eye.forward.dot(d);
-    if z <= settings.near {
+    let d = splats.mean(index) - lens.eye();
+    let Some(Seen { u, v, row_x, row_y, depth }) = lens.see(d, settings.near) else {
         out.behind += 1;
         return;
-    }
-    let inverse_z = 1.0 / z;
-    let (slope_x, slope_y) = (eye.right.dot(d) * inverse_z, eye.down.dot(d) * inverse_z);
-    let (u, v) = (eye.fx * slope_x + eye.cx, eye.fy * slope_y + eye.cy);
-    let held_x = slope_x.clamp(eye.slope_x[0], eye.slope_x[1]);
-    let held_y = slope_y.clamp(eye.slope_y[0], eye.slope_y[1]);
-    let (to_x, to_y) = (eye.fx * inverse_z, eye.fy * inverse_z);
-
-    // Rows of the derivative of (u, v) by the world, eq. 26 of the EWA paper.
-    let row_x = (eye.right - eye.forward * held_x) * to_x;
-    let row_y = (eye.down - eye.forward * held_y) * to_y;
+    };
 
     // A splat whose largest extent cannot reach the image is left before its covariance is made.
     let scale = splats.scales[index].map(f64::from);
@@ -265,7 +187,7 @@ fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: 
         let sigmas2 = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0);
         let radius =
             (sigmas2 * (area * largest * largest + settings.low_pass_px2)).sqrt() + 2.0 * TILE as f64;
-        if u + radius < 0.0 || v + radius < 0.0 || u - radius > eye.width || v - radius > eye.height {
+        if lens.misses(u, v, radius) {
             return;
         }
     }
@@ -302,11 +224,11 @@ fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: 
 
     let log2_opacity = num::f64::log2(opacity);
     let reach = match settings.bounds {
-        _ if !bounded => Some(Reach { x0: 0, x1: eye.columns, y0: 0, y1: eye.rows }),
-        Bounds::Inria => inria_reach(u, v, xx, yy, det, eye),
+        _ if !bounded => Some(lens.everywhere()),
+        Bounds::Inria => lens.inria_reach(u, v, xx, yy, det),
         _ => {
             let sigmas = (2.0 * std::f64::consts::LN_2 * (log2_opacity - log2_cut).max(0.0)).sqrt();
-            exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy, eye)
+            lens.exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy)
         }
     };
     let Some(reach) = reach else { return };
@@ -317,7 +239,7 @@ fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: 
     let coefficients = &splats.sh[index * splats.sh_len()..(index + 1) * splats.sh_len()];
     let rgb = sh::colour(degree, coefficients, direction.to_array().map(|c| c as f32));
     let by = match settings.sort {
-        Sort::Depth => z,
+        Sort::Depth => depth,
         Sort::Distance => distance,
     };
     // Bits of positive floats ascend as they do.
@@ -337,37 +259,6 @@ fn one(splats: &Splats, index: usize, eye: &Eye, settings: &Settings, log2_cut: 
         opacity: opacity as f32,
         log2_opacity: log2_opacity as f32,
         rgb,
-        z: z as f32,
+        z: depth as f32,
     });
-}
-
-#[inline(always)]
-/// Tiles with a pixel centre inside the box of the ellipse, its edge included.
-fn exact_reach(u: f64, v: f64, half_x: f64, half_y: f64, eye: &Eye) -> Option<Reach> {
-    let pixels = |centre: f64, half: f64, size: f64| {
-        let first = ceil(centre - half - SLACK_PX - 0.5).max(0);
-        let last = ceil(centre + half + SLACK_PX + 0.5).min(size as i32 + 1) - 2;
-        (first <= last).then(|| ((first as usize / TILE) as u16, (last as usize / TILE) as u16 + 1))
-    };
-    let (x0, x1) = pixels(u, half_x, eye.width)?;
-    let (y0, y1) = pixels(v, half_y, eye.height)?;
-    Some(Reach { x0, x1, y0, y1 })
-}
-
-/// Tiles as the INRIA rasterizer counts them: a square of 3 standard deviations of the longer axis
-/// (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`).
-fn inria_reach(u: f64, v: f64, xx: f64, yy: f64, det: f64, eye: &Eye) -> Option<Reach> {
-    let middle = 0.5 * (xx + yy);
-    let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();
-    let tile = TILE as f64;
-    // Its pixel centres are whole numbers, ours lie half a pixel further.
-    let tiles = |centre: f64, count: u16| {
-        let clamp = |t: f64| t.clamp(0.0, f64::from(count)) as u16;
-        let (first, end) =
-            (clamp((centre - 0.5 - radius) / tile), clamp((centre - 0.5 + radius + tile - 1.0) / tile));
-        (first < end).then_some((first, end))
-    };
-    let (x0, x1) = tiles(u, eye.columns)?;
-    let (y0, y1) = tiles(v, eye.rows)?;
-    Some(Reach { x0, x1, y0, y1 })
 }

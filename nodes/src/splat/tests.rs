@@ -6,6 +6,9 @@ use crate::num;
 use crate::testing::context;
 use crate::types::SplatEncoding;
 
+mod around;
+mod modes;
+
 /// Numbers in [0, 1), the same on every machine.
 struct Random(u64);
 
@@ -116,6 +119,7 @@ const F64: Settings = Settings {
     alpha_cap: 0.99,
     stop: 1e-4,
     depth: DepthMode::Expected,
+    count_blends: false,
 };
 
 /// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Nothing is shared

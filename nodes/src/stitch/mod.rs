@@ -88,18 +88,7 @@ impl Source {
             return Err(NodeError::new(what).at("views"));
         }
         let pixels = view.colour.samples().as_chunks::<4>().0;
-        let rows = cx.for_each_tile(height, |y| {
-            let linear = |c: f32, alpha: f32| color::linear_from_srgb(c / alpha) * alpha;
-            let row = pixels[y * width..(y + 1) * width].iter().map(|&[r, g, b, a]| {
-                let alpha = a.clamp(0.0, 1.0);
-                match encoded {
-                    _ if alpha <= 0.0 => [0.0; 4],
-                    true => [linear(r, alpha), linear(g, alpha), linear(b, alpha), alpha],
-                    false => [r, g, b, alpha],
-                }
-            });
-            row.collect::<Vec<_>>()
-        })?;
+        let rows = cx.for_each_tile(height, |y| linear_row(&pixels[y * width..(y + 1) * width], encoded))?;
         let m = view.camera.world_from_camera();
         Ok(Self {
             axes: [m.x_axis.truncate(), m.y_axis.truncate(), m.z_axis.truncate()],
@@ -193,6 +182,101 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
     Ok(rows.concat())
 }
 
+/// What was found out about a panorama before its holes are filled.
+pub(crate) struct Found {
+    /// Linear light, premultiplied, row by row.
+    pub premultiplied: Vec<[f32; 4]>,
+    /// In pixels; the height is half of it.
+    pub width: usize,
+    /// Whether the panorama is to be display-encoded.
+    pub encoded: bool,
+    /// As of [`Panorama`].
+    pub up: Up,
+    /// As of [`Panorama`].
+    pub origin: DVec3,
+}
+
+/// Fills the holes of a panorama and tells of them in `notes`.
+pub(crate) fn finish(
+    found: Found,
+    how: Holes,
+    hole_alpha: f64,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Panorama, NodeError> {
+    let Found { premultiplied, width, encoded, up, origin } = found;
+    let height = width / 2;
+    let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
+    let hole_alpha = hole_alpha as f32;
+    let open = alpha.iter().filter(|a| **a < hole_alpha).count();
+    if open == alpha.len() {
+        notes.warning("nothing-seen", "the views show nothing: the panorama is a hole");
+    } else if open > 0 {
+        let share: f64 = (0..height)
+            .map(|y| {
+                let row = &alpha[y * width..(y + 1) * width];
+                let holes = row.iter().filter(|a| **a < hole_alpha).count() as f64;
+                holes * equirect::pixel_solid_angle(width, height, y)
+            })
+            .sum();
+        let text = if how == Holes::PushPull { "filled from around them" } else { "left black" };
+        let percent = 100.0 * share / (4.0 * PI);
+        notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {text}"));
+    }
+    let mut linear = match how {
+        Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,
+        Holes::Black => premultiplied
+            .iter()
+            .map(|&[r, g, b, a]| {
+                // Fades to black over the alphas of a hole, so that noise is not blown up.
+                let by = if a > 0.0 { (a / hole_alpha).min(1.0) / a } else { 0.0 };
+                [r * by, g * by, b * by]
+            })
+            .collect(),
+    };
+    if encoded {
+        let rows = cx.for_each_tile(height, |y| {
+            linear[y * width..(y + 1) * width]
+                .iter()
+                .map(|c| c.map(color::srgb_from_linear))
+                .collect::<Vec<_>>()
+        })?;
+        linear = rows.concat();
+    }
+    let samples = linear.into_flattened();
+    let image: Picture = if encoded {
+        Image::<Srgb>::from_samples(width, height, 3, samples).into()
+    } else {
+        Image::<Linear>::from_samples(width, height, 3, samples).into()
+    };
+    let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
+    Ok(Panorama { image, alpha, up, origin })
+}
+
+/// Linear light, premultiplied, of one row of premultiplied RGBA.
+pub(crate) fn linear_row(row: &[[f32; 4]], encoded: bool) -> Vec<[f32; 4]> {
+    let linear = |c: f32, alpha: f32| color::linear_from_srgb(c / alpha) * alpha;
+    let pixels = row.iter().map(|&[r, g, b, a]| {
+        let alpha = a.clamp(0.0, 1.0);
+        match encoded {
+            _ if alpha <= 0.0 => [0.0; 4],
+            true => [linear(r, alpha), linear(g, alpha), linear(b, alpha), alpha],
+            false => [r, g, b, alpha],
+        }
+    });
+    pixels.collect()
+}
+
+/// A panorama is twice as wide as high.
+pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
+    if width_px.is_multiple_of(2) {
+        return Ok(());
+    }
+    Err(NodeError::new(format!("a panorama {width_px} px wide has no height"))
+        .at("width_px")
+        .hint("give an even number"))
+}
+
 impl Kind for Stitch {
     const NAME: &'static str = "stitch";
     const VERSION: u32 = 1;
@@ -208,12 +292,7 @@ impl Kind for Stitch {
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
-        if params.width_px.is_multiple_of(2) {
-            return Ok(());
-        }
-        Err(NodeError::new(format!("a panorama {} px wide has no height", params.width_px))
-            .at("width_px")
-            .hint("give an even number"))
+        check_width(params.width_px)
     }
 
     fn run(params: &Self, In { views }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -242,59 +321,17 @@ impl Kind for Stitch {
         let up = cx.up();
         let sources = views.0.iter().map(|view| Source::new(view, cx)).collect::<Result<Vec<_>, _>>()?;
         cx.progress(0.2);
-        let (width, height) = (params.width_px as usize, params.width_px as usize / 2);
+        let width = params.width_px as usize;
         let premultiplied = resample(&sources, up, width, cx)?;
         drop(sources);
         cx.progress(0.8);
 
-        let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
-        let hole_alpha = params.hole_alpha as f32;
-        let open = alpha.iter().filter(|a| **a < hole_alpha).count();
-        if open == alpha.len() {
-            notes.warning("nothing-seen", "the views show nothing: the panorama is a hole");
-        } else if open > 0 {
-            let share: f64 = (0..height)
-                .map(|y| {
-                    let row = &alpha[y * width..(y + 1) * width];
-                    let holes = row.iter().filter(|a| **a < hole_alpha).count() as f64;
-                    holes * equirect::pixel_solid_angle(width, height, y)
-                })
-                .sum();
-            let how = if params.holes == Holes::PushPull { "filled from around them" } else { "left black" };
-            let percent = 100.0 * share / (4.0 * PI);
-            notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {how}"));
-        }
-        let mut linear = match params.holes {
-            Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,
-            Holes::Black => premultiplied
-                .iter()
-                .map(|&[r, g, b, a]| {
-                    // Fades to black over the alphas of a hole, so that noise is not blown up.
-                    let by = if a > 0.0 { (a / hole_alpha).min(1.0) / a } else { 0.0 };
-                    [r * by, g * by, b * by]
-                })
-                .collect(),
-        };
-        if encoded {
-            let rows = cx.for_each_tile(height, |y| {
-                linear[y * width..(y + 1) * width]
-                    .iter()
-                    .map(|c| c.map(color::srgb_from_linear))
-                    .collect::<Vec<_>>()
-            })?;
-            linear = rows.concat();
-        }
-        let samples = linear.into_flattened();
-        let image: Picture = if encoded {
-            Image::<Srgb>::from_samples(width, height, 3, samples).into()
-        } else {
-            Image::<Linear>::from_samples(width, height, 3, samples).into()
-        };
-        let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
+        let found = Found { premultiplied, width, encoded, up, origin };
+        let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
         let out = Out {
-            image: Arc::new(Images::single("pano", image.clone())),
-            alpha: Arc::new(Images::single("pano", alpha.clone())),
-            pano: Arc::new(Panorama { image, alpha, up, origin }),
+            image: Arc::new(Images::single("pano", pano.image.clone())),
+            alpha: Arc::new(Images::single("pano", pano.alpha.clone())),
+            pano: Arc::new(pano),
         };
         Ok((out, notes))
     }

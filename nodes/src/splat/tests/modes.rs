@@ -1,0 +1,94 @@
+//! Depth modes, counts and the limit.
+
+use super::*;
+
+const MIDDLE: usize = 16 * 33 + 16;
+
+/// Two discs before the camera: near, of opacity 0.4 at depth 2, and far, of 0.9 at 6.
+fn pair() -> Splats {
+    let near = one([0.0, 0.0, 2.0], [0.8; 3], 0.4, [1.0; 3]);
+    join(&[&one([0.0, 0.0, 6.0], [2.0; 3], 0.9, [-1.0; 3]), &near])
+}
+
+#[test]
+fn transmittance_depth_is_nearer_than_expected_depth() {
+    for precision in [Precision::F32, Precision::F64] {
+        let settings = Settings { precision, depth: DepthMode::Transmittance, ..F64 };
+        let seen = draw(&pair(), &camera(33, 33, 60.0), settings);
+        let (w0, w1) = (0.4, 0.6 * 0.6 * 0.9);
+        let expected = (w0 * 2.0 + w1 * 6.0) / (w0 + w1);
+        assert!((f64::from(seen.depth[MIDDLE]) - expected).abs() < 1e-2, "{}", seen.depth[MIDDLE]);
+        let splats = cloud(400, 77);
+        let by = |depth| draw(&splats, &camera(60, 40, 80.0), Settings { precision, depth, ..F64 }).depth;
+        let (mean, front) = (by(DepthMode::Expected), by(DepthMode::Transmittance));
+        for (mean, front) in mean.iter().zip(&front) {
+            assert!(front <= &(mean * 1.000_01), "{front} beyond {mean}");
+        }
+        let sum = |depth: &[f32]| depth.iter().filter(|d| d.is_finite()).sum::<f32>();
+        assert!(sum(&front) < 0.99 * sum(&mean));
+    }
+}
+
+#[test]
+fn counts_are_the_blends_and_change_nothing_else() {
+    let splats = cloud(500, 31);
+    let camera = camera(51, 37, 80.0);
+    for precision in [Precision::F32, Precision::F64] {
+        let plain = draw(&splats, &camera, Settings { precision, ..F64 });
+        let counted = draw(&splats, &camera, Settings { precision, count_blends: true, ..F64 });
+        assert_eq!(bits(&plain), bits(&counted));
+        assert!(plain.blends.is_empty() && counted.blends.len() == 51 * 37);
+        let sum: f64 = counted.blends.iter().map(|n| f64::from(*n)).sum();
+        assert_eq!(sum as u64, counted.work.blends);
+        for (n, pixel) in counted.blends.iter().zip(counted.rgba.as_chunks::<4>().0) {
+            assert_eq!(*n > 0.0, pixel[3] > 0.0);
+        }
+    }
+}
+
+fn before(splats: &Splats, camera: &Camera, limit: &Image<Data>, settings: Settings) -> Rendered {
+    render_before(splats, camera, limit, &settings, &context()).expect("renders")
+}
+
+// What is at or behind the surface is as if it were not in the file, pixel by pixel.
+#[test]
+fn a_surface_in_front_ends_the_blend() {
+    let splats = cloud(500, 12);
+    let camera = camera(50, 40, 80.0);
+    let all = |value: f32| Image::<Data>::from_samples(50, 40, 1, vec![value; 50 * 40]);
+    for settings in [
+        F64,
+        Settings { precision: Precision::F32, ..F64 },
+        Settings { precision: Precision::F32, sort: Sort::Distance, ..F64 },
+        Settings { precision: Precision::F32, bounds: Bounds::None, ..F64 },
+    ] {
+        let open = draw(&splats, &camera, settings);
+        for none in [0.0, f32::INFINITY] {
+            assert_eq!(bits(&before(&splats, &camera, &all(none), settings)), bits(&open));
+        }
+        for depth in [1.0_f32, 3.0, 6.0] {
+            let seen = before(&splats, &camera, &all(depth), settings);
+            let kept: Vec<usize> = (0..splats.len()).filter(|i| splats.means[*i][2] < depth).collect();
+            let nearer = Splats {
+                means: kept.iter().map(|i| splats.means[*i]).collect(),
+                quats: kept.iter().map(|i| splats.quats[*i]).collect(),
+                scales: kept.iter().map(|i| splats.scales[*i]).collect(),
+                opacities: kept.iter().map(|i| splats.opacities[*i]).collect(),
+                sh: kept.iter().flat_map(|i| &splats.sh[i * 16..(i + 1) * 16]).copied().collect(),
+                ..splats.clone()
+            };
+            assert_eq!(bits(&seen), bits(&draw(&nearer, &camera, settings)), "{depth}");
+            assert!(seen.depth.iter().all(|d| *d <= depth || *d == f32::INFINITY));
+        }
+        // Half a surface: its side is cut, the other is not.
+        let samples = (0..50 * 40).map(|i| if i % 50 < 25 { 2.0 } else { 0.0 }).collect();
+        let half = before(&splats, &camera, &Image::<Data>::from_samples(50, 40, 1, samples), settings);
+        let cut = before(&splats, &camera, &all(2.0), settings);
+        for i in 0..50 * 40 {
+            let expected = if i % 50 < 25 { &cut } else { &open };
+            assert_eq!(half.rgba[i * 4..i * 4 + 4], expected.rgba[i * 4..i * 4 + 4]);
+        }
+    }
+    let small = Image::<Data>::new(49, 40, 1);
+    assert!(render_before(&splats, &camera, &small, &F64, &context()).is_err());
+}
