@@ -8,7 +8,7 @@ use crate::Error;
 use crate::io::png::Raster;
 use crate::io::{exr, hdr, jpeg, png};
 use crate::load_environment::tell;
-use crate::types::{Data, Image, Images, Linear, Picture, Srgb};
+use crate::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
 
 engine::choices! {
     /// What the numbers of a file mean.
@@ -31,13 +31,15 @@ engine::params! {
     pub struct LoadImage {
         /// The file.
         path: InputFile, other("\"b.png\"");
+        /// Pictures of further views, such as those of a rig of several cameras.
+        more: Vec<InputFile> = Vec::new(), other("[\"photo.png\"]");
         /// What the numbers mean.
         encoding: FileEncoding = FileEncoding::Auto, other("Data");
         /// Which layer of an OpenEXR file: `R0` takes `R0.R`, `R0.G` and `R0.B`, `Z` the channel Z. By
         /// default the layer without a name.
         layer: String = String::new(), other("\"Z\""), inert("only OpenEXR has layers");
-        /// Name of the view, which stands for `{view}` in paths; by default the name of the file.
-        name: String = String::new(), other("\"left\"");
+        /// Names of the views, one a file; by default the names of the files without folder and ending.
+        names: Vec<String> = Vec::new(), other("[\"left\"]");
     }
 }
 engine::inputs! {
@@ -47,7 +49,7 @@ engine::inputs! {
 engine::outputs! {
     /// The picture.
     pub struct Out {
-        /// The picture, as one view.
+        /// The pictures, one view a file.
         image: Arc<Images>,
     }
 }
@@ -61,30 +63,46 @@ impl Kind for LoadImage {
     type Out = Out;
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        Ok(vec![root.file(&p.path)])
+        Ok(p.files().map(|file| root.file(file)).collect())
     }
 
     fn check(p: &Self) -> Result<(), NodeError> {
-        if p.name.is_empty() { Ok(()) } else { crate::camera::view_name(&p.name) }
+        let files = 1 + p.more.len();
+        if !p.names.is_empty() && p.names.len() != files {
+            let what = format!("{} names for {files} files", p.names.len());
+            return Err(NodeError::new(what).at("names"));
+        }
+        p.names.iter().try_for_each(|name| crate::camera::view_name(name).map_err(|e| e.at("names")))
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
         let mut notes = Notes::none();
-        let picture = decode(p, &bytes, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
-        cx.check()?;
-        let name = if p.name.is_empty() {
-            let file = p.path.0.rsplit(['/', '\\']).next().unwrap_or_default();
-            file.rsplit_once('.').map_or(file, |(stem, _)| stem)
-        } else {
-            &p.name
-        };
-        Ok((Out { image: Arc::new(Images::single(name, picture)) }, notes))
+        let mut views: Vec<NamedImage> = Vec::with_capacity(1 + p.more.len());
+        for (index, file) in p.files().enumerate() {
+            cx.check()?;
+            let field = if index == 0 { "path" } else { "more" };
+            let bytes = cx.read(file).map_err(|e| e.at(field))?;
+            let picture = decode(p, &file.0, &bytes, &mut notes).map_err(|e| NodeError::from(e).at(field))?;
+            let stem = file.0.rsplit(['/', '\\']).next().unwrap_or_default();
+            let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
+            let name = p.names.get(index).map_or(stem, String::as_str).to_owned();
+            if views.iter().any(|view| view.name == name) {
+                let error = NodeError::new(format!("two views are called `{name}`"));
+                return Err(error.at("more").hint("tell them apart with `names`"));
+            }
+            views.push(NamedImage { name, picture });
+        }
+        Ok((Out { image: Arc::new(Images(views)) }, notes))
     }
 }
 
-fn decode(p: &LoadImage, bytes: &[u8], notes: &mut Notes) -> Result<Picture, Error> {
-    let name = &p.path.0;
+impl LoadImage {
+    fn files(&self) -> impl Iterator<Item = &InputFile> {
+        std::iter::once(&self.path).chain(&self.more)
+    }
+}
+
+fn decode(p: &LoadImage, name: &str, bytes: &[u8], notes: &mut Notes) -> Result<Picture, Error> {
     let (width, height, channels, samples, linear) = match bytes {
         [0x89, b'P', b'N', b'G', ..] => whole(png::read(name, bytes)?, p.encoding, notes),
         [0xff, 0xd8, ..] => whole(jpeg::read(name, bytes)?, p.encoding, notes),
@@ -186,11 +204,17 @@ mod tests {
     use super::*;
 
     fn node(encoding: FileEncoding, layer: &str) -> LoadImage {
-        LoadImage { path: InputFile("a".into()), encoding, layer: layer.into(), name: String::new() }
+        LoadImage {
+            path: InputFile("a".into()),
+            encoding,
+            layer: layer.into(),
+            more: Vec::new(),
+            names: Vec::new(),
+        }
     }
     fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
         let mut notes = Notes::none();
-        (decode(&node(encoding, layer), bytes, &mut notes).unwrap_or_else(|e| panic!("{e}")), notes)
+        (decode(&node(encoding, layer), "a", bytes, &mut notes).unwrap_or_else(|e| panic!("{e}")), notes)
     }
     fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
         let width = codes.len() / channels;
@@ -235,6 +259,6 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
-        assert!(decode(&node(FileEncoding::Auto, "S"), &bytes, &mut Notes::none()).is_err());
+        assert!(decode(&node(FileEncoding::Auto, "S"), "a", &bytes, &mut Notes::none()).is_err());
     }
 }

@@ -46,6 +46,10 @@ engine::params! {
         bounce: Bounce = Bounce::Auto, other("Env");
         /// What reflections in objects show where they meet the receiver.
         object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
+        /// Where the camera sees the receiver through a gap lower than this under an object, the receiver is
+        /// lit as if the object were away. The object stands on the real ground, which hides that place;
+        /// it shows only because the mesh lies a little too low, and would draw a black line.
+        contact_metres: f64 = 0.0, range(0.0, 10.0), unit("m"), other("0.5");
     }
 }
 
@@ -99,6 +103,8 @@ struct Extra<'a> {
     origin: [f64; 3],
     seed: u64,
     range: (u32, u32),
+    /// Up, times the height of the gaps that count as contact; absent for what does not depend on it.
+    contact: Option<[f32; 3]>,
 }
 
 /// A camera without its name, which changes no pixel.
@@ -142,6 +148,8 @@ struct Lens<'a> {
     eye: Vec3,
     forward: DVec3,
     seed: u64,
+    /// Up, times the height of the gaps under objects that the camera should not see into.
+    contact: Vec3,
 }
 
 impl Lens<'_> {
@@ -311,7 +319,8 @@ fn trace_pair(
         if touched {
             for (sample, landed) in (range.0..range.1).zip(&landings) {
                 let (points, key, ray) = lens.sample(pixel, sample);
-                let mut walk = Walk::new(world, points, key, true);
+                let gap = landed.as_ref().is_some_and(|hit| in_gap(&world, lens, hit, key, ray.direction));
+                let mut walk = Walk::new(world, points, key, !gap);
                 let light = match *landed {
                     Some(hit) => walk.radiance::<false>(Vertex::Receiver(hit), ray.direction),
                     None => world.sky.lookup(ray.direction).radiance,
@@ -332,6 +341,16 @@ fn trace_pair(
         tile.push(&sums);
     }
     tile
+}
+
+/// Whether an object stands so closely above a point of the receiver that the camera should not see it.
+fn in_gap(world: &World<'_>, lens: &Lens<'_>, hit: &Hit, key: u32, direction: Vec3) -> bool {
+    if lens.contact == Vec3::ZERO {
+        return false;
+    }
+    let surface = world.receiver.surface(hit, -direction);
+    let up = Ray { t_max: 1.0, ..surface.leave(lens.contact) };
+    world.objects.bvh.any(up, |hit| world.objects.accepts(hit, key, false))
 }
 
 /// Depth and normal of what is in front at the centres of some pixels.
@@ -448,7 +467,8 @@ fn columns(names: &[&str]) -> Vec<String> {
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
     const VERSION: u32 = 1;
-    const READS: &'static [ContextField] = &[ContextField::MetresPerUnit, ContextField::Seed];
+    const READS: &'static [ContextField] =
+        &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -497,6 +517,8 @@ impl Kind for PathTrace {
         remark(&stage, &objects, &mut notes);
 
         let seed = cx.seed();
+        let [_, _, up] = crate::equirect::axes(cx.up());
+        let contact = (up * (params.contact_metres / cx.metres_per_unit())).as_vec3();
         let chunks = chunks(params.samples);
         let total = inputs.rig.cameras.iter().map(|c| tiles(c) * (2 * chunks.len() + 1)).sum::<usize>();
         let done = AtomicUsize::new(0);
@@ -509,18 +531,19 @@ impl Kind for PathTrace {
         let mut shots = Vec::with_capacity(inputs.rig.cameras.len());
         for camera in &inputs.rig.cameras {
             let forward = camera.world_from_camera().z_axis.truncate();
-            let lens = Lens { camera, eye: rules::framed(camera.eye(), origin), forward, seed };
-            let extra = |range| Extra {
+            let lens = Lens { camera, eye: rules::framed(camera.eye(), origin), forward, seed, contact };
+            let extra = |range, contact| Extra {
                 view: View::of(camera),
                 rules: &rules,
                 origin: origin.to_array(),
                 seed,
                 range,
+                contact,
             };
             let mut running = Running::new(camera);
             for &range in &chunks {
                 let part = Part { name: "r0", version: 1, inputs: &["receiver", "env"] };
-                let r0 = cx.part(part, &extra(range), || {
+                let r0 = cx.part(part, &extra(range, None), || {
                     let world = world();
                     let sums = Sums::trace(cx, camera, R0, step, |tile| trace_r0(world, &lens, tile, range))?;
                     cx.count("rays", sums.rays);
@@ -528,7 +551,7 @@ impl Kind for PathTrace {
                 })?;
                 expect_size(&r0, camera, R0)?;
                 let part = Part { name: "pair", version: 1, inputs: &["receiver", "objects", "env"] };
-                let pair = cx.part(part, &extra(range), || {
+                let pair = cx.part(part, &extra(range, Some(contact.to_array())), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, &r0);
                     let sums = Sums::trace(cx, camera, PAIR, step, trace)?;
@@ -539,7 +562,7 @@ impl Kind for PathTrace {
                 running.add(&r0, &pair);
             }
             let part = Part { name: "front", version: 1, inputs: &["receiver", "objects"] };
-            let front = cx.part(part, &extra((0, 0)), || {
+            let front = cx.part(part, &extra((0, 0), None), || {
                 let world = world();
                 Sums::trace(cx, camera, FRONT, step, |tile| trace_front(world, &lens, tile))
             })?;

@@ -108,6 +108,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         env_block,
         bounce: Bounce::Auto,
         object_specular_sees: SpecularSees::Auto,
+        contact_metres: 0.0,
     }
 }
 

@@ -15,7 +15,13 @@ fn cx() -> Context {
 }
 
 fn image(path: &str, encoding: FileEncoding) -> Arc<Images> {
-    let p = LoadImage { path: InputFile(path.into()), encoding, layer: String::new(), name: "v".into() };
+    let p = LoadImage {
+        path: InputFile(path.into()),
+        encoding,
+        layer: String::new(),
+        more: Vec::new(),
+        names: vec!["v".into()],
+    };
     LoadImage::run(&p, load_image::In {}, &cx()).unwrap().0.image
 }
 
