@@ -7,6 +7,7 @@ use crate::error::NodeError;
 use crate::graph::{Graph, Wire};
 use crate::record::{Output, Record};
 use crate::schedule::Engine;
+use crate::syntax::parse_value;
 
 /// What a run would do with a node.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,7 +76,8 @@ impl Engine {
                         match (known, manifest, last) {
                             (true, ..) => Fate::Known,
                             (false, Some(new), Some((_, last))) => {
-                                Fate::Runs(Why::Changed(Manifest::difference(&last, new)))
+                                let changes = Manifest::difference(&last, new);
+                                Fate::Runs(Why::Changed(changes.into_iter().map(as_written).collect()))
                             }
                             _ => Fate::Runs(Why::New),
                         }
@@ -111,4 +113,10 @@ impl Engine {
         let record = look_up(self.store(), &graph.nodes[index], &action.digest());
         Ok((action, record))
     }
+}
+
+/// Keys hold parameters as text in RON; shown as they would be written in a graph file.
+fn as_written(change: Change) -> Change {
+    let plain = |value: String| parse_value::<String>(&value).unwrap_or(value);
+    Change { path: change.path, old: change.old.map(plain), new: change.new.map(plain) }
 }

@@ -25,7 +25,7 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
     assert_eq!(again.notes(), notes, "notes are part of the result");
 
     // Renaming, reordering, comments, layout: nothing.
-    let renamed = INSERT.replace("shadow\"", "schatten\"").replace("shadow:", "schatten:");
+    let renamed = INSERT.replace("\"shadow\"", "\"schatten\"").replace("shadow: S", "schatten: S");
     let mut lines: Vec<&str> = renamed.lines().collect();
     let (a, b) =
         (lines.iter().position(|l| l.contains("view:")), lines.iter().position(|l| l.contains("pose:")));
