@@ -1,0 +1,18 @@
+//! What every target does: reads, and holds the result against what a reader promises.
+
+use engine::{Context, Scene, Up};
+use nodes::load_splats::{Frame, from_bytes};
+
+/// Reads `head` and `data` as one file: an error, or a scene of finite numbers that the bytes can hold.
+pub fn read(head: &[u8], data: &[u8]) {
+    let bytes = [head, data].concat();
+    let cx = Context::detached(Scene { up: Up::MinusY, metres_per_unit: 1.0, seed: 0 }, ".");
+    if let Ok((splats, _)) = from_bytes("fuzz", &bytes, Frame::ByFormat, &cx) {
+        let numbers = [splats.means.as_flattened(), splats.scales.as_flattened(), splats.quats.as_flattened()];
+        let others = [splats.sh.as_flattened(), splats.opacities.as_slice()];
+        assert!(numbers.iter().chain(&others).copied().flatten().all(|v| v.is_finite()));
+        assert_eq!(splats.sh.len(), splats.len() * splats.sh_len());
+        // No format packs a splat below a bit and a half; deflate and zstd reach 1024 to 1 over 19 bytes.
+        assert!(splats.len() <= bytes.len() * 64);
+    }
+}
