@@ -20,7 +20,7 @@ mod spz;
 mod tests;
 mod zip;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use engine::{
     Context, ContextField, Cost, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
@@ -216,7 +216,7 @@ pub fn from_bytes(
     let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` beside it")));
     let loaded = load(file, bytes, &alone, &reading, &mut notes)?;
     report(file, &loaded, false, &mut notes)?;
-    Ok((assemble(vec![loaded])?, notes))
+    Ok((assemble(vec![loaded], cx)?, notes))
 }
 
 impl Kind for LoadSplats {
@@ -271,7 +271,7 @@ impl Kind for LoadSplats {
             let mut read = read;
             files.push(read().map_err(|e: NodeError| e.at(field))?);
         }
-        let splats = assemble(files)?;
+        let splats = assemble(files, cx)?;
         cx.count("splats", splats.len() as u64);
         if splats.is_empty() {
             notes.warning("no-splats", "the scene holds no splat that can be drawn");
@@ -281,7 +281,7 @@ impl Kind for LoadSplats {
 }
 
 /// Joins the parts of files into one scene, in order.
-fn assemble(mut files: Vec<Loaded>) -> Result<Splats, NodeError> {
+fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, NodeError> {
     let sh_degree = files.iter().map(|file| file.sh_degree).max().unwrap_or(0);
     let first = files.first().map(|file| (file.antialiased, file.encoding));
     let (antialiased, encoding) = first.unwrap_or((false, SplatEncoding::Srgb));
@@ -304,10 +304,13 @@ fn assemble(mut files: Vec<Loaded>) -> Result<Splats, NodeError> {
         scales: Vec::with_capacity(total),
         opacities: Vec::with_capacity(total),
         sh_degree,
-        sh: Vec::with_capacity(total * (sh_rest(sh_degree) + 1)),
+        sh: vec![[0.0; 3]; total * (sh_rest(sh_degree) + 1)],
         encoding,
         antialiased,
     };
+    // Colours are by far the most, so they are moved in parallel: each job has its own piece.
+    let mut pieces = Vec::new();
+    let mut left = splats.sh.as_mut_slice();
     for part in files.into_iter().flat_map(|file| file.parts) {
         splats.means.extend(part.rows.iter().map(|row| row.mean));
         if finer {
@@ -316,8 +319,16 @@ fn assemble(mut files: Vec<Loaded>) -> Result<Splats, NodeError> {
         splats.quats.extend(part.rows.iter().map(|row| row.quat));
         splats.scales.extend(part.rows.iter().map(|row| row.scale));
         splats.opacities.extend(part.rows.iter().map(|row| row.opacity));
-        splats.sh.extend_from_slice(&part.sh);
+        let (piece, rest) = std::mem::take(&mut left).split_at_mut(part.sh.len());
+        pieces.push(Mutex::new((piece, part.sh)));
+        left = rest;
     }
+    cx.for_each_tile(pieces.len(), |i| {
+        let mut piece = pieces[i].lock().unwrap_or_else(PoisonError::into_inner);
+        let (to, from) = &mut *piece;
+        to.copy_from_slice(&std::mem::take(from));
+    })?;
+    drop(pieces);
     Ok(splats)
 }
 

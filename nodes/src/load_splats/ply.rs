@@ -7,7 +7,7 @@
 
 use engine::{NodeError, Notes};
 
-use super::ply_header::{Element, Field, Header};
+use super::ply_header::{Element, Field, Header, Number};
 use super::rows::{Row, RowFault};
 use super::{Loaded, Reading};
 use crate::Error;
@@ -19,6 +19,8 @@ struct Layout {
     dc: [Field; 3],
     /// All of them, in the order of the file: channel by channel.
     rest: Vec<Field>,
+    /// Where they begin, if they are floats one behind the other.
+    rest_run: Option<usize>,
     opacity: Field,
     scale: [Field; 3],
     rotation: [Field; 4],
@@ -53,6 +55,9 @@ impl Layout {
             }
         };
         let rest = (0..rest_count).map(|i| need(&format!("f_rest_{i}"))).collect::<Result<Vec<_>, _>>()?;
+        let first = rest.first().map_or(0, |field: &Field| field.at);
+        let in_line =
+            rest.iter().enumerate().all(|(i, f)| f.number == Number::Single && f.at == first + i * 4);
         let known = |name: &str| {
             ["x", "y", "z", "nx", "ny", "nz", "opacity", "filter_3D"].contains(&name)
                 || ["f_dc_", "f_rest_", "scale_", "rot_"].iter().any(|prefix| name.starts_with(prefix))
@@ -64,6 +69,7 @@ impl Layout {
             mean: [need("x")?, need("y")?, need("z")?],
             dc: [need("f_dc_0")?, need("f_dc_1")?, need("f_dc_2")?],
             rest,
+            rest_run: in_line.then_some(first),
             opacity: need("opacity")?,
             scale: [need("scale_0")?, need("scale_1")?, need("scale_2")?],
             rotation: [need("rot_0")?, need("rot_1")?, need("rot_2")?, need("rot_3")?],
@@ -83,6 +89,16 @@ impl Layout {
         )?;
         sh.push(self.dc.map(|f| f.get(row) as f32));
         let each = self.rest.len() / 3;
+        if let Some(start) = self.rest_run {
+            // As everyone writes them: floats, one behind the other.
+            let run = row.get(start..start + each * 12).unwrap_or_default();
+            let (floats, _) = run.as_chunks::<4>();
+            let (red, others) = floats.split_at(each.min(floats.len()));
+            let (green, blue) = others.split_at(each.min(others.len()));
+            let triples = red.iter().zip(green).zip(blue);
+            sh.extend(triples.map(|((r, g), b)| [r, g, b].map(|bytes| f32::from_le_bytes(*bytes))));
+            return Ok(made);
+        }
         let (red, others) = self.rest.split_at(each);
         let (green, blue) = others.split_at(each);
         let triples = red.iter().zip(green).zip(blue);

@@ -190,6 +190,11 @@ pub struct Part {
     pub finer: bool,
 }
 
+/// True without NaN or infinity: the largest magnitude as bits, which vectorises where a search does not.
+fn all_finite(values: &[f32]) -> bool {
+    values.iter().fold(0, |most, value| (value.to_bits() & 0x7fff_ffff).max(most)) < 0x7f80_0000
+}
+
 /// Reads `count` rows in parallel with `read(index, sh)`, which appends the colour of a row; it need not
 /// take back the colour of a row it refuses. `first` is the number of the first row in the file.
 pub fn read_rows(
@@ -202,15 +207,20 @@ pub fn read_rows(
     cx.for_each_tile(count.div_ceil(CHUNK), |chunk| {
         let rows = chunk * CHUNK..((chunk + 1) * CHUNK).min(count);
         let mut part = Part { rows: Vec::with_capacity(rows.len()), ..Part::default() };
+        let count = rows.len();
         for index in rows {
             let start = part.sh.len();
+            if part.rows.len() == 1 && part.sh.capacity() < start * count {
+                // The first row has told how much colour each brings.
+                part.sh.reserve_exact(start * count - start);
+            }
             let row = read(index, &mut part.sh).and_then(|mut row| {
                 let own = part.sh.get_mut(start..).unwrap_or_default();
                 if let Some(turn) = turn {
                     turn.apply(&mut row, own);
                 }
                 let finite =
-                    own.as_flattened().iter().chain(&row.mean).chain(&row.scale).all(|v| v.is_finite());
+                    all_finite(own.as_flattened()) && all_finite(&row.mean) && all_finite(&row.scale);
                 if finite { Ok(row) } else { Err(RowFault::NotFinite) }
             });
             match row {
