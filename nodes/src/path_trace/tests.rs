@@ -341,7 +341,13 @@ fn skipping_untouched_paths_changes_nothing() {
         let rules = Rules { block: Block::Solid, bounce_solid, specular_env: false, max_bounces: 8 };
         let world = World { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
         let camera = &stage_inputs.rig.cameras[0];
-        let lens = Lens { camera, eye: camera.eye().as_vec3(), forward: DVec3::Y, seed: cx.seed() };
+        let lens = Lens {
+            camera,
+            eye: camera.eye().as_vec3(),
+            forward: DVec3::Y,
+            seed: cx.seed(),
+            contact: Vec3::ZERO,
+        };
         let (mut same, mut other) = (0, 0);
         for pixel in (0..32).flat_map(|y| (0..32).map(move |x| (x, y))) {
             let (points, key, ray) = lens.sample(pixel, 3);

@@ -94,6 +94,7 @@ impl Case {
             env_block,
             bounce,
             object_specular_sees: SpecularSees::Auto,
+            contact_metres: 0.0,
         };
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),
