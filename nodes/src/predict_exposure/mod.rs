@@ -66,7 +66,7 @@ const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -103,6 +103,9 @@ impl Kind for PredictExposure {
         } else {
             region::predict(pano.up, &pixels, &mask, &pano.alpha.samples, cx)?
         };
+        if regions.iter().any(|region| region.sun) {
+            notes.decision("sun", "a small clipped region in a blue sky is taken for the sun");
+        }
         if !regions.is_empty() {
             notes.count("clipped-regions", regions.len() as u64, "clipped regions");
         }
@@ -188,11 +191,12 @@ fn report(method: Method, clipped: u64, pixels: u64, regions: &[region::Found]) 
         "solid angle (sr)",
         "mean gain (stops)",
         "peak gain (stops)",
+        "taken for",
     ];
     let row = |r: &region::Found| {
-        [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain]
-            .map(Cell::Number)
-            .to_vec()
+        let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];
+        let name = if r.sun { "the sun" } else { "a light" };
+        numbers.map(Cell::Number).into_iter().chain([Cell::Text(name.to_owned())]).collect()
     };
     let table = Table {
         name: "regions".to_owned(),

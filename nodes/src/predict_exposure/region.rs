@@ -28,8 +28,25 @@ const PROFILE_POWER: i32 = 4;
 /// light of a region is at most that of so many times the area of its clipped pixels.
 const LARGEST_DILUTION: f64 = 16.0;
 
+/// A clear sky's sun: a compact region above the horizon (sine of elevation) and smaller than this (log2
+/// sr) that holds at least this share of all that is clipped, amid a ring at least as blue as red. The
+/// regression, made mostly of windows and glints, is too timid there.
+const SUN: SunRule = SunRule { log2_solid_angle: -2.5, sine: 0.03, share: 0.35, flux: 0.5 };
+
+/// When a region is taken for the sun, and the least it then gives.
+struct SunRule {
+    log2_solid_angle: f64,
+    sine: f64,
+    share: f64,
+    /// Of the flux of everything unclipped. A physical sun gives about 1.7 times as much; over the 74
+    /// panoramas of hdri-train, cross-validated by place, half lowers the mean error from 0.95 to 0.93
+    /// stops of irradiance and from 2.20 to 2.09 of contrast, where once or more than once does no better.
+    flux: f64,
+}
+
 /// What was found about one region.
 pub(super) struct Found {
+    pub sun: bool,
     pub azimuth_deg: f64,
     pub elevation_deg: f64,
     pub solid_angle: f64,
@@ -114,13 +131,28 @@ pub(super) fn predict(
     let total: f64 = (0..grid.clipped.len()).filter(|&c| grid.clipped[c]).map(|c| grid.solid_angle(c)).sum();
     let rest = grid.mean_of((0..grid.clipped.len()).filter(|&c| !grid.clipped[c] && grid.seen[c]));
     cx.progress(0.2);
-    let stops = cx.for_each_tile(labels.count, |i| {
-        let weights = features(&grid, up, &members[i], total, rest);
+    let regression = cx.for_each_tile(labels.count, |i| {
+        let (weights, blue) = features(&grid, up, &members[i], total, rest);
         let z = |k: usize| (weights[k] - MEAN[k]) / SPREAD[k] * WEIGHT[k];
-        (0..9).map(z).sum::<f64>().clamp(STOPS.0, STOPS.1)
+        let stops = (0..9).map(z).sum::<f64>().clamp(STOPS.0, STOPS.1);
+        let [_, log2_solid_angle, _, sine, .., share, _] = weights;
+        let compact = log2_solid_angle < SUN.log2_solid_angle && share > SUN.share;
+        (stops, compact && sine > SUN.sine && blue)
     })?;
     cx.progress(0.5);
     let spread = Spread::new(pixels, mask, &grid, &labels, cx)?;
+    let unclipped: f64 = (0..grid.clipped.len())
+        .filter(|&cell| !grid.clipped[cell] && grid.seen[cell])
+        .map(|cell| f64::from(luminance(grid.rgb[cell].map(|v| v as f32))) * grid.solid_angle(cell))
+        .sum();
+    let stops: Vec<f64> = regression
+        .iter()
+        .zip(&spread.base_flux)
+        .map(|(&(stops, sun), &flux)| {
+            let least = if sun && flux > 0.0 { num::f64::log2(SUN.flux * unclipped / flux) } else { 0.0 };
+            stops.max(least).clamp(STOPS.0, STOPS.1)
+        })
+        .collect();
     let mut found = Vec::with_capacity(labels.count);
     let mut log2_gain = vec![0.0_f32; mask.len()];
     for (i, cells) in members.iter().enumerate() {
@@ -130,6 +162,7 @@ pub(super) fn predict(
             measure::angles_deg(up, centre.try_normalize().unwrap_or(DVec3::Z));
         let solid_angle = spread.solid_angle[i];
         found.push(Found {
+            sun: regression[i].1,
             azimuth_deg,
             elevation_deg,
             solid_angle,
@@ -142,8 +175,9 @@ pub(super) fn predict(
 
 /// The nine numbers of a region: 1, log2 solid angle, a tenth of its square, mean sine of elevation,
 /// mean brightness of its ring, length of the mean direction (1 when compact), log2 of all clipped
-/// solid angle, share of it, and the mean of everything unclipped.
-fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> [f64; 9] {
+/// solid angle, share of it, and the mean of everything unclipped. And whether the ring is at least as
+/// blue as it is red.
+fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> ([f64; 9], bool) {
     let above = crate::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
     let mut own = vec![false; grid.clipped.len()];
@@ -155,10 +189,15 @@ fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> [f64
         own[cell] = true;
     }
     let grown = regions::grow(&own, grid.width, RING);
-    let ring = grid.mean_of((0..own.len()).filter(|&c| grown[c] && !grid.clipped[c] && grid.seen[c]));
+    let around = || (0..own.len()).filter(|&c| grown[c] && !grid.clipped[c] && grid.seen[c]);
+    let ring = grid.mean_of(around());
+    let blue = around().map(|cell| grid.rgb[cell][2] - grid.rgb[cell][0]).sum::<f64>() >= 0.0;
     let log = num::f64::log2(size);
     let compact = sum.length() / cells.len() as f64;
-    [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), size / total, rest]
+    let share = size / total;
+    let features =
+        [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest];
+    (features, blue)
 }
 
 /// How the light of each region is spread over its pixels.

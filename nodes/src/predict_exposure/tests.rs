@@ -144,3 +144,27 @@ fn an_exposure_listed_twice_is_refused() {
     let params = PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region };
     assert!(PredictExposure::check(&params).is_err());
 }
+
+/// A grey ground under a sky of one colour with a clipped disc of a few pixels at 45 degrees.
+fn sky(colour: [f32; 3]) -> Arc<Panorama> {
+    pano(256, move |x, y| match (x, y) {
+        (60..=61, 32..=33) => [1.0; 3],
+        (_, 64..) => [0.3; 3],
+        _ => colour,
+    })
+}
+
+#[test]
+fn a_lone_small_light_in_a_blue_sky_is_taken_for_the_sun() {
+    let share = |colour: [f32; 3]| {
+        let pano = sky(colour);
+        let (brackets, notes) = run(pano.clone(), &[-3.0]);
+        let sun = flux(&brackets, &pano, |at| brackets.log2_gain.samples[at] > 0.0);
+        let rest = flux(&brackets, &pano, |at| brackets.log2_gain.samples[at] == 0.0);
+        (sun / rest, notes.iter().any(|note| note.id == "sun"))
+    };
+    let (blue, told) = share([0.3, 0.45, 0.7]);
+    assert!(told && (blue - 0.5).abs() < 0.02, "half of the rest, not {blue}");
+    let (grey, told) = share([0.5, 0.48, 0.45]);
+    assert!(!told && grey < 0.2, "an overcast sky has no sun: {grey}");
+}
