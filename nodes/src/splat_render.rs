@@ -72,6 +72,26 @@ engine::outputs! {
 }
 
 impl SplatRender {
+    /// Every parameter at its default.
+    #[cfg(test)]
+    pub(crate) fn tests_default() -> Self {
+        let of = Settings::default();
+        Self {
+            bounds: of.bounds,
+            precision: of.precision,
+            sort: of.sort,
+            sh_degree: of.sh_degree,
+            near: of.near,
+            low_pass_px2: of.low_pass_px2,
+            compensation: Compensation::File,
+            alpha_cut: of.alpha_cut,
+            alpha_cap: of.alpha_cap,
+            stop: of.stop,
+            depth: of.depth,
+            count_blends: of.count_blends,
+        }
+    }
+
     fn settings(&self, splats: &Splats) -> Settings {
         Settings {
             bounds: self.bounds,

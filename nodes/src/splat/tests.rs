@@ -7,6 +7,7 @@ use crate::testing::context;
 use crate::types::SplatEncoding;
 
 mod around;
+mod extremes;
 mod modes;
 
 /// Numbers in [0, 1), the same on every machine.

@@ -129,3 +129,72 @@ fn views_from_two_points_are_refused() {
     let refused = Stitch::run(&params, In { views: views(rig, |_, _, _| [0.0; 4]) }, &context());
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
+
+// Row 20: a strip of 4096 pixels, one of a single pixel, one of a single column: every direction of a
+// fine grid is defined, those beyond the views as holes.
+#[test]
+fn faces_of_any_shape_are_sampled_within_their_edges() {
+    for (width, height, focal) in
+        [(4096, 3, 600.0), (1, 1, 0.5), (1, 4096, 2000.0), (5, 3, 0.01), (3, 5, 1e6)]
+    {
+        let mut rig = rig(1, 0.0, Turn::Aligned);
+        for camera in &mut rig.cameras {
+            (camera.width_px, camera.height_px) = (width, height);
+            (camera.fx, camera.fy) = (focal, focal);
+            (camera.cx, camera.cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
+        }
+        let pano = stitched(views(rig, |_, _, _| [0.5, 0.25, 2.0, 1.0]), 128);
+        for (pixel, alpha) in pano.image.samples().as_chunks::<3>().0.iter().zip(&pano.alpha.samples) {
+            assert!((0.0..=1.0).contains(alpha));
+            for (c, expected) in pixel.iter().zip([0.5, 0.25, 2.0]) {
+                assert!(c.is_finite() && *c <= expected * 1.000_01, "{width}x{height}: {pixel:?}");
+                assert!(*alpha < 0.25 || (c / expected - 1.0).abs() < 1e-5, "{width}x{height}: {pixel:?}");
+            }
+        }
+    }
+}
+
+// Row 21: the wrap is as smooth as any other pair of columns, and the polar rows grow constant.
+#[test]
+fn the_wrap_is_smooth_and_poles_grow_constant() {
+    let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;
+    let mut last = f32::INFINITY;
+    for width in [32_usize, 64, 128] {
+        let faces = views(rig(96, 3.0, Turn::OffAxis), |camera, x, y| {
+            let c = sky(camera.direction(x as f64 + 0.5, y as f64 + 0.5)) as f32;
+            [c, c, c, 1.0]
+        });
+        let pano = stitched(faces, width as u32);
+        let red = |x: usize, y: usize| pano.image.samples()[(y * width + x) * 3];
+        for y in 0..width / 2 {
+            let steps = (0..width - 1).map(|x| (red(x, y) - red(x + 1, y)).abs());
+            assert!((red(width - 1, y) - red(0, y)).abs() <= steps.fold(0.0, f32::max) + 1e-4, "row {y}");
+        }
+        let row = (0..width).map(|x| red(x, 0));
+        let spread = row.clone().fold(0.0, f32::max) - row.fold(1.0, f32::min);
+        assert!(spread < 0.6 * last, "{width}: {spread} after {last}");
+        last = spread;
+    }
+}
+
+// Row 22: no point of a panorama has a direction that is not a unit vector, and no direction, however
+// short, long or close to an axis, a point outside.
+#[test]
+fn directions_are_never_degenerate() {
+    let mut state = 3_u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for i in 0..20_000 {
+        let up = [Up::PlusZ, Up::PlusY, Up::MinusY][i % 3];
+        let edge = |v: f64| [0.0, 1.0, 0.5, v, v, v][i / 3 % 6];
+        let (u, v) = (edge(next()), edge(next()));
+        let d = equirect::direction(up, u, v);
+        assert!((d.length() - 1.0).abs() < 1e-14);
+        for d in [d * 1e-150, d * 1e150, d, DVec3::new(0.0, -0.0, d.z), DVec3::ZERO] {
+            let (u, v) = equirect::uv(up, d);
+            assert!((0.0..1.0).contains(&u) && (0.0..=1.0).contains(&v), "{d}: ({u}, {v})");
+        }
+    }
+}
