@@ -114,7 +114,7 @@ pub(crate) fn tell(planes: &exr::Planes, notes: &mut Notes) {
         );
     }
     if planes.cropped {
-        notes.decision("data-window", format!("the data window is not its display window; the rest is 0"));
+        notes.decision("data-window", "the data window is not its display window; the rest is 0");
     }
 }
 
