@@ -116,6 +116,10 @@ fn psnr(seen: &[f32], truth: &[f32], from_deg: f64, to_deg: f64) -> f64 {
     -10.0 * num::f64::log10(squares / weights)
 }
 
+fn square(x: f64) -> f64 {
+    x * x
+}
+
 /// Change of the error across the borders of a rig's faces, against that between other neighbours in a
 /// row: 1 where no seam shows.
 fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
@@ -137,7 +141,7 @@ fn seam(seen: &[f32], truth: &[f32], rig: &Rig) -> f64 {
                 f64::from(seen[(y * WIDTH + x) * 3 + c]) - f64::from(truth[(y * WIDTH + x) * 3 + c])
             };
             let at_seam = usize::from(face(x, y) != face(next, y));
-            sums[at_seam][0] += (0..3).map(|c| (error(x, c) - error(next, c)).powi(2)).sum::<f64>();
+            sums[at_seam][0] += (0..3).map(|c| square(error(x, c) - error(next, c))).sum::<f64>();
             sums[at_seam][1] += 1.0;
         }
     }
@@ -153,7 +157,7 @@ fn wrap(seen: &[f32], truth: &[f32]) -> f64 {
                 let error =
                     |x: usize| f64::from(seen[(y * WIDTH + x) * 3 + c] - truth[(y * WIDTH + x) * 3 + c]);
                 let to = &mut sums[usize::from(x + 1 == WIDTH)];
-                to[0] += (error(x) - error((x + 1) % WIDTH)).powi(2);
+                to[0] += square(error(x) - error((x + 1) % WIDTH));
                 to[1] += 1.0;
             }
         }
