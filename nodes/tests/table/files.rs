@@ -51,7 +51,9 @@ pub fn splats_ply(n: usize) -> Vec<u8> {
         let size = if i + 1 == n { -1.0 } else { -2.5 };
         // The first one stands close to the camera.
         let y = if i == 0 { -2.0 } else { 0.0 };
-        let mut row = vec![i as f32 * 0.1 - 0.5, y, 0.5, 0.0, 0.0, 0.0, 0.3, -0.2, 0.1 * i as f32];
+        // The last one is so red that it clips.
+        let red = if i + 1 == n { 4.0 } else { 0.3 };
+        let mut row = vec![i as f32 * 0.1 - 0.5, y, 0.5, 0.0, 0.0, 0.0, red, -0.2, 0.1 * i as f32];
         row.extend((0..9).map(|k| 0.05 * k as f32));
         row.extend([1.5, size, size - 0.2, size + 0.1, 1.0, 0.1, 0.2, 0.0]);
         row.iter().for_each(|v: &f32| bytes.extend_from_slice(&v.to_le_bytes()));
