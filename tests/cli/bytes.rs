@@ -9,7 +9,7 @@ fn threads_folders_and_memory_leave_the_bytes_as_they_are() {
     let two = Place::new(INSERT);
     two.run(&["--jobs", "2"]).good();
     let five = Place::new(INSERT);
-    five.run(&["--jobs", "5", "--memory", "64M"]).good();
+    five.run(&["--jobs", "5", "--memory", "256M"]).good();
     let bytes = one.outputs();
     assert_eq!(bytes.keys().collect::<Vec<_>>(), ["final.png", "layers.exr", "light.json"]);
     assert!(bytes == two.outputs() && bytes == five.outputs());

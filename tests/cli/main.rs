@@ -1,5 +1,5 @@
 //! The program as a person runs it: the real binary, real files, small pictures.
-#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+#![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
 
 mod bytes;
 mod incremental;
