@@ -74,9 +74,7 @@ impl Lines {
             }
             Event::Part { .. } => {}
             Event::Remake { id, reason } => {
-                if self.every {
-                    self.line("remade", "33", &format!("{id}  ({reason})"));
-                }
+                self.line("again", "33", &format!("{id}: {reason}"));
             }
             Event::Node { id, kind, state, seconds, counts, notes, degraded, .. } => {
                 if let Some(bar) = self.running.remove(id) {
@@ -177,7 +175,12 @@ fn number_text(n: u64) -> String {
 
 fn totals_text(totals: &Totals) -> String {
     let mut parts = vec![format!("{} ran", totals.ran), format!("{} cached", totals.cached)];
-    for (n, word) in [(totals.failed, "failed"), (totals.skipped, "skipped"), (totals.degraded, "degraded")] {
+    for (n, word) in [
+        (totals.remade, "of them made again"),
+        (totals.failed, "failed"),
+        (totals.skipped, "skipped"),
+        (totals.degraded, "degraded"),
+    ] {
         if n > 0 {
             parts.push(format!("{n} {word}"));
         }

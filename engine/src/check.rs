@@ -382,6 +382,9 @@ fn check_sink_path(path: &str) -> Result<(), &'static str> {
     if path.is_empty() || path.ends_with('/') {
         return Err("it names no file");
     }
+    if path.replace("{view}", "").contains(['{', '}']) {
+        return Err("the only placeholder is `{view}`, the name of the view");
+    }
     // They would mean something else on another system.
     if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
         return Err("write `/` between folders, and no `\\` or `:`");
@@ -389,7 +392,7 @@ fn check_sink_path(path: &str) -> Result<(), &'static str> {
     for part in std::path::Path::new(path).components() {
         match part {
             Component::Normal(_) | Component::CurDir => {}
-            Component::ParentDir => return Err("it leads out of the output folder"),
+            Component::ParentDir => return Err("`..` could lead out of the output folder"),
             Component::RootDir | Component::Prefix(_) => {
                 return Err("it must be relative to the output folder");
             }

@@ -117,6 +117,9 @@ pub struct Totals {
     pub ran: usize,
     /// Nodes whose result was known.
     pub cached: usize,
+    /// Of them, those whose code ran all the same, since a reader needed values that were not kept or
+    /// were damaged.
+    pub remade: usize,
     /// Nodes whose code failed.
     pub failed: usize,
     /// Nodes that were not tried.

@@ -16,6 +16,8 @@ pub enum Fate {
     Unwanted,
     /// Its result is known.
     Known,
+    /// Its result is known but no longer kept; its code runs again if a reader needs it.
+    Lost,
     /// Its code would run.
     Runs(Why),
     /// Whether it runs depends on what the named node above it gives; that one would run.
@@ -70,10 +72,13 @@ impl Engine {
                     Err(error) => Fate::Fails(error.to_string()),
                     Ok((action, record)) => {
                         let known = record.is_some();
+                        let gone = |output: &Output| output.stored && !self.store().has_blob(&output.digest);
+                        let lost = record.as_ref().is_some_and(|record| record.outputs.iter().any(gone));
                         records[index] = record;
                         actions[index] = action;
                         let manifest = actions[index].key.as_ref().map(|key| &key.manifest);
                         match (known, manifest, last) {
+                            (true, ..) if lost => Fate::Lost,
                             (true, ..) => Fate::Known,
                             (false, Some(new), Some((_, last))) => {
                                 let changes = Manifest::difference(&last, new);

@@ -136,6 +136,10 @@ impl<'a> Run<'a> {
             return self.lose(index, Some(&error));
         }
         self.end_remake(index);
+        self.totals.remade += 1;
+        for (name, n) in &finished.counts {
+            *self.totals.counts.entry(name.clone()).or_default() += n;
+        }
         for (port, value) in finished.values.into_iter().enumerate() {
             self.arrive(index, port, value);
         }

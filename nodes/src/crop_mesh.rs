@@ -76,7 +76,7 @@ impl Kind for CropMesh {
         let (left, all) = (kept.triangles.len(), mesh.triangles.len());
         notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles left out"));
         if left == 0 && all > 0 {
-            notes.warning("empty", "nothing is left of the mesh");
+            notes.degraded("empty", "nothing is left of the mesh");
         }
         Ok((Out { mesh: Arc::new(kept) }, notes))
     }

@@ -13,7 +13,7 @@ pub enum Error {
         what: String,
     },
     /// A file that uses a feature we do not support; names the feature.
-    #[error("`{file}` needs {feature}, which is not supported")]
+    #[error("`{file}`: not supported: {feature}")]
     Unsupported {
         /// The file as the graph names it.
         file: String,

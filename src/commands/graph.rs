@@ -48,6 +48,7 @@ impl Draw {
 fn state(fate: &Fate) -> (&'static str, &'static str) {
     match fate {
         Fate::Known => ("known", "#cfe8cf"),
+        Fate::Lost => ("lost", "#ffe4c0"),
         Fate::Runs(_) => ("runs", "#ffd9a0"),
         Fate::Follows(_) => ("may run", "#fff0cc"),
         Fate::Fails(_) => ("fails", "#f4b6b6"),

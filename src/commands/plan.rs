@@ -50,6 +50,7 @@ pub fn reason(fate: &Fate) -> String {
     match fate {
         Fate::Unwanted => "not wanted".to_owned(),
         Fate::Known => "its result is known".to_owned(),
+        Fate::Lost => "known, but gone from the cache: runs again if its values are needed".to_owned(),
         Fate::Runs(Why::New) => "runs: its result is not kept".to_owned(),
         Fate::Runs(Why::Changed(changes)) => match changes.as_slice() {
             [] => "runs: the result of the last run is no longer kept".to_owned(),

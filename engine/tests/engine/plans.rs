@@ -21,6 +21,7 @@ fn plan(lab: &Lab, nodes: &str, only: &[&str]) -> Vec<String> {
     let line = |fate: &Fate| match fate {
         Fate::Unwanted => "unwanted".to_owned(),
         Fate::Known => "known".to_owned(),
+        Fate::Lost => "lost".to_owned(),
         Fate::Runs(Why::New) => "new".to_owned(),
         Fate::Runs(Why::Changed(changes)) => {
             let line = |c: &engine::Change| {

@@ -50,7 +50,7 @@ impl<'a> Materials<'a> {
             );
         }
         for what in &self.ignored {
-            notes.warning("material-ignored", what.clone());
+            notes.degraded("material-ignored", what.clone());
         }
         Ok(materials)
     }

@@ -274,7 +274,7 @@ impl Kind for LoadSplats {
         let splats = assemble(files, cx)?;
         cx.count("splats", splats.len() as u64);
         if splats.is_empty() {
-            notes.warning("no-splats", "the scene holds no splat that can be drawn");
+            notes.degraded("no-splats", "the scene holds no splat that can be drawn");
         }
         Ok((Out { splats: Arc::new(splats) }, notes))
     }

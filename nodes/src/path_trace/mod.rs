@@ -46,6 +46,9 @@ engine::params! {
         bounce: Bounce = Bounce::Auto, other("Env");
         /// What reflections in objects show where they meet the receiver.
         object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
+        /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
+        /// dots of light that a glossy object throws, and some of that light with them.
+        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01");
         /// Where the camera sees the receiver through a gap lower than this under an object, the receiver is
         /// lit as if the object were away. The object stands on the real ground, which hides that place;
         /// it shows only because the mesh lies a little too low, and would draw a black line.
@@ -227,6 +230,8 @@ impl PathTrace {
                 SpecularSees::Receiver => false,
             },
             max_bounces: self.max_bounces,
+            // The key takes no infinity.
+            clamp: if self.clamp_indirect > 0.0 { self.clamp_indirect as f32 } else { f32::MAX },
         };
         (rules, probe)
     }
@@ -614,7 +619,7 @@ fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
         }
     }
     if !objects.dropped.is_empty() {
-        notes.warning("material-dropped", format!("not rendered: {}", objects.dropped.join(", ")));
+        notes.degraded("material-dropped", format!("not rendered: {}", objects.dropped.join(", ")));
     }
 }
 

@@ -168,6 +168,17 @@ pub struct Rules {
     pub specular_env: bool,
     /// How many times light may be scattered after the first time.
     pub max_bounces: u32,
+    /// Largest channel of one contribution after the first vertex of a path; infinite for no limit.
+    pub clamp: f32,
+}
+
+impl Rules {
+    /// A contribution of the vertex after `bounce` scatterings, scaled down to the limit where it is over.
+    #[inline]
+    pub fn clamped(&self, bounce: u32, light: Vec3) -> Vec3 {
+        let largest = light.max_element();
+        if bounce == 0 || largest <= self.clamp { light } else { light * (self.clamp / largest) }
+    }
 }
 
 /// How the receiver appears to a ray that leaves a surface by one lobe.

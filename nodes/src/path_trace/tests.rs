@@ -108,6 +108,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         env_block,
         bounce: Bounce::Auto,
         object_specular_sees: SpecularSees::Auto,
+        clamp_indirect: 0.0,
         contact_metres: 0.0,
     }
 }
@@ -338,7 +339,8 @@ fn skipping_untouched_paths_changes_nothing() {
     let sky = Sky::new(&stage_inputs.env);
     let objects = Objects::new(&stage_inputs.objects, DVec3::ZERO).expect("consistent");
     for bounce_solid in [false, true] {
-        let rules = Rules { block: Block::Solid, bounce_solid, specular_env: false, max_bounces: 8 };
+        let rules =
+            Rules { block: Block::Solid, bounce_solid, specular_env: false, max_bounces: 8, clamp: f32::MAX };
         let world = World { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
         let camera = &stage_inputs.rig.cameras[0];
         let lens = Lens {

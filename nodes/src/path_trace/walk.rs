@@ -117,7 +117,7 @@ impl<'a> Walk<'a> {
         let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
         for bounce in 0..=rules.max_bounces + 1 {
             let surface = self.surface(&vertex, out);
-            light += weight * surface.emission;
+            light += rules.clamped(bounce, weight * surface.emission);
             if bounce > rules.max_bounces {
                 break;
             }
@@ -148,7 +148,7 @@ impl<'a> Walk<'a> {
                             arrived += scatter.value * power(from_sky.pdf, scatter.pdf);
                         }
                     }
-                    light += weight * arrived * from_sky.radiance / from_sky.pdf;
+                    light += rules.clamped(bounce, weight * arrived * from_sky.radiance / from_sky.pdf);
                 }
                 if PROBE && self.touched {
                     break;
@@ -180,7 +180,8 @@ impl<'a> Walk<'a> {
                         (block, _) => self.passes(block, ray),
                     };
                     if passes {
-                        light += weight * throughput * found.radiance * power(scatter.pdf, found.pdf);
+                        let arrived = found.radiance * power(scatter.pdf, found.pdf);
+                        light += rules.clamped(bounce, weight * throughput * arrived);
                     }
                 }
             }

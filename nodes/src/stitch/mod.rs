@@ -210,7 +210,7 @@ pub(crate) fn finish(
     let hole_alpha = hole_alpha as f32;
     let open = alpha.iter().filter(|a| **a < hole_alpha).count();
     if open == alpha.len() {
-        notes.warning("nothing-seen", "the views show nothing: the panorama is a hole");
+        notes.degraded("nothing-seen", "the views show nothing: the panorama is a hole");
     } else if open > 0 {
         let share: f64 = (0..height)
             .map(|y| {
