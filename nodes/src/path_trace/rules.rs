@@ -1,6 +1,6 @@
 //! How the receiver treats each sort of ray.
 //!
-//! One function, [`Rules::sees_sky`], decides whether light of the environment reaches a point past the
+//! One function, [`Block::passes`], decides whether light of the environment reaches a point past the
 //! receiver. Light samples, scattered rays and the shadow all use it, so no energy is lost between them.
 
 use engine::ParamType;

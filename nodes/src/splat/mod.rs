@@ -1,8 +1,8 @@
 //! EWA splatting on the CPU: project, sort, bin, blend.
 //!
-//! One camera at a time. [`project`] turns every splat that can matter into a [`Footprint`] (f64
-//! throughout, so that needles and far-off worlds keep their digits), [`bin`] sorts the footprints once
-//! (stable; equal keys stay in file order) and lists them by tile, and [`blend32`] or [`blend64`]
+//! One camera at a time. `project` turns every splat that can matter into a `Footprint` (f64
+//! throughout, so that needles and far-off worlds keep their digits), `bin` sorts the footprints once
+//! (stable; equal keys stay in file order) and lists them by tile, and `blend32` or `blend64`
 //! composites each tile front to back. Every stage gives the same bits for any number of threads and
 //! any instruction set.
 
