@@ -94,6 +94,7 @@ impl Case {
             env_block,
             bounce,
             object_specular_sees: SpecularSees::Auto,
+            clamp_indirect: 0.0,
             contact_metres: 0.0,
         };
         let inputs = path_trace::In {
