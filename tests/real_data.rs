@@ -1,6 +1,11 @@
 //! The whole job on the bench case of `../shared/data`, by the graphs of `bench_case`: insertions judged in
 //! the region of the shadow against an independent program's renders.
-#![allow(clippy::unwrap_used, missing_docs, reason = "a test may stop at the first surprise")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    missing_docs,
+    reason = "a test may stop at the first surprise"
+)]
 
 use std::path::Path;
 use std::process::Command;
