@@ -91,10 +91,15 @@ impl Place {
     }
 }
 
+/// What lies in a folder, without the unnamed rest of a write that was killed: the next runs sweep it when it
+/// is a day old, since a younger one may belong to a living process.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        found.insert(entry.file_name().to_string_lossy().into_owned(), std::fs::read(entry.path()).unwrap());
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if !name.ends_with(".lightharmony-temp") {
+            found.insert(name, std::fs::read(entry.path()).unwrap());
+        }
     }
     found
 }
