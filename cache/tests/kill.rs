@@ -27,7 +27,8 @@ const ROUNDS: u8 = 6;
 /// Does everything once or more, and writes down what was acknowledged.
 fn work(folder: &Path) -> Result<()> {
     let mut acknowledged = OpenOptions::new().create(true).append(true).open(folder.join("log")).unwrap();
-    let mut note = |line: String| writeln!(acknowledged, "{line}").unwrap();
+    // One write a line, so that a kill leaves no half of one.
+    let mut note = |line: String| acknowledged.write_all((line + "\n").as_bytes()).unwrap();
     let mut store = open(&folder.join("cache"))?;
     if store.is_read_only() {
         assert!(store.take_incidents()[0].what.starts_with("disk full: cannot create"));
@@ -95,8 +96,9 @@ fn check(folder: &Path, what: &str) {
     let log = fs::read_to_string(folder.join("log")).unwrap_or_default();
     let store = open(&folder.join("cache")).unwrap();
     let mut last_file = None;
-    for line in log.lines() {
-        let Some((kind, n)) = line.split_once(' ') else { continue };
+    for line in log.split_inclusive('\n') {
+        // A line without its end was being written when the process died.
+        let Some((kind, n)) = line.strip_suffix('\n').and_then(|line| line.split_once(' ')) else { continue };
         let n: u8 = n.parse().unwrap();
         match kind {
             "blob" => {
