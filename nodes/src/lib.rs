@@ -29,6 +29,7 @@ pub mod load_mesh;
 pub mod load_object;
 pub mod load_splats;
 pub mod metrics;
+pub mod nn;
 pub mod num;
 pub mod override_material;
 pub mod path_trace;

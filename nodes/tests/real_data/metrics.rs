@@ -5,6 +5,7 @@ use std::sync::Arc;
 use engine::{Context, InputFile, Kind, Scene, Up};
 use nodes::compare::{self, Compare, Space};
 use nodes::load_image::{self, FileEncoding, LoadImage};
+use nodes::metrics::{Exposures, PIXELS_PER_DEGREE, Plane, hdr_flip_map};
 use nodes::region_masks::{self, RegionMasks};
 use nodes::types::{Cell, Images, Report};
 
@@ -40,7 +41,15 @@ fn number(v: &serde_json::Value) -> f64 {
 }
 
 fn plain() -> Compare {
-    Compare { space: Space::Display, quantise: true, names: Vec::new(), gain: 1.0 }
+    Compare {
+        space: Space::Display,
+        quantise: true,
+        names: Vec::new(),
+        gain: 1.0,
+        pixels_per_degree: PIXELS_PER_DEGREE,
+        lpips: None,
+        lpips_scaled: true,
+    }
 }
 
 // scikit-image, torch and torchmetrics in f64; the README suggests 1e-9.
@@ -100,6 +109,96 @@ fn relative_mse_agrees_on_linear_light() {
             (table(&report, 0, "psnr"), -10.0 * nodes::num::f64::log10(number(&wanted["mse"])));
         assert!((ours - theirs).abs() < 1e-9, "{name}: {ours} against {theirs}");
     }
+}
+
+fn refs() -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(data("metric-refs/refs.json")).unwrap()).unwrap()
+}
+
+fn pair(test: Arc<Images>, reference: Arc<Images>, regions: Vec<Arc<Images>>) -> compare::In {
+    compare::In { image: test, reference, mask: None, regions, background: None, no_shadow: None }
+}
+
+// scikit-image in f64: 1e-9. The FLIP tool computes in f32 and rounds a matrix to six digits: 2e-4.
+#[test]
+fn flip_and_ciede2000_agree_with_published_tools() {
+    let mut largest = [0.0_f64; 2];
+    for (name, wanted) in refs()["ldr"].as_object().unwrap() {
+        let file = |part: &str, e| image(&format!("metric-refs/{name}_{part}.png"), e);
+        let inputs = || {
+            let mask = file("mask", FileEncoding::Data);
+            pair(file("test", FileEncoding::Auto), file("ref", FileEncoding::Auto), vec![mask])
+        };
+        let (out, _) = Compare::run(&plain(), inputs(), &cx()).unwrap();
+        let flip = &wanted["flip_ldr"];
+        let far = Compare { pixels_per_degree: 32.0, ..plain() };
+        let far = Compare::run(&far, inputs(), &cx()).unwrap().0.report;
+        let most = out.flip.0[0].picture.samples().iter().copied().fold(0.0, f32::max);
+        for (ours, theirs) in [
+            (table(&out.report, 0, "flip mean"), &flip["mean"]),
+            (table(&out.report, 0, "flip p95"), &flip["map_p95"]),
+            (table(&out.report, 1, "flip mean"), &flip["masked_mean"]),
+            (f64::from(most), &flip["map_max"]),
+            (table(&far, 0, "flip mean"), &wanted["flip_ldr_ppd32"]),
+        ] {
+            largest[0] = largest[0].max((ours - number(theirs)).abs());
+        }
+        let ours = table(&out.report, 0, "ciede2000");
+        largest[1] = largest[1].max((ours - number(&wanted["ciede2000_mean"])).abs());
+    }
+    println!("largest deviations: FLIP {:e}, CIEDE2000 {:e}", largest[0], largest[1]);
+    assert!(largest[0] < 2e-5 && largest[1] < 1e-9);
+}
+
+// The tool rounds its exposures to f32, and takes them from a luminance of six digits: 5e-5 stops.
+#[test]
+fn hdr_flip_agrees_with_the_published_tool() {
+    for (name, wanted) in refs()["hdr"].as_object().unwrap() {
+        let file = |part: &str| image(&format!("metric-refs/{name}_{part}.exr"), FileEncoding::Auto);
+        let plane = |images: &Images| {
+            let picture = &images.0[0].picture;
+            let (width, height, channels) = picture.size();
+            let samples = picture.samples().iter().map(|v| f64::from(*v)).collect();
+            Plane { width, height, channels, samples }
+        };
+        let theirs = &wanted["flip_hdr_ACES"];
+        let exposures = Exposures::of(&plane(&file("ref"))).unwrap();
+        assert_eq!(exposures.count as f64, number(&theirs["n"]), "{name}");
+        assert!((exposures.start_ev - number(&theirs["start"])).abs() < 5e-5, "{name}");
+        assert!((exposures.stop_ev - number(&theirs["stop"])).abs() < 5e-5, "{name}");
+        let linear = Compare { space: Space::Linear, ..plain() };
+        let (out, _) = Compare::run(&linear, pair(file("test"), file("ref"), Vec::new()), &cx()).unwrap();
+        let off = table(&out.report, 0, "flip mean") - number(&theirs["mean"]);
+        let fixed = Exposures { start_ev: -4.0, stop_ev: 2.0, count: 3 };
+        let map = hdr_flip_map(&plane(&file("ref")), &plane(&file("test")), fixed, PIXELS_PER_DEGREE, &cx());
+        let map = map.unwrap();
+        let mean = map.iter().sum::<f64>() / map.len() as f64;
+        let off_fixed = mean - number(&wanted["flip_hdr_fixed_m4_2_3"]);
+        println!("{name}: {off:e} {off_fixed:e}");
+        assert!(off.abs() < 2e-5 && off_fixed.abs() < 2e-5, "{name}: {off} {off_fixed}");
+    }
+}
+
+// The packages compute in f32 or, as these references, in f64; our features are f32: 1e-5 relative.
+#[test]
+fn lpips_agrees_with_the_published_graph_on_random_weights() {
+    let mut largest = 0.0_f64;
+    for (name, wanted) in refs()["ldr"].as_object().unwrap() {
+        for (network, wanted) in wanted["lpips_random"].as_object().unwrap() {
+            let file = |part: &str| image(&format!("metric-refs/{name}_{part}.png"), FileEncoding::Auto);
+            for (key, lpips_scaled) in [("value", true), ("value_inputs_0_1", false)] {
+                let weights = InputFile(format!("metric-refs/lpips_random_{network}.safetensors"));
+                let p = Compare { lpips: Some(weights), lpips_scaled, ..plain() };
+                let (out, notes) =
+                    Compare::run(&p, pair(file("test"), file("ref"), Vec::new()), &cx()).unwrap();
+                assert_eq!(notes.iter().count(), 0);
+                let (ours, theirs) = (table(&out.report, 0, "lpips"), number(&wanted[key]));
+                largest = largest.max((ours - theirs).abs() / theirs.max(1e-12));
+            }
+        }
+    }
+    println!("largest relative deviation {largest:e}");
+    assert!(largest < 1e-5, "{largest}");
 }
 
 // README of bench-case: baselines "nothing inserted" and the shadow region it ships.

@@ -1,5 +1,7 @@
 //! Small files of the formats that loaders read and no sink writes.
 
+use safetensors::tensor::{Dtype, TensorView, serialize};
+
 /// A quad with one corner raised, as ASCII PLY.
 pub const MESH_PLY: &str = "ply
 format ascii 1.0
@@ -100,4 +102,21 @@ pub fn object_glb() -> Vec<u8> {
     glb.extend_from_slice(b"BIN\0");
     glb.extend_from_slice(&buffer);
     glb
+}
+
+/// Weights of LPIPS with AlexNet of two channels a layer.
+pub fn lpips_safetensors() -> Vec<u8> {
+    let value = |i: usize| ((i * 7919) % 31) as f32 / 64.0;
+    let bytes = |n: usize| (0..n).flat_map(|i| (value(i) - 0.2).to_le_bytes()).collect::<Vec<u8>>();
+    let mut tensors = Vec::new();
+    for (k, size) in [11, 5, 3, 3, 3].into_iter().enumerate() {
+        let shape = [2, if k == 0 { 3 } else { 2 }, size, size];
+        tensors.push((format!("conv{k}.weight"), shape.to_vec(), bytes(shape.iter().product())));
+        tensors.push((format!("conv{k}.bias"), vec![2], 0.5_f32.to_le_bytes().repeat(2)));
+        tensors.push((format!("lin{k}.weight"), vec![1, 2, 1, 1], 1_f32.to_le_bytes().repeat(2)));
+    }
+    let views = tensors.iter().map(|(name, shape, bytes)| {
+        (name, TensorView::new(Dtype::F32, shape.clone(), bytes).expect("shape and bytes agree"))
+    });
+    serialize(views, None).expect("names differ")
 }

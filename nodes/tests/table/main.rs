@@ -75,6 +75,7 @@ fn handmade() -> Vec<(&'static str, Vec<u8>)> {
         ("mesh.ply", files::MESH_PLY.into()),
         ("cameras.json", files::CAMERAS_JSON.into()),
         ("b.json", files::CAMERAS_JSON.into()),
+        ("lpips.safetensors", files::lpips_safetensors()),
         ("splats.ply", files::splats_ply(12)),
         ("b.ply", files::splats_ply(3)),
         ("object.glb", files::object_glb()),

@@ -1,7 +1,15 @@
 //! Distances between two pictures, in f64 and in the variants that papers print. Every number is a sum in
 //! the order of rows, so it does not depend on threads.
 
-use engine::{Context, NodeError};
+mod ciede2000;
+mod flip;
+mod lpips;
+mod ssim;
+
+pub use ciede2000::ciede2000_map;
+pub use flip::{Exposures, PIXELS_PER_DEGREE, Sight, hdr_flip_map};
+pub use lpips::Lpips;
+pub use ssim::{SSIM_RADIUS, ssim_map};
 
 use crate::num;
 
@@ -65,72 +73,6 @@ pub fn errors(a: &Plane, b: &Plane, inside: impl Fn(usize) -> bool) -> Errors {
     out
 }
 
-/// Half of the window of SSIM: 11 pixels across.
-pub const SSIM_RADIUS: usize = 5;
-
-/// The SSIM of every pixel, averaged over channels: Gaussian window of 11 pixels and sigma 1.5, biased
-/// variances, C1 = 0.01^2, C2 = 0.03^2, zeros beyond the border. Its mean is what the code of 3D Gaussian
-/// splatting prints; over pixels [`SSIM_RADIUS`] from the border, it is the SSIM of the original paper.
-pub fn ssim_map(a: &Plane, b: &Plane, cx: &Context) -> Result<Vec<f64>, NodeError> {
-    const C1: f64 = 1e-4;
-    const C2: f64 = 9e-4;
-    let (width, height, channels) = (a.width, a.height, a.channels.min(b.channels).max(1));
-    let window = gaussian();
-    // Windowed sums of x, y, xx, yy, xy: along rows, then along columns.
-    let along_rows = cx.for_each_tile(height, |y| {
-        let mut row = vec![[0.0; 5]; width * channels];
-        for x in 0..width {
-            for c in 0..channels {
-                let sum = &mut row[x * channels + c];
-                for (k, weight) in window.iter().enumerate() {
-                    let Some(at) = (x + k).checked_sub(SSIM_RADIUS).filter(|at| *at < width) else {
-                        continue;
-                    };
-                    let (p, q) = (
-                        a.samples[(y * width + at) * a.channels + c],
-                        b.samples[(y * width + at) * b.channels + c],
-                    );
-                    let terms = [p, q, p * p, q * q, p * q];
-                    for (s, term) in sum.iter_mut().zip(terms) {
-                        *s += weight * term;
-                    }
-                }
-            }
-        }
-        row
-    })?;
-    let rows = cx.for_each_tile(height, |y| {
-        let mut row = vec![0.0; width];
-        for (x, out) in row.iter_mut().enumerate() {
-            for c in 0..channels {
-                let mut sum = [0.0; 5];
-                for (k, weight) in window.iter().enumerate() {
-                    let at = (y + k).checked_sub(SSIM_RADIUS).and_then(|at| along_rows.get(at));
-                    let Some(at) = at else { continue };
-                    for (s, term) in sum.iter_mut().zip(at[x * channels + c]) {
-                        *s += weight * term;
-                    }
-                }
-                let [mx, my, xx, yy, xy] = sum;
-                let (vx, vy, cov) = (xx - mx * mx, yy - my * my, xy - mx * my);
-                let top = (2.0 * mx * my + C1) * (2.0 * cov + C2);
-                *out += top / ((mx * mx + my * my + C1) * (vx + vy + C2)) / channels as f64;
-            }
-        }
-        row
-    })?;
-    Ok(rows.concat())
-}
-
-fn gaussian() -> [f64; 2 * SSIM_RADIUS + 1] {
-    let weights: [f64; 11] = std::array::from_fn(|i| {
-        let d = i as f64 - SSIM_RADIUS as f64;
-        num::f64::exp(-d * d / (2.0 * 1.5 * 1.5))
-    });
-    let sum: f64 = weights.iter().sum();
-    weights.map(|w| w / sum)
-}
-
 /// Mean of a map over the pixels for which `inside` holds; `None` where there is none.
 pub fn mean_over(map: &[f64], inside: impl Fn(usize) -> bool) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0_u64);
@@ -141,6 +83,17 @@ pub fn mean_over(map: &[f64], inside: impl Fn(usize) -> bool) -> Option<f64> {
         }
     }
     (count > 0).then(|| sum / count as f64)
+}
+
+/// The value below which `share` (0 to 1) of the chosen values of a map lie, between neighbours in
+/// proportion; `None` where none is chosen.
+pub fn quantile_over(map: &[f64], share: f64, inside: impl Fn(usize) -> bool) -> Option<f64> {
+    let mut chosen: Vec<f64> = (0..map.len()).filter(|i| inside(*i)).map(|i| map[i]).collect();
+    chosen.sort_by(f64::total_cmp);
+    let place = share.clamp(0.0, 1.0) * chosen.len().checked_sub(1)? as f64;
+    let below = place as usize;
+    let (low, high) = (chosen[below], chosen[(below + 1).min(chosen.len() - 1)]);
+    Some(low + (high - low) * (place - below as f64))
 }
 
 #[cfg(test)]
@@ -175,5 +128,8 @@ mod tests {
         assert!((e.relative_square - 0.01 / 0.26).abs() < 1e-12);
         assert_eq!(mean_over(&[1.0, 2.0, 4.0], |pixel| pixel > 0), Some(3.0));
         assert_eq!(mean_over(&[1.0], |_| false), None);
+        assert_eq!(quantile_over(&[4.0, 9.0, 1.0, 2.0], 0.5, |pixel| pixel != 1), Some(2.0));
+        assert_eq!(quantile_over(&[4.0, 8.0], 0.75, |_| true), Some(7.0));
+        assert_eq!(quantile_over(&[1.0], 0.5, |_| false), None);
     }
 }

@@ -1,32 +1,40 @@
 //! `compare`: how far a picture lies from a reference, for each region.
 
+mod pair;
+
 use std::sync::Arc;
 
-use engine::{Context, Kind, NodeError, Notes};
+use engine::{Context, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
-use crate::color::srgb_from_linear;
-use crate::layers::{linear, matching};
-use crate::metrics::{Errors, Plane, SSIM_RADIUS, errors, mean_over, ssim_map};
-use crate::types::{Cell, Data, Image, Images, NamedImage, Picture, Report, Table};
+use crate::layers::matching;
+use crate::metrics::{Lpips, PIXELS_PER_DEGREE};
+use crate::types::{Cell, Images, NamedImage, Picture, Report, Table};
+use pair::{Pair, Row};
 
 engine::choices! {
     /// In which numbers pictures are compared.
     pub enum Space {
         /// Display-encoded with the sRGB curve, cut off to 0 to 1; as papers do.
         Display,
-        /// Linear light, not cut off; PSNR and SSIM still take white as 1.
+        /// Linear light, not cut off; PSNR and SSIM still take white as 1, and FLIP is HDR-FLIP over the
+        /// exposures that the reference asks for.
         Linear,
     }
 }
 engine::params! {
     /// Measures how far a picture lies from a reference.
     ///
-    /// One row for each view, picture and region: PSNR; SSIM as the code of 3D Gaussian splatting has it
-    /// (`ssim_3dgs_zero_pad`) and without the border (`ssim_valid`, whole pictures only); mean and largest
-    /// error; relative MSE in linear light, `mean((a - b)^2 / (b^2 + 0.01))`. A region's SSIM averages the
-    /// map over it. Judge an inserted object beside two baselines, since whole-picture numbers hardly move:
-    /// wire `background` for the row "nothing inserted" and `no_shadow` for "no shadow". Alpha is left on
-    /// black.
+    /// One row for each view, picture and region, in a table `compare` for colours: PSNR; SSIM as the code
+    /// of 3D Gaussian splatting has it (`ssim_3dgs_zero_pad`) and without the border (`ssim_valid`, whole
+    /// pictures only); FLIP, the difference that a viewer sees when the two alternate, as mean and 95th
+    /// percentile; CIEDE2000; LPIPS where weights are given; mean and largest error; relative MSE in linear
+    /// light, `mean((a - b)^2 / (b^2 + 0.01))`. Data, such as the ratio of a shadow, has a table `ratio`:
+    /// the mean of `|ln a - ln b|`, and how far the two agree on what is shadow (below 0.98) as
+    /// intersection over union. What cannot be computed is left out of its row, never 0.
+    ///
+    /// A region's SSIM and FLIP average the map over it; CIEDE2000, FLIP and LPIPS need `Display` or say
+    /// so. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
+    /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow". Alpha is left on black.
     pub struct Compare {
         /// In which numbers to compare. Pictures of data are compared as they are.
         space: Space = Space::Display, other("Linear");
@@ -36,6 +44,14 @@ engine::params! {
         names: Vec<String> = Vec::new(), other("[\"shadow\"]"), inert("without regions there is nothing to name");
         /// Multiplies the difference picture.
         gain: f64 = 1.0, range(0, 1e6), other("4.0");
+        /// How densely the viewer sees pixels, for FLIP.
+        pixels_per_degree: f64 = PIXELS_PER_DEGREE, range(1, 1000), unit("1/deg"), other("32.0");
+        /// Weights of LPIPS, a safetensors file of AlexNet or VGG16 and its five heads, named as torchvision
+        /// and the `lpips` package name them. None are shipped: the networks are not ours to give.
+        lpips: Option<InputFile> = None, other("\"lpips.safetensors\"");
+        /// Gives LPIPS its input from -1 to 1, as its networks expect. The code of 3D Gaussian splatting
+        /// gives 0 to 1, and prints smaller numbers.
+        lpips_scaled: bool = true, other("false"), inert("without weights there is no LPIPS");
     }
 }
 engine::inputs! {
@@ -58,33 +74,42 @@ engine::inputs! {
 engine::outputs! {
     /// What was found.
     pub struct Out {
-        /// A table `compare`.
+        /// Tables `compare` and `ratio`, where there are such pictures.
         report: Arc<Report>,
         /// Absolute difference of each sample, times `gain`, as data.
         difference: Arc<Images>,
+        /// FLIP of each pixel, 0 to 1, as data; only of pictures that are colours.
+        flip: Arc<Images>,
     }
 }
 
-const COLUMNS: [&str; 11] = [
-    "view",
-    "picture",
-    "region",
-    "pixels",
-    "share of picture",
+/// Columns of both tables, then of each.
+const COMMON: [&str; 5] = ["view", "picture", "region", "pixels", "share of picture"];
+const COLOUR: [&str; 10] = [
     "psnr (dB)",
     "ssim_3dgs_zero_pad",
     "ssim_valid",
+    "flip mean",
+    "flip p95",
+    "ciede2000 mean",
+    "lpips",
     "mean absolute error",
     "largest error",
     "relative mse (linear, eps 0.01)",
 ];
+const RATIO: [&str; 5] =
+    ["psnr (dB)", "mean absolute error", "largest error", "mean |ln a - ln b|", "shadow IoU (below 0.98)"];
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(p.lpips.iter().map(|path| root.file(path)).collect())
+    }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         if !p.names.is_empty() && p.names.len() != inputs.regions.len() {
@@ -93,8 +118,15 @@ impl Kind for Compare {
                 .at("names")
                 .hint("name every region, in the order of the wires"));
         }
+        let lpips = match &p.lpips {
+            Some(path) => {
+                Some(Lpips::parse(&path.0, &cx.read(path)?).map_err(|e| NodeError::from(e).at("lpips"))?)
+            }
+            None => None,
+        };
         let mut notes = Notes::none();
-        let (mut rows, mut differences) = (Vec::new(), Vec::new());
+        let (mut colour, mut ratio) = (Vec::new(), Vec::new());
+        let (mut differences, mut flips) = (Vec::new(), Vec::new());
         let views = &inputs.image.0;
         for (index, view) in views.iter().enumerate() {
             cx.progress(index as f32 / views.len() as f32);
@@ -122,12 +154,14 @@ impl Kind for Compare {
             }
             for (k, (name, picture)) in pictures.iter().enumerate() {
                 cx.check()?;
-                let pair = Pair::new(p, picture, &reference, cx)?;
+                let pair = Pair::new(p, picture, &reference, lpips.as_ref(), cx)?;
                 if k == 0 {
-                    differences.push(NamedImage {
-                        name: view.name.clone(),
-                        picture: pair.difference(p.gain).into(),
-                    });
+                    let named = |picture: Picture| NamedImage { name: view.name.clone(), picture };
+                    differences.push(named(pair.difference(p.gain).into()));
+                    flips.extend(pair.flip().map(|map| named(map.into())));
+                    for (id, what) in pair.not_computed(p) {
+                        notes.decision(id, format!("`{}`: {what}", view.name));
+                    }
                 }
                 for (region, within) in &regions {
                     let row = pair.row(within.as_deref(), mask.as_deref());
@@ -137,98 +171,36 @@ impl Kind for Compare {
                             format!("region `{region}` of `{}` has no pixel", view.name),
                         );
                     }
-                    rows.push(cells([&view.name, name, region], row, size.0 * size.1));
+                    let table = if pair.is_colour() { &mut colour } else { &mut ratio };
+                    table.push(cells([&view.name, name, region], row, pair.is_colour(), size.0 * size.1));
                 }
             }
         }
-        let columns = COLUMNS.map(str::to_owned).to_vec();
         let space = match p.space {
             Space::Display if p.quantise => "display values, 8 bits",
             Space::Display => "display values",
-            Space::Linear => "linear light",
+            Space::Linear => "linear light, HDR-FLIP",
         };
         let title = format!("Distance to the reference, in {space}");
-        let report = Report { title, tables: vec![Table { name: "compare".to_owned(), columns, rows }] };
-        Ok((Out { report: Arc::new(report), difference: Arc::new(Images(differences)) }, notes))
+        let table = |name: &str, columns: &[&str], rows| Table {
+            name: name.to_owned(),
+            columns: COMMON.iter().chain(columns).map(|&c| c.to_owned()).collect(),
+            rows,
+        };
+        let mut tables = Vec::new();
+        if !colour.is_empty() || ratio.is_empty() {
+            tables.push(table("compare", &COLOUR, colour));
+        }
+        if !ratio.is_empty() {
+            tables.push(table("ratio", &RATIO, ratio));
+        }
+        let report = Arc::new(Report { title, tables });
+        Ok((Out { report, difference: Arc::new(Images(differences)), flip: Arc::new(Images(flips)) }, notes))
     }
 }
 
 fn inside(mask: &Picture) -> Vec<bool> {
     mask.samples().chunks_exact(mask.size().2.max(1)).map(|pixel| pixel[0] > 0.5).collect()
-}
-
-/// Two pictures in the numbers to compare, and in linear light where they are colours.
-struct Pair {
-    a: Plane,
-    b: Plane,
-    light: Option<(Plane, Plane)>,
-    ssim: Vec<f64>,
-}
-
-impl Pair {
-    fn new(p: &Compare, a: &Picture, b: &Picture, cx: &Context) -> Result<Self, NodeError> {
-        let data = |picture: &Picture| matches!(picture, Picture::Data(_));
-        let (a, b, light) = if data(a) || data(b) {
-            if a.encoding() != b.encoding() || a.size() != b.size() {
-                let what =
-                    format!("a picture of {} cannot be compared with one of {}", a.encoding(), b.encoding());
-                return Err(NodeError::new(what).at("reference"));
-            }
-            (plain(a), plain(b), None)
-        } else {
-            let light = (light(a, "image")?, light(b, "reference")?);
-            match p.space {
-                Space::Display => (display(p, a), display(p, b), Some(light)),
-                Space::Linear => (copy(&light.0), copy(&light.1), Some(light)),
-            }
-        };
-        let ssim = ssim_map(&a, &b, cx)?;
-        Ok(Self { a, b, light, ssim })
-    }
-
-    fn row(&self, region: Option<&[bool]>, mask: Option<&[bool]>) -> Option<Row> {
-        let counts = |pixel: usize| region.is_none_or(|r| r[pixel]) && mask.is_none_or(|m| m[pixel]);
-        let (width, height) = (self.a.width, self.a.height);
-        let interior = |pixel: usize| {
-            let (x, y) = (pixel % width, pixel / width);
-            x >= SSIM_RADIUS && y >= SSIM_RADIUS && x + SSIM_RADIUS < width && y + SSIM_RADIUS < height
-        };
-        let errors_here = errors(&self.a, &self.b, counts);
-        let whole = region.is_none() && mask.is_none();
-        (errors_here.pixels > 0).then(|| Row {
-            errors: errors_here,
-            ssim: mean_over(&self.ssim, counts),
-            ssim_valid: if whole { mean_over(&self.ssim, interior) } else { None },
-            relative: self.light.as_ref().map(|(a, b)| errors(a, b, counts).relative_square),
-        })
-    }
-
-    fn difference(&self, gain: f64) -> Image<Data> {
-        let channels = self.a.channels.min(self.b.channels);
-        let pixels =
-            self.a.samples.chunks_exact(self.a.channels).zip(self.b.samples.chunks_exact(self.b.channels));
-        let samples = pixels
-            .flat_map(|(a, b)| {
-                a.iter()
-                    .zip(b)
-                    .take(channels)
-                    .map(|(a, b)| {
-                        let d = (a - b).abs() * gain;
-                        // Infinite depth against infinite depth is no difference.
-                        if d.is_nan() { 0.0 } else { d as f32 }
-                    })
-                    .collect::<Vec<_>>()
-            })
-            .collect();
-        Image::from_samples(self.a.width, self.a.height, channels, samples)
-    }
-}
-
-struct Row {
-    errors: Errors,
-    ssim: Option<f64>,
-    ssim_valid: Option<f64>,
-    relative: Option<f64>,
 }
 
 fn number(value: Option<f64>) -> Cell {
@@ -239,59 +211,58 @@ fn number(value: Option<f64>) -> Cell {
     }
 }
 
-fn cells(names: [&str; 3], row: Option<Row>, pixels: usize) -> Vec<Cell> {
+fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
     let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
-    let errors = row.as_ref().map(|row| row.errors);
-    cells.push(Cell::Count(errors.map_or(0, |e| e.pixels)));
-    cells.push(number(Some(errors.map_or(0, |e| e.pixels) as f64 / pixels.max(1) as f64)));
-    cells.push(number(errors.map(|e| e.psnr())));
-    cells.push(number(row.as_ref().and_then(|row| row.ssim)));
-    cells.push(number(row.as_ref().and_then(|row| row.ssim_valid)));
-    cells.push(number(errors.map(|e| e.mean_absolute)));
-    cells.push(number(errors.map(|e| e.largest)));
-    cells.push(number(row.and_then(|row| row.relative)));
-    cells
-}
-
-fn copy(plane: &Plane) -> Plane {
-    Plane { samples: plane.samples.clone(), ..*plane }
-}
-
-fn plain(picture: &Picture) -> Plane {
-    let (width, height, channels) = picture.size();
-    Plane { width, height, channels, samples: picture.samples().iter().map(|v| f64::from(*v)).collect() }
-}
-
-/// The colour channels in linear light, on black.
-fn light(picture: &Picture, port: &'static str) -> Result<Plane, NodeError> {
-    let image = linear(picture, port)?;
-    let samples = image.samples.chunks_exact(image.channels).flat_map(|p| [p[0], p[1], p[2]]).map(f64::from);
-    Ok(Plane { width: image.width, height: image.height, channels: 3, samples: samples.collect() })
-}
-
-/// The colour channels as a display shows them, on black.
-fn display(p: &Compare, picture: &Picture) -> Plane {
-    let (width, height, channels) = picture.size();
-    let is_linear = matches!(picture, Picture::Linear(_));
-    let shown = |v: &f32| {
-        let v = f64::from(if is_linear { srgb_from_linear(*v) } else { *v }).clamp(0.0, 1.0);
-        if p.quantise { (v * 255.0 + 0.5).floor() / 255.0 } else { v }
+    let count = row.as_ref().map_or(0, |row| row.errors.pixels);
+    cells.push(Cell::Count(count));
+    cells.push(number(Some(count as f64 / pixels.max(1) as f64)));
+    let Some(row) = row else {
+        let more = if colour { COLOUR.len() } else { RATIO.len() };
+        cells.resize(cells.len() + more, Cell::Missing);
+        return cells;
     };
-    let samples = picture.samples().chunks_exact(channels).flat_map(|pixel| pixel[..3].iter().map(shown));
-    Plane { width, height, channels: 3, samples: samples.collect() }
+    let (psnr, absolute, largest) =
+        (Some(row.errors.psnr()), Some(row.errors.mean_absolute), Some(row.errors.largest));
+    let values: &[Option<f64>] = if colour {
+        &[
+            psnr,
+            row.ssim,
+            row.ssim_valid,
+            row.flip,
+            row.flip_p95,
+            row.ciede2000,
+            row.lpips,
+            absolute,
+            largest,
+            row.relative,
+        ]
+    } else {
+        &[psnr, absolute, largest, row.log_error, row.iou]
+    };
+    cells.extend(values.iter().map(|value| number(*value)));
+    cells
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::num;
     use crate::testing::context;
-    use crate::types::{Linear, Srgb};
+    use crate::types::{Data, Image, Linear, Srgb};
 
     fn one(picture: impl Into<Picture>) -> Arc<Images> {
         Arc::new(Images::single("v", picture))
     }
     fn node() -> Compare {
-        Compare { space: Space::Display, quantise: true, names: Vec::new(), gain: 1.0 }
+        Compare {
+            space: Space::Display,
+            quantise: true,
+            names: Vec::new(),
+            gain: 1.0,
+            pixels_per_degree: PIXELS_PER_DEGREE,
+            lpips: None,
+            lpips_scaled: true,
+        }
     }
     fn inputs(image: Arc<Images>, reference: Arc<Images>) -> In {
         In { image, reference, mask: None, regions: Vec::new(), background: None, no_shadow: None }
@@ -374,5 +345,45 @@ mod tests {
         assert!(Compare::run(&node(), inputs(flat(0.1), left_half()), &context()).is_err());
         let named = Compare { names: vec!["a".into()], ..node() };
         assert!(Compare::run(&named, inputs(flat(0.1), flat(0.1)), &context()).is_err());
+    }
+
+    #[test]
+    fn ratios_have_their_own_table() {
+        let map = |dark: f32| {
+            one(Image::<Data>::from_samples(
+                16,
+                12,
+                1,
+                (0..192).map(|i| if i % 16 < 8 { dark } else { 1.0 }).collect(),
+            ))
+        };
+        let (out, _) = Compare::run(&node(), inputs(map(0.25), map(0.5)), &context()).expect("runs");
+        let table = &out.report.tables[0];
+        assert_eq!((out.report.tables.len(), &*table.name), (1, "ratio"));
+        let value = |c: &str| {
+            let at = table.columns.iter().position(|column| column.starts_with(c));
+            table.rows[0][at.expect("is a column")].clone()
+        };
+        // Half of the pixels are off by a factor of two, and both call the same half a shadow.
+        assert_eq!(value("mean |ln"), Cell::Number(0.5 * num::f64::ln(2.0)));
+        assert_eq!(value("shadow IoU"), Cell::Number(1.0));
+        let (out, _) = Compare::run(&node(), inputs(map(1.0), map(0.5)), &context()).expect("runs");
+        assert_eq!(out.report.tables[0].rows[0].last(), Some(&Cell::Number(0.0)));
+        assert!(out.flip.0.is_empty());
+    }
+
+    #[test]
+    fn what_a_viewer_sees_has_a_map_and_what_is_missing_is_said() {
+        let (out, notes) = Compare::run(&node(), inputs(flat(0.2), flat(0.6)), &context()).expect("runs");
+        let map = out.flip.0[0].picture.samples();
+        let table = &out.report.tables[0];
+        let at = table.columns.iter().position(|c| c == "flip mean").expect("is a column");
+        assert!(
+            matches!(table.rows[0][at], Cell::Number(v) if (v - f64::from(map[0])).abs() < 1e-6 && v > 0.2)
+        );
+        assert_eq!(table.rows[0][at + 3], Cell::Missing, "LPIPS without weights");
+        assert_eq!(notes.iter().count(), 0, "nobody asked for LPIPS");
+        let broken = Compare { lpips: Some(InputFile("none".into())), ..node() };
+        assert!(Compare::run(&broken, inputs(flat(0.2), flat(0.6)), &context()).is_err());
     }
 }

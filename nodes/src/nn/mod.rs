@@ -1,0 +1,33 @@
+//! The forward pass of small convolutional networks: the same bits on every machine and for any number of
+//! threads, since every sum has one order.
+
+mod conv;
+mod weights;
+
+pub use conv::{Conv, max_pool, relu};
+pub use weights::Weights;
+
+/// Feature maps in f32: channel by channel, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tensor {
+    /// Maps.
+    pub channels: usize,
+    /// Rows.
+    pub height: usize,
+    /// Columns.
+    pub width: usize,
+    /// All values.
+    pub data: Vec<f32>,
+}
+
+impl Tensor {
+    /// Zeros.
+    pub fn new(channels: usize, height: usize, width: usize) -> Self {
+        Self { channels, height, width, data: vec![0.0; channels * height * width] }
+    }
+
+    /// One row of one channel.
+    pub fn row(&self, channel: usize, y: usize) -> &[f32] {
+        &self.data[(channel * self.height + y) * self.width..][..self.width]
+    }
+}
