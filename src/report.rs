@@ -1,16 +1,21 @@
 //! Turns events into bars and lines on a terminal, plain lines elsewhere, or JSON lines.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use engine::{Counts, Event, Level, State, Totals};
+use engine::{Counts, Event, Forecast, Level, State, Totals};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Says what stopped a verb, once, on standard error.
 pub fn error(message: &str) {
     let styled = message.starts_with("error") || message.starts_with('\u{1b}');
     let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
+}
+
+/// Says something that stops nothing, on standard error.
+pub fn remark(message: &str) {
+    let _ = writeln!(std::io::stderr(), "{message}");
 }
 
 /// True when colours belong on standard error.
@@ -31,6 +36,8 @@ pub struct Lines {
     running: BTreeMap<String, ProgressBar>,
     every: bool,
     colour: bool,
+    /// What was remarked on already; a graph that runs again and again says the same each time.
+    remarks: BTreeSet<(String, String)>,
 }
 
 impl Report {
@@ -47,7 +54,13 @@ impl Report {
             ProgressDrawTarget::hidden()
         };
         let bars = MultiProgress::with_draw_target(target);
-        Report::Lines(Box::new(Lines { bars, running: BTreeMap::new(), every, colour: colours() }))
+        Report::Lines(Box::new(Lines {
+            bars,
+            running: BTreeMap::new(),
+            every,
+            colour: colours(),
+            remarks: BTreeSet::new(),
+        }))
     }
 
     /// Tells one event. A closed standard output is no reason to stop a run.
@@ -95,6 +108,9 @@ impl Lines {
                     State::Skipped => self.line("skipped", "33", &format!("{id:<12} {kind}")),
                 }
                 for note in notes {
+                    if !self.remarks.insert((id.clone(), note.text.clone())) && !self.every {
+                        continue;
+                    }
                     let (word, colour) = match note.level {
                         Level::Count | Level::Decision => ("note", "36"),
                         Level::Warning => ("warning", "33;1"),
@@ -106,13 +122,15 @@ impl Lines {
                     self.line("degraded", "31;1", &format!("{id}: made from a degraded result"));
                 }
             }
-            Event::File { path, written, .. } => {
+            Event::File { path, written, preview, .. } => {
                 // A person sees one line; a program that reads standard output gets the bare path.
                 let shown = path.display();
                 if !std::io::stdout().is_terminal() {
                     let _ = writeln!(std::io::stdout().lock(), "{shown}");
                 }
-                if *written {
+                if *preview {
+                    self.line("preview", "36;1", &shown.to_string());
+                } else if *written {
                     self.line("wrote", "32;1", &shown.to_string());
                 } else if self.every {
                     self.line("kept", "2", &shown.to_string());
@@ -122,6 +140,19 @@ impl Lines {
             Event::Done(totals) => {
                 self.bars.clear().unwrap_or_default();
                 self.line("done", "1", &totals_text(totals));
+            }
+            Event::Plan(forecast) => self.line("plan", "1", &forecast_text(forecast)),
+            Event::Pass { parameter, level, of } => {
+                self.line("preview", "36", &format!("{parameter} {level} of {of}"));
+            }
+            Event::Mistakes { text, .. } => self.bars.suspend(|| error(text)),
+            Event::Stale { path } => {
+                let text = format!("{} shows the graph as it was before", path.display());
+                self.line("stale", "33;1", &text);
+            }
+            Event::Idle { files } => {
+                let s = if *files == 1 { "" } else { "s" };
+                self.line("watching", "2", &format!("{files} file{s}; Ctrl-C ends"));
             }
         }
     }
@@ -148,6 +179,19 @@ impl Lines {
             };
         });
     }
+}
+
+/// `5 of 14 nodes may run, about 8.0 s, 1 never timed`.
+pub fn forecast_text(forecast: &Forecast) -> String {
+    let Forecast { open, wanted, seconds, untimed } = forecast;
+    let mut text = format!("{open} of {wanted} nodes may run");
+    if *seconds >= 0.05 {
+        text.push_str(&format!(", about {}", seconds_text(*seconds)));
+    }
+    if *untimed > 0 {
+        text.push_str(&format!(", {untimed} never timed"));
+    }
+    text
 }
 
 /// Seconds as a person reads them.

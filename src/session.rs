@@ -34,6 +34,9 @@ pub enum Error {
     /// Threads cannot be started.
     #[error(transparent)]
     Engine(#[from] engine::EngineError),
+    /// Something to watch that cannot change.
+    #[error("only a file can be watched, and `-` stands for standard input")]
+    Unwatchable,
     /// A size that is none.
     #[error("`{0}` is not a size; write a number with K, M or G, such as 4G")]
     Size(String),
@@ -117,8 +120,22 @@ fn read(path: &Path) -> Result<(Source, PathBuf), Error> {
 }
 
 impl EngineArgs {
+    /// The same for a process that runs again and again: a third of the memory keeps values meanwhile.
+    pub fn open_for_long(&self) -> Result<Engine, Error> {
+        let memory = self.memory()?;
+        Ok(self.open_with(memory / 3 * 2)?.keeping(memory / 3))
+    }
+
     /// Opens the store and starts the threads.
     pub fn open(&self) -> Result<Engine, Error> {
+        self.open_with(self.memory()?)
+    }
+
+    fn memory(&self) -> Result<u64, Error> {
+        self.memory.as_deref().map_or_else(|| Ok(free_memory() / 4 * 3), size)
+    }
+
+    fn open_with(&self, memory: u64) -> Result<Engine, Error> {
         let folder = match (&self.cache, std::env::var_os("LIGHTHARMONY_CACHE")) {
             (Some(folder), _) => folder.clone(),
             (None, Some(folder)) if !folder.is_empty() => folder.into(),
@@ -129,10 +146,6 @@ impl EngineArgs {
         };
         let store = Store::open(&folder, cache::Options::default())?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let memory = match &self.memory {
-            Some(text) => size(text)?,
-            None => free_memory() / 4 * 3,
-        };
         Ok(Engine::new(store, self.jobs.unwrap_or(cores), memory)?)
     }
 }

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::context::{Scene, SourceRoot, Up};
@@ -27,6 +28,8 @@ pub(crate) struct Check<'t, 'a> {
     ids: HashMap<&'t str, usize>,
     names: Vec<&'t str>,
     broken: HashSet<&'t str>,
+    /// The files that nodes name.
+    pub files: Vec<PathBuf>,
     /// Wires to nodes that do not exist, so far.
     strangers: usize,
 }
@@ -46,7 +49,7 @@ impl<'t, 'a> Check<'t, 'a> {
         let names = document.nodes.iter().map(|node| node.id).collect();
         let broken = document.broken.iter().copied().collect();
         let ids = HashMap::with_capacity(document.nodes.len());
-        Self { text, registry, root, diagnostics, ids, names, broken, strangers: 0 }
+        Self { text, registry, root, diagnostics, ids, names, broken, files: Vec::new(), strangers: 0 }
     }
 
     fn report(&mut self, diagnostic: Diagnostic) {
@@ -212,6 +215,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         .hint("paths are relative to the folder of the graph file"),
                 );
             }
+            self.files.push(file.path);
         }
         if let Err(error) = step.check() {
             let mut diagnostic =

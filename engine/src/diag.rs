@@ -1,9 +1,12 @@
 //! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
 
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+
+use crate::event::Mistake;
 
 /// A text with the name it is known by.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -87,6 +90,8 @@ pub struct Diagnostics {
     pub source: Source,
     /// At least one mistake.
     pub list: Vec<Diagnostic>,
+    /// The files that the text names: what is wrong may lie in one of them.
+    pub files: Vec<PathBuf>,
 }
 
 impl Diagnostics {
@@ -94,7 +99,19 @@ impl Diagnostics {
     pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
         list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         list.dedup();
-        Self { source, list }
+        Self { source, list, files: Vec::new() }
+    }
+
+    /// The mistakes for a program that shows them in its own way.
+    pub fn mistakes(&self) -> Vec<Mistake> {
+        let mistake = |one: &Diagnostic| {
+            let (line, column) = self.source.position(one.span.start);
+            let text = self.source.text.get(one.span.clone()).unwrap_or_default();
+            let length = text.lines().next().unwrap_or_default().chars().count();
+            let (file, message, label) = (self.source.name.clone(), one.message.clone(), one.label.clone());
+            Mistake { file, line, column, length, message, label, hints: one.hints.clone() }
+        };
+        self.list.iter().map(mistake).collect()
     }
 
     /// The mistakes as a person reads them, with the text underlined.

@@ -7,6 +7,7 @@ use cache::Digest;
 use serde::{Serialize, Serializer};
 
 use crate::note::Note;
+use crate::plan::Forecast;
 
 /// How a node or a part ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -98,6 +99,9 @@ pub enum Event {
         path: PathBuf,
         /// False when an equal file was there already.
         written: bool,
+        /// True when it shows less than the graph says, since a better one follows.
+        #[serde(skip_serializing_if = "std::ops::Not::not")]
+        preview: bool,
     },
     /// A remark of the engine itself, such as a damaged cache entry that was made again.
     Warning {
@@ -108,6 +112,56 @@ pub enum Event {
     },
     /// The run is over.
     Done(Totals),
+    /// Watching: what is about to run.
+    Plan(Forecast),
+    /// Watching: a run begins that shows roughly what a later one shows well.
+    Pass {
+        /// The parameter that it caps.
+        parameter: String,
+        /// At how much.
+        level: u64,
+        /// What the graph says.
+        of: u64,
+    },
+    /// The graph is wrong or nodes of it failed.
+    Mistakes {
+        /// Each with its place; empty where the graph file cannot even be read.
+        list: Vec<Mistake>,
+        /// All of it for a person.
+        #[serde(skip_serializing_if = "String::is_empty")]
+        text: String,
+    },
+    /// Watching: a file shows what the graph said before, and stays as it is for now.
+    Stale {
+        /// Where it lies.
+        path: PathBuf,
+    },
+    /// Watching: nothing is to be done until a file changes.
+    Idle {
+        /// How many files are followed.
+        files: usize,
+    },
+}
+
+/// A mistake in a graph, for programs that show it in their own way.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Mistake {
+    /// The file, as it was named.
+    pub file: String,
+    /// From 1.
+    pub line: usize,
+    /// In characters, from 1.
+    pub column: usize,
+    /// How many characters of the line it is about.
+    pub length: usize,
+    /// What is wrong.
+    pub message: String,
+    /// More about the place.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub label: String,
+    /// What to do.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hints: Vec<String>,
 }
 
 /// What a run came to.

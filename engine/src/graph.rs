@@ -1,6 +1,7 @@
 //! The checked graph, ready to run.
 
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::check::Check;
@@ -8,7 +9,8 @@ use crate::context::{Scene, SourceRoot};
 use crate::diag::{Diagnostics, Source};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::order::{describe_cycle, distinct, order_of};
-use crate::syntax::parse;
+use crate::param::{InputFile, Role};
+use crate::syntax::{Fields, RawField, parse};
 
 /// One end of a wire: an output of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -20,6 +22,7 @@ pub struct Wire {
 }
 
 /// A node whose every field is right.
+#[derive(Clone)]
 pub struct Node {
     /// Name in the file.
     pub id: String,
@@ -41,9 +44,50 @@ impl Node {
         let named = field.and_then(|name| self.fields.iter().find(|(known, _)| *known == name));
         named.map_or(self.span.clone(), |(_, span)| span.clone())
     }
+
+    /// Every parameter with its value in canonical text.
+    pub(crate) fn values(&self) -> Vec<(&'static str, String)> {
+        let mut values = Vec::with_capacity(self.kind.params.len());
+        // A value that is not canonical was refused when the graph was checked.
+        self.step.visit(&mut |name, value| values.extend(value.text().ok().map(|text| (name, text))));
+        values
+    }
+
+    /// What the node does with another value of one parameter; `None` where its kind refuses that.
+    fn with(&self, parameter: &str, text: &str) -> Option<Arc<dyn Step>> {
+        let mut values = self.values();
+        values.iter_mut().find(|(name, _)| *name == parameter)?.1 = text.to_owned();
+        let field = |(name, text)| RawField { name, name_span: 0..0, text, span: 0..0 };
+        let fields: Vec<RawField<'_>> =
+            values.iter().map(|(name, text)| field((*name, text.as_str()))).collect();
+        let mut diagnostics = Vec::new();
+        let kind = self.kind.name;
+        let step = (self.kind.read)(&mut Fields {
+            fields: &fields,
+            node_span: 0..0,
+            kind,
+            diagnostics: &mut diagnostics,
+        })?;
+        step.check().is_ok().then_some(step)
+    }
+
+    /// The files that its parameters name.
+    fn named_files(&self, root: &SourceRoot) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        let is_file = |name| self.kind.params.iter().any(|p| p.name == name && p.role == Role::Input);
+        self.step.visit(&mut |name, value| {
+            if is_file(name) {
+                files.extend(
+                    value.paths().into_iter().map(|path| root.file(&InputFile(path.to_owned())).path),
+                );
+            }
+        });
+        files
+    }
 }
 
 /// A graph file that can run.
+#[derive(Clone)]
 pub struct Graph {
     /// The text it came from.
     pub source: Source,
@@ -67,6 +111,7 @@ impl Graph {
         let mut check = Check::new(&text, registry, &root, &document, &mut diagnostics);
         let scene = check.document(&document);
         let (nodes, wiring) = check.nodes(&document.nodes);
+        let files = check.files;
         let order = order_of(&wiring);
         if let Err(cycles) = &order {
             diagnostics.extend(cycles.iter().map(|cycle| describe_cycle(&document.nodes, &wiring, cycle)));
@@ -76,7 +121,7 @@ impl Graph {
                 let reads = wiring.into_iter().map(distinct).collect();
                 Ok(Self { source, scene, nodes, root, order, reads, consumers })
             }
-            _ => Err(Diagnostics::new(source, diagnostics)),
+            _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
         }
     }
 
@@ -101,6 +146,49 @@ impl Graph {
         let name = |wire: &Wire| self.nodes[wire.node].kind.outputs[wire.port].name;
         let ports = node.kind.inputs.iter().zip(&node.inputs);
         ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect()
+    }
+
+    /// The files that nodes read, as far as that can be told without reading them through.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut files = Vec::new();
+        for node in self.nodes.iter().filter(|node| node.kind.reads_files) {
+            // A file that cannot be read is the failure of its node, and its repair is a change.
+            match node.step.sources(&self.root) {
+                Ok(sources) => files.extend(sources.into_iter().map(|source| source.path)),
+                Err(_) => files.extend(node.named_files(&self.root)),
+            }
+        }
+        files
+    }
+
+    /// Whether the other graph says the same, wherever it stands in its file.
+    pub fn same(&self, other: &Graph) -> bool {
+        let alike = |(a, b): (&Node, &Node)| {
+            (&a.id, a.kind.name, &a.inputs, &a.sink_path) == (&b.id, b.kind.name, &b.inputs, &b.sink_path)
+                && a.values() == b.values()
+        };
+        self.scene == other.scene
+            && self.root.folder() == other.root.folder()
+            && self.nodes.len() == other.nodes.len()
+            && self.nodes.iter().zip(&other.nodes).all(alike)
+    }
+
+    /// The value of a parameter that is a whole number.
+    pub fn number(&self, node: usize, parameter: &str) -> Option<u64> {
+        let values = self.nodes[node].values();
+        values.iter().find(|(name, _)| *name == parameter)?.1.parse().ok()
+    }
+
+    /// The same graph with a parameter at most `level` in every node that has it, and the nodes where that
+    /// makes a difference; `None` where there is none.
+    pub fn capped(&self, parameter: &str, level: u64) -> Option<(Self, Vec<usize>)> {
+        let over = |&node: &usize| self.number(node, parameter).is_some_and(|number| number > level);
+        let capped: Vec<usize> = (0..self.nodes.len()).filter(over).collect();
+        let mut graph = self.clone();
+        for &index in &capped {
+            graph.nodes[index].step = self.nodes[index].with(parameter, &level.to_string())?;
+        }
+        (!capped.is_empty()).then_some((graph, capped))
     }
 
     /// Index of a node by name.

@@ -98,6 +98,7 @@ mod job;
 mod key;
 mod kind;
 mod launch;
+mod memory;
 mod note;
 mod order;
 mod param;
@@ -112,6 +113,7 @@ mod sink;
 mod slot;
 mod supply;
 mod syntax;
+mod watch;
 
 pub use artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
@@ -121,7 +123,7 @@ pub use context::{Context, ContextField, Part, Scene, SourceFile, SourceRoot, Up
 pub use diag::{Diagnostic, Diagnostics, Source, nearest};
 pub use edit::{EditError, Setting, apply};
 pub use error::NodeError;
-pub use event::{Counts, Event, State, Totals};
+pub use event::{Counts, Event, Mistake, State, Totals};
 pub use files::{FileBytes, Files};
 pub use graph::{Graph, Node, Wire};
 pub use kind::{Cost, Keep, Kind, KindEntry, Registry};
@@ -129,8 +131,9 @@ pub use note::{Level, Note, Notes};
 pub use param::{
     InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, ParamValue, Params, Role, canonical,
 };
-pub use plan::{Fate, Planned, Why};
+pub use plan::{Fate, Forecast, Planned, Why};
 pub use port::{Arity, InPort, Inputs, Outputs, PortSpec};
 pub use schedule::{Engine, EngineError, Outcome, RunOptions};
 pub use serde;
 pub use syntax::Fields;
+pub use watch::{Handle, Load, Refusal, Watch, WatchOptions};

@@ -50,6 +50,33 @@ pub struct Planned {
     pub manifest: Option<Manifest>,
 }
 
+/// A plan in one line.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Forecast {
+    /// Nodes that may run. Fewer do where a result comes out equal.
+    pub open: usize,
+    /// Nodes that are wanted.
+    pub wanted: usize,
+    /// What those that may run took the last time, together.
+    pub seconds: f64,
+    /// Of them, those that never ran.
+    pub untimed: usize,
+}
+
+impl Forecast {
+    /// Sums a plan up.
+    pub fn of(plan: &[Planned]) -> Self {
+        let wanted = || plan.iter().filter(|node| node.fate != Fate::Unwanted);
+        let open = || wanted().filter(|node| node.fate != Fate::Known);
+        Self {
+            open: open().count(),
+            wanted: wanted().count(),
+            seconds: open().filter_map(|node| node.forecast).sum(),
+            untimed: open().filter(|node| node.forecast.is_none()).count(),
+        }
+    }
+}
+
 impl Engine {
     /// What [`Engine::run`] would do, node by node in the order of the file.
     pub fn plan(&self, graph: &Graph, only: &[usize]) -> Vec<Planned> {

@@ -97,6 +97,9 @@ impl<'a> Run<'a> {
                 slots[above].readers += 1;
             }
         }
+        for &node in &options.rough {
+            slots[node].rough = true;
+        }
         let ready = graph.order().iter().filter(|&&node| wanted[node] && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
         Self {
@@ -296,18 +299,21 @@ impl<'a> Run<'a> {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
+        let rough = graph.reads(index).iter().any(|&above| self.slots[above].rough);
         let slot = &mut self.slots[index];
         slot.degraded = inherited || record.notes.is_degraded();
+        slot.rough |= rough;
         slot.record = Some(record);
         slot.end = Some(state);
         // What the key was made of is in the record, and a large graph would hold it all.
         slot.action.key = None;
-        if let Some(key) = slot.key {
+        if let Some(key) = slot.key.filter(|_| !slot.rough) {
             remember(&self.engine.store, &mut self.last_name, node, &key);
         }
         for (name, n) in &counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
+        self.keep_for_later(index);
         self.release_inputs(index);
         if node.sink_path.is_some() {
             self.slots[index].life = Life::Placing;
@@ -388,7 +394,8 @@ impl<'a> Run<'a> {
         match placed {
             Ok(Some(files)) => {
                 for (path, written) in files {
-                    (self.tell)(Event::File { id: self.graph.nodes[index].id.clone(), path, written });
+                    let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
+                    (self.tell)(Event::File { id, path, written, preview });
                 }
                 let slot = &mut self.slots[index];
                 slot.readers -= 1;

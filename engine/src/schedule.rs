@@ -11,6 +11,7 @@ use crate::action::last_outputs;
 use crate::diag::Diagnostics;
 use crate::event::{Event, Totals};
 use crate::graph::{Graph, Wire};
+use crate::memory::Memory;
 use crate::run::Run;
 
 /// The threads, the memory and the store that runs share.
@@ -19,6 +20,7 @@ pub struct Engine {
     pub(crate) pool: rayon::ThreadPool,
     pub(crate) jobs: usize,
     pub(crate) memory: u64,
+    pub(crate) kept: Memory,
 }
 
 /// What a run is asked for beside the graph.
@@ -30,6 +32,9 @@ pub struct RunOptions {
     pub only: Vec<usize>,
     /// Set from outside to stop the run; what is finished by then is kept.
     pub cancel: Arc<AtomicBool>,
+    /// Nodes that do less than the graph file says, in a run that a better one follows: they and what is
+    /// made from them are not remembered as the last run, and files made from them are marked as previews.
+    pub rough: Vec<usize>,
 }
 
 /// How a run ended.
@@ -58,7 +63,13 @@ impl Engine {
             .thread_name(|index| format!("node-{index}"))
             .build()
             .map_err(|source| EngineError { jobs, source })?;
-        Ok(Self { store: Arc::new(store), pool, jobs, memory })
+        Ok(Self { store: Arc::new(store), pool, jobs, memory, kept: Memory::new(0) })
+    }
+
+    /// Keeps values in memory from one run to the next, at most `bytes` of them: for a process that runs
+    /// a graph again and again. A part of them is what the running graph holds anyhow.
+    pub fn keeping(self, bytes: u64) -> Self {
+        Self { kept: Memory::new(bytes), ..self }
     }
 
     /// The store of this engine.

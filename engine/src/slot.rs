@@ -70,6 +70,8 @@ pub(crate) struct Slot {
     /// Its values are being written to the store.
     pub storing: bool,
     pub degraded: bool,
+    /// It does less than the graph file says, or is made from what does.
+    pub rough: bool,
     /// Memory that its code was admitted with.
     pub reserved: u64,
     /// What its code will take, once asked for.
@@ -104,6 +106,7 @@ impl Slot {
             lost: false,
             storing: false,
             degraded: false,
+            rough: false,
             reserved: 0,
             cost: None,
             parked: 0,
@@ -120,6 +123,12 @@ impl Slot {
 
     pub fn value(&self, port: usize) -> Option<&AnyArtifact> {
         self.values.get(port)?.artifact.as_ref()
+    }
+
+    /// A value and how many bytes it holds.
+    pub fn sized_value(&self, port: usize) -> Option<(&AnyArtifact, u64)> {
+        let value = self.values.get(port)?;
+        Some((value.artifact.as_ref()?, value.bytes))
     }
 
     fn entry(&mut self, port: usize) -> &mut Value {

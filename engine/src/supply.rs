@@ -72,6 +72,9 @@ impl<'a> Run<'a> {
         }
         let Some(record) = slot.record.as_ref().filter(|_| slot.remaking.is_none()) else { return };
         let output = record.outputs[port].clone();
+        if let Some(value) = self.engine.kept.get(&output) {
+            return self.arrive(node, port, value);
+        }
         if !output.stored {
             return self.remake(node, "only its digest was kept");
         }
@@ -157,6 +160,17 @@ impl<'a> Run<'a> {
         if self.slots[index].keep(port, value, bytes) {
             self.held += bytes;
             self.totals.peak_bytes = self.totals.peak_bytes.max(self.held);
+        }
+        self.keep_for_later(index);
+    }
+
+    /// Offers the values of a node whose outputs are known to the memory that outlives the run.
+    pub fn keep_for_later(&self, index: usize) {
+        let slot = &self.slots[index];
+        for (port, output) in slot.record.iter().flat_map(|record| &record.outputs).enumerate() {
+            if let Some((value, bytes)) = slot.sized_value(port) {
+                self.engine.kept.put(output, value, bytes);
+            }
         }
     }
 

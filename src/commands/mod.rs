@@ -9,6 +9,7 @@ mod nodes;
 mod plan;
 mod run;
 mod splats;
+mod watch;
 
 use clap::{Parser, Subcommand};
 
@@ -26,6 +27,8 @@ pub struct Command {
 enum Verb {
     /// Runs a graph: computes what is not known and writes the files of its sinks
     Run(run::Run),
+    /// Runs a graph again whenever it or a file it reads changes
+    Watch(watch::Watch),
     /// Reads a graph and reports every mistake in it
     Check(check::Check),
     /// Tells what a run would compute, why, and about how long it takes
@@ -47,6 +50,7 @@ impl Command {
     pub fn run(self) -> Result<u8, Error> {
         match self.verb {
             Verb::Run(verb) => verb.run(),
+            Verb::Watch(verb) => verb.run(),
             Verb::Check(verb) => verb.run(),
             Verb::Plan(verb) => verb.run(),
             Verb::Explain(verb) => verb.run(),

@@ -1,9 +1,9 @@
 //! `plan`: what a run would do and why.
 
 use clap::Args;
-use engine::{Change, Fate, Planned, Why};
+use engine::{Change, Fate, Forecast, Planned, Why};
 
-use crate::report::seconds_text;
+use crate::report::{forecast_text, seconds_text};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
 
 /// Tells what a run would compute, why, and about how long it takes.
@@ -29,16 +29,7 @@ impl Plan {
             let about = node.forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
             text.push_str(&format!("{:<12} {:<16} {about:<14} {}\n", node.id, node.kind, reason(&node.fate)));
         }
-        let open = wanted.iter().filter(|node| node.fate != Fate::Known);
-        let known: f64 = open.clone().filter_map(|node| node.forecast).sum();
-        let unknown = open.clone().filter(|node| node.forecast.is_none()).count();
-        text.push_str(&format!("{} of {} nodes may run", open.count(), wanted.len()));
-        if known > 0.0 {
-            text.push_str(&format!(", about {}", seconds_text(known)));
-        }
-        if unknown > 0 {
-            text.push_str(&format!(", {unknown} never timed"));
-        }
+        text.push_str(&forecast_text(&Forecast::of(&plan)));
         text.push('\n');
         super::print(&text)?;
         Ok(u8::from(wanted.iter().any(|node| matches!(node.fate, Fate::Fails(_)))))

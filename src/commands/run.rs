@@ -47,7 +47,7 @@ impl Run {
                 "the cache cannot be written: known results are used, new ones are not kept".to_owned();
             report.tell(&engine::Event::Warning { id: "cache-read-only", text });
         }
-        let options = RunOptions { out: self.out, only, cancel };
+        let options = RunOptions { out: self.out, only, cancel, ..RunOptions::default() };
         let outcome = engine.run(&graph, &options, |event| report.tell(&event));
         if let Some(failures) = &outcome.failures
             && !self.json

@@ -5,6 +5,7 @@ mod bytes;
 mod incremental;
 mod kill;
 mod messages;
+mod watch;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -131,6 +131,7 @@ impl Lab {
             out: self.path("out"),
             only: only.iter().map(|id| graph.find(id).unwrap()).collect(),
             cancel: cancel.clone(),
+            ..RunOptions::default()
         };
         let mut events = Vec::new();
         let outcome = engine.run(&graph, &options, |event| {

@@ -13,3 +13,4 @@ mod mistakes;
 mod plans;
 mod running;
 mod shapes;
+mod watching;

@@ -1,0 +1,115 @@
+//! Values that outlive a run, for an engine that runs again and again: what the next run reads is at hand.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Mutex, PoisonError};
+
+use cache::Digest;
+
+use crate::artifact::AnyArtifact;
+use crate::record::Output;
+
+/// The values read last, by digest, type and format, up to a limit of bytes.
+#[derive(Default)]
+pub(crate) struct Memory {
+    limit: u64,
+    shelf: Mutex<Shelf>,
+}
+
+type Name = (Digest, &'static str, u32);
+
+#[derive(Default)]
+struct Shelf {
+    held: u64,
+    clock: u64,
+    values: HashMap<Name, Kept>,
+    /// Names by the time of their last use; the first goes first.
+    ages: BTreeMap<u64, Name>,
+}
+
+struct Kept {
+    value: AnyArtifact,
+    bytes: u64,
+    used: u64,
+}
+
+fn name(output: &Output) -> Name {
+    (output.digest, output.type_name, output.format)
+}
+
+impl Memory {
+    /// Keeps at most `limit` bytes; nothing at all for 0.
+    pub fn new(limit: u64) -> Self {
+        Self { limit, ..Self::default() }
+    }
+
+    #[cfg(test)]
+    fn held(&self) -> u64 {
+        self.shelf.lock().unwrap_or_else(PoisonError::into_inner).held
+    }
+
+    /// The value of an output, if it is kept.
+    pub fn get(&self, output: &Output) -> Option<AnyArtifact> {
+        if self.limit == 0 {
+            return None;
+        }
+        let shelf = &mut *self.shelf.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = shelf.values.get_mut(&name(output))?;
+        shelf.ages.remove(&kept.used);
+        shelf.clock += 1;
+        kept.used = shelf.clock;
+        shelf.ages.insert(kept.used, name(output));
+        Some(kept.value.clone())
+    }
+
+    /// Keeps a value of so many bytes; those not used for longest make room.
+    pub fn put(&self, output: &Output, value: &AnyArtifact, bytes: u64) {
+        if bytes > self.limit || self.get(output).is_some() {
+            return;
+        }
+        let shelf = &mut *self.shelf.lock().unwrap_or_else(PoisonError::into_inner);
+        while shelf.held + bytes > self.limit
+            && let Some((_, oldest)) = shelf.ages.pop_first()
+        {
+            shelf.held -= shelf.values.remove(&oldest).map_or(0, |kept| kept.bytes);
+        }
+        shelf.clock += 1;
+        shelf.held += bytes;
+        shelf.ages.insert(shelf.clock, name(output));
+        shelf.values.insert(name(output), Kept { value: value.clone(), bytes, used: shelf.clock });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    fn output(number: u64) -> Output {
+        Output { type_name: "num", format: 1, digest: Digest::of(&number.to_le_bytes()), stored: true }
+    }
+
+    #[test]
+    fn what_was_not_used_for_longest_makes_room() {
+        let memory = Memory::new(100);
+        let value: AnyArtifact = Arc::new(1_u64);
+        for number in 0..3 {
+            memory.put(&output(number), &value, 40);
+            assert!(memory.get(&output(0)).is_some(), "it is used all the time");
+        }
+        assert!(memory.get(&output(1)).is_none() && memory.get(&output(2)).is_some());
+        assert_eq!(memory.held(), 80);
+        memory.put(&output(9), &value, 101);
+        assert_eq!(memory.held(), 80, "what is larger than all of it moves nothing out");
+        let other = Output { format: 2, ..output(0) };
+        assert!(memory.get(&other).is_none(), "another format is another value");
+    }
+
+    #[test]
+    fn an_engine_that_runs_once_keeps_nothing() {
+        let memory = Memory::new(0);
+        memory.put(&output(1), &(Arc::new(1_u64) as AnyArtifact), 0);
+        assert!(memory.get(&output(1)).is_none());
+        assert_eq!(memory.held(), 0);
+    }
+}

@@ -1,0 +1,393 @@
+//! The files that a graph is made of, and whether they are still what they were.
+//!
+//! What the system tells of a folder is only a hint to look: it may come late, come twice, or get lost.
+//! Whether a file changed is decided by its stamp, or by a hint that names it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Component, Path, PathBuf};
+
+use cache::FileStamp;
+
+/// Hears of changes in folders.
+pub(crate) trait Ears: Send {
+    /// Begins to hear of a folder, not of those below it.
+    fn listen(&mut self, folder: &Path) -> Result<(), String>;
+    /// Hears of it no more.
+    fn ignore(&mut self, folder: &Path);
+}
+
+/// The followed files.
+pub(crate) struct Files {
+    ears: Option<Box<dyn Ears>>,
+    /// Why folders cannot be heard of, until that was told.
+    deaf: Option<String>,
+    /// Each with its stamp when it was last looked at; `None` for a missing one.
+    stamps: BTreeMap<PathBuf, Option<FileStamp>>,
+    /// The names on the way to a followed file that decide what lies there.
+    names: BTreeMap<PathBuf, PathBuf>,
+    /// The folders listened to, each with what it was then.
+    folders: BTreeMap<PathBuf, Option<Identity>>,
+    /// Followed files that a hint named since the last look.
+    touched: BTreeSet<PathBuf>,
+}
+
+/// Which folder it is, whatever its name: device and inode.
+type Identity = (u64, u64);
+
+impl Files {
+    /// Follows nothing yet. Without `ears`, only [`look`](Self::look) finds changes.
+    pub fn new(ears: Result<Box<dyn Ears>, String>) -> Self {
+        let (ears, deaf) = match ears {
+            Ok(ears) => (Some(ears), None),
+            Err(why) => (None, Some(why)),
+        };
+        Self {
+            ears,
+            deaf,
+            stamps: BTreeMap::new(),
+            names: BTreeMap::new(),
+            folders: BTreeMap::new(),
+            touched: BTreeSet::new(),
+        }
+    }
+
+    /// Whether changes are heard of, and need not be looked for.
+    pub fn hears(&self) -> bool {
+        self.ears.is_some()
+    }
+
+    /// Why changes are not heard of; said once.
+    pub fn take_deafness(&mut self) -> Option<String> {
+        self.deaf.take()
+    }
+
+    /// Follows these files and no others. True when one of them was not followed before: what was read of
+    /// it until now may have changed unseen.
+    pub fn follow(&mut self, paths: &[PathBuf]) -> bool {
+        let mut stamps = BTreeMap::new();
+        let mut new = false;
+        for path in paths {
+            let Ok(path) = std::path::absolute(path) else { continue };
+            let known = self.stamps.get(&path).copied();
+            new |= known.is_none();
+            stamps.insert(path, known);
+        }
+        let paths: Vec<PathBuf> = stamps.keys().cloned().collect();
+        self.listen(&paths);
+        // Stamped after listening, so that no change falls between.
+        self.stamps = stamps
+            .into_iter()
+            .map(|(path, known)| (path.clone(), known.unwrap_or_else(|| stamp(&path))))
+            .collect();
+        new
+    }
+
+    /// Listens to every folder in which something may change what lies at the paths.
+    fn listen(&mut self, paths: &[PathBuf]) {
+        self.names = paths
+            .iter()
+            .flat_map(|path| names_to(path).into_iter().map(move |name| (name, path.clone())))
+            .collect();
+        let wanted: BTreeMap<PathBuf, Option<Identity>> = self
+            .names
+            .keys()
+            .filter_map(|name| name.parent())
+            .map(|folder| (folder.to_owned(), identity(folder)))
+            .collect();
+        let Some(ears) = &mut self.ears else { return };
+        for (folder, was) in &self.folders {
+            if wanted.get(folder) != Some(was) {
+                ears.ignore(folder);
+            }
+        }
+        for (folder, is) in &wanted {
+            if self.folders.get(folder) != Some(is)
+                && let Err(why) = ears.listen(folder)
+                && folder.exists()
+            {
+                self.deaf = Some(format!("{}: {why}", folder.display()));
+            }
+        }
+        self.folders = wanted;
+        if self.deaf.is_some() {
+            // Half of the folders would be worse than none: nobody could tell which.
+            self.ears = None;
+        }
+    }
+
+    /// Something happened at these paths. True when it is time to look soon.
+    pub fn heard(&mut self, paths: &[PathBuf]) -> bool {
+        let mut ours = paths.is_empty();
+        for path in paths {
+            if let Some(file) = self.names.get(path) {
+                self.touched.insert(file.clone());
+                ours = true;
+            }
+            ours |= self.folders.contains_key(path);
+        }
+        ours
+    }
+
+    /// The followed files that changed since the last look, or may have.
+    pub fn look(&mut self) -> BTreeSet<PathBuf> {
+        let mut changed = std::mem::take(&mut self.touched);
+        for (path, known) in &mut self.stamps {
+            let now = stamp(path);
+            if now != *known {
+                *known = now;
+                changed.insert(path.clone());
+            }
+        }
+        let moved = self.folders.iter().any(|(folder, was)| identity(folder) != *was);
+        if moved || !changed.is_empty() {
+            // A link may lead elsewhere now, a folder may be another one.
+            let paths: Vec<PathBuf> = self.stamps.keys().cloned().collect();
+            self.listen(&paths);
+        }
+        changed
+    }
+
+    /// The followed files.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        self.stamps.keys().cloned().collect()
+    }
+
+    /// How many files are followed.
+    pub fn count(&self) -> usize {
+        self.stamps.len()
+    }
+
+    /// Counts these as changed at the next look, whatever their stamps say.
+    pub fn doubt(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
+        self.touched.extend(paths);
+    }
+}
+
+fn stamp(path: &Path) -> Option<FileStamp> {
+    FileStamp::of(path).ok()
+}
+
+fn identity(folder: &Path) -> Option<Identity> {
+    stamp(folder).map(|stamp| (stamp.dev, stamp.inode))
+}
+
+/// More links than this on the way to a file are a circle.
+const MOST_LINKS: usize = 40;
+
+/// The names that decide what lies at an absolute path: the links on the way to it and its own last name,
+/// each below the true path of its folder; or the first name that is missing.
+fn names_to(path: &Path) -> Vec<PathBuf> {
+    let mut names = Vec::new();
+    let mut at = PathBuf::new();
+    let mut left: Vec<PathBuf> =
+        path.components().rev().map(|part| PathBuf::from(part.as_os_str())).collect();
+    while let Some(part) = left.pop() {
+        match part.components().next() {
+            Some(Component::ParentDir) => {
+                at.pop();
+                continue;
+            }
+            Some(Component::CurDir) | None => continue,
+            Some(Component::RootDir | Component::Prefix(_)) => {
+                at.push(&part);
+                continue;
+            }
+            Some(Component::Normal(_)) => at.push(&part),
+        }
+        match std::fs::symlink_metadata(&at) {
+            Ok(found) if found.is_symlink() && names.len() < MOST_LINKS => {
+                names.push(at.clone());
+                let target = std::fs::read_link(&at).unwrap_or_default();
+                at.pop();
+                left.extend(target.components().rev().map(|part| PathBuf::from(part.as_os_str())));
+            }
+            Ok(_) if !left.is_empty() => {}
+            // The file itself, or the place where the way ends.
+            _ => {
+                names.push(at);
+                return names;
+            }
+        }
+    }
+    names
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use super::*;
+
+    type Log = Arc<Mutex<Vec<String>>>;
+
+    struct TestEars(Log, Option<&'static str>);
+
+    impl Ears for TestEars {
+        fn listen(&mut self, folder: &Path) -> Result<(), String> {
+            if self.1.is_some_and(|limit| folder.ends_with(limit)) {
+                return Err("no watches are left".to_owned());
+            }
+            self.0.lock().unwrap().push(format!("+{}", folder.file_name().unwrap().to_string_lossy()));
+            Ok(())
+        }
+        fn ignore(&mut self, folder: &Path) {
+            self.0.lock().unwrap().push(format!("-{}", folder.file_name().unwrap().to_string_lossy()));
+        }
+    }
+
+    struct Place {
+        folder: tempfile::TempDir,
+        log: Log,
+        files: Files,
+    }
+
+    impl Place {
+        fn new(limit: Option<&'static str>) -> Self {
+            let (folder, log) = (tempfile::tempdir().unwrap(), Log::default());
+            std::fs::create_dir(folder.path().join("home")).unwrap();
+            let files = Files::new(Ok(Box::new(TestEars(log.clone(), limit))));
+            Self { folder, log, files }
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.folder.path().canonicalize().unwrap().join(name)
+        }
+
+        fn write(&self, name: &str, text: &str) {
+            std::fs::write(self.path(name), text).unwrap();
+        }
+
+        /// Whether the one followed file counts as changed, and that once.
+        fn changed(&mut self) -> bool {
+            let changed = !self.files.look().is_empty();
+            assert!(self.files.look().is_empty(), "told once");
+            changed
+        }
+
+        fn log(&self) -> String {
+            std::mem::take(&mut *self.log.lock().unwrap()).join(" ")
+        }
+    }
+
+    #[test]
+    fn every_way_to_save_is_a_change_and_reading_is_none() {
+        let mut place = Place::new(None);
+        place.write("home/a.ron", "one");
+        let path = place.path("home/a.ron");
+        assert!(place.files.follow(std::slice::from_ref(&path)));
+        assert!(!place.files.follow(std::slice::from_ref(&path)), "it is known by now");
+        assert_eq!(place.log(), "+home");
+        assert!(!place.changed());
+        std::fs::read(&path).unwrap();
+        assert!(!place.changed());
+        // An editor that writes in place.
+        place.write("home/a.ron", "three");
+        assert!(place.changed());
+        // One that saves by rename, as `sed -i` and `git checkout` do.
+        place.write("home/.a.swp", "fives");
+        std::fs::rename(place.path("home/.a.swp"), &path).unwrap();
+        assert!(place.changed());
+        // One that truncates first.
+        place.write("home/a.ron", "");
+        assert!(place.changed());
+        place.write("home/a.ron", "whole");
+        assert!(place.changed());
+        std::fs::remove_file(&path).unwrap();
+        assert!(place.changed());
+        assert!(!place.changed(), "it is still missing");
+        place.write("home/a.ron", "back");
+        assert!(place.changed());
+        assert_eq!(place.log(), "", "the folder stayed the same all the time");
+    }
+
+    #[test]
+    fn an_edit_that_no_stamp_shows_is_seen_where_a_hint_names_it() {
+        let mut place = Place::new(None);
+        place.write("home/a.ron", "one");
+        let path = place.path("home/a.ron");
+        place.files.follow(std::slice::from_ref(&path));
+        assert!(!place.files.heard(&[place.path("home/other.ron")]), "no file of ours");
+        assert!(!place.changed());
+        assert!(place.files.heard(std::slice::from_ref(&path)));
+        assert!(place.changed());
+        assert!(place.files.heard(&[]), "events were lost: whatever it was, look");
+        assert!(!place.changed());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_that_leads_elsewhere_is_a_change() {
+        use std::os::unix::fs::symlink;
+        // As mounted configuration does: graph.ron -> data/graph.ron, data -> v1, and data is swapped.
+        let mut place = Place::new(None);
+        for (version, text) in [("v1", "one"), ("v2", "two")] {
+            std::fs::create_dir(place.path(version)).unwrap();
+            place.write(&format!("{version}/graph.ron"), text);
+        }
+        symlink("v1", place.path("data")).unwrap();
+        symlink("../data/graph.ron", place.path("home/graph.ron")).unwrap();
+        let path = place.path("home/graph.ron");
+        place.files.follow(std::slice::from_ref(&path));
+        let root = place.path("").file_name().unwrap().to_string_lossy().into_owned();
+        let log = place.log();
+        for folder in [root.as_str(), "home", "v1"] {
+            assert!(log.contains(&format!("+{folder}")), "{folder} in {log}");
+        }
+        assert!(place.files.heard(&[place.path("v1/graph.ron")]), "the file behind the links is ours");
+        assert!(place.changed());
+        symlink("v2", place.path("new")).unwrap();
+        std::fs::rename(place.path("new"), place.path("data")).unwrap();
+        assert!(place.files.heard(&[place.path("data")]), "so is the link");
+        assert!(place.changed());
+        assert_eq!(place.log(), "-v1 +v2");
+        place.write("v2/graph.ron", "three");
+        assert!(place.changed());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_in_a_circle_end() {
+        let place = Place::new(None);
+        std::os::unix::fs::symlink("b", place.path("a")).unwrap();
+        std::os::unix::fs::symlink("a", place.path("b")).unwrap();
+        assert_eq!(names_to(&place.path("a")).len(), MOST_LINKS + 1);
+    }
+
+    #[test]
+    fn a_folder_that_went_away_is_waited_for() {
+        let mut place = Place::new(None);
+        std::fs::create_dir(place.path("home/deep")).unwrap();
+        place.write("home/deep/a.ron", "one");
+        let path = place.path("home/deep/a.ron");
+        place.files.follow(std::slice::from_ref(&path));
+        assert_eq!(place.log(), "+deep");
+        std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
+        assert!(place.files.heard(&[place.path("home/deep")]), "the folder itself was moved");
+        assert!(place.changed());
+        assert_eq!(place.log(), "-deep +home", "the folder above hears of its return");
+        std::fs::rename(place.path("home/gone"), place.path("home/deep")).unwrap();
+        assert!(place.files.heard(&[place.path("home/deep")]));
+        assert!(place.changed());
+        assert_eq!(place.log(), "-home +deep");
+        // Another folder of the same name, where even the stamp of the file may be equal.
+        std::fs::rename(place.path("home/deep"), place.path("home/gone")).unwrap();
+        std::fs::create_dir(place.path("home/deep")).unwrap();
+        std::fs::rename(place.path("home/gone/a.ron"), place.path("home/deep/a.ron")).unwrap();
+        place.files.look();
+        assert_eq!(place.log(), "-deep +deep");
+    }
+
+    #[test]
+    fn where_no_folder_can_be_heard_of_it_says_why_and_looks() {
+        let mut place = Place::new(Some("home"));
+        place.write("home/a.ron", "one");
+        let path = place.path("home/a.ron");
+        place.files.follow(std::slice::from_ref(&path));
+        assert!(!place.files.hears());
+        assert!(place.files.take_deafness().is_some_and(|why| why.contains("no watches are left")));
+        assert!(place.files.take_deafness().is_none(), "said once");
+        place.write("home/a.ron", "three");
+        assert!(place.changed());
+    }
+}

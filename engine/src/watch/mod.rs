@@ -1,0 +1,423 @@
+//! Watching: the graph runs again whenever one of the files it is made of changes.
+//!
+//! One thread decides; it sleeps until a folder is heard of, the run tells something, or it is time to
+//! look. A run is on a thread of its own and is cancelled by a newer graph; what it finished is kept. What
+//! takes long is shown early: the passes before the last one cap a parameter (`samples`), and since its
+//! node works in parts, each pass pays only for what the one before did not do.
+
+mod files;
+mod hear;
+mod pace;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
+
+use crate::diag::Diagnostics;
+use crate::event::{Event, Mistake, State};
+use crate::graph::Graph;
+use crate::plan::{Fate, Forecast};
+use crate::schedule::{Engine, RunOptions};
+use files::{Ears, Files};
+use pace::Pace;
+
+/// What is watched, as read from its files at one moment.
+pub struct Load {
+    /// The graph and the nodes wanted of it (none: its targets), or what is wrong with it.
+    pub graph: Result<(Graph, Vec<usize>), Refusal>,
+    /// The files that the graph itself was read from, whether they are there or not.
+    pub texts: Vec<PathBuf>,
+}
+
+/// Why there is no graph to run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refusal {
+    /// The mistakes in the graph, each with its place.
+    pub list: Vec<Mistake>,
+    /// All of it for a person.
+    pub text: String,
+    /// Files that the graph names; it may be right once one of them changes.
+    pub files: Vec<PathBuf>,
+}
+
+impl Refusal {
+    /// The mistakes of a graph; `colour` for a terminal.
+    pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
+        let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
+        Self { list, text: diagnostics.render(colour), files }
+    }
+
+    /// Anything else, such as a file that cannot be read.
+    pub fn other(text: String) -> Self {
+        Self { list: Vec::new(), text, files: Vec::new() }
+    }
+}
+
+/// How to watch.
+#[derive(Debug, Clone)]
+pub struct WatchOptions {
+    /// Folder that sinks write under.
+    pub out: PathBuf,
+    /// The parameter that passes cap, so that a rough picture comes early.
+    pub refine: Option<&'static str>,
+    /// Looks at the files every half second in place of listening to their folders.
+    pub poll: bool,
+    /// A change is acted on when nothing else changed for so long.
+    pub settle: Duration,
+    /// A graph that is wrong may be half written: it is told to be wrong after so long.
+    pub patience: Duration,
+}
+
+impl Default for WatchOptions {
+    fn default() -> Self {
+        Self {
+            out: PathBuf::from("out"),
+            refine: Some("samples"),
+            poll: false,
+            settle: Duration::from_millis(25),
+            patience: Duration::from_millis(200),
+        }
+    }
+}
+
+/// Changes that go on and on are acted on after so long.
+const LONGEST: Duration = Duration::from_millis(300);
+/// How often the files are looked at where no folder can be listened to.
+const POLL: Duration = Duration::from_millis(500);
+/// And where one can: network drives do not tell everything, and events may be lost.
+const DOUBT: Duration = Duration::from_secs(2);
+/// A pass that is done within this time is no preview but the picture.
+const SOON: f64 = 0.5;
+
+/// What wakes the thread that decides.
+enum Input {
+    /// Something happened at these paths; none stands for anywhere.
+    Heard(Vec<PathBuf>),
+    Told(Event),
+    Ended,
+    Quit,
+}
+
+/// Ends a watch from another thread, or makes it look at its files.
+#[derive(Clone)]
+pub struct Handle(Sender<Input>);
+
+impl Handle {
+    /// Stops the run and the watch; what is finished is kept.
+    pub fn quit(&self) {
+        // A watch that is over has nothing to end.
+        let _ = self.0.send(Input::Quit);
+    }
+
+    /// Something may have changed at these paths; none stands for anywhere.
+    pub fn hint(&self, paths: Vec<PathBuf>) {
+        let _ = self.0.send(Input::Heard(paths));
+    }
+}
+
+/// What waiting came to.
+enum Next {
+    /// Files changed, and the graph is to be shown anew.
+    Changed(Box<Load>),
+    /// The run is over.
+    Ended,
+    Quit,
+}
+
+/// A watch that has not begun.
+pub struct Watch {
+    options: WatchOptions,
+    inputs: Receiver<Input>,
+    handle: Handle,
+    files: Files,
+}
+
+impl Watch {
+    /// Listens to folders as the system lets it.
+    pub fn new(options: WatchOptions) -> Self {
+        let (sender, inputs) = channel();
+        let handle = Handle(sender);
+        let ears = match options.poll {
+            true => Err("as asked for".to_owned()),
+            false => hear::listen(handle.clone()),
+        };
+        Self { options, inputs, handle, files: Files::new(ears) }
+    }
+
+    /// What ends it from outside.
+    pub fn handle(&self) -> Handle {
+        self.handle.clone()
+    }
+
+    /// Watches until [`Handle::quit`]. `load` reads the graph, now and after every change. Gives the files
+    /// that do not show what the graph last said.
+    pub fn run(self, engine: &Engine, load: impl FnMut() -> Load, tell: impl FnMut(Event)) -> Vec<PathBuf> {
+        let Watch { options, inputs, handle, files } = self;
+        let pace = Pace::new(options.settle, LONGEST);
+        let shown = BTreeMap::new();
+        let doubted = false;
+        let mut session =
+            Session { engine, options, inputs, handle, files, pace, load, tell, shown, doubted };
+        session.run();
+        let wrong = session.shown.into_iter().filter(|(_, file)| file.shown != Shown::Right);
+        wrong.map(|(path, _)| path).collect()
+    }
+}
+
+/// A file that a sink wrote.
+struct SinkFile {
+    id: String,
+    shown: Shown,
+}
+
+/// What a file of a sink shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    /// What the graph says.
+    Right,
+    /// The same with less work.
+    Preview,
+    /// What the graph said before.
+    Stale,
+}
+
+struct Session<'a, L, T> {
+    engine: &'a Engine,
+    options: WatchOptions,
+    inputs: Receiver<Input>,
+    handle: Handle,
+    files: Files,
+    pace: Pace,
+    load: L,
+    tell: T,
+    shown: BTreeMap<PathBuf, SinkFile>,
+    /// The graph was found wrong and is given time to become whole.
+    doubted: bool,
+}
+
+impl<L: FnMut() -> Load, T: FnMut(Event)> Session<'_, L, T> {
+    fn run(&mut self) {
+        let mut current = self.read();
+        loop {
+            let next = match &current.graph {
+                Ok((graph, only)) => self.show(&current, graph, only),
+                Err(refusal) => {
+                    self.turn_stale(None);
+                    let Refusal { list, text, .. } = refusal.clone();
+                    (self.tell)(Event::Mistakes { list, text });
+                    Next::Ended
+                }
+            };
+            let next = match next {
+                Next::Ended => {
+                    (self.tell)(Event::Idle { files: self.files.count() });
+                    self.wait(&current)
+                }
+                other => other,
+            };
+            match next {
+                Next::Changed(load) => current = *load,
+                Next::Ended | Next::Quit => return,
+            }
+        }
+    }
+
+    /// Runs a graph, roughly first where the whole takes long.
+    fn show(&mut self, current: &Load, graph: &Graph, only: &[usize]) -> Next {
+        self.shown.retain(|_, file| graph.find(&file.id).is_some());
+        let plan = self.engine.plan(graph, only);
+        let forecast = Forecast::of(&plan);
+        if forecast.open > 0 {
+            (self.tell)(Event::Plan(forecast));
+        }
+        let parameter = self.options.refine.unwrap_or_default();
+        let opens = |fate: &Fate| matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
+        let open = || plan.iter().enumerate().filter(|(_, node)| opens(&node.fate));
+        let most = open().filter_map(|(index, _)| graph.number(index, parameter)).max().unwrap_or_default();
+        let seconds: Option<f64> = open()
+            .filter(|(index, _)| graph.number(*index, parameter).is_some())
+            .map(|(_, node)| node.forecast)
+            .sum();
+        for level in levels(most, seconds) {
+            let Some((rough, capped)) = graph.capped(parameter, level) else { continue };
+            (self.tell)(Event::Pass { parameter: parameter.to_owned(), level, of: most });
+            match self.pass(current, &rough, only, capped) {
+                Next::Ended => {}
+                other => return other,
+            }
+        }
+        self.pass(current, graph, only, Vec::new())
+    }
+
+    /// One run, until it ends or something newer is to be shown.
+    fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
+        let cancel = Arc::new(AtomicBool::new(false));
+        let options =
+            RunOptions { out: self.options.out.clone(), only: only.to_vec(), cancel: cancel.clone(), rough };
+        let (engine, handle) = (self.engine, self.handle.clone());
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                // Told even where the engine panics, so that nobody waits for ever.
+                let ended = Ended(handle);
+                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Told(event))));
+                if let Some(failures) = outcome.failures {
+                    let (list, text) = (failures.mistakes(), failures.to_string());
+                    drop(ended.0.0.send(Input::Told(Event::Mistakes { list, text })));
+                }
+            });
+            let next = self.wait(current);
+            if !matches!(next, Next::Ended) {
+                cancel.store(true, Ordering::Relaxed);
+                while let Ok(input) = self.inputs.recv() {
+                    match input {
+                        // It is not skipped but about to run anew.
+                        Input::Told(Event::Node { state: State::Skipped, .. }) => {}
+                        Input::Told(event) => self.pass_on(event),
+                        Input::Heard(paths) => self.hear(&paths),
+                        Input::Ended => break,
+                        Input::Quit => return Next::Quit,
+                    }
+                }
+            }
+            next
+        })
+    }
+
+    /// Sleeps until files changed for good, the run is over, or it is time to quit.
+    fn wait(&mut self, current: &Load) -> Next {
+        let pause = if self.files.hears() { DOUBT } else { POLL };
+        let mut look = Instant::now() + pause;
+        loop {
+            let now = Instant::now();
+            if self.pace.take(now)
+                && let Some(load) = self.changed(current)
+            {
+                return Next::Changed(Box::new(load));
+            }
+            if look <= now {
+                look = now + pause;
+                let changed = self.files.look();
+                if !changed.is_empty() {
+                    self.files.doubt(changed);
+                    self.pace.hint(now);
+                }
+            }
+            let until = self.pace.due().map_or(look, |due| due.min(look));
+            match self.inputs.recv_timeout(until.saturating_duration_since(now)) {
+                Ok(Input::Heard(paths)) => self.hear(&paths),
+                Ok(Input::Told(event)) => self.pass_on(event),
+                Ok(Input::Ended) => return Next::Ended,
+                Ok(Input::Quit) | Err(RecvTimeoutError::Disconnected) => return Next::Quit,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+
+    fn hear(&mut self, paths: &[PathBuf]) {
+        if self.files.heard(paths) {
+            self.doubted = false;
+            self.pace.hint(Instant::now());
+        }
+    }
+
+    /// The new graph, where what changed means something.
+    fn changed(&mut self, current: &Load) -> Option<Load> {
+        let changed = self.files.look();
+        if changed.is_empty() {
+            return None;
+        }
+        let load = self.read();
+        let texts: BTreeSet<PathBuf> =
+            load.texts.iter().filter_map(|p| std::path::absolute(p).ok()).collect();
+        let only_texts = changed.iter().all(|path| texts.contains(path));
+        let same = match (&current.graph, &load.graph) {
+            (Ok((old, wanted)), Ok((new, now))) => wanted == now && old.same(new),
+            (Err(old), Err(new)) => old == new,
+            _ => false,
+        };
+        if same && only_texts {
+            return None;
+        }
+        if load.graph.is_err() && !std::mem::replace(&mut self.doubted, true) {
+            self.files.doubt(changed);
+            self.pace.wait(Instant::now(), self.options.patience);
+            return None;
+        }
+        self.doubted = false;
+        Some(load)
+    }
+
+    /// Reads the graph, and once more where it names files that nobody followed while they were read.
+    fn read(&mut self) -> Load {
+        loop {
+            let load = (self.load)();
+            let mut paths = load.texts.clone();
+            match &load.graph {
+                Ok((graph, _)) => paths.extend(graph.files()),
+                // What was read before may be what is missing now.
+                Err(refusal) => paths.extend(refusal.files.iter().cloned().chain(self.files.paths())),
+            }
+            let new = self.files.follow(&paths);
+            if let Some(why) = self.files.take_deafness() {
+                let text =
+                    format!("folders are not listened to ({why}): looking every {} ms", POLL.as_millis());
+                (self.tell)(Event::Warning { id: "watch-polls", text });
+            }
+            if !new {
+                return load;
+            }
+        }
+    }
+
+    /// Passes an event on, and keeps book of what files show.
+    fn pass_on(&mut self, event: Event) {
+        let mut stale = None;
+        match &event {
+            Event::File { id, path, preview, .. } => {
+                let shown = if *preview { Shown::Preview } else { Shown::Right };
+                self.shown.insert(path.clone(), SinkFile { id: id.clone(), shown });
+            }
+            Event::Node { id, state: State::Failed | State::Skipped, .. } => stale = Some(id.clone()),
+            _ => {}
+        }
+        (self.tell)(event);
+        if let Some(id) = stale {
+            self.turn_stale(Some(&id));
+        }
+    }
+
+    /// Marks the files of one sink, or all, as showing what the graph said before.
+    fn turn_stale(&mut self, id: Option<&str>) {
+        for (path, file) in &mut self.shown {
+            if file.shown != Shown::Stale && id.is_none_or(|id| file.id == id) {
+                file.shown = Shown::Stale;
+                (self.tell)(Event::Stale { path: path.clone() });
+            }
+        }
+    }
+}
+
+/// Tells that a run is over when it is let go.
+struct Ended(Handle);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        let _ = self.0.0.send(Input::Ended);
+    }
+}
+
+/// The caps of the passes before the last one, for a parameter that is at most `most` and takes `seconds`
+/// in all, where that is known. They are those at which a node that works in parts cuts its work, and one
+/// sample in front of them.
+fn levels(most: u64, seconds: Option<f64>) -> Vec<u64> {
+    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most as f64);
+    let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
+    // A level is left out where the next one comes soon, too.
+    steps
+        .take_while(|step| *step < most)
+        .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
+        .collect()
+}

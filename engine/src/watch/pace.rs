@@ -1,0 +1,74 @@
+//! When to look: soon after the last of several changes, and not later than a while after the first.
+
+use std::time::{Duration, Instant};
+
+/// Gathers hints that something changed until it is time to look.
+#[derive(Debug)]
+pub(crate) struct Pace {
+    settle: Duration,
+    longest: Duration,
+    /// When the first hint came, and when to look if no more come.
+    pending: Option<(Instant, Instant)>,
+}
+
+impl Pace {
+    /// Looks `settle` after a hint; hints that go on coming delay that to `longest` after the first.
+    pub fn new(settle: Duration, longest: Duration) -> Self {
+        Self { settle, longest, pending: None }
+    }
+
+    /// Something changed.
+    pub fn hint(&mut self, now: Instant) {
+        self.wait(now, self.settle);
+    }
+
+    /// Something may not be whole yet: looks once more after `patience`.
+    pub fn wait(&mut self, now: Instant, patience: Duration) {
+        let first = self.pending.map_or(now, |(first, _)| first);
+        let latest = first + self.longest.max(patience);
+        self.pending = Some((first, (now + patience).min(latest)));
+    }
+
+    /// When to look.
+    pub fn due(&self) -> Option<Instant> {
+        self.pending.map(|(_, due)| due)
+    }
+
+    /// True once when the time has come.
+    pub fn take(&mut self, now: Instant) -> bool {
+        let come = self.due().is_some_and(|due| due <= now);
+        if come {
+            self.pending = None;
+        }
+        come
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn several_changes_are_one_look() {
+        let (start, mut pace) = (Instant::now(), Pace::new(30 * MS, 200 * MS));
+        assert!(pace.due().is_none() && !pace.take(start));
+        pace.hint(start);
+        pace.hint(start + 20 * MS);
+        assert!(!pace.take(start + 30 * MS));
+        assert!(pace.take(start + 50 * MS));
+        assert!(!pace.take(start + 51 * MS), "and that once");
+    }
+
+    #[test]
+    fn changes_without_end_do_not_delay_without_end() {
+        let (start, mut pace) = (Instant::now(), Pace::new(30 * MS, 200 * MS));
+        let looks = (0..100).filter(|step| {
+            let now = start + 10 * MS * *step;
+            pace.hint(now);
+            pace.take(now)
+        });
+        assert_eq!(looks.count(), 4, "a second of a hint every 10 ms");
+    }
+}

@@ -1,0 +1,77 @@
+//! `watch`: runs a graph again whenever it or a file it reads changes.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use engine::{Load, Refusal, WatchOptions};
+
+use crate::report::{self, Report};
+use crate::session::{EngineArgs, Error, GraphArgs};
+
+/// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends it.
+///
+/// What takes long is shown roughly first and better by and by. A graph that is wrong for now leaves the
+/// last picture as it is.
+#[derive(Debug, Args)]
+pub struct Watch {
+    #[command(flatten)]
+    graph: GraphArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// Folder that sinks write to
+    #[arg(long, default_value = "out", value_name = "DIR")]
+    out: PathBuf,
+    /// One JSON object a line on standard output
+    #[arg(long)]
+    json: bool,
+    /// Also tell nodes whose result was known
+    #[arg(long, short)]
+    verbose: bool,
+    /// Only the whole picture, no rough ones before it
+    #[arg(long)]
+    no_preview: bool,
+    /// Looks at the files every half second in place of listening to their folders
+    #[arg(long)]
+    poll: bool,
+}
+
+impl Watch {
+    /// Watches until it is interrupted.
+    pub fn run(self) -> Result<u8, Error> {
+        if self.graph.graph == Path::new("-") {
+            return Err(Error::Unwatchable);
+        }
+        let engine = self.engine.open_for_long()?;
+        let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
+        if self.no_preview {
+            options.refine = None;
+        }
+        let watch = engine::Watch::new(options);
+        let (handle, asked) = (watch.handle(), AtomicBool::new(false));
+        ctrlc::set_handler(move || {
+            // The first one asks; the second one is meant.
+            if asked.swap(true, Ordering::Relaxed) {
+                std::process::exit(130);
+            }
+            handle.quit();
+        })?;
+        let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
+        let (graph, colour) = (self.graph, report::colours() && !self.json);
+        let load = || {
+            let loaded = graph.load().map(|loaded| (loaded.graph, loaded.only));
+            let refusal = |error| match error {
+                Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),
+                other => Refusal::other(other.to_string()),
+            };
+            Load { graph: loaded.map_err(refusal), texts: vec![graph.graph.clone()] }
+        };
+        let wrong = watch.run(&engine, load, |event| report.tell(&event));
+        if !self.json {
+            for path in wrong {
+                report::remark(&format!("{} does not show what the graph says now", path.display()));
+            }
+        }
+        Ok(130)
+    }
+}
