@@ -22,6 +22,9 @@ pub enum Error {
     /// A node that is not there.
     #[error("the graph has no node `{name}`; its nodes are {known}")]
     Node { name: String, known: String },
+    /// A node that axes multiply, where one is wanted.
+    #[error("`{name}` is several nodes; name one of {known}")]
+    Several { name: String, known: String },
     /// A kind that is not there.
     #[error("no kind is named `{name}`{hint}")]
     Kind { name: String, hint: String },
@@ -93,17 +96,36 @@ impl GraphArgs {
         })?;
         let graph =
             Graph::parse(source, &nodes::registry(), SourceRoot::new(folder)).map_err(Error::Graph)?;
-        let only = self.only.iter().map(|name| find(&graph, name)).collect::<Result<_, _>>()?;
-        Ok(Loaded { graph, only })
+        let only = self.only.iter().map(|name| find_all(&graph, name)).collect::<Result<Vec<_>, _>>()?;
+        Ok(Loaded { graph, only: only.concat() })
     }
 }
 
-/// Index of a node, or an error that lists them.
+/// The one node of a name, or an error that lists those there are.
 pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
-    graph.find(name).ok_or_else(|| Error::Node {
-        name: name.to_owned(),
-        known: graph.nodes.iter().map(|node| node.id.as_str()).collect::<Vec<_>>().join(", "),
-    })
+    match find_all(graph, name)?.as_slice() {
+        [node] => Ok(*node),
+        nodes => Err(Error::Several { name: name.to_owned(), known: names(graph, nodes.iter().copied()) }),
+    }
+}
+
+/// Every node of a name; axes make several of one.
+fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
+    let found = graph.find_all(name);
+    match found.as_slice() {
+        [] => Err(Error::Node { name: name.to_owned(), known: names(graph, 0..graph.nodes.len()) }),
+        _ => Ok(found),
+    }
+}
+
+/// The first names of some nodes.
+fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
+    const MOST: usize = 40;
+    let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
+    if names.len() > MOST {
+        names[MOST] = "..";
+    }
+    names.join(", ")
 }
 
 fn read(path: &Path) -> Result<(Source, PathBuf), Error> {

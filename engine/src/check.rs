@@ -6,10 +6,12 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::axis::{Axis, at_point, axes_read};
 use crate::context::{Scene, SourceRoot, Up};
 use crate::diag::{Diagnostic, nearest, shown};
+use crate::expand::{GATHER, Gather, Template};
 use crate::graph::{Node, Wire};
-use crate::kind::{KindEntry, Registry};
+use crate::kind::{KindEntry, Registry, Step};
 use crate::order::Wiring;
 use crate::param::{InputFile, Role};
 use crate::port::{Arity, PortSpec};
@@ -30,6 +32,9 @@ pub(crate) struct Check<'t, 'a> {
     broken: HashSet<&'t str>,
     /// The files that nodes name.
     pub files: Vec<PathBuf>,
+    /// What the graph runs along.
+    pub axes: Arc<[Axis<'t>]>,
+    gathers: HashMap<usize, Gather>,
     /// Wires to nodes that do not exist, so far.
     strangers: usize,
 }
@@ -49,11 +54,33 @@ impl<'t, 'a> Check<'t, 'a> {
         let names = document.nodes.iter().map(|node| node.id).collect();
         let broken = document.broken.iter().copied().collect();
         let ids = HashMap::with_capacity(document.nodes.len());
-        Self { text, registry, root, diagnostics, ids, names, broken, files: Vec::new(), strangers: 0 }
+        Self {
+            text,
+            registry,
+            root,
+            diagnostics,
+            ids,
+            names,
+            broken,
+            files: Vec::new(),
+            axes: Arc::new([]),
+            gathers: HashMap::new(),
+            strangers: 0,
+        }
     }
 
-    fn report(&mut self, diagnostic: Diagnostic) {
+    pub fn report(&mut self, diagnostic: Diagnostic) {
         self.diagnostics.push(diagnostic);
+    }
+
+    /// How many mistakes were found.
+    pub fn mistakes(&self) -> usize {
+        self.diagnostics.len()
+    }
+
+    /// Whether a node of the file may be several, or none.
+    pub fn is_multiple(&self) -> bool {
+        !self.axes.is_empty() || !self.gathers.is_empty()
     }
 
     /// What stands beside the nodes.
@@ -75,6 +102,9 @@ impl<'t, 'a> Check<'t, 'a> {
             }
             _ => {}
         }
+        let axes: Vec<_> = document.axes.iter().map(Axis::read).collect();
+        self.axes =
+            axes.into_iter().filter_map(|axis| axis.map_err(|mistake| self.report(mistake)).ok()).collect();
         let Some(RawScene { span, fields, .. }) = &document.scene else {
             if document.whole {
                 self.report(Diagnostic::new(whole, "the graph has no `scene`").hint(
@@ -109,7 +139,7 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// The nodes that are right, and which reads which, of all of them.
-    pub fn nodes(&mut self, raw: &[RawNode<'t>]) -> (Vec<Node>, Wiring) {
+    pub fn nodes<'r>(&mut self, raw: &'r [RawNode<'t>]) -> (Vec<Option<Template<'r, 't>>>, Wiring) {
         for (index, node) in raw.iter().enumerate() {
             if let Some(&first) = self.ids.get(node.id) {
                 self.report(
@@ -124,21 +154,24 @@ impl<'t, 'a> Check<'t, 'a> {
                 self.ids.insert(node.id, index);
             }
         }
-        let kinds: Vec<Option<Arc<KindEntry>>> = raw.iter().map(|node| self.kind(node)).collect();
-        let mut nodes = Vec::with_capacity(raw.len());
-        let mut wiring = vec![Vec::new(); raw.len()];
-        for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
-            if let Some(kind) = kind {
-                nodes.extend(self.node(node, kind, &kinds, reads));
+        for (index, node) in raw.iter().enumerate().filter(|(_, node)| node.kind == GATHER) {
+            if let Some(gather) = self.gather(node, raw) {
+                self.gathers.insert(index, gather);
             }
         }
-        self.sink_paths(&nodes);
-        (nodes, wiring)
+        let kinds: Vec<Option<Arc<KindEntry>>> = raw.iter().map(|node| self.kind(node)).collect();
+        let mut templates = Vec::with_capacity(raw.len());
+        let mut wiring = vec![Vec::new(); raw.len()];
+        for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
+            templates.push(kind.as_ref().and_then(|kind| self.node(node, kind, &kinds, reads)));
+        }
+        self.sink_paths(&templates);
+        (templates, wiring)
     }
 
     fn kind(&mut self, node: &RawNode<'t>) -> Option<Arc<KindEntry>> {
         let found = self.registry.get(node.kind).cloned();
-        if found.is_none() {
+        if found.is_none() && node.kind != GATHER {
             let names: Vec<String> = self.registry.iter().map(|kind| kind.camel_name()).collect();
             self.report(
                 Diagnostic::new(
@@ -152,13 +185,13 @@ impl<'t, 'a> Check<'t, 'a> {
         found
     }
 
-    fn node(
+    fn node<'r>(
         &mut self,
-        raw: &RawNode<'t>,
+        raw: &'r RawNode<'t>,
         kind: &Arc<KindEntry>,
         kinds: &[Option<Arc<KindEntry>>],
         reads: &mut Vec<(usize, Range<usize>)>,
-    ) -> Option<Node> {
+    ) -> Option<Template<'r, 't>> {
         let before = self.diagnostics.len();
         for (index, field) in raw.fields.iter().enumerate() {
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
@@ -176,15 +209,64 @@ impl<'t, 'a> Check<'t, 'a> {
                 self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));
             }
         }
-        let inputs: Vec<Vec<Wire>> =
-            kind.inputs.iter().map(|port| self.wires(raw, kind, port, kinds, reads)).collect();
-        let mut fields = Fields {
-            fields: &raw.fields,
+        let mut own = Vec::new();
+        for field in &raw.fields {
+            match axes_read(field, &self.axes) {
+                Ok(axes) if axes.is_empty() || kind.params.iter().any(|p| p.name == field.name) => {
+                    own.extend(axes);
+                }
+                Ok(_) => self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis")),
+                Err(mistake) => self.report(mistake),
+            }
+        }
+        let mut gathers = BTreeMap::new();
+        let mut inputs = Vec::with_capacity(kind.inputs.len());
+        for (index, port) in kind.inputs.iter().enumerate() {
+            inputs.push(self.wires(raw, kind, (index, port), kinds, reads, &mut gathers));
+        }
+        let (step, sink_path) = if own.is_empty() {
+            self.step(raw, kind, &raw.fields)?
+        } else if self.mistakes() == before {
+            let texts: Vec<_> =
+                raw.fields.iter().map(|field| at_point(field.text, &self.axes, |_| 0)).collect();
+            let fields = raw.fields.iter().zip(&texts);
+            let fields: Vec<_> = fields.map(|(field, text)| RawField { text, ..field.clone() }).collect();
+            self.step(raw, kind, &fields)?
+        } else {
+            return None;
+        };
+        let place = |name: &'static str| {
+            let field = raw.fields.iter().find(|field| field.name == name)?;
+            Some((name, field.span.clone()))
+        };
+        let fields = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+        let fields = fields.filter_map(place).collect();
+        let node = Node {
+            id: raw.id.to_owned(),
+            kind: kind.clone(),
+            inputs,
+            sink_path,
+            point: Vec::new(),
+            span: raw.id_span.start..raw.span.end,
+            fields,
+            step,
+        };
+        (self.mistakes() == before).then_some(Template { node, raw, own, gathers })
+    }
+
+    /// Reads the parameters of a node, the values of axes in place: what it does and where it writes.
+    pub fn step(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &Arc<KindEntry>,
+        fields: &[RawField<'_>],
+    ) -> Option<(Arc<dyn Step>, Option<String>)> {
+        let step = (kind.read)(&mut Fields {
+            fields,
             node_span: raw.kind_span.clone(),
             kind: raw.kind,
             diagnostics: self.diagnostics,
-        };
-        let step = (kind.read)(&mut fields)?;
+        })?;
         let mut sink_path = None;
         let mut sources = Vec::new();
         for param in kind.params.iter().filter(|param| param.role != Role::Value) {
@@ -201,10 +283,8 @@ impl<'t, 'a> Check<'t, 'a> {
             });
         }
         let place = |name: &str| {
-            raw.fields
-                .iter()
-                .find(|field| field.name == name)
-                .map_or(raw.kind_span.clone(), |field| field.span.clone())
+            let field = fields.iter().find(|field| field.name == name);
+            field.map_or(raw.kind_span.clone(), |field| field.span.clone())
         };
         for (name, path) in sources {
             let file = self.root.file(&InputFile(path.clone()));
@@ -223,30 +303,17 @@ impl<'t, 'a> Check<'t, 'a> {
             diagnostic.hints.extend(error.hint);
             self.report(diagnostic);
         }
-        let place = |name: &'static str| {
-            let field = raw.fields.iter().find(|field| field.name == name)?;
-            Some((name, field.span.clone()))
-        };
-        let fields = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
-        let fields = fields.filter_map(place).collect();
-        (self.diagnostics.len() == before).then(|| Node {
-            id: raw.id.to_owned(),
-            kind: kind.clone(),
-            inputs,
-            sink_path,
-            span: raw.id_span.start..raw.span.end,
-            fields,
-            step,
-        })
+        Some((step, sink_path))
     }
 
     fn wires(
         &mut self,
         raw: &RawNode<'t>,
         kind: &KindEntry,
-        port: &PortSpec,
+        (index, port): (usize, &PortSpec),
         kinds: &[Option<Arc<KindEntry>>],
         reads: &mut Vec<(usize, Range<usize>)>,
+        gathers: &mut BTreeMap<(usize, usize), Vec<usize>>,
     ) -> Vec<Wire> {
         let Some(field) = raw.fields.iter().find(|field| field.name == port.name) else {
             if port.arity == Arity::One {
@@ -275,17 +342,35 @@ impl<'t, 'a> Check<'t, 'a> {
         }
         let mut wires = Vec::with_capacity(names.len());
         for (name, span) in names {
-            let (id, output) = name.split_once('.').map_or((&*name, None), |(id, port)| (id, Some(port)));
-            if let Some(node) = self.read(id, &span) {
+            let (id, output) = split(&name);
+            let Some(node) = self.read(id, &span) else { continue };
+            let Some(gather) = self.gathers.get(&node) else {
                 reads.push((node, span.clone()));
                 wires.extend(self.wire(id, output, node, span, port, kinds));
+                continue;
+            };
+            let (node, from, over) = (gather.node, gather.output.clone(), gather.over.clone());
+            let wrong = match (output, port.arity) {
+                (Some(output), _) => {
+                    Some(format!("`{id}` is a gather and has no output `{}`", shown(output)))
+                }
+                (None, Arity::One | Arity::Optional) => {
+                    Some(format!("`{}` takes one wire, and `{id}` gathers many", port.name))
+                }
+                (None, Arity::Many) => None,
+            };
+            if let Some(wrong) = wrong {
+                self.report(Diagnostic::new(span.clone(), wrong));
             }
+            reads.push((node, span.clone()));
+            gathers.insert((index, wires.len()), over);
+            wires.extend(self.wire(id, from.as_deref(), node, span, port, kinds));
         }
         wires
     }
 
     /// The node that a wire comes from.
-    fn read(&mut self, id: &str, span: &Range<usize>) -> Option<usize> {
+    pub fn read(&mut self, id: &str, span: &Range<usize>) -> Option<usize> {
         if let Some(&node) = self.ids.get(id) {
             return Some(node);
         }
@@ -354,11 +439,11 @@ impl<'t, 'a> Check<'t, 'a> {
         Some(Wire { node, port: index })
     }
 
-    fn sink_paths(&mut self, nodes: &[Node]) {
+    fn sink_paths(&mut self, templates: &[Option<Template<'_, 't>>]) {
         let mut seen: BTreeMap<String, &Node> = BTreeMap::new();
-        for node in nodes {
+        for Template { node, .. } in templates.iter().flatten() {
             let Some(path) = &node.sink_path else { continue };
-            if let Err(why) = check_sink_path(path) {
+            if let Err(why) = check_sink_path(path, &self.axes) {
                 self.report(Diagnostic::new(
                     node.place(Some("path")),
                     format!("cannot write to `{path}`: {why}"),
@@ -381,13 +466,17 @@ impl<'t, 'a> Check<'t, 'a> {
 }
 
 /// Sinks write under the output folder and nowhere else.
-fn check_sink_path(path: &str) -> Result<(), &'static str> {
+fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     use std::path::Component;
     if path.is_empty() || path.ends_with('/') {
         return Err("it names no file");
     }
-    if path.replace("{view}", "").contains(['{', '}']) {
-        return Err("the only placeholder is `{view}`, the name of the view");
+    let mut plain = path.replace("{view}", "");
+    for axis in axes {
+        plain = plain.replace(&format!("{{{}}}", axis.name), "");
+    }
+    if plain.contains(['{', '}']) {
+        return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
     }
     // They would mean something else on another system.
     if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
@@ -405,10 +494,15 @@ fn check_sink_path(path: &str) -> Result<(), &'static str> {
     Ok(())
 }
 
+/// The node and, where it is named, the output of a wire.
+pub(crate) fn split(name: &str) -> (&str, Option<&str>) {
+    name.split_once('.').map_or((name, None), |(id, port)| (id, Some(port)))
+}
+
 type Named<'t> = (Cow<'t, str>, Range<usize>);
 
 /// The node names in a wire or a list of wires, each with its span.
-fn wire_names<'t>(field: &RawField<'t>) -> Result<Vec<Named<'t>>, Diagnostic> {
+pub(crate) fn wire_names<'t>(field: &RawField<'t>) -> Result<Vec<Named<'t>>, Diagnostic> {
     let how = || "a wire is written \"node\" or \"node.port\"";
     let mut scan = Scanner::new(field.text);
     let list = scan.eat(b'[');

@@ -24,7 +24,7 @@ pub struct Wire {
 /// A node whose every field is right.
 #[derive(Clone)]
 pub struct Node {
-    /// Name in the file.
+    /// Name in the file; with axes the name of the instance: `trace/yaw=15.0`.
     pub id: String,
     /// What it does.
     pub kind: Arc<KindEntry>,
@@ -32,6 +32,8 @@ pub struct Node {
     pub inputs: Vec<Vec<Wire>>,
     /// The path a sink writes to, with its placeholders.
     pub sink_path: Option<String>,
+    /// The value of each axis that it or its inputs read, in the order of the axes: `("yaw", "15.0")`.
+    pub point: Vec<(String, String)>,
     /// Where it stands in the text.
     pub span: Range<usize>,
     pub(crate) fields: Vec<(&'static str, Range<usize>)>,
@@ -86,6 +88,10 @@ impl Node {
     }
 }
 
+fn wiring_of(node: &Node) -> Vec<(usize, Range<usize>)> {
+    node.inputs.iter().flatten().map(|wire| (wire.node, 0..0)).collect()
+}
+
 /// A graph file that can run.
 #[derive(Clone)]
 pub struct Graph {
@@ -110,12 +116,21 @@ impl Graph {
         let document = parse(&text, &mut diagnostics);
         let mut check = Check::new(&text, registry, &root, &document, &mut diagnostics);
         let scene = check.document(&document);
-        let (nodes, wiring) = check.nodes(&document.nodes);
-        let files = check.files;
-        let order = order_of(&wiring);
+        let (templates, mut wiring) = check.nodes(&document.nodes);
+        let mut order = order_of(&wiring);
         if let Err(cycles) = &order {
-            diagnostics.extend(cycles.iter().map(|cycle| describe_cycle(&document.nodes, &wiring, cycle)));
+            cycles.iter().for_each(|cycle| check.report(describe_cycle(&document.nodes, &wiring, cycle)));
         }
+        let nodes = match &order {
+            Ok((files_first, _)) if check.is_multiple() && check.mistakes() == 0 => {
+                let nodes = check.instances(&templates, files_first);
+                wiring = nodes.iter().map(wiring_of).collect();
+                order = order_of(&wiring);
+                nodes
+            }
+            _ => templates.into_iter().flatten().map(|template| template.node).collect(),
+        };
+        let files = check.files;
         match (scene, order) {
             (Some(scene), Ok((order, consumers))) if diagnostics.is_empty() => {
                 let reads = wiring.into_iter().map(distinct).collect();
@@ -189,6 +204,16 @@ impl Graph {
             graph.nodes[index].step = self.nodes[index].with(parameter, &level.to_string())?;
         }
         (!capped.is_empty()).then_some((graph, capped))
+    }
+
+    /// The nodes of a name: one, or every instance of a node that axes multiply.
+    pub fn find_all(&self, id: &str) -> Vec<usize> {
+        let is = |node: &Node| {
+            node.id
+                .strip_prefix(id)
+                .is_some_and(|rest| rest.is_empty() || (rest.starts_with('/') && !node.point.is_empty()))
+        };
+        (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }
 
     /// Index of a node by name.

@@ -85,12 +85,14 @@ extern crate self as engine;
 
 mod action;
 mod artifact;
+mod axis;
 mod check;
 mod context;
 mod diag;
 mod edit;
 mod error;
 mod event;
+mod expand;
 mod failure;
 mod files;
 mod graph;

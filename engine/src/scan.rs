@@ -42,7 +42,8 @@ impl<'t> Scanner<'t> {
         found
     }
 
-    fn step(&mut self) {
+    /// Steps over one character.
+    pub fn step(&mut self) {
         self.at += self.rest().chars().next().map_or(0, char::len_utf8);
     }
 

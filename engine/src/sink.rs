@@ -66,7 +66,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), NodeError> {
 }
 
 /// A view's name as part of a file name: what could lead elsewhere becomes `_`.
-fn plain_name(view: &str) -> String {
+pub(crate) fn plain_name(view: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
     let name: String = view.chars().map(plain).collect();
     // Dots alone would name a folder.

@@ -48,6 +48,8 @@ pub(crate) struct RawScene<'t> {
 pub(crate) struct Document<'t> {
     pub version: Option<RawField<'t>>,
     pub scene: Option<RawScene<'t>>,
+    /// What stands in `axes`.
+    pub axes: Vec<RawField<'t>>,
     pub nodes: Vec<RawNode<'t>>,
     /// Names of nodes whose text could not be read, so that wires to them are no second mistake.
     pub broken: Vec<&'t str>,
@@ -55,7 +57,7 @@ pub(crate) struct Document<'t> {
     pub whole: bool,
 }
 
-const TOP: [&str; 3] = ["version", "scene", "nodes"];
+const TOP: [&str; 4] = ["version", "scene", "axes", "nodes"];
 
 /// Finds the structure of a graph file. What cannot be read is reported and left out.
 pub(crate) fn parse<'t>(text: &'t str, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
@@ -100,6 +102,7 @@ impl<'t> Parser<'t> {
             match name {
                 "version" => parser.document.version = parser.value(name, span),
                 "scene" => parser.scene(span),
+                "axes" => parser.axes(span),
                 "nodes" => parser.nodes(span),
                 // A parenthesis too many ends `nodes` early, and every node after it would be a mistake.
                 other if parser.scan.peek().is_ascii_uppercase() => {
@@ -118,7 +121,7 @@ impl<'t> Parser<'t> {
                     parser.scan.report(
                         Diagnostic::new(span, format!("a graph has no field `{}`", shown(other)))
                             .suggest(other, TOP)
-                            .hint("a graph has the fields `version`, `scene` and `nodes`"),
+                            .hint("a graph has the fields `version`, `scene`, `axes` and `nodes`"),
                     );
                     parser.scan.value();
                 }
@@ -222,10 +225,23 @@ impl<'t> Parser<'t> {
 
     fn scene(&mut self, name_span: Range<usize>) {
         let start = self.scan.at;
+        if let Some(fields) = self.block(name_span, "`scene` is written `scene: (up: \"+z\")`") {
+            let span = start..self.scan.at;
+            self.document.scene = Some(RawScene { span, inside: start + 1, fields });
+        }
+    }
+
+    fn axes(&mut self, name_span: Range<usize>) {
+        let how = "`axes` is written `axes: (frame: Range(0, 12), yaw: List([0.0, 15.0]))`";
+        self.document.axes = self.block(name_span, how).unwrap_or_default();
+    }
+
+    /// `(name: value, ..)`, each name once; `how` is said where it is none.
+    fn block(&mut self, name_span: Range<usize>, how: &str) -> Option<Vec<RawField<'t>>> {
         if self.scan.peek() != b'(' {
-            self.scan.report(Diagnostic::new(name_span, "`scene` is written `scene: (up: \"+z\")`"));
+            self.scan.report(Diagnostic::new(name_span, how));
             self.scan.value();
-            return;
+            return None;
         }
         let mut fields: Vec<RawField<'t>> = Vec::new();
         self.fields(|parser, name, span| {
@@ -234,8 +250,7 @@ impl<'t> Parser<'t> {
             }
             fields.extend(parser.value(name, span));
         });
-        let span = start..self.scan.at;
-        self.document.scene = Some(RawScene { span, inside: start + 1, fields });
+        Some(fields)
     }
 
     fn nodes(&mut self, name_span: Range<usize>) {

@@ -79,7 +79,7 @@ fn dot(graph: &Graph, plan: &[Planned]) -> String {
         let (word, fill) = state(&node.fate);
         let _ = writeln!(
             text,
-            "  {} [label=\"{}\\n{}\\n{word}\", fillcolor=\"{fill}\"];",
+            "  \"{}\" [label=\"{}\\n{}\\n{word}\", fillcolor=\"{fill}\"];",
             node.id, node.id, node.kind
         );
     }
@@ -87,7 +87,7 @@ fn dot(graph: &Graph, plan: &[Planned]) -> String {
         let (above, below) = (&plan[above].id, &plan[below].id);
         let _ = writeln!(
             text,
-            "  {above} -> {below} [taillabel=\"{output}\", headlabel=\"{input}\", fontsize=9];"
+            "  \"{above}\" -> \"{below}\" [taillabel=\"{output}\", headlabel=\"{input}\", fontsize=9];"
         );
     }
     text + "}\n"
@@ -95,13 +95,14 @@ fn dot(graph: &Graph, plan: &[Planned]) -> String {
 
 fn mermaid(graph: &Graph, plan: &[Planned]) -> String {
     let mut text = "flowchart LR\n".to_owned();
-    for node in plan {
+    // The names of instances hold signs that have a meaning there.
+    for (index, node) in plan.iter().enumerate() {
         let (word, fill) = state(&node.fate);
-        let _ = writeln!(text, "  {}[\"{}<br/>{}<br/>{word}\"]", node.id, node.id, node.kind);
-        let _ = writeln!(text, "  style {} fill:{fill}", node.id);
+        let _ = writeln!(text, "  n{index}[\"{}<br/>{}<br/>{word}\"]", node.id, node.kind);
+        let _ = writeln!(text, "  style n{index} fill:{fill}");
     }
     for (above, output, below, _) in wires(graph) {
-        let _ = writeln!(text, "  {} -- {output} --> {}", plan[above].id, plan[below].id);
+        let _ = writeln!(text, "  n{above} -- {output} --> n{below}");
     }
     text
 }

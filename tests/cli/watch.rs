@@ -74,7 +74,7 @@ fn a_front_end_follows_edits_mistakes_and_repairs() {
     assert_ne!(place.outputs(), before);
     let last = place.outputs();
 
-    place.write(&GRAPH.replace("\"photo\"", "\"foto\""));
+    place.write(&GRAPH.replace("\"photo\"", "\"phto\""));
     let wrong = watch.rest();
     let mistake = &of(&wrong, "mistakes")[0]["list"][0];
     assert_eq!((&mistake["line"], &mistake["column"]), (&6.into(), &34.into()), "{mistake}");

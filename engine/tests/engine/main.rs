@@ -3,6 +3,7 @@
 #![allow(missing_docs, reason = "the names say it")]
 
 mod arithmetic;
+mod axes;
 mod failures;
 mod faults;
 mod invalidation;

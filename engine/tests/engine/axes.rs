@@ -1,0 +1,158 @@
+//! One node, many values: what runs how often, and what is said where that makes no sense.
+
+use crate::lab::{Lab, Log};
+
+fn graph(axes: &str, nodes: &str) -> String {
+    format!("Graph(version: 1, scene: (up: \"+z\", seed: 7), axes: ({axes}), nodes: (\n{nodes}\n))\n")
+}
+
+fn run(lab: &Lab, axes: &str, nodes: &str) -> Log {
+    lab.run_text(&graph(axes, nodes))
+}
+
+#[test]
+fn a_node_runs_once_for_each_value_that_it_or_its_inputs_read() {
+    let lab = Lab::on_disk();
+    let log = run(
+        &lab,
+        "by: List([2.0, 3.0]), frame: Range(0, 3)",
+        r#"one: Number(value: 10.0), scaled: Scale(value: "one", by: Axis("by")),
+        moved: Add(terms: ["scaled"], bias: Axis("frame")), still: Add(terms: ["one"], bias: 7.0),
+        both: Add(terms: ["moved", "still"]),
+        save: WriteNumber(number: "both", path: "{by}/frame_{frame}.txt"),"#,
+    );
+    assert_eq!(
+        log.ran().split(' ').filter(|id| !id.contains("frame=")).collect::<Vec<_>>(),
+        ["one", "scaled/by=2.0", "scaled/by=3.0", "still"],
+    );
+    assert_eq!(log.outcome.totals.ran, 4 + 3 * 6);
+    assert_eq!(lab.out("2/frame_0.txt"), "37.0\n");
+    assert_eq!(lab.out("3/frame_2.txt"), "49.0\n");
+    // One more value of one axis costs what is new.
+    let more = run(
+        &lab,
+        "by: List([2.0, 3.0]), frame: Range(0, 4)",
+        r#"one: Number(value: 10.0), scaled: Scale(value: "one", by: Axis("by")),
+        moved: Add(terms: ["scaled"], bias: Axis("frame")), still: Add(terms: ["one"], bias: 7.0),
+        both: Add(terms: ["moved", "still"]),
+        save: WriteNumber(number: "both", path: "{by}/frame_{frame}.txt"),"#,
+    );
+    assert_eq!(more.outcome.totals.ran, 2 * 3);
+}
+
+#[test]
+fn a_gather_is_all_instances_in_order() {
+    let lab = Lab::on_disk();
+    let nodes = |over: &str| {
+        format!(
+            r#"ten: Number(value: 10.0), moved: Add(terms: "ten", bias: Axis("yaw")),
+            scaled: Scale(value: "moved", by: Axis("by")), all: Gather(input: "scaled.number", over: {over}),
+            save: WriteNumber(number: ["ten", "all"], path: "all.txt"),"#
+        )
+    };
+    let axes = "yaw: List([1.0, 2.0]), by: Range(1, 4)";
+    run(&lab, axes, &nodes("[\"yaw\", \"by\"]"));
+    assert_eq!(lab.out("all.txt"), "10.0\n11.0\n22.0\n33.0\n12.0\n24.0\n36.0\n");
+    run(&lab, axes, &nodes("[\"by\", \"yaw\"]"));
+    assert_eq!(lab.out("all.txt"), "10.0\n11.0\n12.0\n22.0\n24.0\n33.0\n36.0\n");
+    // Along one axis: one file for each value of the other.
+    run(&lab, axes, &nodes("\"by\"").replace("all.txt", "all_{yaw}.txt"));
+    assert_eq!(lab.out("all_2.txt"), "10.0\n12.0\n24.0\n36.0\n");
+}
+
+#[test]
+fn values_stand_anywhere_in_a_field_and_tracks_lie_between_keys() {
+    let lab = Lab::on_disk();
+    lab.write("a.txt", "1");
+    lab.write("b.txt", "2");
+    run(
+        &lab,
+        "file: List([\"a.txt\", \"b.txt\"]), frame: Range(0, 11)",
+        r#"read: LoadNumber(path: Axis("file")),
+        sum: Add(terms: ["read"], bias: Track("frame", [(0, 0.0), (10, 5.0)])),
+        all: Gather(input: "sum", over: "frame"),
+        save: WriteNumber(number: "all", path: "{file}.txt"),"#,
+    );
+    assert!(lab.out("b.txt.txt").starts_with("2.0\n2.5\n3.0\n"), "{}", lab.out("b.txt.txt"));
+    assert!(lab.out("a.txt.txt").ends_with("\n6.0\n"));
+}
+
+#[test]
+fn renaming_an_axis_reruns_nothing() {
+    let lab = Lab::on_disk();
+    let nodes = r#"ten: Number(value: 10.0), moved: Add(terms: "ten", bias: Axis("yaw")),
+        all: Gather(input: "moved", over: "yaw"), save: WriteNumber(number: "all", path: "all.txt"),"#;
+    assert_eq!(run(&lab, "yaw: Range(0, 3)", nodes).outcome.totals.ran, 5);
+    let renamed = nodes.replace("yaw", "turn").replace("moved", "turned");
+    assert_eq!(run(&lab, "turn: List([0, 1.0, 2])", &renamed).outcome.totals.ran, 0);
+}
+
+#[test]
+fn an_instance_is_found_by_its_own_name_and_by_that_of_all() {
+    let lab = Lab::in_memory();
+    let text = graph("yaw: Range(0, 3)", r#"moved: Add(terms: [], bias: Axis("yaw")), other: Number,"#);
+    let graph = lab.parse(&text).unwrap();
+    assert_eq!(graph.find_all("moved").len(), 3);
+    assert_eq!(graph.find_all("moved/yaw=1"), [1]);
+    assert_eq!((graph.find_all("mov").len(), graph.find_all("other").len()), (0, 1));
+    assert_eq!(lab.run_only(&text, &["moved/yaw=2"]).ran(), "moved/yaw=2");
+}
+
+#[test]
+fn mistakes_of_axes_have_their_place() {
+    let lab = Lab::in_memory();
+    let wrong = |axes: &str, nodes: &str| lab.mistakes(&graph(axes, nodes));
+    let yaw = "yaw: List([1.0, 200.0])";
+    for (axes, nodes, wanted) in [
+        (yaw, r#"a: Number(value: Axis("yow")),"#, &["no axis `yow`", "did you mean `yaw`?"][..]),
+        ("", r#"a: Number(value: Axis("yaw")),"#, &["no axis `yaw`", "axes stand beside `nodes`"]),
+        ("yaw: Lst([1])", "a: Number,", &["`yaw` is no axis", "an axis is written"]),
+        ("yaw: Range(0, 1e12)", "a: Number,", &["no range of at most"]),
+        ("view: Range(0, 2)", "a: Number,", &["cannot be named `view`"]),
+        (yaw, r#"a: Number, b: Scale(value: "a", by: Axis("yaw")),"#, &["`by` is out of range: 200.0"]),
+        (yaw, r#"a: Number, b: Scale(value: Axis("yaw")),"#, &["a wire cannot run along an axis"]),
+        (
+            yaw,
+            r#"a: Number(value: Axis("yaw")), s: WriteNumber(number: "a", path: "a.txt"),"#,
+            &["`a.txt` is one file", "put `{yaw}` into the path"],
+        ),
+        (
+            yaw,
+            r#"a: Number, s: WriteNumber(number: "a", path: "{yaw}.txt"),"#,
+            &["`s` is the same along `yaw`", "leave `{yaw}` out"],
+        ),
+        (
+            yaw,
+            r#"a: Number, all: Gather(input: "a", over: "yaw"), s: Add(terms: "all"),"#,
+            &["`a` is the same along `yaw`", "nothing to gather"],
+        ),
+        (
+            yaw,
+            r#"a: Number(value: Axis("yaw")), all: Gather(input: "a", over: "yow"), s: Add(terms: "all"),"#,
+            &["no axis `yow`", "did you mean `yaw`?"],
+        ),
+        (
+            yaw,
+            r#"a: Number(value: Axis("yaw")), all: Gather(input: "a", over: "yaw"), s: Scale(value: "all"),"#,
+            &["takes one wire, and `all` gathers many"],
+        ),
+        (
+            yaw,
+            r#"a: Number(value: Axis("yaw")), g: Gather(input: "a", over: "yaw"),
+            h: Gather(input: "g", over: "yaw"), s: Add(terms: "h"),"#,
+            &["`g` is a gather itself"],
+        ),
+        (yaw, r#"all: Gather(inputs: "a"),"#, &["no field `inputs`", "`Gather` needs `over`"]),
+        (
+            "a: Range(0, 50000), b: Range(0, 50000)",
+            r#"a: Number(value: Axis("a")), b: Add(terms: "a", bias: Axis("b")),"#,
+            &["more than 1000000 nodes"],
+        ),
+    ] {
+        let text = wrong(axes, nodes);
+        for part in wanted {
+            assert!(text.contains(part), "{part} is missing in\n{text}");
+        }
+        assert!(text.contains("graph.ron:"), "{text}");
+    }
+}
