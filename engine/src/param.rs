@@ -229,6 +229,23 @@ pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 's
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
 }
 
+/// A kind's own parameters, and those that it shares with others; the doc is that of its own.
+impl<Own: Params, Shared: Params> Params for (Own, Shared) {
+    const DOC: &'static str = Own::DOC;
+    fn specs() -> Vec<ParamSpec> {
+        [Own::specs(), Shared::specs()].concat()
+    }
+    fn read(fields: &mut Fields<'_, '_>) -> Option<Self> {
+        // Both, so that all mistakes are told.
+        let (own, shared) = (Own::read(fields), Shared::read(fields));
+        Some((own?, shared?))
+    }
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue)) {
+        self.0.visit(visit);
+        self.1.visit(visit);
+    }
+}
+
 /// A parameter of unknown type.
 pub trait ParamValue {
     /// [`ParamType::key_text`].

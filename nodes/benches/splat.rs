@@ -1,5 +1,5 @@
-//! CPU seconds of `splat-render` on one core, stage by stage, beside the rate of its own arithmetic on one
-//! tile that stays in cache. `cargo bench -p lightharmony-nodes --bench splat [-- META.json ...]`; without
+//! CPU seconds of `splat-render` on one core, stage by stage, for every instruction set of this machine, beside the
+//! rate of its own arithmetic on one tile that stays in cache; and six faces of a cube one by one and in one pass. `cargo bench -p lightharmony-nodes --bench splat [-- META.json ...]`; without
 //! files a cloud made from a seed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
@@ -8,9 +8,10 @@ use std::time::Instant;
 use engine::{Context, InputFile, Kind, Scene, Up};
 use fearless_simd::Level;
 use glam::{DMat4, DVec3};
+use nodes::cube_rig::{self, CubeRig, Turn};
 use nodes::load_splats::{self, LoadSplats};
-use nodes::splat::{Rendered, Settings, calibrate, render_clocked};
-use nodes::types::{Camera, SplatEncoding, Splats};
+use nodes::splat::{Rendered, Settings, Sort, Work, calibrate, render, render_all, render_clocked};
+use nodes::types::{Camera, Pose, Rig, SplatEncoding, Splats};
 
 /// A garden of 800 thousand splats, uniform in a slab before the camera.
 fn cloud() -> Splats {
@@ -82,31 +83,92 @@ fn main() {
     };
     println!("{} splats loaded in {:.3} s (all threads)", splats.len(), start.elapsed().as_secs_f64());
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let peak = (0..5).map(|_| calibrate(20_000)).fold(0.0, f64::max);
-    println!("calibration, one tile, every lane live: {:.3} G evaluations/s", peak / 1e9);
-    for (name, tilted) in [("along an axis", false), ("tilted", true)] {
-        let camera = camera(DVec3::new(4.02, -31.3, 0.2), tilted);
-        let settings = Settings::default();
-        // The least of several runs: others share this machine.
-        let best = (0..7)
-            .map(|_| {
-                one.install(|| {
-                    render_clocked(&splats, &camera, &settings, &cx, Level::new(), &cpu_seconds).unwrap()
+    for (name, level) in levels() {
+        let peak = (0..5).map(|_| calibrate(20_000, level)).fold(0.0, f64::max);
+        println!("{name}: one tile, every lane live: {:.3} G evaluations/s", peak / 1e9);
+        for (view, tilted) in [("along an axis", false), ("tilted", true)] {
+            let camera = camera(EYE, tilted);
+            let settings = Settings::default();
+            // The least of several runs: others share this machine.
+            let best = (0..7)
+                .map(|_| {
+                    one.install(|| {
+                        render_clocked(&splats, &camera, &settings, &cx, level, &cpu_seconds).unwrap()
+                    })
                 })
-            })
-            .min_by(|a: &Rendered, b| a.seconds.iter().sum::<f64>().total_cmp(&b.seconds.iter().sum()))
-            .unwrap();
-        let [project, sort, bin, blend] = best.seconds.map(|s| s * 1e3);
-        println!(
-            "{name}: {:.1} CPU-ms on one thread = project {project:.1} + sort {sort:.1} + bin {bin:.1} + blend {blend:.1}",
-            project + sort + bin + blend
-        );
-        let rate = best.work.evaluations as f64 / (blend * 1e-3);
-        println!(
-            "  {:?}\n  blend: {:.3} G evaluations/s, {:.0} % of the calibration",
-            best.work,
-            rate / 1e9,
-            100.0 * rate / peak
-        );
+                .min_by(|a: &Rendered, b| a.seconds.iter().sum::<f64>().total_cmp(&b.seconds.iter().sum()))
+                .unwrap();
+            let [project, sort, bin, blend] = best.seconds.map(|s| s * 1e3);
+            println!(
+                "  {view}: {:.1} CPU-ms on one thread = project {project:.1} + sort {sort:.1} + bin {bin:.1} + blend {blend:.1}",
+                project + sort + bin + blend
+            );
+            let rate = best.work.evaluations as f64 / (blend * 1e-3);
+            println!(
+                "    {:?}\n    blend: {:.3} G evaluations/s ({:.3} G blends/s), {:.0} % of that tile",
+                best.work,
+                rate / 1e9,
+                best.work.blends as f64 / (blend * 1e-3) / 1e9,
+                100.0 * rate / peak
+            );
+        }
+    }
+    cubes(&splats, &cx, &one);
+}
+
+const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
+
+fn levels() -> Vec<(&'static str, Level)> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let best = Level::new();
+        let all = [
+            ("SSE2", best.as_sse2().map(Level::Sse2)),
+            ("SSE4.2", best.as_sse4_2().map(Level::Sse4_2)),
+            ("AVX2", best.as_avx2().map(Level::Avx2)),
+            ("AVX-512", best.as_avx512().map(Level::Avx512)),
+        ];
+        all.into_iter().filter_map(|(name, level)| Some((name, level?))).collect()
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    vec![("best", Level::new())]
+}
+
+/// Six faces around a point, each on its own and all in one pass, turn by turn.
+fn cubes(splats: &Splats, cx: &Context, one: &rayon::ThreadPool) {
+    for size_px in [128, 512] {
+        let params = CubeRig { height_metres: 0.0, size_px, guard_deg: 3.0, turn: Turn::OffAxis };
+        let at = std::sync::Arc::new(Pose { world_from_local: DMat4::from_translation(EYE) });
+        let (out, _) = CubeRig::run(&params, cube_rig::In { at }, cx).unwrap();
+        let rig: &Rig = &out.rig;
+        for sort in [Sort::Depth, Sort::Distance] {
+            let settings = Settings { sort, ..Settings::default() };
+            let alone = || rig.cameras.iter().map(|c| render(splats, c, &settings, cx).unwrap()).collect();
+            let together = || render_all(splats, &rig.cameras, None, &settings, cx).unwrap();
+            let ways: [(&str, &(dyn Fn() -> Vec<Rendered> + Sync)); 2] =
+                [("one by one", &alone), ("one pass", &together)];
+            let mut best = [f64::INFINITY; 2];
+            let mut work = [Work::default(); 2];
+            for _ in 0..5 {
+                for (which, (_, way)) in ways.iter().enumerate() {
+                    let (seconds, sum) = one.install(|| {
+                        let start = cpu_seconds();
+                        let mut sum = Work::default();
+                        way().iter().for_each(|seen| sum += seen.work);
+                        (cpu_seconds() - start, sum)
+                    });
+                    best[which] = best[which].min(seconds);
+                    work[which] = sum;
+                }
+            }
+            for which in 0..2 {
+                println!(
+                    "cube of {size_px} px, by {sort:?}, {}: {:.1} CPU-ms, {:?}",
+                    ways[which].0,
+                    best[which] * 1e3,
+                    work[which]
+                );
+            }
+        }
     }
 }

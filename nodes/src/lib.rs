@@ -18,7 +18,7 @@ pub mod demo_scene;
 pub mod equirect;
 pub mod error;
 pub mod fuse_hdr;
-pub mod inspect_splats;
+pub mod inspect;
 pub mod io;
 pub mod layers;
 pub mod light;

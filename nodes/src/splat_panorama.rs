@@ -5,16 +5,17 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes};
 
 use crate::equirect;
-use crate::splat::{self, Bounds, Compensation, DepthMode, MAX_PIXELS, Precision, Rendered, Settings, Sort};
+use crate::splat::{self, Drawing, MAX_PIXELS, Rendered, Sort};
 use crate::stitch::{self, Found, Holes};
 use crate::types::{Data, Image, Images, Panorama, Pose, SplatEncoding, Splats};
 
 engine::params! {
     /// Renders a splat scene straight into an equirectangular panorama.
     ///
-    /// One projection and one sort, by distance, for the whole sphere: no faces, so no seams between them,
-    /// and the two ends of a row meet exactly. Instead of `cube-rig`, `splat-render` and `stitch`. Splats
-    /// close to the zenith and the nadir, where the layout is stretched, are less exact than elsewhere.
+    /// Splats are ordered by distance, for the whole sphere, and the two ends of a row meet exactly: no faces, so
+    /// no seams between them. Only around the zenith and the nadir, where the layout is stretched, two cameras
+    /// that look there stand in, and give way to the layout from 25 to 30 degrees. Instead of `cube-rig`,
+    /// `splat-render` and `stitch`.
     pub struct SplatPanorama {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
@@ -23,32 +24,10 @@ engine::params! {
         /// Samples a pixel along each axis. The low-pass filter acts on samples: where they are few, fine splats
         /// grow fat, by far the largest error of a small panorama.
         supersample: u32 = 2, range(1, 8), other("1");
-        /// Which pixels a splat is evaluated at.
-        bounds: Bounds = Bounds::Exact, other("Inria");
-        /// Arithmetic of the blend; the projection is always in f64.
-        precision: Precision = Precision::F32, other("F64");
-        /// Highest degree of the spherical harmonics that is used.
-        sh_degree: u32 = 4, range(0, 4), other("0");
-        /// Splats at or within this distance are left out. In world units, so that it scales with the scene.
-        near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
-        /// Variance of the low-pass filter added to every footprint, in squares of samples.
-        low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
-        /// Whether opacity makes up for what the low-pass filter adds to a splat's area (mip splatting).
-        compensation: Compensation = Compensation::File, other("On");
-        /// Smallest alpha that is blended; 0 blends all, everywhere.
-        alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1");
-        /// Largest alpha of one splat.
-        alpha_cap: f64 = 0.99, range(0.01, 1.0), other("0.5");
-        /// A pixel is finished when its transmittance would fall below; 0 never stops early.
-        stop: f64 = 1e-4, range(0.0, 0.5), other("0.3");
-        /// What the depth of a pixel is.
-        depth: DepthMode = DepthMode::Expected, other("Median");
         /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
         holes: Holes = Holes::PushPull, other("Black");
         /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.
         hole_alpha: f64 = 0.25, range(1e-6, 1.0), other("0.9");
-        /// Whether to count the splats added to each pixel, for `blends`.
-        count_blends: bool = false, other("true");
     }
 }
 engine::inputs! {
@@ -74,25 +53,6 @@ engine::outputs! {
         depth: Arc<Images>,
         /// Splats added to each pixel, over all its samples; no picture unless `count_blends`.
         blends: Arc<Images>,
-    }
-}
-
-impl SplatPanorama {
-    fn settings(&self, splats: &Splats) -> Settings {
-        Settings {
-            bounds: self.bounds,
-            precision: self.precision,
-            sort: Sort::Distance,
-            sh_degree: self.sh_degree,
-            near: self.near,
-            low_pass_px2: self.low_pass_px2,
-            compensate: self.compensation.applies(splats),
-            alpha_cut: self.alpha_cut,
-            alpha_cap: self.alpha_cap,
-            stop: self.stop,
-            depth: self.depth,
-            count_blends: self.count_blends,
-        }
     }
 }
 
@@ -141,21 +101,22 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
-    type Params = Self;
+    type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
 
-    fn estimate(params: &Self, inputs: &In) -> Cost {
+    fn estimate((params, _): &Self::Params, inputs: &In) -> Cost {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let samples = pixels * u64::from(params.supersample) * u64::from(params.supersample);
         let splats = inputs.splats.len() as u64;
-        // Every splat is seen: a footprint, its key, its place in the order and in the tiles.
-        Cost { bytes: pixels * 120 + samples * 48 + splats * 240, work: (splats * 30 + samples * 100) as f64 }
+        // A sample: the belt's tiles and picture, the caps', their union. Every splat is seen: a footprint, its
+        // key, its place in the order and in the tiles.
+        Cost { bytes: pixels * 120 + samples * 72 + splats * 240, work: (splats * 30 + samples * 100) as f64 }
     }
 
-    fn check(params: &Self) -> Result<(), NodeError> {
+    fn check((params, _): &Self::Params) -> Result<(), NodeError> {
         stitch::check_width(params.width_px)?;
         let fine = u64::from(params.width_px) * u64::from(params.supersample);
         if fine * fine / 2 <= MAX_PIXELS {
@@ -165,16 +126,19 @@ impl Kind for SplatPanorama {
         Err(NodeError::new(what).at("supersample").hint(format!("the limit is {MAX_PIXELS} samples")))
     }
 
-    fn run(params: &Self, In { splats, at }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        Self::check(params)?;
+    fn run(
+        both @ (params, drawing): &Self::Params,
+        In { splats, at }: In,
+        cx: &Context,
+    ) -> Result<(Out, Notes), NodeError> {
+        Self::check(both)?;
         let mut notes = Notes::none();
-        params.compensation.warn(&splats, &mut notes);
         let up = cx.up();
         let origin = at.translation() + equirect::axes(up)[2] * (params.height_metres / cx.metres_per_unit());
         if !origin.is_finite() {
             return Err(NodeError::new("the point of the panorama is not finite").at("at"));
         }
-        let settings = params.settings(&splats);
+        let settings = drawing.settings(Sort::Distance, &splats, &mut notes);
         let seen = splat::panorama(&splats, origin, up, params.width_px * params.supersample, &settings, cx)?;
         cx.progress(0.8);
         seen.work.report(cx, &mut notes);
@@ -197,7 +161,7 @@ impl Kind for SplatPanorama {
             image: Arc::new(Images::single("pano", pano.image.clone())),
             alpha: Arc::new(Images::single("pano", pano.alpha.clone())),
             depth: Arc::new(data(depth)),
-            blends: Arc::new(if params.count_blends { data(blends) } else { Images::default() }),
+            blends: Arc::new(if drawing.count_blends { data(blends) } else { Images::default() }),
             pano: Arc::new(pano),
         };
         Ok((out, notes))
@@ -214,40 +178,20 @@ mod tests {
     use crate::splat_render::SplatRender;
     use crate::testing::context;
 
-    fn params(width_px: u32, supersample: u32) -> SplatPanorama {
-        SplatPanorama {
+    fn params(width_px: u32, supersample: u32) -> (SplatPanorama, Drawing) {
+        let own = SplatPanorama {
             height_metres: 0.0,
             width_px,
             supersample,
-            bounds: Bounds::Exact,
-            precision: Precision::F32,
-            sh_degree: 4,
-            near: 0.2,
-            low_pass_px2: 0.3,
-            compensation: Compensation::File,
-            alpha_cut: 1.0 / 255.0,
-            alpha_cap: 0.99,
-            stop: 1e-4,
-            depth: DepthMode::Expected,
             holes: Holes::PushPull,
             hole_alpha: 0.25,
-            count_blends: true,
-        }
+        };
+        (own, Drawing { count_blends: true, ..Drawing::default() })
     }
 
     /// A sky of overlapping splats whose colour changes slowly with direction.
     fn sky(eye: DVec3) -> Arc<Splats> {
-        let mut splats = Splats {
-            means: vec![],
-            means_low: vec![],
-            quats: vec![],
-            scales: vec![],
-            opacities: vec![],
-            sh_degree: 0,
-            sh: vec![],
-            encoding: SplatEncoding::Srgb,
-            antialiased: false,
-        };
+        let mut splats = crate::testing::no_splats();
         for i in 0..60 {
             for j in 0..120 {
                 let d =
@@ -264,7 +208,7 @@ mod tests {
         Arc::new(splats)
     }
 
-    fn run(params: &SplatPanorama, splats: &Arc<Splats>, eye: DVec3) -> Out {
+    fn run(params: &(SplatPanorama, Drawing), splats: &Arc<Splats>, eye: DVec3) -> Out {
         let at = Arc::new(Pose { world_from_local: DMat4::from_translation(eye) });
         SplatPanorama::run(params, In { splats: splats.clone(), at }, &context()).expect("runs").0
     }
@@ -276,7 +220,7 @@ mod tests {
         let splats = sky(eye);
         let direct = run(&params(64, 3), &splats, eye);
         let rig = Arc::new(cube(eye, equirect::axes(engine::Up::PlusZ), 96, 3.0, Turn::OffAxis));
-        let render = SplatRender { sort: Sort::Distance, ..SplatRender::tests_default() };
+        let render = (SplatRender { sort: Sort::Distance }, Drawing::default());
         let views = SplatRender::run(&render, splat_render::In { splats, rig, limit: None }, &context());
         let params = stitch::Stitch { width_px: 64, holes: Holes::PushPull, hole_alpha: 0.25 };
         let input = stitch::In { views: views.expect("renders").0.views };

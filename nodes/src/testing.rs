@@ -2,7 +2,24 @@
 
 use engine::{Context, Scene, Up};
 
+use crate::types::{SplatEncoding, Splats};
+
 /// A context outside of any run: z up, metres, seed 7.
 pub fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")
+}
+
+/// A scene of degree 0 without splats.
+pub fn no_splats() -> Splats {
+    Splats {
+        means: Vec::new(),
+        means_low: Vec::new(),
+        quats: Vec::new(),
+        scales: Vec::new(),
+        opacities: Vec::new(),
+        sh_degree: 0,
+        sh: Vec::new(),
+        encoding: SplatEncoding::Srgb,
+        antialiased: false,
+    }
 }

@@ -16,7 +16,7 @@ use crate::session::Error;
 pub struct Convert {
     /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF
     input: PathBuf,
-    /// The file to write; its ending names the format: .ply or .spz
+    /// The file to write; its ending names the format: .ply (INRIA) or .spz (version 3)
     output: PathBuf,
     /// Up in the PLY: SPZ and glTF have +y up and are turned between it and this axis
     #[arg(long, value_enum, default_value = "-y", allow_hyphen_values = true)]

@@ -8,7 +8,7 @@ use glam::{DMat4, DVec3};
 use nodes::cube_rig::{self, CubeRig, Turn};
 use nodes::equirect;
 use nodes::num;
-use nodes::splat::{Bounds, Compensation, DepthMode, Precision, Sort};
+use nodes::splat::{Drawing, Precision, Sort};
 use nodes::splat_panorama::{self, SplatPanorama};
 use nodes::splat_render::{self, SplatRender};
 use nodes::stitch::{self, Holes, Stitch};
@@ -19,24 +19,16 @@ use crate::{Bench, look, timed};
 const WIDTH: usize = 512;
 const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
 
-fn faces(sort: Sort, precision: Precision) -> SplatRender {
-    SplatRender {
-        bounds: Bounds::Exact,
-        precision,
-        sort,
-        sh_degree: 4,
-        near: 0.2,
-        low_pass_px2: 0.3,
-        compensation: Compensation::File,
-        alpha_cut: 1.0 / 255.0,
-        alpha_cap: 0.99,
-        stop: 1e-4,
-        depth: DepthMode::Expected,
-        count_blends: false,
-    }
+fn faces(sort: Sort, precision: Precision) -> (SplatRender, Drawing) {
+    (SplatRender { sort }, Drawing { precision, ..Drawing::default() })
 }
 
-fn stitched(scene: &Arc<Splats>, rig: Arc<Rig>, render: &SplatRender, bench: &Bench) -> Arc<Panorama> {
+fn stitched(
+    scene: &Arc<Splats>,
+    rig: Arc<Rig>,
+    render: &(SplatRender, Drawing),
+    bench: &Bench,
+) -> Arc<Panorama> {
     let input = splat_render::In { splats: scene.clone(), rig, limit: None };
     let views = SplatRender::run(render, input, &bench.cx).unwrap().0.views;
     let params = Stitch { width_px: WIDTH as u32, holes: Holes::PushPull, hole_alpha: 0.25 };
@@ -53,25 +45,14 @@ fn cube(size_px: u32, turn: Turn, bench: &Bench) -> Arc<Rig> {
 }
 
 fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &Bench) -> Arc<Panorama> {
-    let of = faces(Sort::Distance, precision);
-    let params = SplatPanorama {
+    let own = SplatPanorama {
         height_metres: 0.0,
         width_px: WIDTH as u32,
         supersample,
-        bounds: of.bounds,
-        precision,
-        sh_degree: of.sh_degree,
-        near: of.near,
-        low_pass_px2: of.low_pass_px2,
-        compensation: of.compensation,
-        alpha_cut: of.alpha_cut,
-        alpha_cap: of.alpha_cap,
-        stop: of.stop,
-        depth: of.depth,
         holes: Holes::PushPull,
         hole_alpha: 0.25,
-        count_blends: false,
     };
+    let params = (own, Drawing { precision, ..Drawing::default() });
     let input = splat_panorama::In { splats: scene.clone(), at: pose() };
     SplatPanorama::run(&params, input, &bench.cx).unwrap().0.pano
 }

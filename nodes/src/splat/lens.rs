@@ -1,6 +1,7 @@
 //! Lenses: how the world lands on a picture, and which tiles a footprint touches there.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use engine::Up;
 use glam::DVec3;
@@ -130,9 +131,21 @@ pub(super) struct Pinhole {
     slope_y: [f64; 2],
     columns: u16,
     rows: u16,
+    /// Of a picture that is part of a panorama: near and depth are distances from the eye, and splats at more
+    /// than [`ASIDE`] from where it looks are left out.
+    by_distance: bool,
 }
 
+/// Cosine of the angle between where the picture of a cap looks and the outermost splat that is drawn: at the
+/// plane of the camera, which no near plane keeps them from, the projection explodes.
+const ASIDE: f64 = 0.1;
+
 impl Pinhole {
+    /// For a part of a panorama.
+    pub(super) fn by_distance(camera: &Camera) -> Self {
+        Self { by_distance: true, ..Self::new(camera) }
+    }
+
     pub(super) fn new(camera: &Camera) -> Self {
         let m = camera.world_from_camera();
         let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
@@ -152,6 +165,7 @@ impl Pinhole {
             slope_y: [-camera.cy / camera.fy - guard_y, (height - camera.cy) / camera.fy + guard_y],
             columns: (camera.width_px as usize).div_ceil(TILE) as u16,
             rows: (camera.height_px as usize).div_ceil(TILE) as u16,
+            by_distance: false,
         }
     }
 }
@@ -172,7 +186,8 @@ impl Lens for Pinhole {
     #[inline(always)]
     fn see(&self, d: DVec3, near: f64) -> Option<Seen> {
         let z = self.forward.dot(d);
-        if z <= near {
+        let depth = if self.by_distance { d.length() } else { z };
+        if depth <= near || (self.by_distance && z <= ASIDE * depth) {
             return None;
         }
         let inverse_z = 1.0 / z;
@@ -185,7 +200,7 @@ impl Lens for Pinhole {
             // Rows of the derivative of (u, v) by the world, eq. 26 of the EWA paper.
             row_x: (self.right - self.forward * held_x) * (self.fx * inverse_z),
             row_y: (self.down - self.forward * held_y) * (self.fy * inverse_z),
-            depth: z,
+            depth,
         })
     }
 
@@ -223,19 +238,25 @@ impl Lens for Pinhole {
     }
 }
 
-/// Everything around a point, in the layout of [`crate::equirect`].
+/// Rows of everything around a point, in the layout of [`crate::equirect`].
 pub(super) struct Sphere {
     eye: DVec3,
     right: DVec3,
     forward: DVec3,
     above: DVec3,
     width: u32,
+    rows: Range<u32>,
 }
 
 impl Sphere {
-    pub(super) fn new(eye: DVec3, up: Up, width_px: u32) -> Self {
+    /// Of these rows of the layout.
+    pub(super) fn new(eye: DVec3, up: Up, width_px: u32, rows: Range<u32>) -> Self {
         let [right, forward, above] = equirect::axes(up);
-        Self { eye, right, forward, above, width: width_px }
+        Self { eye, right, forward, above, width: width_px, rows }
+    }
+
+    fn height(&self) -> u32 {
+        self.rows.end - self.rows.start
     }
 }
 
@@ -245,7 +266,7 @@ impl Lens for Sphere {
     }
 
     fn size(&self) -> (usize, usize) {
-        (self.width as usize, self.width as usize / 2)
+        (self.width as usize, self.height() as usize)
     }
 
     fn period(&self) -> Option<u32> {
@@ -271,22 +292,23 @@ impl Lens for Sphere {
         let u = (num::atan2(x, y) + PI) * per_radian;
         Some(Seen {
             u: if u >= f64::from(self.width) { 0.0 } else { u },
-            v: num::atan2(rho, z) * per_radian,
+            v: num::atan2(rho, z) * per_radian - f64::from(self.rows.start),
             row_x: along * (per_radian / rho.max(POLE * distance)),
             row_y: downwards * (per_radian / distance),
             depth: distance,
         })
     }
 
-    fn misses(&self, _u: f64, _v: f64, _radius: f64) -> bool {
-        false
+    #[inline(always)]
+    fn misses(&self, _u: f64, v: f64, radius: f64) -> bool {
+        v + radius < 0.0 || v - radius > f64::from(self.height())
     }
 
     #[inline(always)]
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<Reach> {
         let (half_x, half_y) = (half_x + SLACK_PX, half_y + SLACK_PX);
         let (x0, x1) = tiles_around(u - half_x, u + half_x, self.width)?;
-        let (y0, y1) = tiles(v - half_y, v + half_y, f64::from(self.width / 2))?;
+        let (y0, y1) = tiles(v - half_y, v + half_y, f64::from(self.height()))?;
         Some(Reach { x0, x1, y0, y1 })
     }
 
@@ -299,6 +321,6 @@ impl Lens for Sphere {
 
     fn everywhere(&self) -> Reach {
         let columns = (self.width as usize).div_ceil(TILE) as u16;
-        Reach { x0: 0, x1: columns, y0: 0, y1: (self.width as usize / 2).div_ceil(TILE) as u16 }
+        Reach { x0: 0, x1: columns, y0: 0, y1: (self.height() as usize).div_ceil(TILE) as u16 }
     }
 }

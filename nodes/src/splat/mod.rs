@@ -6,135 +6,37 @@
 //! composites each tile front to back. Every stage gives the same bits for any number of threads and
 //! any instruction set.
 
+mod around;
 mod bin;
 mod blend32;
 mod blend64;
 mod lens;
 mod project;
+mod settings;
 mod sh;
 #[cfg(test)]
 mod tests;
 
-use engine::{Context, NodeError, Notes, Up};
-use fearless_simd::Level;
-use glam::DVec3;
+use std::ops::AddAssign;
 
+use engine::{Context, NodeError, Notes};
+use fearless_simd::Level;
+
+pub use around::{panorama, panorama_clocked};
 pub use bin::TILE;
-use lens::{Lens, Pinhole, Sphere};
+use lens::{Lens, Pinhole};
 use project::{Footprint, Projected};
+pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
 
 use crate::types::{Camera, Data, Image, Splats};
-
-engine::choices! {
-    /// Which pixels a splat is evaluated at.
-    pub enum Bounds {
-        /** Where its alpha reaches the cut: the exact ellipse, closed. */ Exact,
-        /** As the INRIA rasterizer: every tile that a square of 3 standard deviations touches. */ Inria,
-        /** All. */ None,
-    }
-}
-engine::choices! {
-    /// Arithmetic of the blend; the projection is always in f64.
-    pub enum Precision { /** 8 pixels at once. */ F32, /** The reference: slow. */ F64 }
-}
-engine::choices! {
-    /// What orders the splats of a pixel.
-    pub enum Sort {
-        /** Planar depth of the centre, as nearly every trainer. */ Depth,
-        /** Distance of the centre, which does not change as the camera turns. */ Distance,
-    }
-}
-engine::choices! {
-    /// Whether opacity makes up for what the low-pass filter adds to a splat's area.
-    pub enum Compensation { /** As the file says it was trained. */ File, /** Always. */ On, /** Never. */ Off }
-}
-engine::choices! {
-    /// What the depth of a pixel is.
-    pub enum DepthMode {
-        /** Mean depth of what was blended, by weight. */ Expected,
-        /** Depth of the splat that takes transmittance to one half or below; none where none does. */
-        Median,
-        /** As `Expected`, with each weight times the transmittance in front once more: what shines through
-        counts less, so it lies nearer to the first surface. */
-        Transmittance,
-    }
-}
-
-impl Compensation {
-    /// Whether to compensate for a scene.
-    pub(crate) fn applies(self, splats: &Splats) -> bool {
-        match self {
-            Self::File => splats.antialiased,
-            Self::On => true,
-            Self::Off => false,
-        }
-    }
-
-    /// Warns where the file says otherwise.
-    pub(crate) fn warn(self, splats: &Splats, notes: &mut Notes) {
-        let text = match (self, splats.antialiased) {
-            (Self::On, false) => {
-                "compensation is on, but the file does not say it was trained so; thin detail may vanish"
-            }
-            (Self::Off, true) => "compensation is off, but the file says it was trained with it",
-            _ => return,
-        };
-        notes.warning("compensation-mismatch", text);
-    }
-}
-
-/// How to render; the parameters of `splat-render` with the file's own flag applied.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
-    /// Which pixels a splat is evaluated at.
-    pub bounds: Bounds,
-    /// Arithmetic of the blend.
-    pub precision: Precision,
-    /// What orders the splats.
-    pub sort: Sort,
-    /// Highest degree of the spherical harmonics that is used.
-    pub sh_degree: u32,
-    /// Splats at or below this planar depth are left out, in world units.
-    pub near: f64,
-    /// Variance added to both axes of the footprint, in square pixels.
-    pub low_pass_px2: f64,
-    /// True when opacity is scaled by the square root of the ratio of the footprint's areas.
-    pub compensate: bool,
-    /// Smallest alpha that is blended.
-    pub alpha_cut: f64,
-    /// Largest alpha of one splat.
-    pub alpha_cap: f64,
-    /// A pixel is finished, without the splat at hand, when its transmittance would fall below.
-    pub stop: f64,
-    /// What the depth of a pixel is.
-    pub depth: DepthMode,
-    /// True to count the blends of each pixel.
-    pub count_blends: bool,
-}
-
-impl Default for Settings {
-    /// The constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
-    fn default() -> Self {
-        Self {
-            bounds: Bounds::Exact,
-            precision: Precision::F32,
-            sort: Sort::Depth,
-            sh_degree: 4,
-            near: 0.2,
-            low_pass_px2: 0.3,
-            compensate: false,
-            alpha_cut: 1.0 / 255.0,
-            alpha_cap: 0.99,
-            stop: 1e-4,
-            depth: DepthMode::Expected,
-            count_blends: false,
-        }
-    }
-}
 
 /// Work of one view; the same on every machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work {
+    /// Splats that were read; 0 of a view that shares its eye with one before it, which has read them for both.
+    pub visited: u64,
+    /// Splats whose colour was computed, and not for a view before this one already.
+    pub coloured: u64,
     /// Splats that reached the sort.
     pub projected: u64,
     /// Splats at or below the near plane.
@@ -149,9 +51,24 @@ pub struct Work {
     pub blends: u64,
 }
 
+impl AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.visited += other.visited;
+        self.coloured += other.coloured;
+        self.projected += other.projected;
+        self.behind += other.behind;
+        self.degenerate += other.degenerate;
+        self.tile_pairs += other.tile_pairs;
+        self.evaluations += other.evaluations;
+        self.blends += other.blends;
+    }
+}
+
 impl Work {
     /// Counts it, and notes what was left out.
     pub(crate) fn report(&self, cx: &Context, notes: &mut Notes) {
+        cx.count("splats_visited", self.visited);
+        cx.count("splats_coloured", self.coloured);
         cx.count("splats_projected", self.projected);
         cx.count("splat_tile_pairs", self.tile_pairs);
         cx.count("splat_evaluations", self.evaluations);
@@ -172,7 +89,8 @@ pub struct Rendered {
     pub blends: Vec<f32>,
     /// What it took.
     pub work: Work,
-    /// Seconds of wall time (unless another clock was given) in project, sort, bin and blend; for benches, never part of a result.
+    /// Seconds of wall time (unless another clock was given) in project, sort, bin and blend, the first three
+    /// 0 of views that share the pass of one before them; for benches, never part of a result.
     pub seconds: [f64; 4],
 }
 
@@ -218,7 +136,50 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 /// The longest side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
-/// Renders a scene for one camera on the threads of `cx`, at the best instruction set of the machine.
+/// Views that share a pass over the scene: a cube's. More would hold more footprints at once.
+const TOGETHER: usize = 6;
+
+/// What a camera sees, for each; on the threads of `cx`, at the best instruction set of the machine.
+///
+/// Cameras in a row that stand at one point share a pass over the scene: a splat is read, turned and coloured
+/// once, and one sort serves them all. Their pictures have the same bits as on their own.
+///
+/// `limits`, where given, holds a surface in front of each camera: splats at or beyond its planar depth are
+/// left out of a pixel. A depth of 0 or +inf is no surface.
+pub fn render_all(
+    splats: &Splats,
+    cameras: &[Camera],
+    limits: Option<&[&Image<Data>]>,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Vec<Rendered>, NodeError> {
+    for (index, camera) in cameras.iter().enumerate() {
+        checked(camera)?;
+        let size = (camera.width_px as usize, camera.height_px as usize, 1);
+        let Some(limits) = limits else { continue };
+        let found = limits.get(index).map_or((0, 0, 0), |of| (of.width, of.height, of.channels));
+        if found != size {
+            let what = format!(
+                "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
+                camera.name, found.0, found.1, found.2, size.0, size.1
+            );
+            return Err(NodeError::new(what).at("limit"));
+        }
+    }
+    let together = project::views_at_once(splats).clamp(1, TOGETHER);
+    let mut all = Vec::with_capacity(cameras.len());
+    for stand in cameras.chunk_by(|a, b| a.eye() == b.eye()) {
+        for some in stand.chunks(together) {
+            cx.progress(all.len() as f32 / cameras.len() as f32);
+            let lenses: Vec<Pinhole> = some.iter().map(Pinhole::new).collect();
+            let limits = limits.map(|limits| &limits[all.len()..all.len() + some.len()]);
+            all.extend(draw(splats, &lenses, limits, settings, cx, (Level::new(), &|| 0.0))?);
+        }
+    }
+    Ok(all)
+}
+
+/// What one camera sees; see [`render_all`].
 pub fn render(
     splats: &Splats,
     camera: &Camera,
@@ -228,59 +189,10 @@ pub fn render(
     render_at(splats, camera, settings, cx, Level::new())
 }
 
-/// [`render`] in front of a surface: splats at or beyond its planar depth are left out of a pixel. A depth
-/// of 0 or +inf is no surface.
-pub fn render_before(
-    splats: &Splats,
-    camera: &Camera,
-    limit: &Image<Data>,
-    settings: &Settings,
-    cx: &Context,
-) -> Result<Rendered, NodeError> {
-    let size = (camera.width_px as usize, camera.height_px as usize, 1);
-    if (limit.width, limit.height, limit.channels) != size {
-        let what = format!(
-            "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
-            camera.name, limit.width, limit.height, limit.channels, size.0, size.1
-        );
-        return Err(NodeError::new(what).at("limit"));
-    }
-    checked(camera)?;
-    let lens = Pinhole::new(camera);
-    draw(splats, &lens, Some(limit), settings, cx, (Level::new(), &|| 0.0))
-}
-
-/// Everything around `eye` as an equirectangular picture (see [`crate::equirect`]), `width_px` wide, even,
-/// and half as high. Splats are ordered by distance, which is also what `near` and the depth mean.
-pub fn panorama(
-    splats: &Splats,
-    eye: DVec3,
-    up: Up,
-    width_px: u32,
-    settings: &Settings,
-    cx: &Context,
-) -> Result<Rendered, NodeError> {
-    panorama_clocked(splats, (eye, up, width_px), settings, cx, Level::new(), &|| 0.0)
-}
-
-/// [`panorama`] at a given instruction set, its stages timed as [`render_clocked`] does.
-#[doc(hidden)]
-pub fn panorama_clocked(
-    splats: &Splats,
-    (eye, up, width_px): (DVec3, Up, u32),
-    settings: &Settings,
-    cx: &Context,
-    level: Level,
-    clock: &dyn Fn() -> f64,
-) -> Result<Rendered, NodeError> {
-    let settings = Settings { sort: Sort::Distance, ..*settings };
-    draw(splats, &Sphere::new(eye, up, width_px), None, &settings, cx, (level, clock))
-}
-
 /// Evaluations a second of the blend's arithmetic: one tile that stays in the first cache, every splat
 /// covering it, no pixel ever finished. A yardstick for benches.
 #[doc(hidden)]
-pub fn calibrate(splats: usize) -> f64 {
+pub fn calibrate(splats: usize, level: Level) -> f64 {
     let wide = Footprint {
         u: 8.0,
         v: 8.0,
@@ -298,7 +210,7 @@ pub fn calibrate(splats: usize) -> f64 {
     let projected = Projected::of(vec![wide]);
     let area = [0, 0, TILE, TILE];
     let task = Task { projected: &projected, list: &list, area, limit: None, settings: &settings };
-    let tile = blend32::blend(Level::new(), &task);
+    let tile = blend32::blend(level, &task);
     std::hint::black_box(&tile.rgba);
     tile.evaluations as f64 / start.elapsed().as_secs_f64()
 }
@@ -326,7 +238,12 @@ pub fn render_clocked(
     clock: &dyn Fn() -> f64,
 ) -> Result<Rendered, NodeError> {
     checked(camera)?;
-    draw(splats, &Pinhole::new(camera), None, settings, cx, (level, clock))
+    alone(draw(splats, &[Pinhole::new(camera)], None, settings, cx, (level, clock))?)
+}
+
+/// The only view of a pass.
+fn alone(views: Vec<Rendered>) -> Result<Rendered, NodeError> {
+    views.into_iter().next().ok_or_else(|| NodeError::new("a pass without a view"))
 }
 
 fn checked(camera: &Camera) -> Result<(), NodeError> {
@@ -339,62 +256,62 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("rig").hint(hint))
 }
 
+/// One pass: views that share an eye.
 fn draw<L: Lens>(
     splats: &Splats,
-    lens: &L,
-    limit: Option<&Image<Data>>,
+    lenses: &[L],
+    limits: Option<&[&Image<Data>]>,
     settings: &Settings,
     cx: &Context,
     (level, clock): (Level, &dyn Fn() -> f64),
-) -> Result<Rendered, NodeError> {
-    let (width, height) = lens.size();
+) -> Result<Vec<Rendered>, NodeError> {
     let mut last = clock();
     let mut lap = || {
         let now = clock();
         now - std::mem::replace(&mut last, now)
     };
 
-    let projected = project::project(splats, lens, settings, cx, level)?;
+    let projected = project::project(splats, lenses, settings, cx, level)?;
     let project_s = lap();
     let order = bin::order(projected.keys());
     let sort_s = lap();
-    let lists = bin::bin(&projected, order, width, height, settings, cx)?;
-    let bin_s = lap();
+    let sizes: Vec<(usize, usize)> = lenses.iter().map(Lens::size).collect();
+    let lists = bin::bin(&projected, order, &sizes, settings, cx)?;
+    let mut shared_s = [project_s, sort_s, lap()];
 
-    let tiles = cx.for_each_tile(lists.tiles(), |tile| {
-        let (list, x0, y0) = lists.tile(tile);
-        let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
-        let task = Task { projected: &projected, list, area, limit, settings };
-        match settings.precision {
-            Precision::F32 => blend32::blend(level, &task),
-            Precision::F64 => blend64::blend(&task),
-        }
-    })?;
-
-    let mut work = Work {
-        projected: projected.len() as u64,
-        behind: projected.behind(),
-        degenerate: projected.degenerate(),
-        tile_pairs: lists.pairs(),
-        ..Work::default()
-    };
-    let mut rgba = vec![0.0_f32; width * height * 4];
-    let mut depth = vec![f32::INFINITY; width * height];
-    let mut blends = vec![0.0_f32; if settings.count_blends { width * height } else { 0 }];
-    for (index, tile) in tiles.iter().enumerate() {
-        let (_, x0, y0) = lists.tile(index);
-        work.evaluations += tile.evaluations;
-        work.blends += tile.blends;
-        let w = (width - x0).min(TILE);
-        for row in 0..(height - y0).min(TILE) {
-            let to = (y0 + row) * width + x0;
-            let from = row * TILE;
-            rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
-            depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
-            if settings.count_blends {
-                blends[to..to + w].copy_from_slice(&tile.counts[from..from + w]);
+    let mut views = Vec::with_capacity(lenses.len());
+    for (view, (width, height)) in sizes.into_iter().enumerate() {
+        let limit = limits.map(|limits| limits[view]);
+        let tiles = cx.for_each_tile(lists.tiles(view), |tile| {
+            let (list, x0, y0) = lists.tile(view, tile);
+            let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
+            let task = Task { projected: &projected, list, area, limit, settings };
+            match settings.precision {
+                Precision::F32 => blend32::blend(level, &task),
+                Precision::F64 => blend64::blend(&task),
+            }
+        })?;
+        let mut work = Work { tile_pairs: lists.pairs(view), ..projected.work(view) };
+        let mut rgba = vec![0.0_f32; width * height * 4];
+        let mut depth = vec![f32::INFINITY; width * height];
+        let mut blends = vec![0.0_f32; if settings.count_blends { width * height } else { 0 }];
+        for (index, tile) in tiles.iter().enumerate() {
+            let (_, x0, y0) = lists.tile(view, index);
+            work.evaluations += tile.evaluations;
+            work.blends += tile.blends;
+            let w = (width - x0).min(TILE);
+            for row in 0..(height - y0).min(TILE) {
+                let to = (y0 + row) * width + x0;
+                let from = row * TILE;
+                rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
+                depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
+                if settings.count_blends {
+                    blends[to..to + w].copy_from_slice(&tile.counts[from..from + w]);
+                }
             }
         }
+        let [project_s, sort_s, bin_s] = std::mem::take(&mut shared_s);
+        views.push(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] });
     }
-    Ok(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] })
+    Ok(views)
 }

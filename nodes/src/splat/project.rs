@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::bin::TILE;
 use super::lens::{Lens, Reach, SLACK_PX, Seen};
-use super::{Bounds, Precision, Settings, Sort, sh};
+use super::{Bounds, Precision, Settings, Sort, Work, sh};
 use crate::num;
 use crate::types::Splats;
 
@@ -35,19 +35,23 @@ pub(crate) struct Footprint {
     pub z: f32,
 }
 
-/// The footprints of one job, in file order.
+/// The footprints of one job in one view, in file order.
 #[derive(Default)]
 struct Chunk {
+    view: usize,
     footprints: Vec<Footprint>,
     reaches: Vec<Reach>,
     keys: Vec<u64>,
+    visited: u64,
+    coloured: u64,
     behind: u64,
     degenerate: u64,
 }
 
-/// Footprints in file order. They stay in the chunks they were made in: joining them would take longer
-/// than all that looks them up.
+/// The footprints of views that share an eye; those of a view in file order. They stay in the chunks they
+/// were made in: joining them would take longer than all that looks them up.
 pub(crate) struct Projected {
+    /// Job by job, and view by view within a job.
     chunks: Vec<Chunk>,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
@@ -61,9 +65,9 @@ impl Projected {
         Self { chunks: vec![Chunk { footprints, ..Chunk::default() }], log2_cut: 0.0, period: None }
     }
 
-    /// (sort key, index) of each footprint, in file order; keys ascend from front to back.
+    /// (sort key, index) of each footprint, those of a view in file order; keys ascend from front to back.
     pub(super) fn keys(&self) -> Vec<(u64, u32)> {
-        let mut keys = Vec::with_capacity(self.len());
+        let mut keys = Vec::with_capacity(self.chunks.iter().map(|chunk| chunk.keys.len()).sum());
         for (number, chunk) in (0_u32..).zip(&self.chunks) {
             keys.extend(chunk.keys.iter().zip(number << CHUNK_BITS..).map(|(key, index)| (*key, index)));
         }
@@ -75,21 +79,24 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
+    /// The view that a footprint belongs to, and the tiles it touches there.
     #[inline(always)]
-    pub(super) fn reach(&self, index: u32) -> Reach {
-        self.chunks[(index >> CHUNK_BITS) as usize].reaches[index as usize % CHUNK]
+    pub(super) fn reach(&self, index: u32) -> (usize, Reach) {
+        let chunk = &self.chunks[(index >> CHUNK_BITS) as usize];
+        (chunk.view, chunk.reaches[index as usize % CHUNK])
     }
 
-    pub(super) fn len(&self) -> usize {
-        self.chunks.iter().map(|chunk| chunk.footprints.len()).sum()
-    }
-
-    pub(super) fn behind(&self) -> u64 {
-        self.chunks.iter().map(|chunk| chunk.behind).sum()
-    }
-
-    pub(super) fn degenerate(&self) -> u64 {
-        self.chunks.iter().map(|chunk| chunk.degenerate).sum()
+    /// What the projection took for a view.
+    pub(super) fn work(&self, view: usize) -> Work {
+        let mut work = Work::default();
+        for chunk in self.chunks.iter().filter(|chunk| chunk.view == view) {
+            work.visited += chunk.visited;
+            work.coloured += chunk.coloured;
+            work.projected += chunk.footprints.len() as u64;
+            work.behind += chunk.behind;
+            work.degenerate += chunk.degenerate;
+        }
+        work
     }
 }
 
@@ -125,20 +132,27 @@ impl Footprint {
     }
 }
 
-/// Projects every splat that can change a pixel.
+/// How many views of one eye a pass over a scene can serve, so that every footprint has a number.
+pub(super) fn views_at_once(splats: &Splats) -> usize {
+    u32::MAX as usize / (splats.len() + CHUNK)
+}
+
+/// Projects every splat that can change a pixel, for views that share an eye: a splat is read, its axes turned
+/// and its colour computed once for all of them.
 pub(super) fn project<L: Lens>(
     splats: &Splats,
-    lens: &L,
+    lenses: &[L],
     settings: &Settings,
     cx: &Context,
     level: Level,
 ) -> Result<Projected, NodeError> {
     let log2_cut = num::f64::log2(settings.alpha_cut);
-    let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |chunk| {
-        let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(splats.len());
-        dispatch!(level, simd => many(simd, splats, range, lens, settings, log2_cut))
+    let jobs = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
+        let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
+        dispatch!(level, simd => many(simd, splats, range, lenses, settings, log2_cut))
     })?;
-    Ok(Projected { chunks, log2_cut, period: lens.period() })
+    let period = lenses.first().and_then(Lens::period);
+    Ok(Projected { chunks: jobs.into_iter().flatten().collect(), log2_cut, period })
 }
 
 /// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
@@ -147,118 +161,156 @@ fn many<S: Simd, L: Lens>(
     _simd: S,
     splats: &Splats,
     range: Range<usize>,
-    lens: &L,
+    lenses: &[L],
     settings: &Settings,
     log2_cut: f64,
-) -> Chunk {
-    let mut out = Chunk::default();
-    for index in range {
-        one(splats, index, lens, settings, log2_cut, &mut out);
+) -> Vec<Chunk> {
+    let mut views: Vec<Chunk> = (0..lenses.len()).map(|view| Chunk { view, ..Chunk::default() }).collect();
+    if let Some(first) = views.first_mut() {
+        first.visited = range.len() as u64;
     }
-    out
+    for index in range {
+        let opacity = f64::from(splats.opacities[index]);
+        if opacity < settings.alpha_cut || opacity <= 0.0 {
+            continue;
+        }
+        let offset = splats.mean(index) - lenses[0].eye();
+        let mut splat = FromEye { splats, index, opacity, offset, axes: None, colour: None };
+        for (lens, out) in lenses.iter().zip(&mut views) {
+            splat.project(lens, settings, log2_cut, out);
+        }
+    }
+    views
 }
 
-#[inline(always)]
-fn one<L: Lens>(
-    splats: &Splats,
+/// A splat as it is from an eye, whatever the view; what takes time is made when the first view needs it.
+struct FromEye<'a> {
+    splats: &'a Splats,
     index: usize,
-    lens: &L,
-    settings: &Settings,
-    log2_cut: f64,
-    out: &mut Chunk,
-) {
-    let mut opacity = f64::from(splats.opacities[index]);
-    if opacity < settings.alpha_cut || opacity <= 0.0 {
-        return;
-    }
-    let d = splats.mean(index) - lens.eye();
-    let Some(Seen { u, v, row_x, row_y, depth }) = lens.see(d, settings.near) else {
-        out.behind += 1;
-        return;
-    };
+    opacity: f64,
+    offset: DVec3,
+    axes: Option<[DVec3; 3]>,
+    /// RGB, and the distance.
+    colour: Option<([f32; 3], f64)>,
+}
 
-    // A splat whose largest extent cannot reach the image is left before its covariance is made.
-    let scale = splats.scales[index].map(f64::from);
-    let largest = scale[0].max(scale[1]).max(scale[2]);
-    let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
-    if bounded {
-        let area = row_x.length_squared() + row_y.length_squared();
-        // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 and a tile cover both.
-        let sigmas2 = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0);
-        let radius =
-            (sigmas2 * (area * largest * largest + settings.low_pass_px2)).sqrt() + 2.0 * TILE as f64;
-        if lens.misses(u, v, radius) {
+impl FromEye<'_> {
+    /// The principal axes, each as long as the standard deviation.
+    #[inline(always)]
+    fn axes(&mut self) -> [DVec3; 3] {
+        let of = || {
+            let [w, x, y, z] = self.splats.quats[self.index].map(f64::from);
+            let scale = self.splats.scales[self.index].map(f64::from);
+            [
+                DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
+                    * scale[0],
+                DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x))
+                    * scale[1],
+                DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+                    * scale[2],
+            ]
+        };
+        *self.axes.get_or_insert_with(of)
+    }
+
+    /// RGB from here, and the distance; `made` counts what was not there yet.
+    #[inline(always)]
+    fn colour(&mut self, settings: &Settings, made: &mut u64) -> ([f32; 3], f64) {
+        let of = || {
+            *made += 1;
+            let distance = self.offset.length();
+            let direction = (self.offset / distance).to_array().map(|c| c as f32);
+            let degree = settings.sh_degree.min(self.splats.sh_degree);
+            let each = self.splats.sh_len();
+            let coefficients = &self.splats.sh[self.index * each..(self.index + 1) * each];
+            (sh::colour(degree, coefficients, direction), distance)
+        };
+        *self.colour.get_or_insert_with(of)
+    }
+
+    /// Adds the footprint in one view, where there is one.
+    #[inline(always)]
+    fn project<L: Lens>(&mut self, lens: &L, settings: &Settings, log2_cut: f64, out: &mut Chunk) {
+        let Some(Seen { u, v, row_x, row_y, depth }) = lens.see(self.offset, settings.near) else {
+            out.behind += 1;
+            return;
+        };
+
+        // A splat whose largest extent cannot reach the image is left before its covariance is made.
+        let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
+        if bounded {
+            let [a, b, c] = self.splats.scales[self.index].map(f64::from);
+            let largest = a.max(b).max(c);
+            let area = row_x.length_squared() + row_y.length_squared();
+            // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 and a tile cover both.
+            let sigmas2 = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0);
+            let radius =
+                (sigmas2 * (area * largest * largest + settings.low_pass_px2)).sqrt() + 2.0 * TILE as f64;
+            if lens.misses(u, v, radius) {
+                return;
+            }
+        }
+
+        let axes = self.axes();
+        let p = DVec3::new(row_x.dot(axes[0]), row_x.dot(axes[1]), row_x.dot(axes[2]));
+        let q = DVec3::new(row_y.dot(axes[0]), row_y.dot(axes[1]), row_y.dot(axes[2]));
+        let (raw_xx, xy, raw_yy) = (p.dot(p), p.dot(q), q.dot(q));
+        let low_pass = settings.low_pass_px2;
+        let (xx, yy) = (raw_xx + low_pass, raw_yy + low_pass);
+        // By Lagrange's identity, so that the determinant of a needle does not cancel.
+        let raw_det = p.cross(q).length_squared();
+        let det = raw_det + low_pass * (raw_xx + raw_yy) + low_pass * low_pass;
+        let mut opacity = self.opacity;
+        if settings.compensate {
+            opacity *= (raw_det / det).sqrt();
+            if opacity < settings.alpha_cut {
+                return;
+            }
+        }
+        // Exponents are to base 2: half of log2(e) goes into the factor.
+        let to_base_2 = (0.5 * std::f64::consts::LOG2_E).sqrt();
+        let (root_det, root_yy) = (det.sqrt(), yy.sqrt());
+        let (l11, l21, l22) =
+            (to_base_2 * root_yy / root_det, -to_base_2 * xy / (root_yy * root_det), to_base_2 / root_yy);
+        if !(l11.is_finite() && l21.is_finite() && l11 > 0.0 && l22 > 0.0 && u.is_finite() && v.is_finite()) {
+            out.degenerate += 1;
             return;
         }
-    }
 
-    let [w, x, y, zq] = splats.quats[index].map(f64::from);
-    let axes = [
-        DVec3::new(1.0 - 2.0 * (y * y + zq * zq), 2.0 * (x * y + w * zq), 2.0 * (x * zq - w * y)) * scale[0],
-        DVec3::new(2.0 * (x * y - w * zq), 1.0 - 2.0 * (x * x + zq * zq), 2.0 * (y * zq + w * x)) * scale[1],
-        DVec3::new(2.0 * (x * zq + w * y), 2.0 * (y * zq - w * x), 1.0 - 2.0 * (x * x + y * y)) * scale[2],
-    ];
-    let p = DVec3::new(row_x.dot(axes[0]), row_x.dot(axes[1]), row_x.dot(axes[2]));
-    let q = DVec3::new(row_y.dot(axes[0]), row_y.dot(axes[1]), row_y.dot(axes[2]));
-    let (raw_xx, xy, raw_yy) = (p.dot(p), p.dot(q), q.dot(q));
-    let low_pass = settings.low_pass_px2;
-    let (xx, yy) = (raw_xx + low_pass, raw_yy + low_pass);
-    // By Lagrange's identity, so that the determinant of a needle does not cancel.
-    let raw_det = p.cross(q).length_squared();
-    let det = raw_det + low_pass * (raw_xx + raw_yy) + low_pass * low_pass;
-    if settings.compensate {
-        opacity *= (raw_det / det).sqrt();
-        if opacity < settings.alpha_cut {
-            return;
-        }
-    }
-    // Exponents are to base 2: half of log2(e) goes into the factor.
-    let to_base_2 = (0.5 * std::f64::consts::LOG2_E).sqrt();
-    let (root_det, root_yy) = (det.sqrt(), yy.sqrt());
-    let (l11, l21, l22) =
-        (to_base_2 * root_yy / root_det, -to_base_2 * xy / (root_yy * root_det), to_base_2 / root_yy);
-    if !(l11.is_finite() && l21.is_finite() && l11 > 0.0 && l22 > 0.0 && u.is_finite() && v.is_finite()) {
-        out.degenerate += 1;
-        return;
-    }
+        let log2_opacity = num::f64::log2(opacity);
+        let reach = match settings.bounds {
+            _ if !bounded => Some(lens.everywhere()),
+            Bounds::Inria => lens.inria_reach(u, v, xx, yy, det),
+            _ => {
+                let sigmas = (2.0 * std::f64::consts::LN_2 * (log2_opacity - log2_cut).max(0.0)).sqrt();
+                lens.exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy)
+            }
+        };
+        let Some(reach) = reach else { return };
 
-    let log2_opacity = num::f64::log2(opacity);
-    let reach = match settings.bounds {
-        _ if !bounded => Some(lens.everywhere()),
-        Bounds::Inria => lens.inria_reach(u, v, xx, yy, det),
-        _ => {
-            let sigmas = (2.0 * std::f64::consts::LN_2 * (log2_opacity - log2_cut).max(0.0)).sqrt();
-            lens.exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy)
-        }
-    };
-    let Some(reach) = reach else { return };
-
-    let distance = d.length();
-    let direction = d / distance;
-    let degree = settings.sh_degree.min(splats.sh_degree);
-    let coefficients = &splats.sh[index * splats.sh_len()..(index + 1) * splats.sh_len()];
-    let rgb = sh::colour(degree, coefficients, direction.to_array().map(|c| c as f32));
-    let by = match settings.sort {
-        Sort::Depth => depth,
-        Sort::Distance => distance,
-    };
-    // Bits of positive floats ascend as they do.
-    out.keys.push(match settings.precision {
-        // 32 bits of mantissa: two digits of the sort fewer, and finer than the f32 that others sort by,
-        // whose false ties cost 10 dB on `playbot`.
-        Precision::F32 => by.to_bits() >> 20,
-        Precision::F64 => by.to_bits(),
-    });
-    out.reaches.push(reach);
-    out.footprints.push(Footprint {
-        u,
-        v,
-        l11,
-        l21,
-        l22,
-        opacity: opacity as f32,
-        log2_opacity: log2_opacity as f32,
-        rgb,
-        z: depth as f32,
-    });
+        let (rgb, distance) = self.colour(settings, &mut out.coloured);
+        let by = match settings.sort {
+            Sort::Depth => depth,
+            Sort::Distance => distance,
+        };
+        // Bits of positive floats ascend as they do.
+        out.keys.push(match settings.precision {
+            // 32 bits of mantissa: two digits of the sort fewer, and finer than the f32 that others sort by,
+            // whose false ties cost 10 dB on `playbot`.
+            Precision::F32 => by.to_bits() >> 20,
+            Precision::F64 => by.to_bits(),
+        });
+        out.reaches.push(reach);
+        out.footprints.push(Footprint {
+            u,
+            v,
+            l11,
+            l21,
+            l22,
+            opacity: opacity as f32,
+            log2_opacity: log2_opacity as f32,
+            rgb,
+            z: depth as f32,
+        });
+    }
 }

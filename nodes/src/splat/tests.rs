@@ -4,7 +4,6 @@ use glam::{DMat3, DMat4, DVec3};
 use super::*;
 use crate::num;
 use crate::testing::context;
-use crate::types::SplatEncoding;
 
 mod around;
 mod extremes;
@@ -24,17 +23,7 @@ impl Random {
 }
 
 fn empty(sh_degree: u32) -> Splats {
-    Splats {
-        means: vec![],
-        means_low: vec![],
-        quats: vec![],
-        scales: vec![],
-        opacities: vec![],
-        sh_degree,
-        sh: vec![],
-        encoding: SplatEncoding::Srgb,
-        antialiased: false,
-    }
+    Splats { sh_degree, ..crate::testing::no_splats() }
 }
 
 /// Splats of all sizes and shapes before and around a camera at the origin that looks along z.

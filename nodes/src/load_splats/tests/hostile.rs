@@ -102,3 +102,100 @@ fn bombs_are_refused() {
         assert!(read(&bytes).is_err(), "{name}");
     }
 }
+
+/// Damage to files, the same on every machine.
+struct Damage(u64);
+
+impl Damage {
+    fn next(&mut self) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        self.next() % end.max(1)
+    }
+
+    /// One to eight changes: bits, bytes, numbers of the kind that overflow, pieces doubled, moved and left out.
+    fn apply(&mut self, bytes: &mut Vec<u8>) {
+        for _ in 0..=self.below(8) {
+            // Headers are short and what lies behind them is long: half of the changes are for them.
+            let end = if self.below(2) == 0 { bytes.len().min(256) } else { bytes.len() };
+            let (at, length) = (self.below(end), 1 << self.below(9));
+            let to = (at + length).min(bytes.len());
+            match self.below(8) {
+                0 | 1 if at < bytes.len() => bytes[at] ^= 1 << self.below(8),
+                2 if at < bytes.len() => bytes[at] = self.next() as u8,
+                3 => {
+                    let numbers =
+                        [0_u64, 1, 0x7f, 0xff, 0x7fff_ffff, 0xffff_ffff, 1 << 32, 1 << 63, u64::MAX];
+                    let number = numbers[self.below(numbers.len())].to_le_bytes();
+                    let width = [1, 2, 4, 8][self.below(4)];
+                    bytes.iter_mut().skip(at).zip(&number[..width]).for_each(|(to, from)| *to = *from);
+                }
+                4 => {
+                    let digits = ["0", "-1", "9", "4294967296", "1e999", "null", "[]"];
+                    bytes.splice(at..at, digits[self.below(digits.len())].bytes());
+                }
+                5 => drop(bytes.drain(at..to)),
+                6 => {
+                    let piece = bytes[at..to].to_vec();
+                    bytes.splice(at..at, piece);
+                }
+                _ => bytes.truncate(bytes.len() - self.below(bytes.len()).min(length)),
+            }
+        }
+    }
+}
+
+/// Files that are packed get their damage before: behind a checksum it would be refused unseen.
+fn damaged(name: &str, bytes: &[u8], damage: &mut Damage) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    match name {
+        "sog stored" | "sog deflated" if damage.below(4) > 0 => {
+            let mut files = build::sog(if name == "sog stored" { 2 } else { 1 });
+            // The description is worth more than any picture.
+            let which = if damage.below(2) == 0 { 0 } else { damage.below(files.len()) };
+            damage.apply(&mut files[which].1);
+            build::zip("", &files, name == "sog deflated")
+        }
+        "spz 2" | "spz 3" if damage.below(4) > 0 => {
+            let mut plain = Vec::new();
+            std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&bytes[..]), &mut plain).unwrap();
+            damage.apply(&mut plain);
+            plain
+        }
+        _ => {
+            damage.apply(&mut bytes);
+            bytes
+        }
+    }
+}
+
+// Some thousand damaged files of every format. `LIGHTHARMONY_FUZZ=200000 cargo test damaged` tries as many of each;
+// `nodes/fuzz` has targets that find their way by coverage.
+#[test]
+fn damaged_files_are_survived() {
+    let wanted = std::env::var("LIGHTHARMONY_FUZZ").ok().and_then(|n| n.parse().ok());
+    for (name, bytes) in all() {
+        let mut damage = Damage(1);
+        let mut scenes = 0;
+        for number in 0..wanted.unwrap_or(1000) {
+            let file = damaged(name, &bytes, &mut damage);
+            let seen = std::panic::catch_unwind(|| {
+                if let Ok((splats, _)) = read(&file) {
+                    is_sane(&splats);
+                    assert!(splats.len() <= file.len() * 64, "{} splats", splats.len());
+                    return true;
+                }
+                false
+            });
+            match seen {
+                Ok(scene) => scenes += usize::from(scene),
+                Err(_) => panic!("{name}: damaged file {number} of {} bytes: {file:02x?}", file.len()),
+            }
+        }
+        // Neither are all refused at the door, nor is none.
+        assert!(scenes > 0, "{name}");
+    }
+}

@@ -6,6 +6,7 @@ use engine::Up;
 
 use super::*;
 use crate::equirect;
+use crate::splat::lens::Sphere;
 
 const UPS: [Up; 3] = [Up::PlusZ, Up::PlusY, Up::MinusY];
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };
@@ -28,6 +29,12 @@ fn shell(count: usize, seed: u64) -> Splats {
 
 fn around(splats: &Splats, up: Up, width: u32, settings: Settings) -> Rendered {
     panorama(splats, DVec3::ZERO, up, width, &settings, &context()).expect("renders")
+}
+
+/// True where the layout is drawn without the help of a picture of its cap.
+fn in_the_belt(y: usize, width: u32) -> bool {
+    let theta = (y as f64 + 0.5) * TAU / f64::from(width);
+    (PI / 6.0..=5.0 * PI / 6.0).contains(&theta)
 }
 
 fn angles(up: Up, p: DVec3, width: f64) -> [f64; 2] {
@@ -98,6 +105,9 @@ fn panoramas_are_the_textbook() {
         let mut off = 0;
         for (i, pixel) in reference.rgba.as_chunks::<4>().0.iter().enumerate() {
             let (x, y) = (i % width as usize, i / width as usize);
+            if !in_the_belt(y, width) {
+                continue;
+            }
             let expected = brute_force(&splats, up, width, x, y);
             let error = (0..4).map(|c| (f64::from(pixel[c]) - expected[c]).abs()).fold(0.0, f64::max);
             // The derivative by differences carries 1e-9; a pair at the cut may fall on its other side.
@@ -162,7 +172,7 @@ fn turning_the_world_rolls_the_picture() {
         }
         let seen = around(&turned, Up::PlusZ, width as u32, F64);
         let (mut sum, mut largest) = (0.0_f32, 0.0_f32);
-        for y in 0..height {
+        for y in (0..height).filter(|y| in_the_belt(*y, width as u32)) {
             for x in 0..width {
                 for c in 0..4 {
                     let a = expected.rgba[(y * width + x) * 4 + c];
@@ -174,6 +184,57 @@ fn turning_the_world_rolls_the_picture() {
         }
         // Rotations are rounded to f32, and a pair at the cut may fall on its other side.
         assert!(largest < 1e-2 && sum / ((width * height * 4) as f32) < 1e-5, "{columns}: {largest} {sum}");
+    }
+}
+
+/// What a camera sees that looks in one direction with one pixel, as dense as the picture of a cap.
+fn single(splats: &Splats, direction: DVec3, width: u32) -> [f32; 4] {
+    let right = direction.cross(direction.any_orthonormal_vector()).normalize();
+    let axes = [right, direction.cross(right), direction].map(|axis| axis.extend(0.0));
+    let mut camera = camera(1, 1, 60.0);
+    camera.fx = 1.5 * f64::from(width) / TAU;
+    camera.fy = camera.fx;
+    camera.world_from_camera = DMat4::from_cols(axes[0], axes[1], axes[2], glam::DVec4::W).to_cols_array();
+    let seen = draw(splats, &camera, Settings { sort: Sort::Distance, ..F64 });
+    [seen.rgba[0], seen.rgba[1], seen.rgba[2], seen.rgba[3]]
+}
+
+// Near the poles the layout bends over a splat: there the picture is that of a camera, not of an ellipse in the layout.
+#[test]
+fn poles_show_what_a_camera_sees() {
+    let mut splats = shell(4000, 77);
+    // Broad and soft, so that one pixel says what a splat is like, and far from the near plane.
+    for (mean, scale) in splats.means.iter_mut().zip(&mut splats.scales) {
+        let p = DVec3::from(mean.map(f64::from)).normalize() * 6.0;
+        *mean = p.to_array().map(|v| v as f32);
+        *scale = scale.map(|s| s.clamp(0.15, 0.45));
+    }
+    splats.opacities.iter_mut().for_each(|o| *o *= 0.3);
+    let width = 180;
+    for settings in [F64, FAST] {
+        let seen = around(&splats, Up::PlusY, width, settings);
+        let layout = [Sphere::new(DVec3::ZERO, Up::PlusY, width, 0..90)];
+        let as_belt = Settings { sort: Sort::Distance, ..settings };
+        let straight =
+            crate::splat::draw(&splats, &layout, None, &as_belt, &context(), (Level::new(), &|| 0.0));
+        let straight = alone(straight.expect("renders")).expect("one view");
+        let (mut squares, mut squares_straight, mut count) = (0.0_f64, 0.0_f64, 0.0);
+        // Caps and what gives way to them.
+        for y in (0..90).filter(|y| !in_the_belt(*y, width)) {
+            for x in (0..180).step_by(7) {
+                let direction =
+                    equirect::direction(Up::PlusY, (x as f64 + 0.5) / 180.0, (y as f64 + 0.5) / 90.0);
+                let expected = single(&splats, direction, width);
+                for (c, expected) in expected.into_iter().enumerate() {
+                    let off = |seen: &Rendered| f64::from(seen.rgba[(y * 180 + x) * 4 + c] - expected);
+                    squares += off(&seen) * off(&seen);
+                    squares_straight += off(&straight) * off(&straight);
+                    count += 1.0;
+                }
+            }
+        }
+        let [caps, straight] = [squares, squares_straight].map(|sum| -10.0 * num::f64::log10(sum / count));
+        assert!(caps > 34.0 && caps > straight + 3.0, "{caps:.1} dB; without the caps {straight:.1} dB");
     }
 }
 

@@ -1,6 +1,8 @@
 //! Rows of `users-metrics.md`, section 5, that loaders let through and the renderer must bear; those of
 //! the file formats are tested beside the loaders.
 
+use engine::Up;
+
 use super::*;
 
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };

@@ -1,5 +1,7 @@
 //! Depth modes, counts and the limit.
 
+use engine::Up;
+
 use super::*;
 
 const MIDDLE: usize = 16 * 33 + 16;
@@ -47,7 +49,9 @@ fn counts_are_the_blends_and_change_nothing_else() {
 }
 
 fn before(splats: &Splats, camera: &Camera, limit: &Image<Data>, settings: Settings) -> Rendered {
-    render_before(splats, camera, limit, &settings, &context()).expect("renders")
+    let cameras = std::slice::from_ref(camera);
+    let seen = render_all(splats, cameras, Some(&[limit]), &settings, &context()).expect("renders");
+    alone(seen).expect("one view")
 }
 
 // What is at or behind the surface is as if it were not in the file, pixel by pixel.
@@ -90,5 +94,43 @@ fn a_surface_in_front_ends_the_blend() {
         }
     }
     let small = Image::<Data>::new(49, 40, 1);
-    assert!(render_before(&splats, &camera, &small, &F64, &context()).is_err());
+    assert!(render_all(&splats, &[camera], Some(&[&small]), &F64, &context()).is_err());
+}
+
+// Six faces, a camera elsewhere, and two of other sizes back at the first point: what a pass shares does not show.
+#[test]
+fn cameras_that_share_a_pass_see_what_they_see_alone() {
+    let splats = cloud(600, 23);
+    let rig = crate::cube_rig::cube(
+        DVec3::new(0.1, -0.2, 3.0),
+        crate::equirect::axes(Up::PlusZ),
+        40,
+        3.0,
+        crate::cube_rig::Turn::OffAxis,
+    );
+    let mut cameras = rig.cameras;
+    let eye = cameras[0].world_from_camera;
+    cameras.push(camera(50, 33, 70.0));
+    cameras.push(Camera { world_from_camera: eye, ..camera(17, 90, 40.0) });
+    cameras.push(Camera { world_from_camera: eye, ..camera(90, 17, 100.0) });
+    for settings in [
+        F64,
+        Settings { precision: Precision::F32, sort: Sort::Distance, ..F64 },
+        Settings { precision: Precision::F32, bounds: Bounds::Inria, count_blends: true, ..F64 },
+        Settings { precision: Precision::F32, bounds: Bounds::None, ..F64 },
+    ] {
+        let together = render_all(&splats, &cameras, None, &settings, &context()).expect("renders");
+        assert_eq!(together.len(), 9);
+        for (camera, seen) in cameras.iter().zip(&together) {
+            let by_itself = draw(&splats, camera, settings);
+            assert_eq!(bits(seen), bits(&by_itself));
+            assert_eq!(seen.blends, by_itself.blends);
+            let Work { visited, coloured, .. } = seen.work;
+            assert_eq!(Work { visited, coloured, ..by_itself.work }, seen.work);
+            assert!(coloured <= by_itself.work.coloured);
+        }
+        let visited: Vec<u64> = together.iter().map(|seen| seen.work.visited).collect();
+        assert_eq!(visited, [600, 0, 0, 0, 0, 0, 600, 600, 0]);
+        assert!(together[..6].iter().map(|seen| seen.work.coloured).sum::<u64>() <= 600);
+    }
 }

@@ -1,0 +1,188 @@
+//! What a triangle mesh is like: its size, which way is up, where the floor lies, and whether it is closed.
+
+use serde::Serialize;
+
+use super::{Extent, Finding, FloorGuess, Patch, floor_of, percentile};
+use crate::types::Mesh;
+
+/// What a mesh is like.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// Vertices.
+    pub vertices: usize,
+    /// Triangles that have an area.
+    pub triangles: usize,
+    /// True when the vertices have colours.
+    pub coloured: bool,
+    /// Box of all vertices; `None` without any.
+    pub bounds: Option<Extent>,
+    /// Sum of the triangles' areas, in square units.
+    pub area: f64,
+    /// Edges of one triangle only, vertices at one point taken as one: the rims of holes.
+    pub open_edges: usize,
+    /// Edges of three triangles or more, or of two that disagree on which side is out.
+    pub odd_edges: usize,
+    /// The floor.
+    pub floor: Option<FloorGuess>,
+    /// What looks wrong.
+    pub findings: Vec<Finding>,
+}
+
+impl Inspection {
+    /// True when every edge has two triangles that agree on which side is out.
+    pub fn is_closed(&self) -> bool {
+        self.triangles > 0 && self.open_edges == 0 && self.odd_edges == 0
+    }
+}
+
+/// Inspects a mesh.
+pub fn inspect(mesh: &Mesh) -> Inspection {
+    let bounds = (!mesh.positions.is_empty()).then(|| {
+        let axis = |k: usize, of: fn(f32, f32) -> f32| {
+            f64::from(mesh.positions.iter().map(|p| p[k]).reduce(of).unwrap_or_default())
+        };
+        Extent { min: [0, 1, 2].map(|k| axis(k, f32::min)), max: [0, 1, 2].map(|k| axis(k, f32::max)) }
+    });
+    // The middle 96 % of the vertices: a few far away must not stretch the search for the floor.
+    let core = bounds.map(|_| {
+        let at = |share| {
+            [0, 1, 2].map(|k| percentile(&mut mesh.positions.iter().map(|p| p[k]).collect::<Vec<_>>(), share))
+        };
+        // A floor is flat: all of its vertices may lie at the lowest percentile.
+        Extent { min: at(0.02), max: at(0.98) }
+    });
+    let patches = || mesh.triangles.iter().map(|corners| patch(corners.map(|v| mesh.positions[v as usize])));
+    let (open_edges, odd_edges) = edges(mesh);
+    let mut found = Inspection {
+        vertices: mesh.positions.len(),
+        triangles: mesh.triangles.len(),
+        coloured: !mesh.colours.is_empty(),
+        bounds,
+        area: patches().map(|patch| patch.weight).sum(),
+        open_edges,
+        odd_edges,
+        floor: core.and_then(|core| floor_of(patches(), &core)),
+        findings: Vec::new(),
+    };
+    for (id, holds, text) in [
+        ("no-triangles", found.triangles == 0, "nothing that light could meet".to_owned()),
+        (
+            "no-colours",
+            found.triangles > 0 && !found.coloured,
+            "no vertex colours: light that it bounces will be grey".to_owned(),
+        ),
+        (
+            "odd-edges",
+            found.odd_edges > 0,
+            format!("{} edges where the sides of the surface contradict each other", found.odd_edges),
+        ),
+        (
+            "floor-unclear",
+            found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| floor.confidence < 0.25),
+            "which way is up cannot be told from the surface".to_owned(),
+        ),
+    ] {
+        if holds {
+            found.findings.push(Finding { id, text });
+        }
+    }
+    found
+}
+
+/// A triangle as a piece of surface.
+fn patch([a, b, c]: [[f32; 3]; 3]) -> Patch {
+    let [a, b, c] = [a, b, c].map(|p| glam::DVec3::from(p.map(f64::from)));
+    let cross = (b - a).cross(c - a);
+    let length = cross.length();
+    Patch {
+        middle: ((a + b + c) / 3.0).to_array(),
+        normal: (length > 0.0).then(|| (cross / length).to_array()),
+        weight: 0.5 * length,
+    }
+}
+
+/// How many edges are open, and how many odd.
+fn edges(mesh: &Mesh) -> (usize, usize) {
+    // Exporters give a vertex again wherever its normal or colour changes: the same point is the same vertex.
+    let mut order: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    // -0 is 0.
+    let point = |v: u32| mesh.positions[v as usize].map(|c| (c + 0.0).to_bits());
+    order.sort_unstable_by_key(|v| (point(*v), *v));
+    let mut first = vec![0_u32; order.len()];
+    for same in order.chunk_by(|a, b| point(*a) == point(*b)) {
+        same.iter().for_each(|v| first[*v as usize] = same[0]);
+    }
+    let mut edges = Vec::with_capacity(mesh.triangles.len() * 3);
+    for corners in &mesh.triangles {
+        let corners = corners.map(|v| first[v as usize]);
+        for k in 0..3 {
+            let (a, b) = (corners[k], corners[(k + 1) % 3]);
+            edges.push((a.min(b), a.max(b), a < b));
+        }
+    }
+    edges.sort_unstable();
+    let (mut open, mut odd) = (0, 0);
+    for same in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+        match same {
+            [_] => open += 1,
+            [(.., one), (.., other)] if one != other => {}
+            _ => odd += 1,
+        }
+    }
+    (open, odd)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A box of 8 by 8 by 2, each of its faces with vertices of its own.
+    fn slab() -> Mesh {
+        let mut mesh = Mesh::default();
+        for axis in 0..3 {
+            for side in [false, true] {
+                let first = mesh.positions.len() as u32;
+                for (u, v) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
+                    let mut p = [0.0_f32; 3];
+                    p[axis] = f32::from(u8::from(side));
+                    (p[(axis + 1) % 3], p[(axis + 2) % 3]) = (u, v);
+                    mesh.positions.push([p[0] * 8.0, p[1] * 8.0, p[2] * 2.0]);
+                }
+                let quad = if side { [0, 1, 2, 3] } else { [0, 3, 2, 1] };
+                mesh.triangles.push([quad[0], quad[1], quad[2]].map(|v| first + v));
+                mesh.triangles.push([quad[0], quad[2], quad[3]].map(|v| first + v));
+            }
+        }
+        mesh
+    }
+
+    #[test]
+    fn a_box_is_closed_whatever_its_vertices() {
+        let found = inspect(&slab());
+        assert!(found.is_closed() && found.vertices == 24 && found.triangles == 12);
+        assert!((found.area - (2.0 * 64.0 + 4.0 * 16.0)).abs() < 1e-9);
+        assert_eq!(found.bounds.map(|b| b.max), Some([8.0, 8.0, 2.0]));
+        assert_eq!(found.findings.iter().map(|f| f.id).collect::<Vec<_>>(), ["no-colours", "floor-unclear"]);
+    }
+
+    #[test]
+    fn holes_and_turned_faces_are_counted() {
+        let mut open = slab();
+        open.triangles.pop();
+        assert_eq!((inspect(&open).open_edges, inspect(&open).is_closed()), (3, false));
+        let mut turned = slab();
+        turned.triangles[3].reverse();
+        assert_eq!((inspect(&turned).open_edges, inspect(&turned).odd_edges), (0, 3));
+        let none = inspect(&Mesh::default());
+        assert!(!none.is_closed() && none.bounds.is_none() && none.findings[0].id == "no-triangles");
+    }
+
+    // The lid taken off and walls that go on: the floor is what is left.
+    #[test]
+    fn the_floor_of_a_tray_is_found() {
+        let mut tray = slab();
+        tray.triangles.truncate(10);
+        let floor = inspect(&tray).floor.map(|floor| (floor.up, floor.height.abs() < 0.05));
+        assert_eq!(floor, Some(("+z", true)));
+    }
+}

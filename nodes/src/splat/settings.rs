@@ -1,0 +1,206 @@
+//! How splats are drawn: what every kind that draws them lets its users choose.
+
+use engine::Notes;
+
+use crate::types::Splats;
+
+engine::choices! {
+    /// Which pixels a splat is evaluated at.
+    pub enum Bounds {
+        /** Where its alpha reaches the cut: the exact ellipse, closed. */ Exact,
+        /** As the INRIA rasterizer: every tile that a square of 3 standard deviations touches. */ Inria,
+        /** All. */ None,
+    }
+}
+engine::choices! {
+    /// Arithmetic of the blend; the projection is always in f64.
+    pub enum Precision { /** 8 pixels at once. */ F32, /** The reference: slow. */ F64 }
+}
+engine::choices! {
+    /// What orders the splats of a pixel.
+    pub enum Sort {
+        /** Planar depth of the centre, as nearly every trainer. */ Depth,
+        /** Distance of the centre, which does not change as the camera turns. */ Distance,
+    }
+}
+engine::choices! {
+    /// Whether opacity makes up for what the low-pass filter adds to a splat's area.
+    pub enum Compensation { /** As the file says it was trained. */ File, /** Always. */ On, /** Never. */ Off }
+}
+engine::choices! {
+    /// What the depth of a pixel is.
+    pub enum DepthMode {
+        /** Mean depth of what was blended, by weight. */ Expected,
+        /** Depth of the splat that takes transmittance to one half or below; none where none does. */
+        Median,
+        /** As `Expected`, with each weight times the transmittance in front once more: what shines through
+        counts less, so it lies nearer to the first surface. */
+        Transmittance,
+    }
+}
+
+engine::params! {
+    /// How splats are drawn, whatever the picture.
+    pub struct Drawing {
+        /// Which pixels a splat is evaluated at.
+        bounds: Bounds = Bounds::Exact, other("Inria");
+        /// Arithmetic of the blend; the projection is always in f64.
+        precision: Precision = Precision::F32, other("F64");
+        /// Highest degree of the spherical harmonics that is used.
+        sh_degree: u32 = 4, range(0, 4), other("0");
+        /// Splats at or below this planar depth, of a panorama this distance, are left out. In world units, so
+        /// that it scales with the scene.
+        near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
+        /// Variance of the low-pass filter added to every footprint, in squares of pixels, of a panorama of samples.
+        low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
+        /// Whether opacity makes up for what the low-pass filter adds to a splat's area (mip splatting).
+        compensation: Compensation = Compensation::File, other("On");
+        /// Smallest alpha that is blended; 0 blends all, everywhere.
+        alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1");
+        /// Largest alpha of one splat.
+        alpha_cap: f64 = 0.99, range(0.01, 1.0), other("0.5");
+        /// A pixel is finished when its transmittance would fall below; 0 never stops early.
+        stop: f64 = 1e-4, range(0.0, 0.5), other("0.3");
+        /// What the depth of a pixel is.
+        depth: DepthMode = DepthMode::Expected, other("Median");
+        /// Whether to count the splats added to each pixel, for `blends`.
+        count_blends: bool = false, other("true");
+    }
+}
+
+impl Default for Drawing {
+    fn default() -> Self {
+        let of = Settings::default();
+        Self {
+            bounds: of.bounds,
+            precision: of.precision,
+            sh_degree: of.sh_degree,
+            near: of.near,
+            low_pass_px2: of.low_pass_px2,
+            compensation: Compensation::File,
+            alpha_cut: of.alpha_cut,
+            alpha_cap: of.alpha_cap,
+            stop: of.stop,
+            depth: of.depth,
+            count_blends: of.count_blends,
+        }
+    }
+}
+
+impl Drawing {
+    /// The settings for a scene; warns where its file says that it was trained otherwise.
+    pub(crate) fn settings(&self, sort: Sort, splats: &Splats, notes: &mut Notes) -> Settings {
+        let compensate = match self.compensation {
+            Compensation::File => splats.antialiased,
+            Compensation::On => true,
+            Compensation::Off => false,
+        };
+        if compensate != splats.antialiased {
+            let text = if compensate {
+                "compensation is on, but the file does not say it was trained so; thin detail may vanish"
+            } else {
+                "compensation is off, but the file says it was trained with it"
+            };
+            notes.warning("compensation-mismatch", text);
+        }
+        Settings {
+            bounds: self.bounds,
+            precision: self.precision,
+            sort,
+            sh_degree: self.sh_degree,
+            near: self.near,
+            low_pass_px2: self.low_pass_px2,
+            compensate,
+            alpha_cut: self.alpha_cut,
+            alpha_cap: self.alpha_cap,
+            stop: self.stop,
+            depth: self.depth,
+            count_blends: self.count_blends,
+        }
+    }
+}
+
+/// How to render: [`Drawing`] with the file's own flag applied, and the order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Which pixels a splat is evaluated at.
+    pub bounds: Bounds,
+    /// Arithmetic of the blend.
+    pub precision: Precision,
+    /// What orders the splats.
+    pub sort: Sort,
+    /// Highest degree of the spherical harmonics that is used.
+    pub sh_degree: u32,
+    /// Splats at or below this planar depth are left out, in world units.
+    pub near: f64,
+    /// Variance added to both axes of the footprint, in square pixels.
+    pub low_pass_px2: f64,
+    /// True when opacity is scaled by the square root of the ratio of the footprint's areas.
+    pub compensate: bool,
+    /// Smallest alpha that is blended.
+    pub alpha_cut: f64,
+    /// Largest alpha of one splat.
+    pub alpha_cap: f64,
+    /// A pixel is finished, without the splat at hand, when its transmittance would fall below.
+    pub stop: f64,
+    /// What the depth of a pixel is.
+    pub depth: DepthMode,
+    /// True to count the blends of each pixel.
+    pub count_blends: bool,
+}
+
+impl Default for Settings {
+    /// The constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
+    fn default() -> Self {
+        Self {
+            bounds: Bounds::Exact,
+            precision: Precision::F32,
+            sort: Sort::Depth,
+            sh_degree: 4,
+            near: 0.2,
+            low_pass_px2: 0.3,
+            compensate: false,
+            alpha_cut: 1.0 / 255.0,
+            alpha_cap: 0.99,
+            stop: 1e-4,
+            depth: DepthMode::Expected,
+            count_blends: false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_says_how_it_was_trained_and_another_choice_is_told() {
+        for antialiased in [false, true] {
+            let splats = Splats { antialiased, ..crate::testing::no_splats() };
+            for (compensation, on, told) in [
+                (Compensation::File, antialiased, false),
+                (Compensation::On, true, !antialiased),
+                (Compensation::Off, false, antialiased),
+            ] {
+                let mut notes = Notes::none();
+                let drawing = Drawing { compensation, ..Drawing::default() };
+                let settings = drawing.settings(Sort::Depth, &splats, &mut notes);
+                assert_eq!(settings, Settings { compensate: on, ..Settings::default() });
+                assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), told);
+            }
+        }
+    }
+
+    // The defaults that a graph gets are those that code gets.
+    #[test]
+    fn defaults_agree() {
+        use engine::{ParamValue, Params};
+        let mut given = Vec::new();
+        Drawing::default().visit(&mut |name, value: &dyn ParamValue| {
+            given.push((name, value.text().expect("finite")));
+        });
+        let declared: Vec<_> =
+            Drawing::specs().into_iter().map(|spec| (spec.name, spec.default.expect("has one"))).collect();
+        assert_eq!(given, declared);
+    }
+}

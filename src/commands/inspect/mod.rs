@@ -1,0 +1,99 @@
+//! `inspect`: what a scene of splats, or a mesh, is like.
+
+mod person;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use engine::{Context, InputFile, Kind, NodeError, Notes, Up};
+use nodes::inspect::{mesh, splats::Inspection};
+use nodes::load_mesh::{self, LoadMesh};
+use nodes::load_splats::{Format, Frame};
+use serde::Serialize;
+
+use super::splats;
+use crate::session::Error;
+
+/// Tells what a scene of splats, or a mesh, is like.
+#[derive(Debug, Args)]
+pub struct Inspect {
+    /// A file or folder of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF), or a mesh (PLY, glTF)
+    file: PathBuf,
+    /// One JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// The answer, as JSON has it.
+#[derive(Serialize)]
+struct Answer<'a> {
+    file: String,
+    /// `splats` or `mesh`.
+    holds: &'static str,
+    format: Option<&'static str>,
+    /// Up by the format, where it says so; coordinates below are as stored all the same.
+    declared_up: Option<&'static str>,
+    #[serde(flatten)]
+    scene: Option<&'a Inspection>,
+    #[serde(flatten)]
+    mesh: Option<&'a mesh::Inspection>,
+    notes: &'a Notes,
+}
+
+impl Inspect {
+    /// Exit code 0, or 1 where the file cannot be read.
+    pub fn run(self) -> Result<u8, Error> {
+        let cx = splats::context(Up::PlusY);
+        // A folder is a SOG scene, which says nothing about axes.
+        let format = std::fs::read(&self.file).ok().and_then(|bytes| Format::of("", &bytes).ok());
+        let mut answer = Answer {
+            file: self.file.display().to_string(),
+            holds: "splats",
+            format: format.map_or(Some("sog"), |format| Some(format.name())),
+            declared_up: format.and_then(Format::declared_up).map(Up::name),
+            scene: None,
+            mesh: None,
+            notes: &Notes::none(),
+        };
+        let inspected = splats::load(&self.file, Frame::AsStored, &cx)
+            .and_then(|(scene, notes)| Ok((nodes::inspect::splats::inspect(&scene, &cx)?, notes)));
+        let failed = match inspected {
+            Ok((scene, notes)) => {
+                (answer.scene, answer.notes) = (Some(&scene), &notes);
+                return self.tell(&answer);
+            }
+            Err(failed) => failed,
+        };
+        // PLY, glTF and GLB hold splats or a mesh; what is neither is told as what it is nearer to.
+        match load_mesh(&self.file, &cx) {
+            Ok((found, notes)) if !found.triangles.is_empty() => {
+                let found = mesh::inspect(&found);
+                (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
+                self.tell(&answer)
+            }
+            _ => Ok(splats::failed(&failed)),
+        }
+    }
+
+    fn tell(&self, answer: &Answer<'_>) -> Result<u8, Error> {
+        let text = if self.json {
+            let json = serde_json::to_string(answer).map_err(std::io::Error::from)?;
+            format!("{json}\n")
+        } else {
+            person::person(answer)
+        };
+        super::print(&text)?;
+        Ok(0)
+    }
+}
+
+/// A mesh of any format, as stored.
+fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), NodeError> {
+    let params = LoadMesh {
+        path: InputFile(path.display().to_string()),
+        colours: load_mesh::ColourEncoding::Auto,
+        frame: load_mesh::MeshFrame::World,
+    };
+    let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
+    Ok((std::sync::Arc::unwrap_or_clone(out.mesh), notes))
+}
