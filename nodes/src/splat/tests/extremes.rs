@@ -72,7 +72,9 @@ fn huge_splats_cost_one_evaluation_a_pixel() {
             );
             let around = panorama(&splat, DVec3::ZERO, Up::PlusZ, 64, &settings, &context());
             let around = around.expect("renders");
-            assert!(around.rgba.iter().all(|v| v.is_finite()) && around.work.evaluations <= 64 * 32);
+            assert!(around.rgba.iter().all(|v| v.is_finite()));
+            // Once in the belt and once in the caps, which overlap a little and are finer.
+            assert!(around.work.evaluations <= 2 * 64 * 32, "{:?}", around.work);
         }
     }
 }
