@@ -1,8 +1,10 @@
 //! `lightharmony`: inserts 3D objects into captured Gaussian splat scenes with light and shadow that match.
 
+mod causes;
 mod commands;
 mod report;
 mod session;
+mod trace;
 
 use std::process::ExitCode;
 

@@ -67,6 +67,10 @@ impl Report {
     pub fn tell(&mut self, event: &Event) {
         match self {
             Report::Json => {
+                // Threads are for traces.
+                if matches!(event, Event::Span { .. }) {
+                    return;
+                }
                 if let Ok(line) = serde_json::to_string(event) {
                     let _ = writeln!(std::io::stdout().lock(), "{line}");
                 }
@@ -85,7 +89,7 @@ impl Lines {
                     bar.set_position((fraction * 1000.0) as u64);
                 }
             }
-            Event::Part { .. } => {}
+            Event::Part { .. } | Event::Span { .. } => {}
             Event::Remake { id, reason } => {
                 self.line("again", "33", &format!("{id}: {reason}"));
             }
@@ -203,7 +207,8 @@ pub fn seconds_text(seconds: f64) -> String {
     }
 }
 
-fn counts_text(counts: &Counts) -> String {
+/// `   rays 1.2 M, ..`, or nothing.
+pub fn counts_text(counts: &Counts) -> String {
     let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
     if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }
 }

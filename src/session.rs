@@ -29,7 +29,7 @@ pub enum Error {
     #[error("no kind is named `{name}`{hint}")]
     Kind { name: String, hint: String },
     /// The cache folder cannot be used.
-    #[error("cannot open the cache: {0}")]
+    #[error(transparent)]
     Cache(#[from] cache::Error),
     /// The machine gives no home folder to keep a cache in.
     #[error("no folder for the cache is known; name one with `--cache` or LIGHTHARMONY_CACHE")]
@@ -169,6 +169,16 @@ impl EngineArgs {
         let store = Store::open(&folder, cache::Options::default())?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Engine::new(store, self.jobs.unwrap_or(cores), memory)?)
+    }
+}
+
+/// Bytes as a person reads them.
+pub fn size_text(bytes: u64) -> String {
+    match bytes {
+        0..=9_999 => format!("{bytes} B"),
+        10_000..=9_999_999 => format!("{:.1} kB", bytes as f64 / 1e3),
+        10_000_000..=9_999_999_999 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
     }
 }
 

@@ -4,12 +4,14 @@ use std::sync::Arc;
 
 use cache::{Digest, Key, Manifest, Store};
 
-use crate::context::{ContextField, ReadSource, SourceFile};
+use crate::context::{ContextField, ReadSource};
 use crate::error::NodeError;
 use crate::graph::{Graph, Node, Wire};
 use crate::key::node_key;
+use crate::kind::Sizes;
 use crate::recipe::recipe;
-use crate::record::{Output, Record, read_digest};
+use crate::record::{Output, Record, Spent};
+use crate::root::SourceFile;
 
 /// A node whose inputs are known by digest.
 #[derive(Default)]
@@ -53,7 +55,7 @@ pub(crate) fn prepare<'s>(
 
 fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSource, NodeError> {
     match store.digest_file(&file.path) {
-        Ok((digest, _)) => Ok(ReadSource { file, digest }),
+        Ok((digest, bytes)) => Ok(ReadSource { file, digest, bytes }),
         Err(error) => {
             let field = node.kind.params.iter().find(|param| param.role == crate::param::Role::Input);
             let error = NodeError::new(format!("cannot read `{}`: {error}", file.path.display()));
@@ -76,36 +78,54 @@ pub(crate) fn last_prefix(graph: &Graph) -> String {
     format!("last key\n{}\n{file}\n", graph.root.folder().display())
 }
 
+/// How large the inputs of a node are. `output` gives what a wire carries.
+pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wire) -> &'s Output) -> Sizes {
+    let ports = node.kind.inputs.iter().zip(&node.inputs);
+    let size = |wires: &[Wire]| wires.iter().fold(0, |sum: u64, wire| sum.saturating_add(output(*wire).size));
+    Sizes {
+        ports: ports.map(|(port, wires)| (port.name, size(wires))).collect(),
+        files: sources.iter().fold(0, |sum, source| sum.saturating_add(source.bytes)),
+    }
+}
+
 /// Name under which the last key of a node is remembered, for forecasts and explanations.
 fn last_name(graph: &Graph, node: &Node) -> String {
     last_prefix(graph) + &node.id
 }
 
-/// The record of the last run of a node of this name in a graph file of this name, still encoded.
-fn last_record(store: &Store, graph: &Graph, node: &Node) -> Option<Vec<u8>> {
-    let bytes = store.history_get(&last_name(graph, node))?;
-    store.get_record(&read_digest(&mut crate::artifact::Decoder::new(&bytes)).ok()?)
+/// The keys that a node of this name in a graph file of this name had last and before that.
+fn last_keys(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
+    let bytes = store.history_get(&last_name(graph, node)).unwrap_or_default();
+    bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
 /// What the last run of a node of this name gave.
 pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
-    Record::decode(&last_record(store, graph, node)?, node).ok()
+    look_up(store, node, last_keys(store, graph, node).first()?)
 }
 
-/// How long the last run of a node of this name took, and what its key was made of.
-pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(f64, Manifest)> {
-    let bytes = last_record(store, graph, node)?;
-    let seconds = Record::decode(&bytes, node).ok()?.seconds;
-    Some((seconds, Record::manifest(&bytes)?))
+/// What the last run of a node of this name took, and what its key was made of.
+pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
+    let bytes = store.get_record(last_keys(store, graph, node).first()?)?;
+    Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
-/// Remembers the key of a node. `name` holds the prefix of its graph, and does so again afterwards: a run
-/// with nothing to do still does this for every node.
+/// What the key of a node of this name was made of before it was `now`.
+pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
+    let before = last_keys(store, graph, node).into_iter().find(|key| key != now)?;
+    Record::manifest(&store.get_record(&before)?)
+}
+
+/// Remembers the key of a node and the one before it. `name` holds the prefix of its graph, and does so
+/// again afterwards: a run with nothing to do still does this for every node.
 pub(crate) fn remember(store: &Store, name: &mut String, node: &Node, key: &Digest) {
     let prefix = name.len();
     name.push_str(&node.id);
-    if store.history_get(name).as_deref() != Some(key.as_bytes()) {
-        store.history_put(name, key.as_bytes());
+    let known = store.history_get(name).unwrap_or_default();
+    if !known.starts_with(key.as_bytes()) {
+        let mut keys = key.as_bytes().to_vec();
+        keys.extend(known.iter().take(32));
+        store.history_put(name, &keys);
     }
     name.truncate(prefix);
 }

@@ -19,6 +19,10 @@ pub trait Artifact: Send + Sync + Sized + 'static {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt>;
     /// Memory held, in bytes; for admission, so a fair estimate is enough.
     fn bytes(&self) -> usize;
+    /// What the work of its readers grows with: pixels, splats, triangles.
+    fn size(&self) -> u64 {
+        self.bytes() as u64
+    }
     /// How far another value lies from this one, in the terms of this type (decibels, metres, rows).
     fn difference(&self, other: &Self) -> Difference;
 }
@@ -205,6 +209,7 @@ pub struct ArtifactType {
     pub(crate) encode: fn(&AnyArtifact) -> Vec<u8>,
     pub(crate) decode: fn(&[u8]) -> Result<AnyArtifact, Corrupt>,
     pub(crate) bytes: fn(&AnyArtifact) -> usize,
+    pub(crate) size: fn(&AnyArtifact) -> u64,
     pub(crate) difference: fn(&AnyArtifact, &AnyArtifact) -> Difference,
 }
 
@@ -220,6 +225,7 @@ impl ArtifactType {
                 Ok(value)
             },
             bytes: |value| typed::<A>(value).bytes(),
+            size: |value| typed::<A>(value).size(),
             difference: |a, b| typed::<A>(a).difference(typed::<A>(b)),
         }
     }

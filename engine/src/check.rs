@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::axis::{Axis, at_point, axes_read};
-use crate::context::{Scene, SourceRoot, Up};
+use crate::context::{Scene, Up};
 use crate::diag::{Diagnostic, nearest, shown};
 use crate::expand::{GATHER, Gather, Template};
 use crate::graph::{Node, Wire};
@@ -15,6 +15,7 @@ use crate::kind::{KindEntry, Registry, Step};
 use crate::order::Wiring;
 use crate::param::{InputFile, Role};
 use crate::port::{Arity, PortSpec};
+use crate::root::SourceRoot;
 use crate::scan::Scanner;
 use crate::syntax::{Document, Fields, RawField, RawNode, RawScene, parse_value, sort_of, twice};
 
@@ -288,7 +289,13 @@ impl<'t, 'a> Check<'t, 'a> {
         };
         for (name, path) in sources {
             let file = self.root.file(&InputFile(path.clone()));
-            if !file.path.exists() {
+            if self.root.is_outside(&file) {
+                self.report(
+                    Diagnostic::new(place(name), format!("`{path}` may not be read"))
+                        .label("outside of the bundle")
+                        .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`"),
+                );
+            } else if !file.path.exists() {
                 self.report(
                     Diagnostic::new(place(name), format!("`{path}` does not exist"))
                         .label(format!("looked for {}", file.path.display()))

@@ -9,9 +9,12 @@ use cache::Digest;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::action::Action;
 use crate::artifact::{Artifact, decode_all, encode_to_vec};
 use crate::error::NodeError;
+use crate::graph::Graph;
 use crate::param::{InputFile, ParamType, canonical};
+use crate::root::{SourceFile, SourceRoot};
 
 /// Which axis of the world points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -82,48 +85,6 @@ pub enum ContextField {
     Recipe,
 }
 
-/// A file that a node reads.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SourceFile {
-    /// As written in the graph or in another source; enters the key beside the digest of the content.
-    pub name: String,
-    /// Where it lies on this machine.
-    pub path: PathBuf,
-}
-
-/// Resolves the paths in a graph file.
-#[derive(Debug, Clone)]
-pub struct SourceRoot {
-    folder: PathBuf,
-}
-
-impl SourceRoot {
-    /// Paths are relative to `folder`, the folder of the graph file.
-    pub fn new(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into() }
-    }
-
-    /// The folder itself.
-    pub fn folder(&self) -> &std::path::Path {
-        &self.folder
-    }
-
-    /// The source that a parameter names.
-    pub fn file(&self, file: &InputFile) -> SourceFile {
-        SourceFile { name: file.0.clone(), path: self.folder.join(&file.0) }
-    }
-
-    /// A source beside another one, such as a buffer that a glTF file names.
-    pub fn beside(&self, other: &SourceFile, name: &str) -> SourceFile {
-        let path = other.path.parent().unwrap_or(&self.folder).join(name);
-        let name = match other.name.rsplit_once('/') {
-            Some((folder, _)) => format!("{folder}/{name}"),
-            None => name.to_owned(),
-        };
-        SourceFile { name, path }
-    }
-}
-
 /// Names one part of a node's work, an action of its own with its own key.
 #[derive(Debug, Clone, Copy)]
 pub struct Part<'a> {
@@ -146,6 +107,8 @@ pub(crate) trait PartStore: Send + Sync {
 pub(crate) struct ReadSource {
     pub file: SourceFile,
     pub digest: Digest,
+    /// Length of the file.
+    pub bytes: u64,
 }
 
 /// What a running node may ask of the engine: context fields, files, tiles on the shared threads, parts,
@@ -181,6 +144,18 @@ impl Context {
             progress: Box::new(|_| {}),
             parts: None,
             counts: Mutex::default(),
+        }
+    }
+
+    /// What the code of a node may ask for: no parts and no cancellation yet.
+    pub(crate) fn of_node(graph: &Graph, index: usize, action: &Action) -> Self {
+        Self {
+            reads: graph.nodes[index].kind.reads,
+            recipe: action.recipe.clone(),
+            wired: graph.wired(index),
+            root: graph.root.clone(),
+            sources: action.sources.clone(),
+            ..Self::detached(graph.scene, "")
         }
     }
 

@@ -124,6 +124,28 @@ fn ron_text(value: &str) -> String {
     }
 }
 
+/// RON text with the content of each string replaced.
+pub(crate) fn replace_strings(text: &str, with: impl Fn(&str) -> String) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(start) = rest.find('"') {
+        let (before, quoted) = rest.split_at(start);
+        let mut escaped = false;
+        let end = quoted[1..].find(|c| {
+            let ends = c == '"' && !escaped;
+            escaped = c == '\\' && !escaped;
+            ends
+        });
+        // Text that was checked has no string without an end.
+        let (string, after) = quoted.split_at(end.map_or(quoted.len(), |end| end + 2));
+        let plain = parse_value::<String>(string).unwrap_or_default();
+        out.push_str(before);
+        out.push_str(&format!("{:?}", with(&plain)));
+        rest = after;
+    }
+    out + rest
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,6 +164,13 @@ mod tests {
             edited,
             Ok("Graph(version: 1, scene: (seed: 9, up: \"+z\"), nodes: (\n  a: Pose(scale: 2, yaw_deg: 35), // keep\n  b: Demo(m: Hard, path: \"out/x.png\"),\n))".to_owned())
         );
+    }
+
+    #[test]
+    fn strings_are_replaced_wherever_they_stand() {
+        let replaced = replace_strings(r#"[Some("a/b.ply"), "c\"d", 3, "é"]"#, |text| format!("<{text}>"));
+        assert_eq!(replaced, r#"[Some("<a/b.ply>"), "<c\"d>", 3, "<é>"]"#);
+        assert_eq!(replace_strings("no string", |_| String::new()), "no string");
     }
 
     #[test]

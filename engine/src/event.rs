@@ -36,7 +36,7 @@ pub enum Event {
         id: String,
         /// Its kind.
         kind: &'static str,
-        /// How long it took last time, in seconds; absent when it never ran.
+        /// How long it will take, in seconds, by earlier runs of its kind; absent when there is none.
         #[serde(skip_serializing_if = "Option::is_none")]
         forecast: Option<f64>,
     },
@@ -59,6 +59,19 @@ pub enum Event {
         #[serde(serialize_with = "hex")]
         key: Digest,
         /// Wall time.
+        seconds: f64,
+    },
+    /// What one of the shared threads did for a node; told only where [`crate::RunOptions::trace`] asks for it.
+    Span {
+        /// Name of the node.
+        id: String,
+        /// `code`, `sources`, `load`, `store`, `files`, or the name of a part.
+        what: String,
+        /// Number of the thread.
+        thread: usize,
+        /// Seconds since the run began.
+        start: f64,
+        /// How long it took.
         seconds: f64,
     },
     /// A value that was not kept, or was damaged, is made once more because a reader needs it.

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::check::Check;
-use crate::context::{Scene, SourceRoot};
+use crate::context::Scene;
 use crate::diag::{Diagnostics, Source};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::order::{describe_cycle, distinct, order_of};
 use crate::param::{InputFile, Role};
+use crate::root::SourceRoot;
 use crate::syntax::{Fields, RawField, parse};
 
 /// One end of a wire: an output of a node.

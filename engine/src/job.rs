@@ -1,7 +1,6 @@
 //! Running one node on the shared threads.
 
 use std::any::Any;
-use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
@@ -10,17 +9,20 @@ use std::time::{Duration, Instant};
 
 use cache::{Digest, LeaseState, Store};
 
-use crate::action::{Action, last_run, look_up};
+use crate::action::{Action, look_up};
 use crate::artifact::AnyArtifact;
 use crate::context::{Context, Part, PartStore, ReadSource};
 use crate::error::NodeError;
 use crate::event::{Counts, Event, State};
 use crate::files::Files;
+use crate::forecast::Pace;
 use crate::graph::{Graph, Node, Wire};
 use crate::key::part_key;
 use crate::kind::Keep;
-use crate::record::{FileRecord, Output, Record, digest, read_digest};
+use crate::port::PortSpec;
+use crate::record::{FileRecord, Output, Record, Spent, digest, read_digest};
 use crate::sink::Placed;
+use crate::trace::Tracer;
 
 /// What the threads tell the scheduler.
 pub(crate) enum Message {
@@ -75,6 +77,10 @@ pub(crate) struct Job<'a> {
     pub action: Action,
     /// Only the values are wanted.
     pub remake: bool,
+    pub work: f64,
+    /// Bytes that it was admitted with.
+    pub memory: u64,
+    pub tracer: Tracer,
     pub cancel: Arc<AtomicBool>,
     pub tell: Sender<Message>,
 }
@@ -104,23 +110,31 @@ impl Job<'_> {
             }
             None => {
                 if !self.remake {
-                    let forecast = last_run(store, self.graph, self.node()).map(|(seconds, _)| seconds);
+                    let forecast = Pace::of(store, &self.node().kind).seconds(self.work);
                     let (id, kind) = (self.node().id.clone(), self.node().kind.name);
                     let _ = tell.send(Message::Event(Event::Start { id, kind, forecast }));
                 }
                 let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
+                let (work, graph, tracer) = (self.work, self.graph, self.tracer.clone());
                 match guarded(|| self.compute()) {
                     Err(error) => finish(Err(error)),
                     Ok((finished, encoded)) => {
+                        let kind = &graph.nodes[index].kind;
+                        Pace::learn(store, kind, work, finished.record.spent.seconds);
                         let outputs = finished.record.outputs.clone();
                         let record = manifest.map(|manifest| finished.record.encode(&manifest));
                         finish(Ok(finished));
-                        let stored = encoded
-                            .iter()
-                            .zip(&outputs)
-                            .filter(|(_, output)| output.stored)
-                            .try_for_each(|(bytes, output)| store.put_blob_as(&output.digest, bytes))
-                            .and_then(|()| record.map_or(Ok(()), |record| store.put_record(&key, &record)));
+                        let put = || {
+                            encoded
+                                .iter()
+                                .zip(&outputs)
+                                .filter(|(_, output)| output.stored)
+                                .try_for_each(|(bytes, output)| store.put_blob_as(&output.digest, bytes))
+                                .and_then(|()| {
+                                    record.map_or(Ok(()), |record| store.put_record(&key, &record))
+                                })
+                        };
+                        let stored = tracer.span(&graph.nodes[index].id, "store", put);
                         error = stored.err().map(|error| NodeError::from(error).to_string());
                     }
                 }
@@ -145,14 +159,7 @@ impl Job<'_> {
             }
         };
         let context = Context {
-            scene: graph.scene,
-            reads: node.kind.reads,
-            recipe: self.action.recipe,
-            wired: graph.wired(self.node),
-            root: graph.root.clone(),
-            sources: self.action.sources,
             cancel: self.cancel,
-            told: AtomicBool::new(false),
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),
@@ -161,37 +168,47 @@ impl Job<'_> {
                 profile: node.kind.profile,
                 inputs: self.input_digests,
                 tell: Mutex::new(self.tell),
+                tracer: self.tracer.clone(),
             })),
-            counts: Mutex::new(BTreeMap::new()),
+            ..Context::of_node(graph, self.node, &self.action)
         };
         let start = Instant::now();
         let (values, notes) = node.step.run(self.inputs, &context)?;
         let seconds = start.elapsed().as_secs_f64();
+        self.tracer.tell(&node.id, "code", seconds);
         if context.told.load(Ordering::Relaxed) {
             return Err(NodeError::cancelled());
         }
-        let keep = node.kind.store == Keep::Always;
-        let mut outputs = Vec::with_capacity(values.len());
-        let mut encoded = Vec::with_capacity(values.len());
-        for (port, value) in node.kind.outputs.iter().zip(&values) {
-            let bytes = (port.artifact.encode)(value);
-            outputs.push(Output {
-                type_name: port.artifact.name,
-                format: port.artifact.format,
-                digest: Digest::of(&bytes),
-                stored: keep,
-            });
-            encoded.push(bytes);
-        }
+        let (outputs, encoded) = encode(node, &values);
         let files =
             values.iter().filter_map(|value| value.downcast_ref::<Files>()).flat_map(|files| &files.0);
         let files = files
             .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
             .collect();
-        let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
-        let record = Record { outputs, files, notes, seconds };
+        let counts: Counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        let made: usize =
+            node.kind.outputs.iter().zip(&values).map(|(port, value)| (port.artifact.bytes)(value)).sum();
+        let memory = self.memory.max(made as u64);
+        let spent = Spent { seconds, work: self.work, memory, counts: counts.clone() };
+        let record = Record { outputs, files, notes, spent };
         Ok((Finished { record, values, counts, ran: true }, encoded))
     }
+}
+
+/// The outputs of a node by digest, and their canonical bytes.
+pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<Vec<u8>>) {
+    let one = |(port, value): (&PortSpec, &AnyArtifact)| {
+        let bytes = (port.artifact.encode)(value);
+        let output = Output {
+            type_name: port.artifact.name,
+            format: port.artifact.format,
+            digest: Digest::of(&bytes),
+            size: (port.artifact.size)(value),
+            stored: node.kind.store == Keep::Always,
+        };
+        (output, bytes)
+    };
+    node.kind.outputs.iter().zip(values).map(one).unzip()
 }
 
 /// Turns a panic of a kind's code into the failure of its node.
@@ -218,6 +235,7 @@ struct StoredParts {
     profile: &'static str,
     inputs: Vec<(&'static str, Vec<Digest>)>,
     tell: Mutex<Sender<Message>>,
+    tracer: Tracer,
 }
 
 impl StoredParts {
@@ -234,15 +252,17 @@ impl StoredParts {
 
 impl PartStore for StoredParts {
     fn load(&self, part: Part<'_>, extra: &str) -> Option<Vec<u8>> {
-        let key = self.key(part, extra)?;
+        let (key, begin) = (self.key(part, extra)?, Instant::now());
         let record = self.store.get_record(&key)?;
         let blob = read_digest(&mut crate::artifact::Decoder::new(&record)).ok()?;
         let bytes = self.store.get_blob(&blob).ok()??;
+        self.tracer.tell(&self.id, part.name, begin.elapsed().as_secs_f64());
         self.tell(part, State::Cached, key, 0.0);
         Some(bytes)
     }
 
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], seconds: f64) -> Result<(), NodeError> {
+        self.tracer.tell(&self.id, part.name, seconds);
         let Some(key) = self.key(part, extra) else { return Ok(()) };
         let mut record = crate::artifact::Encoder::default();
         // A part that cannot be stored is only computed again; the node's own result says what is wrong.

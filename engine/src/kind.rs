@@ -4,20 +4,38 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::artifact::AnyArtifact;
-use crate::context::{Context, ContextField, SourceFile, SourceRoot};
+use crate::context::{Context, ContextField};
 use crate::error::NodeError;
 use crate::note::Notes;
 use crate::param::{ParamSpec, ParamValue, Params, Role};
 use crate::port::{Inputs, Outputs, PortSpec};
+use crate::root::{SourceFile, SourceRoot};
 use crate::syntax::Fields;
 
-/// Memory and work of a node, for admission and forecast. Zero means negligible.
+/// Memory of a node, for admission. Zero means negligible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cost {
     /// Peak memory beyond the inputs, in bytes.
     pub bytes: u64,
-    /// Work in arbitrary units that grow in proportion with the time.
-    pub work: f64,
+}
+
+/// How large the inputs of a node are, by [`crate::Artifact::size`]: known from records, without the values.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Sizes {
+    pub(crate) ports: Vec<(&'static str, u64)>,
+    pub(crate) files: u64,
+}
+
+impl Sizes {
+    /// Size of what comes in by a port, all its wires together; 0 where nothing does.
+    pub fn of(&self, port: &str) -> f64 {
+        self.ports.iter().find(|(name, _)| *name == port).map_or(0.0, |(_, size)| *size as f64)
+    }
+
+    /// Everything that comes in, and the bytes of the files that are read.
+    pub fn total(&self) -> f64 {
+        self.ports.iter().map(|(_, size)| *size as f64).sum::<f64>() + self.files as f64
+    }
 }
 
 /// Whether the outputs of a kind are worth keeping on disk.
@@ -42,6 +60,10 @@ pub trait Kind: 'static {
     /// What may change the bits: `portable`, or the profile of a library that promises none.
     const PROFILE: &'static str = "portable";
 
+    /// Whether `run` takes microseconds whatever its inputs are. A plan then runs it, so that it can tell
+    /// exactly what follows.
+    const INSTANT: bool = false;
+
     /// Parameters, by [`params!`](crate::params).
     type Params: Params;
     /// Inputs, by [`inputs!`](crate::inputs).
@@ -49,9 +71,15 @@ pub trait Kind: 'static {
     /// Outputs, by [`outputs!`](crate::outputs).
     type Out: Outputs;
 
-    /// What a run will take. Called with the real inputs, before `run`.
+    /// The memory that a run will take. Called with the real inputs, before `run`.
     fn estimate(_params: &Self::Params, _inputs: &Self::In) -> Cost {
         Cost::default()
+    }
+
+    /// The work of a run, in units of the kind's own that grow in proportion with the time. What a unit
+    /// takes is learnt from earlier runs of the kind, so forecasts follow samples and sizes.
+    fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
+        sizes.total()
     }
 
     /// The files that `run` reads, found cheaply (headers only).
@@ -74,6 +102,7 @@ pub(crate) trait Step: Send + Sync {
     fn check(&self) -> Result<(), NodeError>;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
+    fn work(&self, sizes: &Sizes) -> f64;
     fn run(
         &self,
         inputs: Vec<Vec<AnyArtifact>>,
@@ -95,6 +124,9 @@ impl<K: Kind> Step for StepOf<K> {
     }
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost {
         K::estimate(&self.0, &K::In::take(inputs))
+    }
+    fn work(&self, sizes: &Sizes) -> f64 {
+        K::work(&self.0, sizes)
     }
     fn run(
         &self,
@@ -126,6 +158,8 @@ pub struct KindEntry {
     pub store: Keep,
     /// [`Kind::PROFILE`].
     pub profile: &'static str,
+    /// [`Kind::INSTANT`].
+    pub instant: bool,
     /// Whether a parameter names a file to read.
     pub(crate) reads_files: bool,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
@@ -146,6 +180,7 @@ impl KindEntry {
             reads: K::READS,
             store: K::STORE,
             profile: K::PROFILE,
+            instant: K::INSTANT,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)

@@ -2,11 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use crate::action::Action;
+use crate::action::{Action, sizes};
 use crate::artifact::AnyArtifact;
 use crate::error::NodeError;
 use crate::graph::Wire;
 use crate::job::{Job, guarded};
+use crate::record::Output;
 use crate::run::{Run, Scope};
 use crate::slot::Life;
 
@@ -72,6 +73,10 @@ impl<'a> Run<'a> {
         let input_digests =
             ports.map(|(port, wires)| (port.name, wires.iter().filter_map(digest).collect())).collect();
         let inputs = self.inputs(index);
+        let output = |wire: Wire| -> &Output {
+            &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
+        };
+        let work = node.step.work(&sizes(node, &self.slots[index].action.sources, output));
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {
             self.supplied -= 1;
@@ -92,6 +97,9 @@ impl<'a> Run<'a> {
                 key: slot.action.key.clone(),
             },
             remake: slot.remaking.is_some(),
+            work,
+            memory: bytes,
+            tracer: self.tracer.clone(),
             cancel: self.options.cancel.clone(),
             tell: self.sender.clone(),
         };

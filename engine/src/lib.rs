@@ -86,6 +86,7 @@ extern crate self as engine;
 mod action;
 mod artifact;
 mod axis;
+mod bundle;
 mod check;
 mod context;
 mod diag;
@@ -95,11 +96,13 @@ mod event;
 mod expand;
 mod failure;
 mod files;
+mod forecast;
 mod graph;
 mod job;
 mod key;
 mod kind;
 mod launch;
+mod lock;
 mod memory;
 mod note;
 mod order;
@@ -108,6 +111,7 @@ mod plan;
 mod port;
 mod recipe;
 mod record;
+mod root;
 mod run;
 mod scan;
 mod schedule;
@@ -115,26 +119,33 @@ mod sink;
 mod slot;
 mod supply;
 mod syntax;
+mod trace;
 mod watch;
 
 pub use artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
 };
+pub use bundle::{
+    Bundle, BundleError, Packed, Results, Verdict, Verified, VerifyOptions, is_unpacked, verify,
+};
 pub use cache::{Change, Digest, Manifest, Store};
-pub use context::{Context, ContextField, Part, Scene, SourceFile, SourceRoot, Up};
+pub use context::{Context, ContextField, Part, Scene, Up};
 pub use diag::{Diagnostic, Diagnostics, Source, nearest};
 pub use edit::{EditError, Setting, apply};
 pub use error::NodeError;
 pub use event::{Counts, Event, Mistake, State, Totals};
 pub use files::{FileBytes, Files};
 pub use graph::{Graph, Node, Wire};
-pub use kind::{Cost, Keep, Kind, KindEntry, Registry};
+pub use kind::{Cost, Keep, Kind, KindEntry, Registry, Sizes};
+pub use lock::{Lock, LockDifferences, LockError};
 pub use note::{Level, Note, Notes};
 pub use param::{
     InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, ParamValue, Params, Role, canonical,
 };
 pub use plan::{Fate, Forecast, Planned, Why};
 pub use port::{Arity, InPort, Inputs, Outputs, PortSpec};
+pub use record::Spent;
+pub use root::{SourceFile, SourceRoot};
 pub use schedule::{Engine, EngineError, Outcome, RunOptions};
 pub use serde;
 pub use syntax::Fields;

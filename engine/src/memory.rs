@@ -86,7 +86,13 @@ mod tests {
     use super::*;
 
     fn output(number: u64) -> Output {
-        Output { type_name: "num", format: 1, digest: Digest::of(&number.to_le_bytes()), stored: true }
+        Output {
+            type_name: "num",
+            format: 1,
+            digest: Digest::of(&number.to_le_bytes()),
+            size: 8,
+            stored: true,
+        }
     }
 
     #[test]

@@ -1,11 +1,19 @@
-//! Plans: what a run would do and why, without running anything.
+//! Plans: what a run would do and why, without running anything that takes time.
+//!
+//! A node is known when its key is in the store. Where it is not, what follows depends on what it would
+//! give; for kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig) the plan finds out, so it
+//! tells exactly where an edit stops.
 
 use cache::{Change, Digest, Manifest};
 
-use crate::action::{Action, last_outputs, last_run, look_up, prepare, read_sources};
+use crate::action::{Action, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes};
+use crate::artifact::AnyArtifact;
+use crate::context::Context;
 use crate::error::NodeError;
+use crate::forecast::Pace;
 use crate::graph::{Graph, Wire};
-use crate::record::{Output, Record};
+use crate::job::{encode, guarded};
+use crate::record::{Output, Record, Spent};
 use crate::schedule::Engine;
 use crate::syntax::parse_value;
 
@@ -44,10 +52,15 @@ pub struct Planned {
     pub kind: &'static str,
     /// What would happen.
     pub fate: Fate,
-    /// Seconds that its code took last time.
+    /// Seconds that its code would take, by earlier runs of its kind; `None` where there is none, or where
+    /// nothing would run. Parts that are kept make it less.
     pub forecast: Option<f64>,
+    /// What its code took when a node of this name last ran in this graph file.
+    pub last: Option<Spent>,
     /// What its key is made of, where it is known: (path, value).
     pub manifest: Option<Manifest>,
+    /// For a node that is known: how its key differs from the one it had before.
+    pub past: Vec<Change>,
 }
 
 /// A plan in one line.
@@ -82,43 +95,11 @@ impl Engine {
     pub fn plan(&self, graph: &Graph, only: &[usize]) -> Vec<Planned> {
         let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
         let wanted = graph.above(&targets);
-        let mut records: Vec<Option<Record>> = graph.nodes.iter().map(|_| None).collect();
-        let mut actions: Vec<Action> = graph.nodes.iter().map(|_| Action::default()).collect();
+        let mut outlook = Outlook::new(self, graph);
         let mut planned: Vec<Option<Planned>> = graph.nodes.iter().map(|_| None).collect();
         for &index in graph.order() {
-            let node = &graph.nodes[index];
-            let last = last_run(self.store(), graph, node);
-            let forecast = last.as_ref().map(|(seconds, _)| *seconds);
-            let unknown = node.inputs.iter().flatten().find(|wire| records[wire.node].is_none());
-            let fate = if !wanted[index] {
-                Fate::Unwanted
-            } else if let Some(wire) = unknown {
-                Fate::Follows(graph.nodes[wire.node].id.clone())
-            } else {
-                match self.known(graph, index, &records, &actions) {
-                    Err(error) => Fate::Fails(error.to_string()),
-                    Ok((action, record)) => {
-                        let known = record.is_some();
-                        let gone = |output: &Output| output.stored && !self.store().has_blob(&output.digest);
-                        let lost = record.as_ref().is_some_and(|record| record.outputs.iter().any(gone));
-                        records[index] = record;
-                        actions[index] = action;
-                        let manifest = actions[index].key.as_ref().map(|key| &key.manifest);
-                        match (known, manifest, last) {
-                            (true, ..) if lost => Fate::Lost,
-                            (true, ..) => Fate::Known,
-                            (false, Some(new), Some((_, last))) => {
-                                let changes = Manifest::difference(&last, new);
-                                Fate::Runs(Why::Changed(changes.into_iter().map(as_written).collect()))
-                            }
-                            _ => Fate::Runs(Why::New),
-                        }
-                    }
-                }
-            };
-            let manifest = actions[index].key.as_ref().map(|key| key.manifest.clone());
-            planned[index] =
-                Some(Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest });
+            let fate = if wanted[index] { outlook.fate(index) } else { Fate::Unwanted };
+            planned[index] = Some(outlook.planned(index, fate));
         }
         planned.into_iter().flatten().collect()
     }
@@ -128,23 +109,155 @@ impl Engine {
         let record = last_outputs(self.store(), graph, &graph.nodes[node])?;
         Some(record.outputs.iter().map(|output| output.digest).collect())
     }
+}
 
-    fn known(
-        &self,
-        graph: &Graph,
-        index: usize,
-        records: &[Option<Record>],
-        actions: &[Action],
-    ) -> Result<(Action, Option<Record>), NodeError> {
+/// What is known of the nodes of a graph without running it. Nodes are asked about in the order of the graph.
+pub(crate) struct Outlook<'a> {
+    engine: &'a Engine,
+    graph: &'a Graph,
+    /// Of nodes whose outputs are known by digest, whether they were made or only found out.
+    pub records: Vec<Option<Record>>,
+    pub actions: Vec<Action>,
+    /// Values of instant nodes that were found out.
+    values: Vec<Option<Vec<AnyArtifact>>>,
+}
+
+impl<'a> Outlook<'a> {
+    pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
+        Self {
+            engine,
+            graph,
+            records: graph.nodes.iter().map(|_| None).collect(),
+            actions: graph.nodes.iter().map(|_| Action::default()).collect(),
+            values: graph.nodes.iter().map(|_| None).collect(),
+        }
+    }
+
+    /// What would happen to a node that is wanted.
+    pub fn fate(&mut self, index: usize) -> Fate {
+        let (graph, store) = (self.graph, self.engine.store());
+        let node = &graph.nodes[index];
+        if let Some(wire) = node.inputs.iter().flatten().find(|wire| self.records[wire.node].is_none()) {
+            return Fate::Follows(graph.nodes[wire.node].id.clone());
+        }
+        let action = match self.action(index) {
+            Ok(action) => action,
+            Err(error) => return Fate::Fails(error.to_string()),
+        };
+        let record = look_up(store, node, &action.digest());
+        self.actions[index] = action;
+        if let Some(record) = record {
+            let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);
+            let lost = record.outputs.iter().any(gone);
+            self.records[index] = Some(record);
+            return if lost { Fate::Lost } else { Fate::Known };
+        }
+        if node.kind.instant {
+            self.find_out(index);
+        }
+        let manifest = self.actions[index].key.as_ref().map(|key| &key.manifest);
+        match (manifest, last_run(store, graph, node)) {
+            (Some(new), Some((_, last))) => Fate::Runs(Why::Changed(written(&last, new))),
+            _ => Fate::Runs(Why::New),
+        }
+    }
+
+    fn planned(&self, index: usize, fate: Fate) -> Planned {
+        let (graph, store) = (self.graph, self.engine.store());
+        let node = &graph.nodes[index];
+        let key = self.actions[index].key.as_ref();
+        let before = key
+            .filter(|_| fate == Fate::Known)
+            .and_then(|key| manifest_before(store, graph, node, &key.digest));
+        let past = key.zip(before).map(|(key, before)| written(&before, &key.manifest)).unwrap_or_default();
+        let last = last_run(store, graph, node).map(|(spent, _)| spent);
+        let runs = matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
+        let forecast = runs
+            .then(|| self.work(index).or(last.as_ref().map(|last| last.work)))
+            .flatten()
+            .and_then(|work| Pace::of(store, &node.kind).seconds(work));
+        let manifest = key.map(|key| key.manifest.clone());
+        Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, last, manifest, past }
+    }
+
+    /// The work of a node, where its inputs are as large as they are known to be or were in the last run.
+    fn work(&self, index: usize) -> Option<f64> {
+        let node = &self.graph.nodes[index];
+        let reads = self.graph.reads(index).iter();
+        let known = reads.map(|&above| {
+            let last = || last_outputs(self.engine.store(), self.graph, &self.graph.nodes[above]);
+            Some((above, self.records[above].clone().or_else(last)?))
+        });
+        let known: Vec<(usize, Record)> = known.collect::<Option<_>>()?;
         let output = |wire: Wire| -> &Output {
-            &records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
+            let (_, record) =
+                known.iter().find(|(above, _)| *above == wire.node).expect("it reads this node");
+            &record.outputs[wire.port]
+        };
+        let sizes = sizes(node, &self.actions[index].sources, output);
+        guarded(|| Ok(node.step.work(&sizes))).ok()
+    }
+
+    /// The action of a node whose inputs are known.
+    fn action(&self, index: usize) -> Result<Action, NodeError> {
+        let output = |wire: Wire| -> &Output {
+            &self.records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
                 [wire.port]
         };
-        let sources = read_sources(graph, index, self.store())?;
-        let action = prepare(graph, index, sources, output, |above| actions[above].sources.as_slice())?;
-        let record = look_up(self.store(), &graph.nodes[index], &action.digest());
-        Ok((action, record))
+        let sources = read_sources(self.graph, index, self.engine.store())?;
+        prepare(self.graph, index, sources, output, |above| self.actions[above].sources.as_slice())
     }
+
+    /// Runs an instant node and what instant nodes it takes its inputs from, in memory only.
+    fn find_out(&mut self, index: usize) {
+        let mut open = vec![index];
+        while let Some(&node) = open.last() {
+            let reads = self.graph.reads(node);
+            let missing: Vec<usize> =
+                reads.iter().copied().filter(|&above| self.values[above].is_none()).collect();
+            if self.values[node].is_some() || self.load(node) {
+                open.pop();
+            } else if !self.graph.nodes[node].kind.instant {
+                return;
+            } else if !missing.is_empty() {
+                open.extend(missing);
+            } else if self.run(node).is_some() {
+                open.pop();
+            } else {
+                return;
+            }
+        }
+    }
+
+    /// Takes the values of a node from the store, where all of them are there.
+    fn load(&mut self, index: usize) -> bool {
+        let Some(record) = &self.records[index] else { return false };
+        let ports = self.graph.nodes[index].kind.outputs.iter().zip(&record.outputs);
+        let values = ports.map(|(port, output)| {
+            let bytes = output.stored.then(|| self.engine.store().get_blob(&output.digest).ok().flatten());
+            guarded(|| Ok((port.artifact.decode)(&bytes.flatten().unwrap_or_default())?)).ok()
+        });
+        self.values[index] = values.collect();
+        self.values[index].is_some()
+    }
+
+    fn run(&mut self, index: usize) -> Option<()> {
+        let (graph, node) = (self.graph, &self.graph.nodes[index]);
+        let value = |wire: &Wire| self.values[wire.node].as_ref()?.get(wire.port).cloned();
+        let inputs =
+            node.inputs.iter().map(|wires| wires.iter().map(value).collect()).collect::<Option<_>>()?;
+        let context = Context::of_node(graph, index, &self.actions[index]);
+        let (values, notes) = guarded(|| node.step.run(inputs, &context)).ok()?;
+        let (outputs, _) = encode(node, &values);
+        self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
+        self.values[index] = Some(values);
+        Some(())
+    }
+}
+
+/// What changed, as it would be written in a graph file.
+fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
+    Manifest::difference(old, new).into_iter().map(as_written).collect()
 }
 
 /// Keys hold parameters as text in RON; shown as they would be written in a graph file.

@@ -3,6 +3,7 @@
 use cache::{Digest, Manifest};
 
 use crate::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
+use crate::event::Counts;
 use crate::graph::Node;
 use crate::note::{Level, Notes};
 
@@ -12,6 +13,8 @@ pub(crate) struct Output {
     pub type_name: &'static str,
     pub format: u32,
     pub digest: Digest,
+    /// What the work of its readers grows with.
+    pub size: u64,
     /// False where only the digest was kept.
     pub stored: bool,
 }
@@ -23,14 +26,26 @@ pub(crate) struct FileRecord {
     pub digest: Digest,
 }
 
+/// What a node's code took. No part of any key: it is for forecasts and for people.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Spent {
+    /// Wall time.
+    pub seconds: f64,
+    /// [`crate::Kind::work`].
+    pub work: f64,
+    /// Bytes: what it was admitted with, or its outputs where they were more. Its inputs come on top.
+    pub memory: u64,
+    /// Work by name: rays, blends.
+    pub counts: Counts,
+}
+
 /// A finished node: its outputs by digest, its notes and its files. Stored, the manifest of its key follows.
 #[derive(Debug, Clone)]
 pub(crate) struct Record {
     pub outputs: Vec<Output>,
     pub files: Vec<FileRecord>,
     pub notes: Notes,
-    /// How long the run took, for forecasts; no part of any key.
-    pub seconds: f64,
+    pub spent: Spent,
 }
 
 impl Record {
@@ -49,6 +64,7 @@ impl Record {
             to.str(output.type_name);
             to.u32(output.format);
             digest(&mut to, &output.digest);
+            to.u64(output.size);
             to.bool(output.stored);
         }
         to.u64(self.files.len() as u64);
@@ -63,7 +79,15 @@ impl Record {
             to.str(&note.id);
             to.str(&note.text);
         }
-        to.f64(self.seconds);
+        let Spent { seconds, work, memory, counts } = &self.spent;
+        to.f64(*seconds);
+        to.f64(*work);
+        to.u64(*memory);
+        to.u64(counts.len() as u64);
+        for (name, n) in counts {
+            to.str(name);
+            to.u64(*n);
+        }
         to.finish()
     }
 
@@ -71,7 +95,7 @@ impl Record {
     pub fn decode(bytes: &[u8], node: &Node) -> Result<Self, Corrupt> {
         let mut from = Decoder::new(Decoder::new(bytes).raw()?);
         let ports = &node.kind.outputs;
-        if from.length(45)? != ports.len() {
+        if from.length(53)? != ports.len() {
             return Err(Corrupt("another number of outputs".to_owned()));
         }
         let mut outputs = Vec::with_capacity(ports.len());
@@ -81,7 +105,8 @@ impl Record {
                 return Err(Corrupt(format!("holds another type than {name} {format}")));
             }
             let digest = read_digest(&mut from)?;
-            outputs.push(Output { type_name: name, format, digest, stored: from.bool()? });
+            let (size, stored) = (from.u64()?, from.bool()?);
+            outputs.push(Output { type_name: name, format, digest, size, stored });
         }
         let files = (0..from.length(40)?)
             .map(|_| Ok(FileRecord { view: from.str()?, digest: read_digest(&mut from)? }))
@@ -92,9 +117,11 @@ impl Record {
             let level = *LEVELS.get(level).ok_or_else(|| Corrupt(format!("level {level}")))?;
             notes.push(level, &from.str()?, from.str()?);
         }
-        let seconds = from.f64()?;
+        let (seconds, work, memory) = (from.f64()?, from.f64()?, from.u64()?);
+        let counts =
+            (0..from.length(16)?).map(|_| Ok((from.str()?, from.u64()?))).collect::<Result<_, Corrupt>>()?;
         from.end()?;
-        Ok(Self { outputs, files, notes, seconds })
+        Ok(Self { outputs, files, notes, spent: Spent { seconds, work, memory, counts } })
     }
 
     /// What the key of a stored record was made of. Most readers have no use for it, so it is read apart.

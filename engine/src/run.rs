@@ -24,6 +24,7 @@ use crate::record::{Output, Record};
 use crate::schedule::{Engine, Outcome, RunOptions};
 use crate::sink;
 use crate::slot::{Life, Slot, Waiter};
+use crate::trace::Tracer;
 
 /// What the deciding thread has yet to do.
 pub(crate) enum Task {
@@ -70,6 +71,7 @@ pub(crate) struct Run<'a> {
     pub store_failed: bool,
     pub failures: Vec<Diagnostic>,
     pub totals: Totals,
+    pub tracer: Tracer,
     start: Instant,
 }
 
@@ -82,6 +84,7 @@ impl<'a> Run<'a> {
         tell: &'a mut dyn FnMut(Event),
     ) -> Self {
         let start = Instant::now();
+        let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
         let targets = if options.only.is_empty() { graph.targets() } else { options.only.clone() };
         let wanted = graph.above(&targets);
         let mut rank = vec![0; graph.nodes.len()];
@@ -126,6 +129,7 @@ impl<'a> Run<'a> {
             store_failed: false,
             failures: Vec::new(),
             totals: Totals::default(),
+            tracer,
             start,
         }
     }
@@ -236,9 +240,10 @@ impl<'a> Run<'a> {
         // Gigabytes may have to be hashed, so this is not for the thread that decides.
         self.slots[index].life = Life::Reading;
         self.busy += 1;
-        let sender = self.sender.clone();
+        let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
         scope.spawn(move |_| {
-            let sources = guarded(|| read_sources(graph, index, &engine.store));
+            let read = || guarded(|| read_sources(graph, index, &engine.store));
+            let sources = tracer.span(&graph.nodes[index].id, "sources", read);
             let _ = sender.send(Message::Sources { node: index, sources });
         });
     }
@@ -339,7 +344,7 @@ impl<'a> Run<'a> {
             kind: node.kind.name,
             state,
             key: slot.key,
-            seconds: if state == State::Ran { record.seconds } else { 0.0 },
+            seconds: if state == State::Ran { record.spent.seconds } else { 0.0 },
             counts,
             notes: record.notes.iter().cloned().collect(),
             degraded: slot.degraded,
@@ -380,9 +385,12 @@ impl<'a> Run<'a> {
             }
         }
         let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
+        let tracer = self.tracer.clone();
+        let confined = graph.root.is_confined().then_some(self.options.out.as_path());
         self.busy += 1;
         scope.spawn(move |_| {
-            let placed = guarded(|| sink::place(&engine.store, targets, value.as_ref()));
+            let place = || guarded(|| sink::place(&engine.store, targets, value.as_ref(), confined));
+            let placed = tracer.span(&node.id, "files", place);
             let _ = sender.send(Message::Placed { node: index, placed });
         });
     }

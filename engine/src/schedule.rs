@@ -35,6 +35,8 @@ pub struct RunOptions {
     /// Nodes that do less than the graph file says, in a run that a better one follows: they and what is
     /// made from them are not remembered as the last run, and files made from them are marked as previews.
     pub rough: Vec<usize>,
+    /// Whether to tell what each thread does when, as [`Event::Span`]s.
+    pub trace: bool,
 }
 
 /// How a run ended.

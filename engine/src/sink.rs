@@ -36,14 +36,19 @@ pub(crate) fn targets(
 }
 
 /// Makes files lie where they belong. An equal file is left alone. `None` when bytes must be written that
-/// are not in memory.
+/// are not in memory. Links below the folder of `confined` are not followed.
 pub(crate) fn place(
     store: &Store,
     targets: Vec<(PathBuf, Digest)>,
     value: Option<&AnyArtifact>,
+    confined: Option<&Path>,
 ) -> Result<Option<Placed>, NodeError> {
     let mut placed = Vec::with_capacity(targets.len());
     for (index, (path, wanted)) in targets.into_iter().enumerate() {
+        if let Some(link) = confined.and_then(|out| link_below(out, &path)) {
+            let what = format!("`{}` is a link, which could lead out of the output folder", link.display());
+            return Err(NodeError::new(what).at("path").hint("remove it, or choose another `--out`"));
+        }
         let equal = store.digest_file(&path).is_ok_and(|(digest, _)| digest == wanted);
         if !equal {
             let Some(files) = value.and_then(|value| value.downcast_ref::<Files>()) else { return Ok(None) };
@@ -63,6 +68,18 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), NodeError> {
         cache::sweep_temp(folder);
     }
     publish_file(path, bytes).map_err(|error| NodeError::from(error).at("path"))
+}
+
+/// The first link on the way from `out` to the folder of a file. The file itself is replaced, not followed.
+fn link_below(out: &Path, path: &Path) -> Option<PathBuf> {
+    let mut at = out.to_owned();
+    for part in path.strip_prefix(out).ok()?.parent()?.components() {
+        at.push(part);
+        if at.is_symlink() {
+            return Some(at);
+        }
+    }
+    None
 }
 
 /// A view's name as part of a file name: what could lead elsewhere becomes `_`.

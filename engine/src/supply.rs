@@ -80,8 +80,12 @@ impl<'a> Run<'a> {
         }
         if slot.begin_loading(port) {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
+            let tracer = self.tracer.clone();
             self.busy += 1;
-            scope.spawn(move |_| load(&engine.store, graph, wire, &output, &sender));
+            scope.spawn(move |_| {
+                let read = || load(&engine.store, graph, wire, &output, &sender);
+                tracer.span(&graph.nodes[node].id, "load", read);
+            });
         }
     }
 

@@ -50,6 +50,7 @@ impl Kind for Camera {
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
+    const INSTANT: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -101,6 +101,7 @@ impl Kind for CubeRig {
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
+    const INSTANT: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;

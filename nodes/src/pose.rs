@@ -43,6 +43,7 @@ impl Kind for PoseNode {
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
+    const INSTANT: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;

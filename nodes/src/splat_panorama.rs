@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
 
 use crate::equirect;
 use crate::splat::{self, Drawing, MAX_PIXELS, Rendered, Sort};
@@ -113,7 +113,12 @@ impl Kind for SplatPanorama {
         let splats = inputs.splats.len() as u64;
         // A sample: the belt's tiles and picture, the caps', their union. Every splat is seen: a footprint, its
         // key, its place in the order and in the tiles.
-        Cost { bytes: pixels * 120 + samples * 72 + splats * 240, work: (splats * 30 + samples * 100) as f64 }
+        Cost { bytes: pixels * 120 + samples * 72 + splats * 240 }
+    }
+
+    fn work((params, _): &Self::Params, sizes: &Sizes) -> f64 {
+        let fine = f64::from(params.width_px) * f64::from(params.supersample);
+        sizes.of("splats") * 30.0 + fine * fine * 50.0
     }
 
     fn check((params, _): &Self::Params) -> Result<(), NodeError> {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes};
+use engine::{Context, Cost, Kind, NodeError, Notes, Sizes};
 
 use crate::splat::{Drawing, MAX_PIXELS, Sort, Work, render_all};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
@@ -73,10 +73,12 @@ impl Kind for SplatRender {
         // its key, its place in the order and in the tiles; the faces of a cube, which share a pass, see some
         // splats twice.
         let per_splat = if inputs.rig.cameras.len() > 1 { 240 } else { 160 };
-        Cost {
-            bytes: all * 44 + largest * 24 + splats * per_splat,
-            work: (splats * inputs.rig.cameras.len() as u64 * 10 + all * 50) as f64,
-        }
+        Cost { bytes: all * 44 + largest * 24 + splats * per_splat }
+    }
+
+    // Splats are read once a view; a view of a megapixel makes up for its share of them.
+    fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
+        sizes.of("splats") * (sizes.of("rig") / 1e6).max(1.0) + sizes.of("rig") * 5.0
     }
 
     fn run(

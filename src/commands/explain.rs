@@ -1,55 +1,54 @@
 //! `explain`: what a node's result is made of, and why it would run again.
 
 use clap::Args;
-use engine::{Fate, Planned, Why};
 
-use super::plan::{change, reason};
-use crate::report::seconds_text;
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded, find};
+use crate::causes::trail;
+use crate::report::{counts_text, seconds_text};
+use crate::session::{EngineArgs, Error, GraphArgs, Loaded, find, size_text};
 
-/// Tells what a node's result is made of and why it would run again.
+/// Tells why a node would run again, or did when it last ran, back to where it begins.
 #[derive(Debug, Args)]
 pub struct Explain {
     #[command(flatten)]
     graph: GraphArgs,
     /// Name of the node
     node: String,
+    /// Also tell everything that its key is made of
+    #[arg(long)]
+    key: bool,
     #[command(flatten)]
     engine: EngineArgs,
 }
 
 impl Explain {
-    /// Prints the reason, back to the node where it begins, and the key of the node.
+    /// Prints the causes, the way to them, and what the node took.
     pub fn run(self) -> Result<u8, Error> {
         let Loaded { graph, .. } = self.graph.load()?;
         let index = find(&graph, &self.node)?;
         let plan = self.engine.open()?.plan(&graph, &[index]);
+        let trail = trail(&graph, &plan, index);
         let mut text = String::new();
-        let mut at: &Planned = &plan[index];
-        loop {
-            text.push_str(&format!("{} ({}): ", at.id, at.kind));
-            match &at.fate {
-                Fate::Runs(Why::Changed(changes)) if !changes.is_empty() => {
-                    text.push_str("runs, since\n");
-                    for one in changes {
-                        text.push_str(&format!("    {}\n", change(one)));
-                    }
-                }
-                fate => text.push_str(&format!("{}\n", reason(fate))),
+        if !trail.roots.is_empty() {
+            text.push_str("because\n");
+            for root in &trail.roots {
+                text.push_str(&format!("    {root}\n"));
             }
-            match &at.fate {
-                Fate::Follows(above) => match plan.iter().find(|node| node.id == *above) {
-                    Some(node) => at = node,
-                    None => break,
-                },
-                _ => break,
-            }
+            text.push('\n');
         }
-        if let Some(seconds) = plan[index].forecast {
-            text.push_str(&format!("its code took {} the last time\n", seconds_text(seconds)));
+        for line in &trail.lines {
+            text.push_str(&format!("{line}\n"));
         }
-        if let Some(manifest) = &plan[index].manifest {
-            text.push_str("its key is made of\n");
+        let node = &plan[index];
+        if let Some(last) = &node.last {
+            let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
+            let counts = counts_text(&last.counts);
+            text.push_str(&format!("\nits code took {seconds} and about {memory} the last time{counts}\n"));
+        }
+        if let Some(seconds) = node.forecast {
+            text.push_str(&format!("this time it would take about {}\n", seconds_text(seconds)));
+        }
+        if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
+            text.push_str("\nits key is made of\n");
             for line in manifest.to_string().lines() {
                 text.push_str(&format!("    {line}\n"));
             }

@@ -9,6 +9,7 @@ use engine::RunOptions;
 
 use crate::report::{self, Report};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
+use crate::trace::Trace;
 
 /// Runs a graph: computes what is not known and writes the files of its sinks.
 #[derive(Debug, Args)]
@@ -20,6 +21,9 @@ pub struct Run {
     /// Folder that sinks write to
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
+    /// Write what each thread did when, for chrome://tracing or Perfetto
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
     /// One JSON object a line on standard output
     #[arg(long)]
     json: bool,
@@ -47,8 +51,16 @@ impl Run {
                 "the cache cannot be written: known results are used, new ones are not kept".to_owned();
             report.tell(&engine::Event::Warning { id: "cache-read-only", text });
         }
-        let options = RunOptions { out: self.out, only, cancel, ..RunOptions::default() };
-        let outcome = engine.run(&graph, &options, |event| report.tell(&event));
+        let options =
+            RunOptions { out: self.out, only, cancel, trace: self.trace.is_some(), ..RunOptions::default() };
+        let mut trace = Trace::default();
+        let outcome = engine.run(&graph, &options, |event| {
+            trace.tell(&event);
+            report.tell(&event);
+        });
+        if let Some(path) = &self.trace {
+            cache::publish_file(path, &trace.finish())?;
+        }
         if let Some(failures) = &outcome.failures
             && !self.json
         {

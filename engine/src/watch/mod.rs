@@ -255,8 +255,13 @@ impl<L: FnMut() -> Load, T: FnMut(Event)> Session<'_, L, T> {
     /// One run, until it ends or something newer is to be shown.
     fn pass(&mut self, current: &Load, graph: &Graph, only: &[usize], rough: Vec<usize>) -> Next {
         let cancel = Arc::new(AtomicBool::new(false));
-        let options =
-            RunOptions { out: self.options.out.clone(), only: only.to_vec(), cancel: cancel.clone(), rough };
+        let options = RunOptions {
+            out: self.options.out.clone(),
+            only: only.to_vec(),
+            cancel: cancel.clone(),
+            rough,
+            trace: false,
+        };
         let (engine, handle) = (self.engine, self.handle.clone());
         std::thread::scope(|scope| {
             scope.spawn(|| {

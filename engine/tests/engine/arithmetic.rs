@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use engine::{
     Artifact, Context, ContextField, Corrupt, Cost, Decoder, Difference, Encoder, FileBytes, Files,
-    InputFile, Keep, Kind, KindEntry, NodeError, Notes, OutputFile, Part, Registry, SourceFile, SourceRoot,
+    InputFile, Keep, Kind, KindEntry, NodeError, Notes, OutputFile, Part, Registry, Sizes, SourceFile,
+    SourceRoot,
 };
 
 /// Every kind of this file.
@@ -18,6 +19,25 @@ pub fn registry() -> Registry {
 pub fn registry_with(entry: KindEntry) -> Registry {
     let others = entries().into_iter().filter(|other| other.name != entry.name);
     Registry::new(others.collect()).with(entry)
+}
+
+/// The same, but for a `scale` that gives something else under the same name and version.
+pub fn registry_of_a_cheat() -> Registry {
+    registry_with(KindEntry::of::<Cheat>())
+}
+
+/// See [`registry_of_a_cheat`].
+pub struct Cheat;
+impl Kind for Cheat {
+    const NAME: &'static str = "scale";
+    const VERSION: u32 = 1;
+    const INSTANT: bool = true;
+    type Params = Scale;
+    type In = One;
+    type Out = Gives;
+    fn run(params: &Scale, inputs: One, _cx: &Context) -> Ran {
+        give(inputs.value.0 * params.by + 0.5)
+    }
 }
 
 fn entries() -> Vec<KindEntry> {
@@ -145,7 +165,7 @@ engine::params! {
         value: f64 = 1.0, range(-1e6, 1e6), other("2.0");
     }
 }
-simple!(Number = "number", Nothing, |params, _inputs, _cx| give(params.value));
+simple!(Number = "number", Nothing, |params, _inputs, _cx| give(params.value), const INSTANT: bool = true;);
 
 engine::params! {
     /// The sum of its inputs, in order.
@@ -166,7 +186,12 @@ engine::params! {
         by: f64 = 2.0, range(-100.0, 100.0), other("3.0");
     }
 }
-simple!(Scale = "scale", One, |params, inputs, _cx| give(inputs.value.0 * params.by));
+simple!(
+    Scale = "scale",
+    One,
+    |params, inputs, _cx| give(inputs.value.0 * params.by),
+    const INSTANT: bool = true;
+);
 
 engine::choices! {
     /// Which whole number.
@@ -183,11 +208,16 @@ engine::params! {
         towards: Towards = Towards::Nearest, other("Down");
     }
 }
-simple!(Round = "round", One, |params, inputs, _cx| give(match params.towards {
-    Towards::Nearest => inputs.value.0.round(),
-    Towards::Down => inputs.value.0.floor(),
-    Towards::Upwards => inputs.value.0.ceil(),
-}));
+simple!(
+    Round = "round",
+    One,
+    |params, inputs, _cx| give(match params.towards {
+        Towards::Nearest => inputs.value.0.round(),
+        Towards::Down => inputs.value.0.floor(),
+        Towards::Upwards => inputs.value.0.ceil(),
+    }),
+    const INSTANT: bool = true;
+);
 
 engine::params! {
     /// The whole part and the rest.
@@ -278,7 +308,7 @@ impl Kind for Ramp {
     type In = One;
     type Out = List;
     fn estimate(params: &Self, _inputs: &One) -> Cost {
-        Cost { bytes: u64::from(params.count) * 8, work: f64::from(params.count) }
+        Cost { bytes: u64::from(params.count) * 8 }
     }
     fn run(params: &Self, inputs: One, cx: &Context) -> Ran<List> {
         let numbers = cx.for_each_tile(params.count as usize, |n| inputs.value.0 + n as f64)?;
@@ -344,14 +374,21 @@ engine::params! {
         millis: u32 = 50, unit("ms"), inert("only the time differs"), other("1");
     }
 }
-simple!(Slow = "slow", One, |params, inputs, cx| {
-    let start = Instant::now();
-    while start.elapsed() < Duration::from_millis(params.millis.into()) {
-        cx.check()?;
-        std::thread::sleep(Duration::from_millis(1));
+simple!(
+    Slow = "slow",
+    One,
+    |params, inputs, cx| {
+        let start = Instant::now();
+        while start.elapsed() < Duration::from_millis(params.millis.into()) {
+            cx.check()?;
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        give(inputs.value.0)
+    },
+    fn work(params: &Self, _sizes: &Sizes) -> f64 {
+        params.millis.into()
     }
-    give(inputs.value.0)
-});
+);
 
 /// How many [`Heavy`] nodes run now, and the most there ever were.
 pub static HEAVY: (AtomicUsize, AtomicUsize) = (AtomicUsize::new(0), AtomicUsize::new(0));
@@ -374,7 +411,7 @@ simple!(
         give(inputs.value.0)
     },
     fn estimate(params: &Self, _inputs: &One) -> Cost {
-        Cost { bytes: u64::from(params.megabytes) << 20, work: 1.0 }
+        Cost { bytes: u64::from(params.megabytes) << 20 }
     }
 );
 

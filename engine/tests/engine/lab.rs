@@ -12,10 +12,10 @@ use crate::arithmetic::registry;
 
 /// Where a graph runs.
 pub struct Lab {
-    folder: tempfile::TempDir,
+    pub folder: tempfile::TempDir,
     pub registry: Registry,
     /// Where it does not run on disk: the engine that keeps everything.
-    memory: Option<Engine>,
+    pub memory: Option<Engine>,
     pub jobs: usize,
     pub budget: u64,
     pub options: Options,

@@ -4,6 +4,7 @@
 
 mod arithmetic;
 mod axes;
+mod bundles;
 mod failures;
 mod faults;
 mod invalidation;

@@ -75,14 +75,70 @@ fn a_plan_names_the_file_that_changed_or_is_gone() {
 }
 
 #[test]
-fn a_forecast_is_how_long_it_took() {
+fn a_plan_finds_out_what_takes_no_time_and_where_an_edit_stops() {
     let lab = Lab::on_disk();
-    let nodes = "a: Number(), s: Slow(value: \"a\", millis: 60)";
+    let nodes = "n: Number(value: 2.2), s: Scale(value: \"n\"), r: Round(value: \"s\"), \
+        l: Slow(value: \"r\", millis: 1), t: Scale(value: \"l\"), w: WriteNumber(number: \"t\", path: \"w.txt\")";
     lab.run(nodes);
-    let graph = lab.parse(&graph_text(&nodes.replace("Number()", "Number(value: 2)"))).unwrap();
-    let planned = lab.engine().plan(&graph, &[]);
-    assert!(planned[1].forecast.is_some_and(|seconds| (0.06..6.0).contains(&seconds)), "{planned:?}");
+    let equal = plan(&lab, &nodes.replace("2.2", "2.1"), &[]);
+    assert_eq!(equal[0], "n value: 2.2 -> 2.1");
+    assert!(equal[1].starts_with("s value[2].content: ") && equal[2].starts_with("r value[2].content: "));
+    assert_eq!(equal[3..], ["l known", "t known", "w known"], "4.2 is rounded as 4.4 is");
+    let other = plan(&lab, &nodes.replace("2.2", "3.1"), &[]);
+    assert!(other[3].starts_with("l value[2].content: "), "{other:?}");
+    assert_eq!(other[4..], ["t after l", "w after t"]);
     assert_eq!(lab.run(nodes).ran(), "", "a plan leaves no trace");
+}
+
+#[test]
+fn a_forecast_follows_kind_and_work_and_not_names() {
+    let lab = Lab::on_disk();
+    let nodes = "a: Number(), s: Slow(value: \"a\", millis: 20)";
+    lab.run(nodes);
+    let forecast = |nodes: &str| {
+        let graph = lab.parse(&graph_text(nodes)).unwrap();
+        lab.engine().plan(&graph, &[]).last().unwrap().clone()
+    };
+    assert_eq!(forecast(nodes).forecast, None, "nothing would run");
+    let seconds = forecast("b: Number(), other: Slow(value: \"b\", millis: 40)").forecast.unwrap();
+    let took = forecast(nodes).last.unwrap();
+    assert!(took.seconds >= 0.02 && took.work == 20.0 && took.memory > 0, "{took:?}");
+    assert!((seconds / took.seconds - 2.0).abs() < 1e-9, "twice the work: {seconds}");
+    assert_eq!(forecast("b: Number(), d: Split(value: \"b\")").forecast, None, "that kind never ran");
+}
+
+#[test]
+fn what_changed_is_remembered_after_the_run() {
+    let lab = Lab::on_disk();
+    let nodes = "a: Number(value: 30.0), s: Slow(value: \"a\", millis: 1)";
+    lab.run(nodes);
+    let edited = nodes.replace("30.0", "35.0");
+    lab.run(&edited);
+    lab.run(&edited);
+    let graph = lab.parse(&graph_text(&edited)).unwrap();
+    let planned = lab.engine().plan(&graph, &[]);
+    assert_eq!(planned[0].fate, Fate::Known);
+    let past = &planned[0].past[..];
+    assert!(matches!(past, [c] if c.path == "value" && c.old.as_deref() == Some("30.0")), "{past:?}");
+    assert_eq!(planned[1].past.len(), 1);
+}
+
+#[test]
+fn a_trace_tells_what_ran_when_and_where() {
+    let lab = Lab::on_disk();
+    let graph = lab.parse(&graph_text("a: Number(), s: Series(value: \"a\")")).unwrap();
+    let options = engine::RunOptions { out: lab.path("out"), trace: true, ..Default::default() };
+    let mut spans = Vec::new();
+    lab.engine().run(&graph, &options, |event| {
+        if let engine::Event::Span { id, what, thread, start, seconds } = event {
+            assert!(thread < 2 && start >= 0.0 && seconds >= 0.0);
+            spans.push(format!("{id} {what}"));
+        }
+    });
+    for wanted in ["a code", "a store", "s code", "s store"] {
+        assert!(spans.iter().any(|span| span == wanted), "{wanted} in {spans:?}");
+    }
+    assert!(spans.iter().any(|span| span.starts_with("s chunk")), "parts: {spans:?}");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Up};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::{DMat4, DVec3};
 
 use crate::equirect;
@@ -172,7 +172,11 @@ impl Kind for DemoScene {
 
     fn estimate(params: &Self, _: &In) -> Cost {
         let splats = f64::from(params.splats);
-        Cost { bytes: (splats * 600.0) as u64 + (64 << 20), work: splats * 40.0 + 2e6 }
+        Cost { bytes: (splats * 600.0) as u64 + (64 << 20) }
+    }
+
+    fn work(params: &Self, _: &Sizes) -> f64 {
+        f64::from(params.splats) + 50_000.0
     }
 
     fn run(params: &Self, _: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -92,7 +92,7 @@ impl Kind for FuseHdr {
 
     fn estimate(_: &Self, inputs: &In) -> Cost {
         let pixels = inputs.base.alpha.samples.len() as u64;
-        Cost { bytes: pixels * 80, work: pixels as f64 }
+        Cost { bytes: pixels * 80 }
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -11,7 +11,7 @@ pub mod walk;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Part};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Part, Sizes};
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
@@ -399,7 +399,7 @@ impl Kind for PathTrace {
     type In = In;
     type Out = Out;
 
-    fn estimate(params: &Self, inputs: &In) -> Cost {
+    fn estimate(_params: &Self, inputs: &In) -> Cost {
         let pixels: u64 =
             inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px)).sum();
         let triangles: usize =
@@ -408,7 +408,11 @@ impl Kind for PathTrace {
         let pixel_bytes = ((R0 + PAIR) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 17 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
-        Cost { bytes: pixels * pixel_bytes + scene + sky, work: pixels as f64 * f64::from(params.samples) }
+        Cost { bytes: pixels * pixel_bytes + scene + sky }
+    }
+
+    fn work(params: &Self, sizes: &Sizes) -> f64 {
+        sizes.of("rig") * f64::from(params.samples)
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {

@@ -73,7 +73,7 @@ impl Kind for PredictExposure {
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = inputs.pano.alpha.samples.len();
-        Cost { bytes: (pixels * (40 + 12 * params.evs.len())) as u64, work: pixels as f64 }
+        Cost { bytes: (pixels * (40 + 12 * params.evs.len())) as u64 }
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {

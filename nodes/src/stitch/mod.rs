@@ -7,7 +7,7 @@ mod tests;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Up};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
 
 use crate::types::{Data, Image, Images, Linear, Panorama, Picture, Srgb, View, Views};
@@ -288,7 +288,11 @@ impl Kind for Stitch {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let faces: usize = inputs.views.0.iter().map(|view| view.colour.samples().len()).sum();
-        Cost { bytes: pixels * 64 + faces as u64 * 4, work: (pixels * 200 + faces as u64 * 50) as f64 }
+        Cost { bytes: pixels * 64 + faces as u64 * 4 }
+    }
+
+    fn work(params: &Self, sizes: &Sizes) -> f64 {
+        f64::from(params.width_px) * f64::from(params.width_px) * 8.0 + sizes.of("views")
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {

@@ -90,6 +90,10 @@ impl Artifact for Rig {
         self.cameras.len() * 256
     }
 
+    fn size(&self) -> u64 {
+        self.cameras.iter().map(|camera| u64::from(camera.width_px) * u64::from(camera.height_px)).sum()
+    }
+
     fn difference(&self, other: &Self) -> Difference {
         if self == other {
             return Difference::none();

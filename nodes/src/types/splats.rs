@@ -118,6 +118,10 @@ impl Artifact for Splats {
         (self.len() * (44 + 12 * self.sh_len())) + self.means_low.len() * 12
     }
 
+    fn size(&self) -> u64 {
+        self.len() as u64
+    }
+
     fn difference(&self, other: &Self) -> Difference {
         if self == other {
             return Difference::none();

@@ -1,0 +1,142 @@
+//! Unpacking: a folder with the files of a bundle, or nothing.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use cache::Store;
+
+use super::container::{Bundle, BundleError};
+use super::{GRAPH, LOCK, MARK};
+
+impl<R: Read + Seek> Bundle<R> {
+    /// Makes the folder `target` with the graph, its lock and its inputs. All of it is written beside the
+    /// target and verified, and then renamed; where anything is wrong nothing stays. Links are never made.
+    ///
+    /// # Errors
+    /// When the bundle is not sound, the target is there and not empty, or the disk is full.
+    pub fn unpack(&mut self, target: &Path) -> Result<(), BundleError> {
+        let failed = |what: &str, path: &Path| {
+            let what = format!("cannot {what} `{}`", path.display());
+            move |source| BundleError::Io { what, source }
+        };
+        if fs::symlink_metadata(target).is_ok() && !is_empty_folder(target) {
+            let what = format!("`{}` is there already; name a new folder", target.display());
+            return Err(BundleError::Refused(what));
+        }
+        for needed in [GRAPH, LOCK] {
+            if self.content_of(needed).is_none() {
+                return Err(BundleError::Damaged(format!("it holds no `{needed}`")));
+            }
+        }
+        let parent =
+            target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        fs::create_dir_all(parent).map_err(failed("create", parent))?;
+        let passing = Passing::create(parent).map_err(failed("write to", parent))?;
+        let files: Vec<String> = self.files().map(|(name, ..)| name.to_owned()).collect();
+        for name in files {
+            // Checked when the bundle was opened: relative, and no part of it leads up.
+            let path = passing.0.join(&name);
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(failed("create", folder))?;
+            }
+            let mut file = OpenOptions::new()
+                .write(true)
+                .create_new(true)
+                .open(&path)
+                .map_err(failed("create", &path))?;
+            let content = self.content_of(&name).unwrap_or_default();
+            self.copy(content, &mut file)?;
+        }
+        let mark = passing.0.join(MARK);
+        let text = format!(
+            "{}\nThis folder came from a bundle. Its graph reads only what lies here and what `--inputs` names.\n\
+             Remove this file to make the graph your own.\n",
+            self.digest()
+        );
+        File::create_new(&mark)
+            .and_then(|mut file| file.write_all(text.as_bytes()))
+            .map_err(failed("create", &mark))?;
+        if is_empty_folder(target) {
+            fs::remove_dir(target).map_err(failed("replace", target))?;
+        }
+        fs::rename(&passing.0, target).map_err(failed("rename to", target))?;
+        Ok(())
+    }
+
+    /// Puts records and values into a store, which then knows what they claim. Only for a store that is
+    /// thrown away, or for somebody who trusts the packer.
+    ///
+    /// # Errors
+    /// When the bundle is not sound or the store cannot be written.
+    pub fn fill(&mut self, store: &Store) -> Result<(), BundleError> {
+        let failed = |error: cache::Error| BundleError::Refused(error.to_string());
+        for (digest, content) in self.values() {
+            let bytes = self.read(content)?;
+            store.put_blob_as(&digest, &bytes).map_err(failed)?;
+        }
+        for (key, content) in self.records() {
+            let bytes = self.read(content)?;
+            store.put_record(&key, &bytes).map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    /// The text of the graph.
+    ///
+    /// # Errors
+    /// When there is none, or it is not text.
+    pub fn graph_text(&mut self) -> Result<String, BundleError> {
+        self.text(GRAPH)
+    }
+
+    /// The text of its lock.
+    ///
+    /// # Errors
+    /// When there is none, or it is not text.
+    pub fn lock_text(&mut self) -> Result<String, BundleError> {
+        self.text(LOCK)
+    }
+
+    fn text(&mut self, name: &str) -> Result<String, BundleError> {
+        let content = self.content_of(name);
+        let content = content.ok_or_else(|| BundleError::Damaged(format!("it holds no `{name}`")))?;
+        String::from_utf8(self.read(content)?)
+            .map_err(|_| BundleError::Damaged(format!("`{name}` is not text")))
+    }
+}
+
+/// Whether a folder is one that [`Bundle::unpack`] made, so that its graph is somebody else's.
+pub fn is_unpacked(folder: &Path) -> bool {
+    fs::symlink_metadata(folder.join(MARK)).is_ok()
+}
+
+fn is_empty_folder(path: &Path) -> bool {
+    let is_folder = fs::symlink_metadata(path).is_ok_and(|found| found.is_dir());
+    is_folder && fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
+}
+
+/// A folder under a passing name; removed when dropped, if it is still there.
+pub(crate) struct Passing(pub PathBuf);
+
+impl Passing {
+    pub fn create(parent: &Path) -> io::Result<Self> {
+        use std::sync::atomic::{AtomicU64, Ordering};
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        loop {
+            let count = COUNT.fetch_add(1, Ordering::Relaxed);
+            let path = parent.join(format!(".{}-{count}.lightharmony-folder", std::process::id()));
+            match fs::create_dir(&path) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                result => return result.map(|()| Self(path)),
+            }
+        }
+    }
+}
+
+impl Drop for Passing {
+    fn drop(&mut self) {
+        // Renamed, it is no longer there.
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}

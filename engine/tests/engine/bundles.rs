@@ -1,0 +1,189 @@
+//! Graphs that are handed on: packed, unpacked elsewhere, verified, confined, locked.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use engine::{
+    Bundle, Graph, Lock, Packed, Results, Source, SourceRoot, Verdict, VerifyOptions, is_unpacked, verify,
+};
+
+use crate::lab::{Lab, graph_text};
+
+const NODES: &str = r#"
+    a: LoadNumber(path: "sub/a.txt"), // a remark
+    far: LoadNumber(path: "../far.txt"),
+    b: Scale(value: "a", by: 3.0),
+    s: Slow(value: "b", millis: 1),
+    sum: Add(terms: ["s", "far"]),
+    w: WriteNumber(number: "sum", path: "deep/w.txt"),
+    r: WriteRecipe(number: ["sum"], path: "r.txt"),
+"#;
+
+/// A lab whose graph reads a file beside it and one above.
+fn lab(outer: &Path) -> (Lab, Graph) {
+    let lab = Lab::on_disk();
+    let folder = outer.join("project");
+    std::fs::create_dir_all(folder.join("sub")).unwrap();
+    std::fs::write(folder.join("sub/a.txt"), "4").unwrap();
+    std::fs::write(outer.join("far.txt"), "5").unwrap();
+    let graph = parse(&lab, &graph_text(NODES), SourceRoot::new(folder)).unwrap();
+    (lab, graph)
+}
+
+fn parse(lab: &Lab, text: &str, root: SourceRoot) -> Result<Graph, engine::Diagnostics> {
+    Graph::parse(Source::new("graph.ron", text), &lab.registry, root)
+}
+
+fn run(lab: &Lab, graph: &Graph, out: &str) -> engine::Outcome {
+    let options = engine::RunOptions { out: lab.path(out), ..Default::default() };
+    lab.engine().run(graph, &options, |_| {})
+}
+
+fn pack(lab: &Lab, graph: &Graph, results: Results) -> (Vec<u8>, Packed) {
+    let mut bytes = Vec::new();
+    let packed = lab.engine().pack(graph, &[], results, &mut bytes).unwrap();
+    (bytes, packed)
+}
+
+fn checked(lab: &Lab, bytes: &[u8], sample: usize, seed: u64) -> engine::Verified {
+    let mut bundle = Bundle::open(Cursor::new(bytes)).unwrap();
+    let folder = lab.path("");
+    let options =
+        VerifyOptions { sample, seed, jobs: 2, memory: 1 << 30, folder: &folder, cancel: Default::default() };
+    verify(&mut bundle, &lab.registry, &options, |_| {}).unwrap()
+}
+
+#[test]
+fn a_bundle_gives_the_same_bytes_elsewhere() {
+    let outer = tempfile::tempdir().unwrap();
+    let (lab, graph) = lab(outer.path());
+    assert_eq!(run(&lab, &graph, "out").totals.failed, 0);
+    let (bytes, packed) = pack(&lab, &graph, Results::All);
+    assert_eq!((packed.inputs, packed.known, packed.unknown.len(), packed.gone.len()), (2, 7, 0, 0));
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    assert!(!text.contains(&*outer.path().to_string_lossy()), "no folder of the packer gets into it");
+
+    // The same from another folder and another cache.
+    let second = tempfile::tempdir().unwrap();
+    let (other, graph) = self::lab(second.path());
+    run(&other, &graph, "out");
+    assert!(bytes == pack(&other, &graph, Results::All).0, "the same bundle");
+
+    let target = outer.path().join("unpacked");
+    Bundle::open(Cursor::new(&bytes)).unwrap().unpack(&target).unwrap();
+    assert!(is_unpacked(&target) && !is_unpacked(outer.path()));
+    assert_eq!(std::fs::read_to_string(target.join("inputs/0/far.txt")).unwrap(), "5");
+    let text = std::fs::read_to_string(target.join("graph.ron")).unwrap();
+    assert!(text.contains("// a remark") && text.contains("path: \"inputs/0/far.txt\""), "{text}");
+    let third = Lab::on_disk();
+    let graph = parse(&third, &text, SourceRoot::confined(&target, &[]).unwrap()).unwrap();
+    run(&third, &graph, "out");
+    for file in ["deep/w.txt", "r.txt"] {
+        assert_eq!(lab.out(file), third.out(file), "{file}");
+    }
+    let again = Bundle::open(Cursor::new(&bytes)).unwrap().unpack(&target).unwrap_err().to_string();
+    assert!(again.contains("is there already"), "{again}");
+}
+
+#[test]
+fn verifying_computes_anew_and_tells_what_is_not_so() {
+    let outer = tempfile::tempdir().unwrap();
+    let (lab, graph) = lab(outer.path());
+    run(&lab, &graph, "out");
+    for results in [Results::Digests, Results::Targets, Results::All] {
+        let (bytes, _) = pack(&lab, &graph, results);
+        for (sample, seed) in [(0, 0), (2, 1), (2, 2), (100, 0)] {
+            let verified = checked(&lab, &bytes, sample, seed);
+            assert!(verified.is_good(), "{verified:?}");
+            assert_eq!((verified.nodes.len(), verified.known), (sample.min(7), 7));
+        }
+        let names = |seed| checked(&lab, &bytes, 2, seed).nodes.into_iter().map(|n| n.0).collect::<Vec<_>>();
+        assert_eq!(names(1), names(1), "the seed chooses");
+        assert!((2..20).any(|seed| names(seed) != names(1)));
+    }
+
+    // A packer whose `scale` gave something else.
+    let cheat = Lab { registry: crate::arithmetic::registry_of_a_cheat(), ..Lab::on_disk() };
+    let folder = outer.path().join("project");
+    let graph = parse(&cheat, &graph_text(NODES), SourceRoot::new(folder)).unwrap();
+    run(&cheat, &graph, "out");
+    let (bytes, _) = pack(&cheat, &graph, Results::All);
+    let verified = checked(&lab, &bytes, 100, 0);
+    assert!(!verified.is_good());
+    let of =
+        |id: &str| verified.nodes.iter().find(|(name, _)| name == id).map(|(_, verdict)| verdict).unwrap();
+    assert!(
+        matches!(of("b"), Verdict::Differs { output, difference: Some(d) } if output == "number" && !d.equal),
+        "{verified:?}"
+    );
+    assert_eq!((of("a"), of("s")), (&Verdict::Equal, &Verdict::OtherInputs));
+}
+
+#[test]
+fn what_never_ran_is_packed_without_results() {
+    let outer = tempfile::tempdir().unwrap();
+    let (lab, graph) = lab(outer.path());
+    let (bytes, packed) = pack(&lab, &graph, Results::All);
+    assert_eq!((packed.inputs, packed.known, packed.unknown.len()), (2, 0, 7));
+    assert_eq!(checked(&lab, &bytes, 3, 0).known, 0);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_strangers_graph_reads_and_writes_where_it_may() {
+    let lab = Lab::on_disk();
+    std::fs::create_dir_all(lab.path("in/deep")).unwrap();
+    std::fs::create_dir_all(lab.path("elsewhere")).unwrap();
+    lab.write("secret.txt", "42");
+    lab.write("in/a.txt", "1");
+    std::os::unix::fs::symlink(lab.path("secret.txt"), lab.path("in/link.txt")).unwrap();
+    let root = || SourceRoot::confined(&lab.path("in"), &[]).unwrap();
+    let secret = lab.path("secret.txt").to_string_lossy().into_owned();
+    for path in ["../secret.txt", "link.txt", "deep/../../secret.txt", &secret] {
+        let text = graph_text(&format!("a: LoadNumber(path: \"{path}\")"));
+        let mistakes = parse(&lab, &text, root()).map(|_| ()).unwrap_err().render(false);
+        assert!(mistakes.contains("may not be read"), "{path}: {mistakes}");
+    }
+    let text =
+        graph_text("a: LoadNumber(path: \"a.txt\"), w: WriteNumber(number: \"a\", path: \"deep/w.txt\")");
+    let graph = parse(&lab, &text, root()).unwrap();
+    std::fs::create_dir_all(lab.path("out")).unwrap();
+    std::os::unix::fs::symlink(lab.path("elsewhere"), lab.path("out/deep")).unwrap();
+    let outcome = run(&lab, &graph, "out");
+    assert!(outcome.failures.unwrap().render(false).contains("is a link"));
+    assert_eq!(std::fs::read_dir(lab.path("elsewhere")).unwrap().count(), 0);
+    assert_eq!(run(&lab, &graph, "other").totals.failed, 0);
+    // One's own graph may.
+    let own = parse(&lab, &text, SourceRoot::new(lab.path("in"))).unwrap();
+    assert_eq!(run(&lab, &own, "out").totals.failed, 0);
+    assert_eq!(std::fs::read_dir(lab.path("elsewhere")).unwrap().count(), 1);
+}
+
+#[test]
+fn a_lock_tells_what_differs() {
+    let outer = tempfile::tempdir().unwrap();
+    let (lab, graph) = lab(outer.path());
+    let lock = |graph: &Graph| lab.engine().lock(graph, &[]).unwrap();
+    let cold = lock(&graph);
+    assert_eq!((cold.inputs.len(), cold.kinds.len(), cold.results.len()), (2, 6, 0));
+    run(&lab, &graph, "out");
+    let known = lock(&graph);
+    assert_eq!(known.results.len(), 7);
+    assert_eq!(known.differences(&known), Default::default());
+    assert_eq!(Lock::parse(&Source::new("graph.lock", known.text())).unwrap(), known);
+    assert!(Lock::parse(&Source::new("graph.lock", "Lock(format: 1)")).is_err());
+    assert!(Lock::parse(&Source::new("l", known.text().replace("format: 1", "format: 9"))).is_err());
+
+    std::fs::write(outer.path().join("far.txt"), "6").unwrap();
+    let changed = known.differences(&lock(&graph));
+    assert!(
+        matches!(&changed.before[..], [line] if line.starts_with("`../far.txt` has other content")),
+        "{changed:?}"
+    );
+    let other = Lock { kinds: [("add".to_owned(), (2, "portable".to_owned()))].into(), ..known.clone() };
+    let changed = known.differences(&other);
+    assert_eq!(changed.before, ["`add` is version 2 (portable), and the lock has 1 (portable)"]);
+    let mut other = known.clone();
+    other.results.get_mut("b").unwrap().insert("number".to_owned(), "0".repeat(64));
+    assert!(known.differences(&other).results[0].starts_with("`b.number` came out as 000000000000"));
+}
