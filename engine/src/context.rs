@@ -81,9 +81,14 @@ pub enum ContextField {
     Seed,
     /// The names of the outputs that the wires come from; see [`Context::wired`].
     Wired,
+    /// The values of axes at which the nodes above stand; see [`Context::points`].
+    Points,
     /// The canonical graph above this node; see [`Context::recipe`].
     Recipe,
 }
+
+/// Axes, each with the value at which a node stands, in RON: `[("yaw", "15.0")]`.
+pub type Point = Vec<(String, String)>;
 
 /// Names one part of a node's work, an action of its own with its own key.
 #[derive(Debug, Clone, Copy)]
@@ -118,6 +123,7 @@ pub struct Context {
     pub(crate) reads: &'static [ContextField],
     pub(crate) recipe: Option<Arc<str>>,
     pub(crate) wired: Vec<(&'static str, Vec<&'static str>)>,
+    pub(crate) points: Vec<(&'static str, Vec<Point>)>,
     pub(crate) root: SourceRoot,
     pub(crate) sources: Vec<ReadSource>,
     pub(crate) cancel: Arc<AtomicBool>,
@@ -137,6 +143,7 @@ impl Context {
             reads: &[ContextField::Up, ContextField::MetresPerUnit, ContextField::Seed],
             recipe: None,
             wired: Vec::new(),
+            points: Vec::new(),
             root: SourceRoot::new(folder),
             sources: Vec::new(),
             cancel: Arc::default(),
@@ -153,6 +160,11 @@ impl Context {
             reads: graph.nodes[index].kind.reads,
             recipe: action.recipe.clone(),
             wired: graph.wired(index),
+            points: if graph.nodes[index].kind.reads.contains(&ContextField::Points) {
+                graph.points(index)
+            } else {
+                Vec::new()
+            },
             root: graph.root.clone(),
             sources: action.sources.clone(),
             ..Self::detached(graph.scene, "")
@@ -191,6 +203,12 @@ impl Context {
     /// must declare [`ContextField::Wired`]. Empty in a detached context.
     pub fn wired(&self, input: &str) -> &[&'static str] {
         self.wired.iter().find(|(port, _)| *port == input).map_or(&[], |(_, names)| names)
+    }
+
+    /// For each wire of an input, the axes that its node runs along with its values there:
+    /// `[("yaw", "15.0")]`. The kind must declare [`ContextField::Points`]. Empty in a detached context.
+    pub fn points(&self, input: &str) -> &[Point] {
+        self.points.iter().find(|(port, _)| *port == input).map_or(&[], |(_, points)| points)
     }
 
     /// True once the run was asked to stop.

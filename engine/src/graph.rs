@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::check::Check;
-use crate::context::Scene;
+use crate::context::{Point, Scene};
 use crate::diag::{Diagnostics, Source};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::order::{describe_cycle, distinct, order_of};
@@ -34,7 +34,7 @@ pub struct Node {
     /// The path a sink writes to, with its placeholders.
     pub sink_path: Option<String>,
     /// The value of each axis that it or its inputs read, in the order of the axes: `("yaw", "15.0")`.
-    pub point: Vec<(String, String)>,
+    pub point: Point,
     /// Where it stands in the text.
     pub span: Range<usize>,
     pub(crate) fields: Vec<(&'static str, Range<usize>)>,
@@ -162,6 +162,14 @@ impl Graph {
         let name = |wire: &Wire| self.nodes[wire.node].kind.outputs[wire.port].name;
         let ports = node.kind.inputs.iter().zip(&node.inputs);
         ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect()
+    }
+
+    /// For each input port of a node, the points of the nodes that its wires come from.
+    pub(crate) fn points(&self, node: usize) -> Vec<(&'static str, Vec<Point>)> {
+        let node = &self.nodes[node];
+        let point = |wire: &Wire| self.nodes[wire.node].point.clone();
+        let ports = node.kind.inputs.iter().zip(&node.inputs);
+        ports.map(|(port, wires)| (port.name, wires.iter().map(point).collect())).collect()
     }
 
     /// The files that nodes read, as far as that can be told without reading them through.

@@ -56,6 +56,14 @@ pub(crate) fn node_key<'s>(
                     to.list(&format!("wired.{port}"), |to| names.iter().for_each(|name| to.str("", name)));
                 }
             }
+            ContextField::Points => {
+                for (port, points) in graph.points(index) {
+                    for (place, point) in points.iter().enumerate() {
+                        let name = |axis: &str| format!("points.{port}.{place}.{axis}");
+                        point.iter().for_each(|(axis, value)| to.str(&name(axis), value));
+                    }
+                }
+            }
             ContextField::Recipe => to.str("recipe", recipe.unwrap_or_default()),
         }
     }

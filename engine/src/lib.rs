@@ -129,7 +129,7 @@ pub use bundle::{
     Bundle, BundleError, Packed, Results, Verdict, Verified, VerifyOptions, is_unpacked, verify,
 };
 pub use cache::{Change, Digest, Manifest, Store};
-pub use context::{Context, ContextField, Part, Scene, Up};
+pub use context::{Context, ContextField, Part, Point, Scene, Up};
 pub use diag::{Diagnostic, Diagnostics, Source, nearest};
 pub use edit::{EditError, Setting, apply};
 pub use error::NodeError;

@@ -12,6 +12,7 @@ pub mod camera;
 pub mod color;
 pub mod compare;
 pub mod composite;
+pub mod contact_sheet;
 pub mod crop_mesh;
 pub mod cube_rig;
 pub mod demo_scene;
@@ -20,6 +21,7 @@ pub mod error;
 pub mod fuse_hdr;
 pub mod inspect;
 pub mod io;
+pub mod join_reports;
 pub mod layers;
 pub mod light;
 pub mod load_cameras;
@@ -46,6 +48,7 @@ pub mod splat_panorama;
 pub mod splat_render;
 pub mod stitch;
 pub mod types;
+pub mod write_animation;
 pub mod write_exr;
 pub mod write_image;
 pub mod write_report;
@@ -62,10 +65,12 @@ pub fn registry() -> Registry {
         KindEntry::of::<camera::Camera>(),
         KindEntry::of::<compare::Compare>(),
         KindEntry::of::<composite::Composite>(),
+        KindEntry::of::<contact_sheet::ContactSheet>(),
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<cube_rig::CubeRig>(),
         KindEntry::of::<demo_scene::DemoScene>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
+        KindEntry::of::<join_reports::JoinReports>(),
         KindEntry::of::<load_cameras::LoadCameras>(),
         KindEntry::of::<load_environment::LoadEnvironment>(),
         KindEntry::of::<load_image::LoadImage>(),
@@ -83,6 +88,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<splat_panorama::SplatPanorama>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),
+        KindEntry::of::<write_animation::WriteAnimation>(),
         KindEntry::of::<write_exr::WriteExr>(),
         KindEntry::of::<write_image::WriteImage>(),
         KindEntry::of::<write_report::WriteReport>(),

@@ -112,14 +112,20 @@ impl Kind for WriteImage {
 
 /// Samples that a file of whole numbers cannot hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Lost {
+pub(crate) struct Lost {
     above: u64,
     below: u64,
     not_a_number: u64,
 }
 
 impl Lost {
-    fn tell(self, view: &str, notes: &mut Notes) {
+    pub fn add(&mut self, other: Self) {
+        self.above += other.above;
+        self.below += other.below;
+        self.not_a_number += other.not_a_number;
+    }
+
+    pub fn tell(self, view: &str, notes: &mut Notes) {
         if self.not_a_number > 0 {
             notes.degraded(
                 "not-a-number",
@@ -137,7 +143,7 @@ impl Lost {
 }
 
 /// Display codes of a picture, rounded to nearest.
-fn quantise(
+pub(crate) fn quantise(
     picture: &Picture,
     wide: bool,
     alpha: AlphaOutput,
@@ -180,9 +186,7 @@ fn quantise(
     let mut codes = Vec::with_capacity(width * height * (colours + 1));
     for (row, row_lost) in rows {
         codes.extend(row);
-        lost.above += row_lost.above;
-        lost.below += row_lost.below;
-        lost.not_a_number += row_lost.not_a_number;
+        lost.add(row_lost);
     }
     let channels = colours + usize::from(keep_alpha);
     Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new() }, lost))

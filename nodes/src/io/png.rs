@@ -106,31 +106,63 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 /// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` tells that colour samples are
 /// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
+    write_all(std::slice::from_ref(raster), None, srgb, texts)
+}
+
+/// Writes frames of one size and sort as an animated PNG. `delay` is the time of a frame as a fraction of a
+/// second, `plays` how often it plays, 0 for ever.
+pub fn write_frames(
+    frames: &[Raster],
+    delay: (u16, u16),
+    plays: u32,
+    srgb: bool,
+    texts: &[(&str, &str)],
+) -> Result<Vec<u8>, Error> {
+    write_all(frames, Some((delay, plays)), srgb, texts)
+}
+
+type Animation = ((u16, u16), u32);
+
+fn write_all(
+    frames: &[Raster],
+    animation: Option<Animation>,
+    srgb: bool,
+    texts: &[(&str, &str)],
+) -> Result<Vec<u8>, Error> {
     let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
+    let Some(first) = frames.first() else {
+        return Err(Error::Mismatch("cannot make a PNG of no picture".to_owned()));
+    };
     let mut bytes = Vec::new();
-    let mut encoder = Encoder::new(&mut bytes, raster.width as u32, raster.height as u32);
-    encoder.set_color(match raster.channels {
+    let mut encoder = Encoder::new(&mut bytes, first.width as u32, first.height as u32);
+    encoder.set_color(match first.channels {
         1 => ColorType::Grayscale,
         2 => ColorType::GrayscaleAlpha,
         3 => ColorType::Rgb,
         _ => ColorType::Rgba,
     });
-    encoder.set_depth(if raster.largest == 255 { BitDepth::Eight } else { BitDepth::Sixteen });
+    encoder.set_depth(if first.largest == 255 { BitDepth::Eight } else { BitDepth::Sixteen });
     encoder.set_compression(png::Compression::Balanced);
     encoder.set_filter(png::Filter::Adaptive);
     if srgb {
         encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     }
+    if let Some(((numerator, denominator), plays)) = animation {
+        encoder.set_animated(frames.len() as u32, plays).map_err(fail)?;
+        encoder.set_frame_delay(numerator, denominator).map_err(fail)?;
+    }
     for (keyword, text) in texts {
         encoder.add_itxt_chunk((*keyword).to_owned(), (*text).to_owned()).map_err(fail)?;
     }
     let mut writer = encoder.write_header().map_err(fail)?;
-    let raw: Vec<u8> = if raster.largest == 255 {
-        raster.codes.iter().map(|&code| code as u8).collect()
-    } else {
-        raster.codes.iter().flat_map(|code| code.to_be_bytes()).collect()
-    };
-    writer.write_image_data(&raw).map_err(fail)?;
+    for frame in frames {
+        let raw: Vec<u8> = if frame.largest == 255 {
+            frame.codes.iter().map(|&code| code as u8).collect()
+        } else {
+            frame.codes.iter().flat_map(|code| code.to_be_bytes()).collect()
+        };
+        writer.write_image_data(&raw).map_err(fail)?;
+    }
     writer.finish().map_err(fail)?;
     Ok(bytes)
 }
