@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use cache::Store;
 use clap::Args;
-use engine::{Diagnostics, EditError, Engine, Graph, Setting, Source, SourceRoot};
+use engine::{Diagnostics, EditError, Engine, Graph, Registry, Setting, Source, SourceRoot};
 
 /// Why a verb cannot begin. Exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -87,6 +87,18 @@ pub struct Loaded {
 impl GraphArgs {
     /// Reads, edits and checks the graph.
     pub fn load(&self) -> Result<Loaded, Error> {
+        self.load_by(Graph::parse)
+    }
+
+    /// The same, by way of the compiled graph where `store` has one.
+    pub fn load_cached(&self, store: &Store) -> Result<Loaded, Error> {
+        self.load_by(|source, registry, root| Graph::parse_cached(source, registry, root, store))
+    }
+
+    fn load_by(
+        &self,
+        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Graph, Diagnostics>,
+    ) -> Result<Loaded, Error> {
         let (source, folder) = read(&self.graph)?;
         let settings: Vec<Setting> =
             self.set.iter().map(|text| text.parse()).collect::<Result<_, _>>().map_err(Error::Edit)?;
@@ -94,8 +106,7 @@ impl GraphArgs {
             EditError::Graph(diagnostics) => Error::Graph(diagnostics),
             other => Error::Edit(other),
         })?;
-        let graph =
-            Graph::parse(source, &nodes::registry(), SourceRoot::new(folder)).map_err(Error::Graph)?;
+        let graph = parse(source, &nodes::registry(), SourceRoot::new(folder)).map_err(Error::Graph)?;
         let only = self.only.iter().map(|name| find_all(&graph, name)).collect::<Result<Vec<_>, _>>()?;
         Ok(Loaded { graph, only: only.concat() })
     }

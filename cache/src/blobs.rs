@@ -75,13 +75,15 @@ impl Blobs {
         }
     }
 
-    /// Rewrites the log of small blobs if much of it is dead or damaged.
-    pub fn compact(&self) -> Result<()> {
+    /// Rewrites the log of small blobs if much of it is dead or damaged, and its index if it lacks much.
+    pub fn tidy(&self) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
-        match lock(&disk.small).as_mut().filter(|log| log.wants_compaction()) {
-            Some(log) => log.compact(|_, _| true).map(drop),
-            None => Ok(()),
+        let mut small = lock(&disk.small);
+        let Some(log) = small.as_mut() else { return Ok(()) };
+        if log.wants_compaction() {
+            log.compact(|_, _| true)?;
         }
+        log.save_index()
     }
 
     /// Syncs what was put since the last time.
@@ -100,7 +102,7 @@ impl Disk {
         }
         if bytes.len() < SMALL {
             return self.with_small(|log| {
-                if log.contains(KIND, digest) { Ok(()) } else { log.append(&[(KIND, *digest, bytes)]) }
+                if log.contains(KIND, digest)? { Ok(()) } else { log.append(&[(KIND, *digest, bytes)]) }
             });
         }
         let path = self.path(digest);
@@ -166,12 +168,12 @@ impl Disk {
     }
 
     fn has(&self, digest: &Digest) -> bool {
-        let known = |log: &mut Log| Ok(log.contains(KIND, digest));
+        let known = |log: &mut Log| log.contains(KIND, digest);
         let found = |known: Result<bool>| known.unwrap_or(false);
         found(self.with_small(known))
             || (fs::metadata(self.path(digest)).is_ok_and(|found| found.is_file())
                 && !lock(&self.bad).contains(digest))
-            || found(self.with_small(|log| log.refresh().and_then(|()| known(log))))
+            || found(self.with_small(|log| log.refresh().and_then(|_| known(log))))
     }
 
     fn sync(&self) -> Result<()> {

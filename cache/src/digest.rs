@@ -36,6 +36,11 @@ impl Digest {
         hex
     }
 
+    /// The first 8 bytes as a number, in the order of digests.
+    pub(crate) fn rank(&self) -> u64 {
+        self.prefix().swap_bytes()
+    }
+
     /// The first 8 bytes as a number: digests are uniform, so this alone is a good hash.
     fn prefix(&self) -> u64 {
         let [a, b, c, d, e, f, g, h, ..] = self.0;

@@ -22,6 +22,12 @@ pub const NAMES: &[&str] = &[
     LOG.after_sync,
     LOG.before_rename,
     LOG.after_rename,
+    INDEX.before_create,
+    INDEX.after_create,
+    INDEX.middle,
+    INDEX.after_write,
+    INDEX.before_rename,
+    INDEX.after_rename,
     PUBLISH.before_create,
     PUBLISH.after_create,
     PUBLISH.middle,
@@ -70,6 +76,8 @@ macro_rules! file_points {
 pub(crate) const BLOB: FilePoints = file_points!("blob");
 /// A new or compacted log.
 pub(crate) const LOG: FilePoints = file_points!("log");
+/// The index of a log.
+pub(crate) const INDEX: FilePoints = file_points!("index");
 /// A file for the user.
 pub(crate) const PUBLISH: FilePoints = file_points!("publish");
 

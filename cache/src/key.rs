@@ -56,6 +56,18 @@ impl KeyWriter {
         writer
     }
 
+    /// What `write` writes, for walks that [`append`](Self::append) it.
+    pub fn fields(write: impl FnOnce(&mut KeyWriter)) -> Vec<u8> {
+        let mut writer = KeyWriter { encoding: Vec::new(), refused: false };
+        write(&mut writer);
+        writer.encoding
+    }
+
+    /// Fields written before, by [`fields`](Self::fields). Numbers in them were checked then, or never.
+    pub fn append(&mut self, fields: &[u8]) {
+        self.encoding.extend_from_slice(fields);
+    }
+
     /// A string.
     pub fn str(&mut self, name: &str, value: &str) {
         self.field(tag::STR, name);

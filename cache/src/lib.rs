@@ -2,7 +2,7 @@
 //!
 //! - [`Digest`] names content; [`KeyWriter`] makes the [`Key`] of a result, and its readable [`Manifest`].
 //! - [`Store`] is a cache folder: *blobs* (content by its own digest), *records* (what came of a key), *memos*
-//!   (a file's digest while its stamp stays), *history* (small notes, for forecasts) and *leases* (so that two
+//!   (a file's digest while its stamp stays), *history* (small notes in books, for forecasts) and *leases* (so that two
 //!   processes do not compute one key twice).
 //! - [`publish_file`] writes a user's file whole or not at all.
 //!
@@ -27,8 +27,8 @@
 //! ```text
 //! CACHEDIR.TAG               tells backup programs to leave the folder out; never read
 //! v1/                        all of format 1; another format is another folder beside it
-//!   records.log  .lock       records, memos, history
-//!   blobs.log    .lock       blobs shorter than 4096 bytes
+//!   records.log  .lock  .index   records, memos, history
+//!   blobs.log    .lock  .index   blobs shorter than 4096 bytes
 //!   blobs/ab/abcd…           every other blob, by the 64 digits of its digest below the first two
 //!   temp/.PID-N.lightharmony-temp   files being written, locked (flock) by their writer
 //!   quarantine/abcd…         bad blobs (the last of each digest) and logs without a head; never read
@@ -53,12 +53,21 @@
 //! 16  1  kind: 1 record, 2 blob, 3 memo, 4 history; plus 128: removes the entry of that kind and key
 //! 17 15  zero
 //! 32 32  key: of a record its key, of a blob its digest, of a memo the BLAKE3 of the absolute path, of
-//!        history the BLAKE3 of its name
-//! 64  n  payload: of a memo the fields of [`FileStamp`] in order, 8 bytes each, then the digest
+//!        history the BLAKE3 of its book's name
+//! 64  n  payload: of a memo the fields of [`FileStamp`] in order, 8 bytes each, then the digest; of a book for
+//!        each note the lengths of its name and value, 4 bytes each, then both
 //! ```
 //! The last entry of a kind and key counts. Kinds not listed are kept as they are by compaction, the last of
 //! each key. A reader that meets anything else than an entry looks for the next place where a whole one
 //! starts; what follows the last entry may be one that is still being written, and is looked at again.
+//!
+//! The **index** of a log says where its entries lie, so that opening reads only what was appended since. It is
+//! pages of 4096 bytes, each ending with the CRC-32 of the rest, started from the log's salt xor its number. Page
+//! 0 starts with `LHindex1` and five numbers of 8 bytes: how much of the log is indexed, how many entries, and
+//! how many bytes are live, dead and damaged. Pages of entries hold 85 each, sorted by key and then kind: key,
+//! offset after the log's head (8), length of the payload (4), kind (1), three zeros. Between them and page 0
+//! stand the first 8 bytes of the first key of each such page, as numbers, 511 a page. An entry is checked when it
+//! is read; where it is not what the index says, the index is forgotten and the log read whole.
 //!
 //! A writer locks `.lock` (flock, exclusive), reads what others appended, cuts off a torn tail, and appends.
 //! Readers take it shared while they read what was appended, if they can have it at once. Compaction writes
@@ -72,6 +81,8 @@ mod entry;
 mod error;
 pub mod failpoint;
 mod file_lock;
+mod history;
+mod index;
 mod key;
 mod lease;
 mod log;
@@ -82,6 +93,7 @@ mod publish;
 mod stamp;
 mod store;
 mod temp;
+mod window;
 
 pub use digest::{Digest, DigestWriter};
 pub use error::{Error, Result};

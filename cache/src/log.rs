@@ -13,9 +13,11 @@ use crate::entry::{self, Entry, MAX_PAYLOAD};
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
 use crate::file_lock::{FileGuard, FileLock};
+use crate::index::{Damaged, Index};
 use crate::log_head;
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
+use crate::window::Window;
 
 /// An entry of this kind plus another's removes the other.
 const REMOVED: u8 = 0x80;
@@ -25,6 +27,9 @@ const WINDOW: u64 = 1 << 20;
 
 /// Compaction leaves logs with less dead weight than this alone, in bytes.
 const DEAD_ENOUGH: u64 = 1 << 20;
+
+/// An index is renewed when at least this much of the log is not in it, in bytes, and a sixteenth of all.
+const UNINDEXED_ENOUGH: u64 = 64 << 10;
 
 /// How long an append waits for another process, once. A stopped one must not stop us: appending without the
 /// lock is safe but for the last instant of a compaction, which would cost us the entry.
@@ -39,8 +44,6 @@ pub(crate) struct Settings {
     pub temp: PathBuf,
     pub quarantine: PathBuf,
     pub writable: bool,
-    /// How many bytes of the log stay in memory. What lies further back is read when asked for.
-    pub keep: u64,
     /// Sync after every append.
     pub sync: bool,
 }
@@ -51,13 +54,20 @@ pub(crate) struct Log {
     settings: Option<Arc<Settings>>,
     open: Option<Open>,
     lock: Option<FileLock>,
-    index: HashMap<(u8, Digest), Slot, BuildHasherDefault<Fold>>,
-    /// The understood bytes of the file after its head, as many of them as are kept.
-    mirror: Vec<u8>,
+    /// The index of the first part of the file, and whether it turned out wrong.
+    index: Option<Index>,
+    distrusted: bool,
+    /// The entries after that part; `None` where one was removed.
+    recent: HashMap<Place, Option<Slot>, BuildHasherDefault<Fold>>,
+    /// All bytes of a log without a file.
+    memory: Vec<u8>,
+    window: Window,
     /// How far the file is understood, and how long it was when last looked at.
     scanned: u64,
     seen: u64,
     health: Health,
+    /// Damaged bytes that were not told of yet.
+    news: u64,
     unsynced: bool,
     /// The last wait for the lock was in vain; the next one is not repeated.
     impatient: bool,
@@ -70,11 +80,14 @@ struct Open {
     salt: u32,
 }
 
-/// Where the payload of an entry lies: offset from the end of the file's head.
+/// What names an entry: kind and key.
+pub(crate) type Place = (u8, Digest);
+
+/// Where an entry lies: offset from the end of the file's head, and the length of its payload.
 #[derive(Clone, Copy, Debug)]
-struct Slot {
-    offset: u64,
-    length: u32,
+pub(crate) struct Slot {
+    pub offset: u64,
+    pub length: u32,
 }
 
 /// What a log consists of, in bytes of its file.
@@ -91,6 +104,12 @@ pub(crate) struct Health {
 /// An entry to append: kind, key, payload.
 pub(crate) type Item<'a> = (u8, Digest, &'a [u8]);
 
+impl Settings {
+    fn index(&self) -> PathBuf {
+        self.path.with_extension("index")
+    }
+}
+
 impl Log {
     /// A log without a file.
     pub fn in_memory() -> Log {
@@ -98,11 +117,15 @@ impl Log {
             settings: None,
             open: None,
             lock: None,
-            index: HashMap::default(),
-            mirror: Vec::new(),
+            index: None,
+            distrusted: false,
+            recent: HashMap::default(),
+            memory: Vec::new(),
+            window: Window::default(),
             scanned: 0,
             seen: 0,
             health: Health::default(),
+            news: 0,
             unsynced: false,
             impatient: false,
         }
@@ -123,38 +146,87 @@ impl Log {
     }
 
     /// Whether the entry is there, as far as this process has read.
-    pub fn contains(&self, kind: u8, key: &Digest) -> bool {
-        self.index.contains_key(&(kind, *key))
+    pub fn contains(&mut self, kind: u8, key: &Digest) -> Result<bool> {
+        Ok(self.find(&(kind, *key))?.is_some())
     }
 
-    /// The payload of the entry, as far as this process has read.
-    pub fn get(&self, kind: u8, key: &Digest) -> Result<Option<Vec<u8>>> {
-        let Some(slot) = self.index.get(&(kind, *key)) else { return Ok(None) };
-        self.read(slot.offset + entry::HEAD as u64, slot.length as usize).map(Some)
+    /// The payload of the entry, as far as this process has read: checked, whenever it was written.
+    pub fn get(&mut self, kind: u8, key: &Digest) -> Result<Option<Vec<u8>>> {
+        let place = (kind, *key);
+        for _ in 0..2 {
+            let Some(slot) = self.find(&place)? else { return Ok(None) };
+            let salt = self.open.as_ref().map_or(0, |open| open.salt);
+            let raw = self.read(slot.offset, Entry::length(slot.length as usize))?;
+            if let Some(entry) = entry::decode(salt, raw)
+                && (entry.kind, entry.key) == place
+            {
+                return Ok(Some(entry.payload.to_vec()));
+            }
+            // It went bad since it was indexed. Reading everything shows what else did.
+            self.rescan()?;
+        }
+        self.drop_entry(kind, key);
+        Ok(None)
     }
 
     /// The keys of all entries of a kind, in order.
-    pub fn keys(&self, kind: u8) -> Vec<Digest> {
+    pub fn keys(&mut self, kind: u8) -> Result<Vec<Digest>> {
+        let all = self.all()?.into_iter();
+        Ok(all.filter(|((found, _), _)| *found == kind).map(|((_, key), _)| key).collect())
+    }
+
+    /// Every entry, sorted by key and then kind.
+    fn all(&mut self) -> Result<Vec<(Place, Slot)>> {
+        let mut all = match self.index.as_mut().map(Index::all) {
+            None => Vec::new(),
+            Some(Ok(all)) => all,
+            Some(Err(Damaged)) => {
+                self.rescan()?;
+                Vec::new()
+            }
+        };
+        all.retain(|(place, _)| !self.recent.contains_key(place));
         #[allow(clippy::iter_over_hash_type, reason = "sorted below")]
-        let mut keys: Vec<Digest> =
-            self.index.keys().filter(|(found, _)| *found == kind).map(|(_, key)| *key).collect();
-        keys.sort_unstable();
-        keys
+        all.extend(self.recent.iter().filter_map(|(place, slot)| Some((*place, (*slot)?))));
+        all.sort_unstable_by_key(|((kind, key), _)| (*key, *kind));
+        Ok(all)
     }
 
-    /// The state of the file as this process has read it.
-    pub fn health(&self) -> Health {
-        self.health
+    fn find(&mut self, place: &Place) -> Result<Option<Slot>> {
+        if let Some(known) = self.recent.get(place) {
+            return Ok(*known);
+        }
+        match self.index.as_mut().map(|index| index.find(place)) {
+            None => Ok(None),
+            Some(Ok(slot)) => Ok(slot),
+            Some(Err(Damaged)) => {
+                self.rescan()?;
+                Ok(self.recent.get(place).copied().flatten())
+            }
+        }
     }
 
-    /// Reads what other processes appended since the last look.
-    pub fn refresh(&mut self) -> Result<()> {
+    /// Forgets the index and reads the whole log.
+    fn rescan(&mut self) -> Result<()> {
+        self.distrusted = true;
+        self.reopen()?;
+        self.read_tail()
+    }
+
+    /// How many damaged bytes were found since the last call.
+    pub fn take_damaged(&mut self) -> u64 {
+        std::mem::take(&mut self.news)
+    }
+
+    /// Reads what other processes appended since the last look; says whether there was something to read.
+    pub fn refresh(&mut self) -> Result<bool> {
         if self.is_current()? {
-            return Ok(());
+            return Ok(false);
         }
         // So that no entry is seen half written; where there is no lock, the checksums see to that.
         let _shared = self.lock.as_ref().and_then(FileLock::shared);
-        self.catch_up()
+        self.catch_up()?;
+        Ok(true)
     }
 
     /// Whether the file is the one known, and no longer than known.
@@ -188,8 +260,6 @@ impl Log {
         if !known || metadata.len() < self.scanned {
             self.reopen()?;
         }
-        let ahead = metadata.len().min(settings.keep).saturating_sub(self.scanned);
-        self.mirror.reserve(usize::try_from(ahead).unwrap_or(0));
         self.read_tail()
     }
 
@@ -200,8 +270,8 @@ impl Log {
         }
         let Some(settings) = self.settings.clone() else {
             let bytes = encode(items, 0);
-            self.take_in(0, self.mirror.len() as u64, &bytes);
-            self.mirror.extend_from_slice(&bytes);
+            self.take_in(0, self.memory.len() as u64, &bytes);
+            self.memory.extend_from_slice(&bytes);
             return Ok(());
         };
         if !settings.writable || items.is_empty() {
@@ -228,7 +298,6 @@ impl Log {
         }
         let salt = open.salt;
         self.take_in(salt, self.scanned - log_head::LENGTH, &bytes);
-        self.remember(settings.keep, &bytes);
         self.scanned += bytes.len() as u64;
         self.seen = self.scanned;
         Ok(())
@@ -237,7 +306,7 @@ impl Log {
     /// Removes an entry, for every process.
     pub fn remove(&mut self, kind: u8, key: &Digest) -> Result<()> {
         self.refresh()?;
-        if !self.contains(kind, key) {
+        if !self.contains(kind, key)? {
             return Ok(());
         }
         self.append(&[(kind | REMOVED, *key, &[])])
@@ -246,7 +315,7 @@ impl Log {
     /// Forgets an entry that turned out bad, for every process if possible and for this one in any case.
     pub fn drop_entry(&mut self, kind: u8, key: &Digest) {
         let _ = self.remove(kind, key);
-        self.index.remove(&(kind, *key));
+        self.recent.insert((kind, *key), None);
     }
 
     /// Makes what was appended survive a loss of power.
@@ -276,9 +345,10 @@ impl Log {
         self.catch_up()?;
         let Some(open) = &self.open else { return Ok(false) };
         let old_salt = open.salt;
-        #[allow(clippy::iter_over_hash_type, reason = "sorted below")]
+        let old_length = self.seen;
+        let all = self.all()?.into_iter();
         let mut slots: Vec<Slot> =
-            self.index.iter().filter(|((kind, key), _)| keep(*kind, key)).map(|(_, slot)| *slot).collect();
+            all.filter(|((kind, key), _)| keep(*kind, key)).map(|(_, slot)| slot).collect();
         slots.sort_unstable_by_key(|slot| slot.offset);
 
         let salt = log_head::fresh_salt();
@@ -287,7 +357,7 @@ impl Log {
         for slot in slots {
             let raw = self.read(slot.offset, Entry::length(slot.length as usize))?;
             // Checked once more: what went bad since it was read is left behind, not signed anew.
-            if let Some(entry) = entry::decode(old_salt, &raw) {
+            if let Some(entry) = entry::decode(old_salt, raw) {
                 entry.encode(salt, &mut bytes);
             }
             if bytes.len() as u64 > WINDOW {
@@ -297,7 +367,8 @@ impl Log {
         }
         temp.write(&bytes)?;
         // Somebody was too impatient for the lock.
-        if open.file.metadata().at("read", &settings.path)?.len() != self.seen {
+        let now = self.open.as_ref().and_then(|open| open.file.metadata().ok());
+        if now.is_none_or(|now| now.len() != old_length) {
             return Ok(false);
         }
         // Always: the old file is about to go, and with it all that was safe.
@@ -306,6 +377,25 @@ impl Log {
         settings.path.parent().into_iter().for_each(sync_folder);
         self.catch_up()?;
         Ok(true)
+    }
+
+    /// Writes the index anew where much of the log is not in it. A log whose index is lost is read whole.
+    pub fn save_index(&mut self) -> Result<()> {
+        let (Some(settings), Some(open)) = (self.settings.clone(), &self.open) else { return Ok(()) };
+        let salt = open.salt;
+        let indexed = self.index.as_ref().map_or(0, |index| index.covered);
+        if !settings.writable || self.scanned - indexed < UNINDEXED_ENOUGH.max(self.scanned / 16) {
+            return Ok(());
+        }
+        let all = self.all()?;
+        let path = settings.index();
+        Index::write(&path, &settings.temp, salt, self.scanned, self.health, &all)?;
+        // Another process may have put an older one in its place already, which leaves recent entries out.
+        let index = Index::open(&path, salt, self.scanned).filter(|index| index.covered == self.scanned);
+        if index.is_some() {
+            (self.index, self.recent) = (index, HashMap::default());
+        }
+        Ok(())
     }
 
     fn exclusive(&mut self) -> Option<FileGuard> {
@@ -320,6 +410,8 @@ impl Log {
             settings: self.settings.take(),
             lock: self.lock.take(),
             impatient: self.impatient,
+            distrusted: self.distrusted,
+            news: self.news,
             ..Log::in_memory()
         };
     }
@@ -338,6 +430,12 @@ impl Log {
         // Without its salt nothing in the file can be believed; the next append puts it aside.
         if let Some(salt) = log_head::salt(&head) {
             self.scanned = log_head::LENGTH;
+            if !self.distrusted
+                && let Some(index) = Index::open(&settings.index(), salt, metadata.len())
+            {
+                (self.scanned, self.health) = (index.covered, index.health);
+                self.index = Some(index);
+            }
             self.open = Some(Open { file, metadata, salt });
         }
         Ok(())
@@ -346,14 +444,13 @@ impl Log {
     /// Takes in everything after what is understood.
     fn read_tail(&mut self) -> Result<()> {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(()) };
-        let (salt, keep, path) = (open.salt, settings.keep, settings.path.clone());
+        let (salt, path) = (open.salt, settings.path.clone());
         let mut file = open.file.try_clone().at("read", &path)?;
         file.seek(SeekFrom::Start(self.scanned)).at("read", &path)?;
         let mut window = Vec::new();
         loop {
             let read = Read::by_ref(&mut file).take(WINDOW).read_to_end(&mut window).at("read", &path)?;
             let end = self.take_in(salt, self.scanned - log_head::LENGTH, &window);
-            self.remember(keep, &window[..end]);
             self.scanned += end as u64;
             window.drain(..end);
             if read == 0 {
@@ -365,46 +462,38 @@ impl Log {
 
     /// Indexes the entries in `bytes`, which lie `base` bytes after the file's head.
     fn take_in(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
-        let Log { index, health, .. } = self;
+        let Log { index, recent, health, .. } = self;
         let scanned = entry::scan(salt, bytes, |at, entry| {
             let length = entry.payload.len() as u32;
             let size = Entry::length(entry.payload.len()) as u64;
             let place = (entry.kind & !REMOVED, entry.key);
-            let replaced = if entry.kind & REMOVED == 0 {
-                health.live += size;
-                index.insert(place, Slot { offset: base + at as u64, length })
-            } else {
-                health.dead += size;
-                index.remove(&place)
+            let slot = (entry.kind & REMOVED == 0).then_some(Slot { offset: base + at as u64, length });
+            *if slot.is_some() { &mut health.live } else { &mut health.dead } += size;
+            let old = match recent.insert(place, slot) {
+                Some(known) => known,
+                // A damaged page shows when its entry is asked for, and until then only these sums are wrong.
+                None => index.as_mut().and_then(|index| index.find(&place).unwrap_or(None)),
             };
-            if let Some(old) = replaced {
+            if let Some(old) = old {
                 let size = Entry::length(old.length as usize) as u64;
-                health.live -= size;
+                health.live = health.live.saturating_sub(size);
                 health.dead += size;
             }
         });
         self.health.damaged += scanned.damaged as u64;
+        self.news += scanned.damaged as u64;
         scanned.end
     }
 
-    /// Keeps `bytes`, which follow what is understood, as long as all before them is kept too.
-    fn remember(&mut self, keep: u64, bytes: &[u8]) {
-        if (self.mirror.len() as u64) < keep {
-            self.mirror.extend_from_slice(bytes);
-        }
-    }
-
     /// Bytes at an offset from the end of the file's head; fewer if the file was cut meanwhile.
-    fn read(&self, offset: u64, length: usize) -> Result<Vec<u8>> {
-        if let Some(bytes) = self.mirror.get(offset as usize..offset as usize + length) {
-            return Ok(bytes.to_vec());
-        }
-        let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(Vec::new()) };
-        let mut bytes = Vec::with_capacity(length);
-        let mut file = &open.file;
-        file.seek(SeekFrom::Start(log_head::LENGTH + offset)).at("read", &settings.path)?;
-        file.take(length as u64).read_to_end(&mut bytes).at("read", &settings.path)?;
-        Ok(bytes)
+    fn read(&mut self, offset: u64, length: usize) -> Result<&[u8]> {
+        let (Some(open), Some(settings)) = (&self.open, &self.settings) else {
+            return Ok(self.memory.get(offset as usize..offset as usize + length).unwrap_or_default());
+        };
+        // What lies behind may be half an entry, which the next append cuts off.
+        self.window
+            .read(&open.file, self.scanned, log_head::LENGTH + offset, length)
+            .at("read", &settings.path)
     }
 
     /// Makes sure that there is a file to append to. Called under the lock.
@@ -450,7 +539,7 @@ fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
 
 /// Digests are uniform already: their prefix, mixed with the kind, is the hash.
 #[derive(Debug, Default)]
-struct Fold(u64);
+pub(crate) struct Fold(u64);
 
 impl Hasher for Fold {
     fn write(&mut self, bytes: &[u8]) {

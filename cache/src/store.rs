@@ -12,6 +12,7 @@ use crate::blobs::Blobs;
 use crate::digest::Digest;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
+use crate::history::Book;
 use crate::lease::{Lease, LeaseState, try_lease};
 use crate::log::{Log, Settings};
 use crate::memo;
@@ -28,10 +29,7 @@ mod kind {
 /// The version of everything below it; a new format gets a new folder and never meets an old one.
 const FORMAT: &str = "v1";
 
-/// How much of the log of small blobs stays in memory, in bytes.
-const SMALL_BLOBS_KEPT: u64 = 8 << 20;
-
-/// Memos and history wait for company up to this many entries.
+/// Memos wait for company up to this many.
 const MANY: usize = 4096;
 
 /// The longest value of history, in bytes.
@@ -87,8 +85,10 @@ pub struct Store {
     fsync: Fsync,
     records: Mutex<Log>,
     blobs: Blobs,
-    /// Memos and history not yet in the log.
-    waiting: Mutex<BTreeMap<(u8, Digest), Vec<u8>>>,
+    /// Memos not yet in the log.
+    waiting: Mutex<BTreeMap<Digest, Vec<u8>>>,
+    /// The books of history that were opened, by name.
+    books: Mutex<BTreeMap<String, Book>>,
     incidents: Mutex<Vec<Incident>>,
 }
 
@@ -128,29 +128,24 @@ impl Store {
             // is not.
             TempFile::create(&root.join("temp"), &failpoint::LOG)?;
         }
-        let settings = |name: &str, keep| Settings {
+        let settings = |name: &str| Settings {
             path: root.join(name).with_extension("log"),
             lock: root.join(name).with_extension("lock"),
             temp: root.join("temp"),
             quarantine: root.join("quarantine"),
             writable,
-            keep,
             sync: fsync == Fsync::Always,
         };
-        let records = Log::open(settings("records", u64::MAX))?;
-        let damaged = records.health().damaged;
-        let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs", SMALL_BLOBS_KEPT), fsync);
+        let records = Log::open(settings("records"))?;
+        let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs"), fsync);
         let store = Store::new(Some(root), !writable, fsync, records, blobs);
-        if damaged > 0 {
-            let what = format!("{damaged} damaged bytes in the cache's records were skipped");
-            store.report(Incident { digest: None, what });
-        }
+        store.report_damage(&mut lock(&store.records));
         Ok(store)
     }
 
     fn new(folder: Option<PathBuf>, read_only: bool, fsync: Fsync, records: Log, blobs: Blobs) -> Store {
-        let (waiting, incidents) = (Mutex::default(), Mutex::default());
-        Store { folder, read_only, fsync, records: Mutex::new(records), blobs, waiting, incidents }
+        let (waiting, books, incidents) = (Mutex::default(), Mutex::default(), Mutex::default());
+        Store { folder, read_only, fsync, records: Mutex::new(records), blobs, waiting, books, incidents }
     }
 
     /// Whether writes are left out.
@@ -161,6 +156,14 @@ impl Store {
     /// Takes the damage found since the last call.
     pub fn take_incidents(&self) -> Vec<Incident> {
         std::mem::take(&mut lock(&self.incidents))
+    }
+
+    fn report_damage(&self, records: &mut Log) {
+        let damaged = records.take_damaged();
+        if damaged > 0 {
+            let what = format!("{damaged} damaged bytes in the cache's records were skipped");
+            self.report(Incident { digest: None, what });
+        }
     }
 
     fn report(&self, incident: Incident) {
@@ -215,12 +218,20 @@ impl Store {
     /// What was last stored under `key` by any process.
     pub fn get_record(&self, key: &Digest) -> Option<Vec<u8>> {
         let mut records = lock(&self.records);
-        if !records.contains(kind::RECORD, key)
-            && let Err(error) = records.refresh()
-        {
+        let found = match records.get(kind::RECORD, key) {
+            // Another process may have made it.
+            Ok(None) => match records.refresh() {
+                Ok(true) => records.get(kind::RECORD, key),
+                Ok(false) => Ok(None),
+                Err(error) => Err(error),
+            },
+            found => found,
+        };
+        self.report_damage(&mut records);
+        found.unwrap_or_else(|error| {
             self.report(Incident { digest: None, what: error.to_string() });
-        }
-        records.get(kind::RECORD, key).ok()?
+            None
+        })
     }
 
     /// Forgets what is stored under `key`.
@@ -233,7 +244,7 @@ impl Store {
 
     /// The keys of all records, in order, as far as this process has read.
     pub fn record_keys(&self) -> Vec<Digest> {
-        lock(&self.records).keys(kind::RECORD)
+        lock(&self.records).keys(kind::RECORD).unwrap_or_default()
     }
 
     // --- memos and history ---
@@ -241,14 +252,25 @@ impl Store {
     /// The digest that the file at `path` had under an equal stamp, if that can be trusted: see
     /// [`FileStamp::is_settled`].
     pub fn memo_get(&self, path: &Path, stamp: &FileStamp) -> Option<Digest> {
-        memo::recall(&self.get_note(kind::MEMO, &memo::key(path).ok()?)?, stamp)
+        let key = memo::key(path).ok()?;
+        if let Some(memo) = lock(&self.waiting).get(&key) {
+            return memo::recall(memo, stamp);
+        }
+        memo::recall(&lock(&self.records).get(kind::MEMO, &key).ok()??, stamp)
     }
 
     /// Remembers that the file at `path` had this digest. The stamp must have been taken before the file
     /// was read. Written by the next [`flush`](Self::flush).
     pub fn memo_put(&self, path: &Path, stamp: &FileStamp, digest: &Digest) {
-        if let Ok(key) = memo::key(path) {
-            self.put_note(kind::MEMO, key, memo::encode(stamp, digest));
+        let Ok(key) = memo::key(path) else { return };
+        let full = {
+            let mut waiting = lock(&self.waiting);
+            waiting.insert(key, memo::encode(stamp, digest));
+            waiting.len() >= MANY
+        };
+        if full {
+            // A memo that cannot be written is a memo lost.
+            let _ = self.write_notes();
         }
     }
 
@@ -268,43 +290,48 @@ impl Store {
         Ok((digest, length))
     }
 
-    /// Remembers `value` under `name`; the last one wins, and losing one is allowed. A value over 64 KiB is
-    /// no small note, and is not kept. Written by the next [`flush`](Self::flush).
-    pub fn history_put(&self, name: &str, value: &[u8]) {
+    /// Remembers `value` under `name` in a book; the last one wins, and losing one is allowed. Notes that are
+    /// read together belong in one book, which is read and written whole. A value over 64 KiB is no small
+    /// note, and is not kept. Written by the next [`flush`](Self::flush).
+    pub fn history_put(&self, book: &str, name: &str, value: &[u8]) {
         if value.len() <= LONGEST_NOTE {
-            self.put_note(kind::HISTORY, Digest::of(name.as_bytes()), value.to_vec());
+            self.with_book(book, |book| book.put(name, value));
         }
     }
 
-    /// What was last remembered under `name`.
-    pub fn history_get(&self, name: &str) -> Option<Vec<u8>> {
-        self.get_note(kind::HISTORY, &Digest::of(name.as_bytes()))
+    /// What was last remembered under `name` in a book.
+    pub fn history_get(&self, book: &str, name: &str) -> Option<Vec<u8>> {
+        self.with_book(book, |book| book.get(name).map(<[u8]>::to_vec))
     }
 
-    fn get_note(&self, kind: u8, key: &Digest) -> Option<Vec<u8>> {
-        if let Some(value) = lock(&self.waiting).get(&(kind, *key)) {
-            return Some(value.clone());
+    fn with_book<T>(&self, name: &str, act: impl FnOnce(&mut Book) -> T) -> T {
+        let mut books = lock(&self.books);
+        if let Some(book) = books.get_mut(name) {
+            return act(book);
         }
-        lock(&self.records).get(kind, key).ok()?
-    }
-
-    fn put_note(&self, kind: u8, key: Digest, value: Vec<u8>) {
-        let full = {
-            let mut waiting = lock(&self.waiting);
-            waiting.insert((kind, key), value);
-            waiting.len() >= MANY
-        };
-        if full {
-            // A note that cannot be written is a note lost.
-            let _ = self.write_notes();
-        }
+        let stored = lock(&self.records).get(kind::HISTORY, &Book::key(name));
+        act(books
+            .entry(name.to_owned())
+            .insert_entry(Book::open(stored.ok().flatten().unwrap_or_default()))
+            .into_mut())
     }
 
     fn write_notes(&self) -> Result<()> {
-        let notes = std::mem::take(&mut *lock(&self.waiting));
-        let items: Vec<_> =
-            notes.iter().map(|((kind, key), value)| (*kind, *key, value.as_slice())).collect();
-        if items.is_empty() { Ok(()) } else { lock(&self.records).append(&items) }
+        let memos = std::mem::take(&mut *lock(&self.waiting));
+        let items: Vec<_> = memos.iter().map(|(key, memo)| (kind::MEMO, *key, memo.as_slice())).collect();
+        let mut books = lock(&self.books);
+        let mut records = lock(&self.records);
+        if !items.is_empty() {
+            records.append(&items)?;
+        }
+        for (name, book) in books.iter_mut().filter(|(_, book)| book.is_changed()) {
+            let key = Book::key(name);
+            records.refresh()?;
+            let bytes = book.encode(records.get(kind::HISTORY, &key)?.unwrap_or_default());
+            records.append(&[(kind::HISTORY, key, &bytes)])?;
+            *book = Book::open(bytes);
+        }
+        Ok(())
     }
 
     // --- leases ---
@@ -353,11 +380,12 @@ impl Store {
             self.blobs.sync()?;
             lock(&self.records).sync()?;
         }
-        self.blobs.compact()?;
+        self.blobs.tidy()?;
         let mut records = lock(&self.records);
         if records.wants_compaction() {
             records.compact(|_, _| true)?;
         }
+        records.save_index()?;
         drop(records);
         reach(failpoint::FLUSH_AFTER).at("flush", folder)
     }

@@ -203,7 +203,7 @@ fn read_only_gives_what_is_there() {
     store.put_blob(b"new").unwrap();
     store.put_record(&large, b"new").unwrap();
     store.remove_record(&small).unwrap();
-    store.history_put("n", b"v");
+    store.history_put("book", "n", b"v");
     store.flush().unwrap();
     store.sweep();
     assert!(matches!(store.lease(&small), cache::LeaseState::Acquired(_)));

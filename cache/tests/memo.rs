@@ -102,10 +102,14 @@ fn errors_and_long_files() {
 fn history_keeps_the_last() {
     let folder = tempfile::tempdir().unwrap();
     let store = open(folder.path());
-    assert_eq!(store.history_get("trace"), None);
-    store.history_put("trace", b"1.5");
-    store.history_put("trace", b"2.5");
-    assert_eq!(store.history_get("trace").as_deref(), Some(&b"2.5"[..]));
+    assert_eq!(store.history_get("book", "trace"), None);
+    store.history_put("book", "trace", b"1.5");
+    store.history_put("book", "trace", b"2.5");
+    assert_eq!(store.history_get("book", "trace").as_deref(), Some(&b"2.5"[..]));
     drop(store);
-    assert_eq!(open(folder.path()).history_get("trace").as_deref(), Some(&b"2.5"[..]), "a drop writes it");
+    assert_eq!(
+        open(folder.path()).history_get("book", "trace").as_deref(),
+        Some(&b"2.5"[..]),
+        "a drop writes it"
+    );
 }

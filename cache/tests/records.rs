@@ -166,7 +166,7 @@ fn other_handles_see_appends_and_compaction() {
     for n in 0..40_u8 {
         a.put_record(&key(3), &vec![n; 100_000]).unwrap();
     }
-    a.history_put("note", b"kept");
+    a.history_put("book", "note", b"kept");
     let before = fs::metadata(log(folder.path())).unwrap().len();
     a.flush().unwrap();
     let after = fs::metadata(log(folder.path())).unwrap().len();
@@ -186,7 +186,7 @@ fn other_handles_see_appends_and_compaction() {
         for (n, value) in expected {
             assert_eq!(store.get_record(&key(n)), Some(value), "{n}");
         }
-        assert_eq!(store.history_get("note").as_deref(), Some(&b"kept"[..]));
+        assert_eq!(store.history_get("book", "note").as_deref(), Some(&b"kept"[..]));
     }
 }
 

@@ -61,12 +61,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         stages.push(format!("{name} {:.1} ({:.1} CPU)", wall.elapsed().as_secs_f64() * 1e3, now - cpu));
         (cpu, wall) = (now, Instant::now());
     };
-    let graph = Graph::parse(source, &arithmetic::registry(), SourceRoot::new(&folder))
-        .map_err(|mistakes| mistakes.render(false))?;
-    stage("parse and check");
     let store = cache::Store::open(&folder.join("cache"), cache::Options::default())?;
     let engine = Engine::new(store, 2, 1 << 30)?;
     stage("open");
+    let root = SourceRoot::new(&folder);
+    let graph = Graph::parse_cached(source, &arithmetic::registry(), root, engine.store())
+        .map_err(|mistakes| mistakes.render(false))?;
+    stage("parse and check");
     let outcome = engine.run(&graph, &RunOptions::default(), |_| {});
     stage("run");
     drop(graph);

@@ -72,8 +72,8 @@ pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record
     Record::decode(&store.get_record(key)?, node).ok()
 }
 
-/// What the names of [`last_name`] begin with, for all nodes of a graph.
-pub(crate) fn last_prefix(graph: &Graph) -> String {
+/// The book of history in which the last keys of a graph's nodes are kept, by name.
+pub(crate) fn last_keys(graph: &Graph) -> String {
     let file = graph.source.name.rsplit('/').next().unwrap_or_default();
     format!("last key\n{}\n{file}\n", graph.root.folder().display())
 }
@@ -88,44 +88,35 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
     }
 }
 
-/// Name under which the last key of a node is remembered, for forecasts and explanations.
-fn last_name(graph: &Graph, node: &Node) -> String {
-    last_prefix(graph) + &node.id
-}
-
 /// The keys that a node of this name in a graph file of this name had last and before that.
-fn last_keys(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
-    let bytes = store.history_get(&last_name(graph, node)).unwrap_or_default();
+fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
+    let bytes = store.history_get(&last_keys(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
 /// What the last run of a node of this name gave.
 pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
-    look_up(store, node, last_keys(store, graph, node).first()?)
+    look_up(store, node, keys_of(store, graph, node).first()?)
 }
 
 /// What the last run of a node of this name took, and what its key was made of.
 pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
-    let bytes = store.get_record(last_keys(store, graph, node).first()?)?;
+    let bytes = store.get_record(keys_of(store, graph, node).first()?)?;
     Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
 }
 
 /// What the key of a node of this name was made of before it was `now`.
 pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
-    let before = last_keys(store, graph, node).into_iter().find(|key| key != now)?;
+    let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
     Record::manifest(&store.get_record(&before)?)
 }
 
-/// Remembers the key of a node and the one before it. `name` holds the prefix of its graph, and does so
-/// again afterwards: a run with nothing to do still does this for every node.
-pub(crate) fn remember(store: &Store, name: &mut String, node: &Node, key: &Digest) {
-    let prefix = name.len();
-    name.push_str(&node.id);
-    let known = store.history_get(name).unwrap_or_default();
+/// Remembers the key of a node and the one before it in the book of its graph.
+pub(crate) fn remember(store: &Store, book: &str, node: &Node, key: &Digest) {
+    let known = store.history_get(book, &node.id).unwrap_or_default();
     if !known.starts_with(key.as_bytes()) {
         let mut keys = key.as_bytes().to_vec();
         keys.extend(known.iter().take(32));
-        store.history_put(name, &keys);
+        store.history_put(book, &node.id, &keys);
     }
-    name.truncate(prefix);
 }

@@ -155,6 +155,22 @@ impl<'a> Decoder<'a> {
         }
     }
 
+    /// A count of 32 bits of elements of at least `size` bytes each, refused when more than what is left.
+    pub(crate) fn count(&mut self, size: usize) -> Result<usize, Corrupt> {
+        let count = self.u32()? as usize;
+        match count.checked_mul(size) {
+            Some(bytes) if bytes <= self.rest.len() => Ok(count),
+            _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
+        }
+    }
+
+    /// Where the bytes of a slice or text lie in the `whole` that this decoder began with.
+    pub(crate) fn raw_range(&mut self, whole: &[u8]) -> Result<std::ops::Range<usize>, Corrupt> {
+        let length = self.raw()?.len();
+        let end = whole.len() - self.rest.len();
+        Ok(end - length..end)
+    }
+
     /// The bytes of a slice or text, where they lie.
     pub(crate) fn raw(&mut self) -> Result<&'a [u8], Corrupt> {
         let count = self.length(1)?;

@@ -250,7 +250,7 @@ impl<'t, 'a> Check<'t, 'a> {
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
             fields,
-            step,
+            step: step.into(),
         };
         (self.mistakes() == before).then_some(Template { node, raw, own, gathers })
     }

@@ -234,7 +234,8 @@ impl<'t> Check<'t, '_> {
                 .zip(&texts)
                 .map(|(field, text)| RawField { text, ..field.clone() })
                 .collect();
-            (node.step, node.sink_path) = self.step(raw, &template.node.kind, &fields)?;
+            let (step, sink_path) = self.step(raw, &template.node.kind, &fields)?;
+            (node.step, node.sink_path) = (step.into(), sink_path);
         }
         for &(axis, value) in point {
             let (name, text) = (axes[axis].name, axes[axis].values[value].trim_matches('"'));

@@ -7,6 +7,8 @@ use cache::Store;
 
 use crate::kind::KindEntry;
 
+/// The book of history for them.
+const BOOK: &str = "pace";
 /// As many runs of a kind are remembered.
 const KEPT: usize = 16;
 /// Bytes of one of them.
@@ -18,7 +20,7 @@ pub(crate) struct Pace(Vec<(f64, f64)>);
 impl Pace {
     /// What the store remembers of a kind in its present version.
     pub fn of(store: &Store, kind: &KindEntry) -> Self {
-        let bytes = store.history_get(&name(kind)).unwrap_or_default();
+        let bytes = store.history_get(BOOK, &name(kind)).unwrap_or_default();
         let number = |bytes: &[u8]| bytes.first_chunk().map_or(0.0, |raw| f64::from_le_bytes(*raw));
         let runs = bytes.as_chunks::<RUN>().0.iter().map(|run| (number(&run[..8]), number(&run[8..])));
         let sound = |(work, seconds): &(f64, f64)| *work > 0.0 && work.is_finite() && *seconds >= 0.0;
@@ -35,7 +37,7 @@ impl Pace {
             .flat_map(|(work, seconds)| [work.to_le_bytes(), seconds.to_le_bytes()])
             .flatten()
             .collect();
-        store.history_put(&name(kind), &bytes);
+        store.history_put(BOOK, &name(kind), &bytes);
     }
 
     /// Seconds for so much work: those of the run whose work was nearest by ratio, the newest of such, in
@@ -50,7 +52,7 @@ impl Pace {
 }
 
 fn name(kind: &KindEntry) -> String {
-    format!("pace\n{}\n{}\n{}", kind.name, kind.version, kind.profile)
+    format!("{}\n{}\n{}", kind.name, kind.version, kind.profile)
 }
 
 #[cfg(test)]

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::check::Check;
+use crate::compiled::{LazyStep, Parts};
 use crate::context::{Point, Scene};
 use crate::diag::{Diagnostics, Source};
 use crate::kind::{KindEntry, Registry, Step};
-use crate::order::{describe_cycle, distinct, order_of};
+use crate::order::{describe_cycle, order_of};
 use crate::param::{InputFile, Role};
 use crate::root::SourceRoot;
 use crate::syntax::{Fields, RawField, parse};
@@ -38,7 +39,7 @@ pub struct Node {
     /// Where it stands in the text.
     pub span: Range<usize>,
     pub(crate) fields: Vec<(&'static str, Range<usize>)>,
-    pub(crate) step: Arc<dyn Step>,
+    pub(crate) step: LazyStep,
 }
 
 impl Node {
@@ -105,8 +106,56 @@ pub struct Graph {
     /// Resolves the paths in it.
     pub root: SourceRoot,
     order: Vec<usize>,
-    reads: Vec<Vec<usize>>,
-    consumers: Vec<Vec<usize>>,
+    reads: Lists,
+    consumers: Lists,
+}
+
+/// Many lists of indices, one after another in memory.
+#[derive(Default, Clone)]
+pub(crate) struct Lists {
+    ends: Vec<usize>,
+    items: Vec<usize>,
+}
+
+impl Lists {
+    fn push(&mut self, list: impl IntoIterator<Item = usize>) {
+        self.items.extend(list);
+        self.ends.push(self.items.len());
+    }
+
+    fn get(&self, index: usize) -> &[usize] {
+        let start = index.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.items[start..self.ends[index]]
+    }
+
+    /// For each of `count` items the lists that hold it, in order.
+    fn reversed(&self, count: usize) -> Self {
+        let mut ends = vec![0; count];
+        self.items.iter().for_each(|&item| ends[item] += 1);
+        let mut next = vec![0; count];
+        let mut total = 0;
+        for (end, next) in ends.iter_mut().zip(&mut next) {
+            *next = total;
+            total += *end;
+            *end = total;
+        }
+        let mut items = vec![0; total];
+        for list in 0..self.ends.len() {
+            for &item in self.get(list) {
+                items[next[item]] = list;
+                next[item] += 1;
+            }
+        }
+        Self { ends, items }
+    }
+}
+
+impl FromIterator<Vec<usize>> for Lists {
+    fn from_iter<I: IntoIterator<Item = Vec<usize>>>(lists: I) -> Self {
+        let mut all = Self::default();
+        lists.into_iter().for_each(|list| all.push(list));
+        all
+    }
 }
 
 impl Graph {
@@ -123,7 +172,7 @@ impl Graph {
             cycles.iter().for_each(|cycle| check.report(describe_cycle(&document.nodes, &wiring, cycle)));
         }
         let nodes = match &order {
-            Ok((files_first, _)) if check.is_multiple() && check.mistakes() == 0 => {
+            Ok(files_first) if check.is_multiple() && check.mistakes() == 0 => {
                 let nodes = check.instances(&templates, files_first);
                 wiring = nodes.iter().map(wiring_of).collect();
                 order = order_of(&wiring);
@@ -133,12 +182,25 @@ impl Graph {
         };
         let files = check.files;
         match (scene, order) {
-            (Some(scene), Ok((order, consumers))) if diagnostics.is_empty() => {
-                let reads = wiring.into_iter().map(distinct).collect();
-                Ok(Self { source, scene, nodes, root, order, reads, consumers })
+            (Some(scene), Ok(order)) if diagnostics.is_empty() => {
+                Ok(Self::assemble(source, root, Parts { scene, nodes, order }))
             }
             _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
         }
+    }
+
+    /// A graph that was checked before.
+    pub(crate) fn assemble(source: Source, root: SourceRoot, parts: Parts) -> Self {
+        let Parts { scene, nodes, order } = parts;
+        let above = |node: &Node| {
+            let mut above: Vec<usize> = node.inputs.iter().flatten().map(|wire| wire.node).collect();
+            above.sort_unstable();
+            above.dedup();
+            above
+        };
+        let reads: Lists = nodes.iter().map(above).collect();
+        let consumers = reads.reversed(nodes.len());
+        Self { source, scene, nodes, root, order, reads, consumers }
     }
 
     /// Every node, inputs before what reads them.
@@ -148,12 +210,12 @@ impl Graph {
 
     /// The nodes whose outputs `node` reads, each once, by index.
     pub fn reads(&self, node: usize) -> &[usize] {
-        &self.reads[node]
+        self.reads.get(node)
     }
 
     /// The nodes that read an output of `node`, each once, in the order of the file.
     pub fn consumers(&self, node: usize) -> &[usize] {
-        &self.consumers[node]
+        self.consumers.get(node)
     }
 
     /// For each input port of a node, the names of the outputs its wires come from.
@@ -210,7 +272,7 @@ impl Graph {
         let capped: Vec<usize> = (0..self.nodes.len()).filter(over).collect();
         let mut graph = self.clone();
         for &index in &capped {
-            graph.nodes[index].step = self.nodes[index].with(parameter, &level.to_string())?;
+            graph.nodes[index].step = self.nodes[index].with(parameter, &level.to_string())?.into();
         }
         (!capped.is_empty()).then_some((graph, capped))
     }
@@ -234,7 +296,7 @@ impl Graph {
     pub fn targets(&self) -> Vec<usize> {
         let all = 0..self.nodes.len();
         let sinks: Vec<usize> = all.clone().filter(|&n| self.nodes[n].sink_path.is_some()).collect();
-        if sinks.is_empty() { all.filter(|&n| self.consumers[n].is_empty()).collect() } else { sinks }
+        if sinks.is_empty() { all.filter(|&n| self.consumers(n).is_empty()).collect() } else { sinks }
     }
 
     /// Marks the given nodes and everything above them.
@@ -245,7 +307,7 @@ impl Graph {
         }
         for &node in self.order.iter().rev() {
             if wanted[node] {
-                for &above in &self.reads[node] {
+                for &above in self.reads(node) {
                     wanted[above] = true;
                 }
             }

@@ -26,12 +26,7 @@ pub(crate) fn node_key<'s>(
     to.str("kind", node.kind.name);
     to.u64("version", node.kind.version.into());
     to.str("profile", node.kind.profile);
-    node.step.visit(&mut |name, value| {
-        // A value that is not canonical was refused when the graph was checked.
-        if let Ok(Some(text)) = value.key_text() {
-            to.str(name, &text);
-        }
-    });
+    node.step.write_key(&mut to);
     for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
         to.list(port.name, |to| {
             for value in wires.iter().map(|wire| output(*wire)) {

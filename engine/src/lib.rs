@@ -88,6 +88,7 @@ mod artifact;
 mod axis;
 mod bundle;
 mod check;
+mod compiled;
 mod context;
 mod diag;
 mod edit;

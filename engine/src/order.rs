@@ -14,39 +14,24 @@ use crate::syntax::RawNode;
 /// For each node the nodes it reads, with the span of the wire.
 pub(crate) type Wiring = Vec<Vec<(usize, Range<usize>)>>;
 
-/// The nodes that are read, each once.
-pub(crate) fn distinct(reads: Vec<(usize, Range<usize>)>) -> Vec<usize> {
-    let mut nodes: Vec<usize> = reads.into_iter().map(|(node, _)| node).collect();
-    nodes.sort_unstable();
-    nodes.dedup();
-    nodes
-}
-
-pub(crate) type Order = (Vec<usize>, Vec<Vec<usize>>);
-
-/// A topological order and the consumers of each node, or the cycles. Nothing here recurses, so a chain
-/// may be as long as memory allows.
-pub(crate) fn order_of(wiring: &Wiring) -> Result<Order, Vec<Vec<usize>>> {
+/// A topological order, or the cycles. Nothing here recurses, so a chain may be as long as memory allows.
+pub(crate) fn order_of(wiring: &Wiring) -> Result<Vec<usize>, Vec<Vec<usize>>> {
     let wires: usize = wiring.iter().map(Vec::len).sum();
     let mut graph: DiGraph<(), ()> = DiGraph::with_capacity(wiring.len(), wires);
-    let mut consumers = vec![Vec::new(); wiring.len()];
     for _ in wiring {
         graph.add_node(());
     }
     for (index, reads) in wiring.iter().enumerate() {
         for (above, _) in reads {
             graph.add_edge(NodeIndex::new(*above), NodeIndex::new(index), ());
-            if consumers[*above].last() != Some(&index) {
-                consumers[*above].push(index);
-            }
         }
     }
     match toposort(&graph, None) {
-        Ok(order) => Ok((order.into_iter().map(NodeIndex::index).collect(), consumers)),
+        Ok(order) => Ok(order.into_iter().map(NodeIndex::index).collect()),
         Err(_) => Err(kosaraju_scc(&graph)
             .into_iter()
             .map(|group| group.into_iter().map(NodeIndex::index).collect::<Vec<_>>())
-            .filter(|group| group.len() > 1 || consumers[group[0]].contains(&group[0]))
+            .filter(|group| group.len() > 1 || wiring[group[0]].iter().any(|(above, _)| *above == group[0]))
             .collect()),
     }
 }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use cache::Digest;
 
-use crate::action::{last_prefix, look_up, prepare, read_sources, remember};
+use crate::action::{last_keys, look_up, prepare, read_sources, remember};
 use crate::artifact::AnyArtifact;
 use crate::context::ReadSource;
 use crate::diag::{Diagnostic, Diagnostics};
@@ -56,8 +56,8 @@ pub(crate) struct Run<'a> {
     pub in_flight: HashMap<Digest, Vec<usize>>,
     /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
     made: HashMap<Digest, usize>,
-    /// Prefix of the names that keys are remembered under.
-    last_name: String,
+    /// Name of the book in which keys are remembered.
+    last_keys: String,
     /// Which sink writes a file.
     claims: BTreeMap<PathBuf, usize>,
     /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
@@ -119,7 +119,7 @@ impl<'a> Run<'a> {
             parked: Vec::new(),
             in_flight: HashMap::new(),
             made: HashMap::new(),
-            last_name: last_prefix(graph),
+            last_keys: last_keys(graph),
             claims: BTreeMap::new(),
             supplied: 0,
             running: 0,
@@ -313,7 +313,7 @@ impl<'a> Run<'a> {
         // What the key was made of is in the record, and a large graph would hold it all.
         slot.action.key = None;
         if let Some(key) = slot.key.filter(|_| !slot.rough) {
-            remember(&self.engine.store, &mut self.last_name, node, &key);
+            remember(&self.engine.store, &self.last_keys, node, &key);
         }
         for (name, n) in &counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;

@@ -35,8 +35,8 @@ pub struct Run {
 impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
-        let Loaded { graph, only } = self.graph.load()?;
         let engine = self.engine.open()?;
+        let Loaded { graph, only } = self.graph.load_cached(engine.store())?;
         let cancel = Arc::new(AtomicBool::new(false));
         let again = cancel.clone();
         ctrlc::set_handler(move || {

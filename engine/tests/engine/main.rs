@@ -5,6 +5,7 @@
 mod arithmetic;
 mod axes;
 mod bundles;
+mod compiled;
 mod failures;
 mod faults;
 mod invalidation;

@@ -1,0 +1,357 @@
+//! Compiled graphs: a checked graph as bytes, kept under the digest of its text, so that a large file that did
+//! not change is neither parsed nor checked again.
+//!
+//! Names, wires and the walk of each node's parameters for its key are ready to use; the parameters
+//! themselves are text, read when the node's code is wanted. A graph is checked anew when its text, its
+//! folder, the table of kinds, the program, or a file that it names is another one.
+
+use std::ops::{Deref, Range};
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use cache::{Digest, FileStamp, KeyWriter, Store};
+
+use crate::artifact::{AnyArtifact, Corrupt, Decoder, Encoder};
+use crate::context::{Context, Scene, Up};
+use crate::diag::{Diagnostics, Source};
+use crate::error::NodeError;
+use crate::graph::{Graph, Node, Wire};
+use crate::kind::{Cost, KindEntry, Registry, Sizes, Step};
+use crate::note::Notes;
+use crate::param::{InputFile, ParamValue, Role};
+use crate::root::{SourceFile, SourceRoot};
+use crate::syntax::{Fields, RawField};
+
+/// Raised when the bytes change their form.
+const FORMAT: &str = "lightharmony compiled graph 1";
+
+/// Shorter texts are parsed in less time than it takes to look for their compiled form, in bytes.
+const WORTH_IT: usize = 16 << 10;
+
+impl Graph {
+    /// [`Graph::parse`], by way of the compiled graph in `store` where there is one of this text.
+    ///
+    /// # Errors
+    /// Every mistake in the text.
+    pub fn parse_cached(
+        source: Source,
+        registry: &Registry,
+        root: SourceRoot,
+        store: &Store,
+    ) -> Result<Self, Diagnostics> {
+        if source.text.len() < WORTH_IT {
+            return Self::parse(source, registry, root);
+        }
+        let key = key(&source.text, registry, root.folder());
+        if let Some(bytes) = load(store, &key)
+            && let Ok(parts) = decode(&Arc::new(bytes), registry, &root)
+        {
+            return Ok(Self::assemble(source, root, parts));
+        }
+        let graph = Self::parse(source, registry, root)?;
+        let bytes = encode(&graph);
+        // Not kept, it is only parsed again.
+        if let Ok(blob) = store.put_blob(&bytes) {
+            let _ = store.put_record(&key, blob.as_bytes());
+        }
+        Ok(graph)
+    }
+}
+
+fn load(store: &Store, key: &Digest) -> Option<Vec<u8>> {
+    let blob = Digest::from_bytes(store.get_record(key)?.try_into().ok()?);
+    store.get_blob(&blob).ok()?
+}
+
+/// Everything that what was checked depends on, but for the files it names.
+fn key(text: &str, registry: &Registry, folder: &Path) -> Digest {
+    let mut table = Encoder::default();
+    for kind in registry.iter() {
+        table.str(kind.name);
+        table.u32(kind.version);
+        table.str(kind.profile);
+        for param in &kind.params {
+            let (low, high) = param.range.unwrap_or_default();
+            table.str(param.name);
+            table.str(param.default.as_deref().unwrap_or_default());
+            table.f64s(&[low, high]);
+        }
+        for port in kind.inputs.iter().chain(&kind.outputs) {
+            table.str(port.name);
+            table.str(port.artifact.name);
+            table.u8(port.arity as u8);
+        }
+    }
+    table.str(env!("CARGO_PKG_VERSION"));
+    table.str(FORMAT);
+    table.u8s(folder.as_os_str().as_encoded_bytes());
+    table.u8s(Digest::of(text.as_bytes()).as_bytes());
+    Digest::of(&table.finish())
+}
+
+/// What a graph consists of beside its text and folder.
+pub(crate) struct Parts {
+    pub scene: Scene,
+    pub nodes: Vec<Node>,
+    pub order: Vec<usize>,
+}
+
+fn encode(graph: &Graph) -> Vec<u8> {
+    let mut to = Encoder::default();
+    to.str(graph.scene.up.name());
+    to.f64(graph.scene.metres_per_unit);
+    to.u64(graph.scene.seed);
+    let files = files(graph);
+    to.u32(files.len() as u32);
+    for (file, stamp) in files {
+        to.str(&file);
+        to.u8s(&stamp);
+    }
+    let mut kinds: Vec<&str> = graph.nodes.iter().map(|node| node.kind.name).collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    to.u32(kinds.len() as u32);
+    kinds.iter().for_each(|name| to.str(name));
+    to.u32(graph.nodes.len() as u32);
+    for node in &graph.nodes {
+        to.str(&node.id);
+        to.u32(kinds.binary_search(&node.kind.name).unwrap_or_default() as u32);
+        for wires in &node.inputs {
+            to.u32(wires.len() as u32);
+            for wire in wires {
+                to.u32(wire.node as u32);
+                to.u32(wire.port as u32);
+            }
+        }
+        to.bool(node.sink_path.is_some());
+        node.sink_path.iter().for_each(|path| to.str(path));
+        to.u32(node.point.len() as u32);
+        for (axis, value) in &node.point {
+            to.str(axis);
+            to.str(value);
+        }
+        span(&mut to, &node.span);
+        to.u32(node.fields.len() as u32);
+        for (name, place) in &node.fields {
+            to.u32(names(&node.kind).position(|known| known == *name).unwrap_or_default() as u32);
+            span(&mut to, place);
+        }
+        to.u8s(&texts(node));
+        to.u8s(&key_fields(&*node.step));
+    }
+    to.u32s(&graph.order().iter().map(|&node| node as u32).collect::<Vec<_>>());
+    to.finish()
+}
+
+fn decode(bytes: &Arc<Vec<u8>>, registry: &Registry, root: &SourceRoot) -> Result<Parts, Corrupt> {
+    let mut from = Decoder::new(bytes);
+    let up = Up::try_from(from.str()?).map_err(Corrupt)?;
+    let scene = Scene { up, metres_per_unit: from.f64()?, seed: from.u64()? };
+    for _ in 0..from.count(12)? {
+        let file = root.file(&InputFile(from.str()?));
+        if from.raw()? != stamp(&file) {
+            return Err(Corrupt("a file was changed".to_owned()));
+        }
+    }
+    let unknown = || Corrupt("a kind is not known".to_owned());
+    let kinds: Vec<Arc<KindEntry>> = (0..from.count(8)?)
+        .map(|_| registry.get(&from.str()?).cloned().ok_or_else(unknown))
+        .collect::<Result<_, _>>()?;
+    let count = from.count(30)?;
+    let mut nodes = Vec::with_capacity(count);
+    for _ in 0..count {
+        let id = from.str()?;
+        let kind = kinds.get(from.u32()? as usize).ok_or_else(unknown)?.clone();
+        let mut inputs = Vec::with_capacity(kind.inputs.len());
+        for _ in &kind.inputs {
+            let wires = from.count(8)?;
+            let wire = |_| Ok(Wire { node: from.u32()? as usize, port: from.u32()? as usize });
+            inputs.push((0..wires).map(wire).collect::<Result<_, Corrupt>>()?);
+        }
+        let sink_path = if from.bool()? { Some(from.str()?) } else { None };
+        let axes = 0..from.count(16)?;
+        let point = axes.map(|_| Ok((from.str()?, from.str()?))).collect::<Result<_, Corrupt>>()?;
+        let place = read_span(&mut from)?;
+        let field = |from: &mut Decoder<'_>| {
+            let name = names(&kind).nth(from.u32()? as usize).ok_or_else(unknown)?;
+            Ok((name, read_span(from)?))
+        };
+        let fields = (0..from.count(12)?).map(|_| field(&mut from)).collect::<Result<_, Corrupt>>()?;
+        let texts = from.raw_range(bytes)?;
+        let key_fields = from.raw_range(bytes)?;
+        let step = LazyStep::of(Stored { bytes: bytes.clone(), kind: kind.clone(), texts, key_fields });
+        nodes.push(Node { id, kind, inputs, sink_path, point, span: place, fields, step });
+    }
+    let order: Vec<usize> = from.u32s()?.into_iter().map(|node| node as usize).collect();
+    from.end()?;
+    let wires = nodes.iter().flat_map(|node| node.inputs.iter().flatten());
+    let fits = |wire: &Wire| nodes.get(wire.node).is_some_and(|node| wire.port < node.kind.outputs.len());
+    if order.len() != count || !order.iter().all(|&node| node < count) || !wires.clone().all(fits) {
+        return Err(Corrupt("its wires lead nowhere".to_owned()));
+    }
+    Ok(Parts { scene, nodes, order })
+}
+
+/// The files that the graph names, each with what the file system says of it.
+fn files(graph: &Graph) -> Vec<(String, Vec<u8>)> {
+    let mut files = Vec::new();
+    for node in graph.nodes.iter().filter(|node| node.kind.reads_files) {
+        let mut params = node.kind.params.iter();
+        node.step.visit(&mut |_, value| {
+            if params.next().is_some_and(|param| param.role == Role::Input) {
+                files.extend(value.paths().into_iter().map(str::to_owned));
+            }
+        });
+    }
+    files.sort_unstable();
+    files.dedup();
+    let stamped = |name: String| {
+        let stamp = stamp(&graph.root.file(&InputFile(name.clone())));
+        (name, stamp)
+    };
+    files.into_iter().map(stamped).collect()
+}
+
+/// Enough to see that a file may be another one: what was checked of it is then checked again.
+fn stamp(file: &SourceFile) -> Vec<u8> {
+    let Ok(stamp) = FileStamp::of(&file.path) else { return Vec::new() };
+    let numbers = [stamp.size, stamp.mtime_ns as u64, stamp.ctime_ns as u64, stamp.inode, stamp.dev];
+    numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+/// Everything that a node of this kind may have a field for.
+fn names(kind: &KindEntry) -> impl Iterator<Item = &'static str> {
+    kind.params.iter().map(|param| param.name).chain(kind.inputs.iter().map(|port| port.name))
+}
+
+/// The parameters that are not as by default: number and canonical text of each.
+fn texts(node: &Node) -> Vec<u8> {
+    let mut to = Encoder::default();
+    let mut params = node.kind.params.iter().enumerate();
+    node.step.visit(&mut |_, value| {
+        // A value that is not canonical was refused when the graph was checked.
+        if let (Some((index, spec)), Ok(text)) = (params.next(), value.text())
+            && spec.default.as_deref() != Some(text.as_str())
+        {
+            to.u32(index as u32);
+            to.str(&text);
+        }
+    });
+    to.finish()
+}
+
+/// The part of a node's key that its parameters make.
+fn key_fields(step: &dyn Step) -> Vec<u8> {
+    KeyWriter::fields(|to| walk(step, to))
+}
+
+fn walk(step: &dyn Step, to: &mut KeyWriter) {
+    step.visit(&mut |name, value| {
+        // A value that is not canonical was refused when the graph was checked.
+        if let Ok(Some(text)) = value.key_text() {
+            to.str(name, &text);
+        }
+    });
+}
+
+fn span(to: &mut Encoder, span: &Range<usize>) {
+    to.u32(span.start as u32);
+    to.u32(span.end as u32);
+}
+
+fn read_span(from: &mut Decoder<'_>) -> Result<Range<usize>, Corrupt> {
+    Ok(from.u32()? as usize..from.u32()? as usize)
+}
+
+/// The parameters of a node: read, or as text that is read when first asked for.
+#[derive(Clone)]
+pub(crate) struct LazyStep {
+    step: OnceLock<Arc<dyn Step>>,
+    stored: Option<Stored>,
+}
+
+/// Where the parameters of a node lie in a compiled graph.
+#[derive(Clone)]
+struct Stored {
+    bytes: Arc<Vec<u8>>,
+    kind: Arc<KindEntry>,
+    texts: Range<usize>,
+    key_fields: Range<usize>,
+}
+
+impl LazyStep {
+    fn of(stored: Stored) -> Self {
+        Self { step: OnceLock::new(), stored: Some(stored) }
+    }
+
+    /// Writes the parameters into a key.
+    pub fn write_key(&self, to: &mut KeyWriter) {
+        match &self.stored {
+            Some(stored) => to.append(&stored.bytes[stored.key_fields.clone()]),
+            None => walk(&**self, to),
+        }
+    }
+}
+
+impl From<Arc<dyn Step>> for LazyStep {
+    fn from(step: Arc<dyn Step>) -> Self {
+        Self { step: OnceLock::from(step), stored: None }
+    }
+}
+
+impl Deref for LazyStep {
+    type Target = dyn Step;
+
+    fn deref(&self) -> &Self::Target {
+        let read = || self.stored.as_ref().and_then(Stored::read).unwrap_or_else(|| Arc::new(Unreadable));
+        &**self.step.get_or_init(read)
+    }
+}
+
+impl Stored {
+    fn read(&self) -> Option<Arc<dyn Step>> {
+        let mut from = Decoder::new(&self.bytes[self.texts.clone()]);
+        let mut fields = Vec::new();
+        while from.end().is_err() {
+            let name = self.kind.params.get(from.u32().ok()? as usize)?.name;
+            let text = str::from_utf8(from.raw().ok()?).ok()?;
+            fields.push(RawField { name, name_span: 0..0, text, span: 0..0 });
+        }
+        let mut diagnostics = Vec::new();
+        (self.kind.read)(&mut Fields {
+            fields: &fields,
+            node_span: 0..0,
+            kind: self.kind.name,
+            diagnostics: &mut diagnostics,
+        })
+    }
+}
+
+/// Stands for parameters whose text a program of the same version does not read any more.
+struct Unreadable;
+
+impl Unreadable {
+    fn error() -> NodeError {
+        NodeError::new("the compiled graph in the cache cannot be read")
+            .hint("another build of the same version wrote it; `lightharmony cache gc --max-size 0` empties the cache")
+    }
+}
+
+impl Step for Unreadable {
+    fn visit(&self, _: &mut dyn FnMut(&'static str, &dyn ParamValue)) {}
+    fn check(&self) -> Result<(), NodeError> {
+        Err(Self::error())
+    }
+    fn sources(&self, _: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Err(Self::error())
+    }
+    fn work(&self, _: &Sizes) -> f64 {
+        0.0
+    }
+    fn estimate(&self, _: Vec<Vec<AnyArtifact>>) -> Cost {
+        Cost::default()
+    }
+    fn run(&self, _: Vec<Vec<AnyArtifact>>, _: &Context) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {
+        Err(Self::error())
+    }
+}
