@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use cache::Store;
+use cache::{Fsync, Store};
 use clap::Args;
 use engine::{Diagnostics, EditError, Engine, Graph, Registry, Setting, Source, SourceRoot};
 
@@ -40,6 +40,12 @@ pub enum Error {
     /// Something to watch that cannot change.
     #[error("only a file can be watched, and `-` stands for standard input")]
     Unwatchable,
+    /// A time that is none.
+    #[error("`{0}` is not a time; write a number with m, h or d, such as 30d")]
+    Time(String),
+    /// A cache that is not there.
+    #[error("there is no cache in `{}`", .0.display())]
+    NoCache(PathBuf),
     /// A size that is none.
     #[error("`{0}` is not a size; write a number with K, M or G, such as 4G")]
     Size(String),
@@ -73,9 +79,24 @@ pub struct EngineArgs {
     /// Threads; default: one for each core
     #[arg(long, short, value_name = "N")]
     pub jobs: Option<usize>,
-    /// Memory for values, such as 4G; default: three quarters of what is free
+    /// Memory for values and running nodes, such as 4G; default: three quarters of what is free. Nodes wait
+    /// for their share, and one that would need more than all of it fails before it starts
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<String>,
+    /// When results are forced onto the disk; it matters to a loss of power only
+    #[arg(long, value_name = "WHEN", default_value = "batch")]
+    pub fsync: When,
+}
+
+/// When results are forced onto the disk.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum When {
+    /// Once, at the end of a run
+    Batch,
+    /// After every result
+    Always,
+    /// Never
+    Off,
 }
 
 /// A checked graph and the nodes that are wanted of it.
@@ -87,17 +108,27 @@ pub struct Loaded {
 impl GraphArgs {
     /// Reads, edits and checks the graph.
     pub fn load(&self) -> Result<Loaded, Error> {
-        self.load_by(Graph::parse)
+        self.load_by(|source, registry, root| Graph::parse(source, registry, root).map_err(Error::Graph))
     }
 
-    /// The same, by way of the compiled graph where `store` has one.
-    pub fn load_cached(&self, store: &Store) -> Result<Loaded, Error> {
-        self.load_by(|source, registry, root| Graph::parse_cached(source, registry, root, store))
+    /// The same, and an engine. A large graph comes by way of its compiled form; a wrong one that is small
+    /// leaves no cache behind.
+    pub fn load_with(&self, engine: &EngineArgs) -> Result<(Loaded, Engine), Error> {
+        let mut opened = None;
+        let loaded = self.load_by(|source, registry, root| {
+            if source.text.len() < Graph::WORTH_COMPILING {
+                return Graph::parse(source, registry, root).map_err(Error::Graph);
+            }
+            let engine = opened.insert(engine.open()?);
+            Graph::parse_cached(source, registry, root, engine.store()).map_err(Error::Graph)
+        })?;
+        let engine = opened.map_or_else(|| engine.open(), Ok)?;
+        Ok((loaded, engine))
     }
 
     fn load_by(
         &self,
-        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Graph, Diagnostics>,
+        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Graph, Error>,
     ) -> Result<Loaded, Error> {
         let (source, folder) = read(&self.graph)?;
         let settings: Vec<Setting> =
@@ -106,7 +137,7 @@ impl GraphArgs {
             EditError::Graph(diagnostics) => Error::Graph(diagnostics),
             other => Error::Edit(other),
         })?;
-        let graph = parse(source, &nodes::registry(), SourceRoot::new(folder)).map_err(Error::Graph)?;
+        let graph = parse(source, &nodes::registry(), SourceRoot::new(folder))?;
         let only = self.only.iter().map(|name| find_all(&graph, name)).collect::<Result<Vec<_>, _>>()?;
         Ok(Loaded { graph, only: only.concat() })
     }
@@ -169,15 +200,13 @@ impl EngineArgs {
     }
 
     fn open_with(&self, memory: u64) -> Result<Engine, Error> {
-        let folder = match (&self.cache, std::env::var_os("LIGHTHARMONY_CACHE")) {
-            (Some(folder), _) => folder.clone(),
-            (None, Some(folder)) if !folder.is_empty() => folder.into(),
-            _ => directories::ProjectDirs::from("", "", "lightharmony")
-                .ok_or(Error::NoCacheFolder)?
-                .cache_dir()
-                .to_owned(),
+        let fsync = match self.fsync {
+            When::Batch => Fsync::Batch,
+            When::Always => Fsync::Always,
+            When::Off => Fsync::Off,
         };
-        let store = Store::open(&folder, cache::Options::default())?;
+        let options = cache::Options { fsync, ..cache::Options::default() };
+        let store = Store::open(&cache_folder(self.cache.as_deref())?, options)?;
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         Ok(Engine::new(store, self.jobs.unwrap_or(cores), memory)?)
     }
@@ -193,7 +222,21 @@ pub fn size_text(bytes: u64) -> String {
     }
 }
 
-fn size(text: &str) -> Result<u64, Error> {
+/// The folder of the cache: the one that was named, else that of the environment, else the user's.
+pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
+    match (named, std::env::var_os("LIGHTHARMONY_CACHE")) {
+        (Some(folder), _) => Ok(folder.to_owned()),
+        (None, Some(folder)) if !folder.is_empty() => Ok(folder.into()),
+        _ => {
+            let folders =
+                directories::ProjectDirs::from("", "", "lightharmony").ok_or(Error::NoCacheFolder)?;
+            Ok(folders.cache_dir().to_owned())
+        }
+    }
+}
+
+/// Bytes, from a number with or without K, M, G or T.
+pub fn size(text: &str) -> Result<u64, Error> {
     let wrong = || Error::Size(text.to_owned());
     let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
     let unit = match text[digits.len()..].to_uppercase().trim_end_matches('B').trim_end_matches('I') {
@@ -205,7 +248,7 @@ fn size(text: &str) -> Result<u64, Error> {
         _ => return Err(wrong()),
     };
     let number: f64 = digits.parse().map_err(|_| wrong())?;
-    if number > 0.0 && number < 1e9 { Ok((number * (1_u64 << unit) as f64) as u64) } else { Err(wrong()) }
+    if (0.0..1e9).contains(&number) { Ok((number * (1_u64 << unit) as f64) as u64) } else { Err(wrong()) }
 }
 
 /// Bytes of memory that may be used without swapping; 8 GiB where the system does not tell.

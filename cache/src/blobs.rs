@@ -5,6 +5,7 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::time::{Duration, SystemTime};
 
 use crate::digest::Digest;
 use crate::error::{At, Error, Result};
@@ -16,6 +17,8 @@ use crate::temp::{TempFile, sync_folder};
 
 /// Shorter blobs live in the log: below this, a file costs more time and space than its content.
 pub(crate) const SMALL: usize = 4096;
+
+const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// The kind of a blob's entry in the log.
 const KIND: u8 = 2;
@@ -86,6 +89,51 @@ impl Blobs {
         log.save_index()
     }
 
+    /// Digest and size of every blob in the log of small ones.
+    pub fn small_sizes(&self) -> Result<Vec<(Digest, u64)>> {
+        let Blobs::Disk(disk) = self else { return Ok(Vec::new()) };
+        disk.with_small(|log| log.refresh().and_then(|_| log.lengths(KIND)))
+    }
+
+    /// Bytes of the log of small blobs that are dead.
+    pub fn small_dead(&self) -> u64 {
+        let Blobs::Disk(disk) = self else { return 0 };
+        disk.with_small(|log| Ok(log.dead())).unwrap_or(0)
+    }
+
+    /// Reads the whole log of small blobs and gives its damaged bytes.
+    pub fn reread_small(&self) -> Result<u64> {
+        let Blobs::Disk(disk) = self else { return Ok(0) };
+        disk.with_small(Log::reread)
+    }
+
+    /// Reads a blob and says whether it is good; leaves it where it is.
+    pub fn is_good(&self, digest: &Digest) -> Result<bool> {
+        let Blobs::Disk(disk) = self else { return Ok(true) };
+        match disk.with_small(|log| log.get(KIND, digest))? {
+            Some(bytes) => Ok(Digest::of(&bytes) == *digest),
+            None => Ok(read_file(&disk.path(digest)).is_ok_and(|(bytes, _)| Digest::of(&bytes) == *digest)),
+        }
+    }
+
+    /// Removes blobs.
+    pub fn remove(&self, dead: &BTreeSet<Digest>) -> Result<()> {
+        let Blobs::Disk(disk) = self else { return Ok(()) };
+        for digest in dead {
+            let path = disk.path(digest);
+            match fs::remove_file(&path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    return Err(Error::io("remove", &path, error));
+                }
+                _ => reach(failpoint::GC_BLOB_GONE).at("remove", &path)?,
+            }
+        }
+        disk.with_small(|log| {
+            log.compact(|_, key| !dead.contains(key))?;
+            log.save_index()
+        })
+    }
+
     /// Syncs what was put since the last time.
     pub fn sync(&self) -> Result<()> {
         match self {
@@ -135,7 +183,10 @@ impl Disk {
         }
         let path = self.path(digest);
         let (read, what) = match read_file(&path) {
-            Ok((bytes, _)) if Digest::of(&bytes) == *digest => return Ok(Some(bytes)),
+            Ok((bytes, read)) if Digest::of(&bytes) == *digest => {
+                self.mark_used(&path, &read);
+                return Ok(Some(bytes));
+            }
             Ok((bytes, read)) => (Some(read), format!("{} bytes that are not its content", bytes.len())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.with_small(Log::refresh)?;
@@ -150,6 +201,16 @@ impl Disk {
             report(self.put_aside(digest, &path, &what)?);
         }
         Ok(None)
+    }
+
+    /// Notes, once a day, that a blob was read: the time of its file is that of its last use.
+    fn mark_used(&self, path: &Path, read: &Metadata) {
+        let now = SystemTime::now();
+        let fresh = read.modified().is_ok_and(|time| now.duration_since(time).is_ok_and(|past| past < DAY));
+        if self.settings.writable && !fresh {
+            // A collection may take it earlier than it should, which costs time only.
+            let _ = File::options().write(true).open(path).and_then(|file| file.set_modified(now));
+        }
     }
 
     fn get_small(&self, digest: &Digest, report: &impl Fn(Incident)) -> Result<Option<Vec<u8>>> {

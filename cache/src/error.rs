@@ -34,6 +34,12 @@ pub enum Error {
         /// The most that is taken, in bytes.
         limit: usize,
     },
+    /// Runs were at work for as long as a collection waited.
+    #[error("the cache is in use: a run is at work, and {} s were not enough to wait for it", waited.as_secs())]
+    InUse {
+        /// How long it waited.
+        waited: std::time::Duration,
+    },
     /// A file was to be published over something that is not a file, such as a folder or a device.
     #[error("{} is not a regular file, and is left alone", path.display())]
     NotAFile {

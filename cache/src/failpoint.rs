@@ -44,6 +44,8 @@ pub const NAMES: &[&str] = &[
     QUARANTINE_AFTER,
     LEASE_ACQUIRED,
     LEASE_UNLINKED,
+    GC_RECORDS_GONE,
+    GC_BLOB_GONE,
 ];
 
 /// The places in the life of one file that is written beside its final name and renamed.
@@ -91,6 +93,10 @@ pub(crate) const QUARANTINE_BEFORE: &str = "quarantine.before";
 pub(crate) const QUARANTINE_AFTER: &str = "quarantine.after";
 pub(crate) const LEASE_ACQUIRED: &str = "lease.acquired";
 pub(crate) const LEASE_UNLINKED: &str = "lease.unlinked";
+/// A collection removed records, and no blob yet.
+pub(crate) const GC_RECORDS_GONE: &str = "gc.records-gone";
+/// A collection removed a blob, and others not yet.
+pub(crate) const GC_BLOB_GONE: &str = "gc.blob-gone";
 
 /// Reaches the place `name`.
 #[cfg(not(feature = "failpoints"))]

@@ -43,6 +43,17 @@ impl FileLock {
         }
     }
 
+    /// Waits until writers are out, or until `cancelled`. `None` then, and where locks do not work.
+    pub fn shared_when_free(&self, cancelled: &dyn Fn() -> bool) -> Option<FileGuard> {
+        loop {
+            match self.0.try_lock_shared() {
+                Ok(()) => return Some(FileGuard(Arc::clone(&self.0))),
+                Err(TryLockError::WouldBlock) if !cancelled() => std::thread::sleep(Duration::from_millis(5)),
+                Err(_) => return None,
+            }
+        }
+    }
+
     /// Tries once to keep writers out.
     pub fn shared(&self) -> Option<FileGuard> {
         self.0.try_lock_shared().ok().map(|()| FileGuard(Arc::clone(&self.0)))

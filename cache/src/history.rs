@@ -38,6 +38,16 @@ impl Book {
         book
     }
 
+    /// What is stored, note by note.
+    pub fn notes(&self) -> impl Iterator<Item = (&[u8], &[u8])> {
+        let mut at = 0;
+        std::iter::from_fn(move || {
+            let (name, value) = note(&self.stored, at)?;
+            at += 8 + name.len() + value.len();
+            Some((name, value))
+        })
+    }
+
     /// The note of this name.
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         if let Some(value) = self.written.get(name) {
@@ -62,12 +72,10 @@ impl Book {
     pub fn encode(&self, latest: Vec<u8>) -> Vec<u8> {
         let latest = Book::open(latest);
         let mut bytes = Vec::with_capacity(latest.stored.len());
-        let mut at = 0;
-        while let Some((name, value)) = note(&latest.stored, at) {
+        for (name, value) in latest.notes() {
             if !str::from_utf8(name).is_ok_and(|name| self.written.contains_key(name)) {
                 write(&mut bytes, name, value);
             }
-            at += 8 + name.len() + value.len();
         }
         let old = bytes.len();
         self.written.iter().for_each(|(name, value)| write(&mut bytes, name.as_bytes(), value));

@@ -33,7 +33,8 @@
 //!   temp/.PID-N.lightharmony-temp   files being written, locked (flock) by their writer
 //!   quarantine/abcd…         bad blobs (the last of each digest) and logs without a head; never read
 //!   leases/abcd…             by key, locked by the holder, removed by it before it unlocks
-//!   pins/  sessions/         kept for garbage collection; not used yet
+//!   pins/abcd…               what no collection removes: a name, then keys, a line each
+//!   runs.lock                locked shared while a run is at work, and alone by a collection
 //! ```
 //! A **blob file** is the content and nothing else. It is written in `temp` and renamed.
 //!
@@ -81,14 +82,17 @@ mod entry;
 mod error;
 pub mod failpoint;
 mod file_lock;
+mod gc;
 mod history;
 mod index;
+mod inspect;
 mod key;
 mod lease;
 mod log;
 mod log_head;
 mod manifest;
 mod memo;
+mod pin;
 mod publish;
 mod stamp;
 mod store;
@@ -97,10 +101,12 @@ mod window;
 
 pub use digest::{Digest, DigestWriter};
 pub use error::{Error, Result};
+pub use gc::{Collected, Limits, Names};
+pub use inspect::{Checked, Stat};
 pub use key::{Key, KeyError, KeyWriter};
 pub use lease::{Lease, LeaseState};
 pub use manifest::{Change, Line, Manifest, Value};
 pub use publish::publish_file;
 pub use stamp::FileStamp;
-pub use store::{Fsync, Incident, Options, Store};
+pub use store::{Fsync, Incident, Options, Running, Store};
 pub use temp::sweep_temp;

@@ -213,6 +213,24 @@ impl Log {
         self.read_tail()
     }
 
+    /// Reads the whole file once more, whatever the index says, and gives its damaged bytes: what a writer may
+    /// be writing is none.
+    pub fn reread(&mut self) -> Result<u64> {
+        self.rescan()?;
+        Ok(self.health.damaged)
+    }
+
+    /// Bytes of entries that were replaced or removed.
+    pub fn dead(&self) -> u64 {
+        self.health.dead
+    }
+
+    /// The length of the payload of every entry of a kind, by key.
+    pub fn lengths(&mut self, kind: u8) -> Result<Vec<(Digest, u64)>> {
+        let all = self.all()?.into_iter().filter(|((found, _), _)| *found == kind);
+        Ok(all.map(|((_, key), slot)| (key, slot.length.into())).collect())
+    }
+
     /// How many damaged bytes were found since the last call.
     pub fn take_damaged(&mut self) -> u64 {
         std::mem::take(&mut self.news)

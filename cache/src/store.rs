@@ -6,12 +6,14 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use crate::blobs::Blobs;
 use crate::digest::Digest;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
+use crate::file_lock::{FileGuard, FileLock};
+use crate::gc;
 use crate::history::Book;
 use crate::lease::{Lease, LeaseState, try_lease};
 use crate::log::{Log, Settings};
@@ -20,7 +22,7 @@ use crate::stamp::FileStamp;
 use crate::temp::{TempFile, sweep_temp};
 
 /// The kinds of entries in the log of records. Numbers not listed are kept as they are by compaction.
-mod kind {
+pub(crate) mod kind {
     pub const RECORD: u8 = 1;
     pub const MEMO: u8 = 3;
     pub const HISTORY: u8 = 4;
@@ -28,6 +30,8 @@ mod kind {
 
 /// The version of everything below it; a new format gets a new folder and never meets an old one.
 const FORMAT: &str = "v1";
+
+const DAY_SECONDS: u64 = 24 * 60 * 60;
 
 /// Memos wait for company up to this many.
 const MANY: usize = 4096;
@@ -56,6 +60,10 @@ pub struct Options {
     /// Write nothing, even if that were possible. A folder that cannot be written is found out without this.
     pub read_only: bool,
 }
+
+/// A run is at work; see [`Store::begin_run`].
+#[must_use = "the run is over when this is dropped"]
+pub struct Running(#[allow(dead_code, reason = "held until dropped")] Option<FileGuard>);
 
 /// Damage that was found and dealt with; worth one line of warning.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -156,6 +164,37 @@ impl Store {
     /// Takes the damage found since the last call.
     pub fn take_incidents(&self) -> Vec<Incident> {
         std::mem::take(&mut lock(&self.incidents))
+    }
+
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        self.folder.as_deref()
+    }
+
+    pub(crate) fn records(&self) -> &Mutex<Log> {
+        &self.records
+    }
+
+    pub(crate) fn blobs(&self) -> &Blobs {
+        &self.blobs
+    }
+
+    /// The lock that runs share and a collection has alone; `None` where nothing can be written.
+    pub(crate) fn runs(&self) -> Result<Option<FileLock>> {
+        match &self.folder {
+            Some(folder) if !self.read_only => FileLock::open(&folder.join("runs.lock")).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// Says that a run is at work, until the guard is dropped: no collection removes anything meanwhile. Waits
+    /// for one that is at work, for as long as `cancelled` allows. Notes in `book` when it was used.
+    pub fn begin_run(&self, book: &str, cancelled: &dyn Fn() -> bool) -> Running {
+        let today = gc::seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS;
+        if self.history_get(book, gc::USED).as_deref() != Some(&today.to_le_bytes()) {
+            self.history_put(book, gc::USED, &today.to_le_bytes());
+        }
+        // Where locks do not work there is no collection either.
+        Running(self.runs().ok().flatten().and_then(|runs| runs.shared_when_free(cancelled)))
     }
 
     fn report_damage(&self, records: &mut Log) {

@@ -25,10 +25,10 @@ use crate::syntax::{Fields, RawField};
 /// Raised when the bytes change their form.
 const FORMAT: &str = "lightharmony compiled graph 1";
 
-/// Shorter texts are parsed in less time than it takes to look for their compiled form, in bytes.
-const WORTH_IT: usize = 16 << 10;
-
 impl Graph {
+    /// Shorter texts are parsed in less time than it takes to look for their compiled form, in bytes.
+    pub const WORTH_COMPILING: usize = 16 << 10;
+
     /// [`Graph::parse`], by way of the compiled graph in `store` where there is one of this text.
     ///
     /// # Errors
@@ -39,7 +39,7 @@ impl Graph {
         root: SourceRoot,
         store: &Store,
     ) -> Result<Self, Diagnostics> {
-        if source.text.len() < WORTH_IT {
+        if source.text.len() < Self::WORTH_COMPILING {
             return Self::parse(source, registry, root);
         }
         let key = key(&source.text, registry, root.folder());

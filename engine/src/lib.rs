@@ -145,7 +145,7 @@ pub use param::{
 };
 pub use plan::{Fate, Forecast, Planned, Why};
 pub use port::{Arity, InPort, Inputs, Outputs, PortSpec};
-pub use record::Spent;
+pub use record::{Spent, blobs_of};
 pub use root::{SourceFile, SourceRoot};
 pub use schedule::{Engine, EngineError, Outcome, RunOptions};
 pub use serde;

@@ -124,11 +124,35 @@ impl Record {
         Ok(Self { outputs, files, notes, spent: Spent { seconds, work, memory, counts } })
     }
 
+    /// The stored blobs that a record of any kind of node names.
+    fn stored_blobs(bytes: &[u8]) -> Result<Vec<Digest>, Corrupt> {
+        let mut from = Decoder::new(Decoder::new(bytes).raw()?);
+        let mut blobs = Vec::new();
+        for _ in 0..from.length(45)? {
+            from.raw()?;
+            from.u32()?;
+            let digest = read_digest(&mut from)?;
+            if from.bool()? {
+                blobs.push(digest);
+            }
+        }
+        Ok(blobs)
+    }
+
     /// What the key of a stored record was made of. Most readers have no use for it, so it is read apart.
     pub fn manifest(bytes: &[u8]) -> Option<Manifest> {
         let mut from = Decoder::new(bytes);
         from.raw().ok()?;
         Manifest::from_bytes(from.raw().ok()?)
+    }
+}
+
+/// The blobs that a record in the store names: those of a node, of a part, or of a compiled graph. What is
+/// no record of ours names none.
+pub fn blobs_of(payload: &[u8]) -> Vec<Digest> {
+    match payload.try_into() {
+        Ok(digest) => vec![Digest::from_bytes(digest)],
+        Err(_) => Record::stored_blobs(payload).unwrap_or_default(),
     }
 }
 

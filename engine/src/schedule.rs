@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 
 use cache::Store;
 
-use crate::action::last_outputs;
+use crate::action::{last_keys, last_outputs};
 use crate::diag::Diagnostics;
 use crate::event::{Event, Totals};
 use crate::graph::{Graph, Wire};
@@ -81,6 +81,8 @@ impl Engine {
 
     /// Runs a graph. Every event is told on the calling thread, in order.
     pub fn run(&self, graph: &Graph, options: &RunOptions, mut tell: impl FnMut(Event)) -> Outcome {
+        let cancelled = || options.cancel.load(Ordering::Relaxed);
+        let _running = self.store.begin_run(&last_keys(graph), &cancelled);
         let (sender, receiver) = channel();
         let mut run = Run::new(self, graph, options, sender, &mut tell);
         self.pool.in_place_scope(|scope| run.coordinate(scope, &receiver));

@@ -1,5 +1,6 @@
 //! One file a verb.
 
+mod cache;
 mod check;
 mod convert;
 mod explain;
@@ -39,6 +40,8 @@ enum Verb {
     Nodes(nodes::Nodes),
     /// Draws a graph with the state of its results
     Graph(graph::Draw),
+    /// Looks after the cache: what is in it, whether it is whole, what may go
+    Cache(cache::Cache),
     /// Writes a scene of splats in another format
     Convert(convert::Convert),
     /// Tells what a scene of splats is like: size, floor, up, what looks wrong
@@ -56,6 +59,7 @@ impl Command {
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),
+            Verb::Cache(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),
             Verb::Inspect(verb) => verb.run(),
         }

@@ -35,8 +35,7 @@ pub struct Run {
 impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
-        let engine = self.engine.open()?;
-        let Loaded { graph, only } = self.graph.load_cached(engine.store())?;
+        let (Loaded { graph, only }, engine) = self.graph.load_with(&self.engine)?;
         let cancel = Arc::new(AtomicBool::new(false));
         let again = cancel.clone();
         ctrlc::set_handler(move || {

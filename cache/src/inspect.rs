@@ -1,0 +1,170 @@
+//! What is in a cache, whether it is whole, and another cache with the same.
+
+use std::fs;
+use std::path::Path;
+
+use crate::digest::Digest;
+use crate::error::{Error, Result};
+use crate::gc::{Names, blob_files, size_of};
+use crate::store::{Store, kind, lock};
+
+/// What is in a cache folder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stat {
+    /// Bytes of everything.
+    pub bytes: u64,
+    /// Records of results.
+    pub records: usize,
+    /// Digests of files that are remembered.
+    pub memos: usize,
+    /// Blobs in the log of small ones.
+    pub small_blobs: usize,
+    /// Blobs that are a file each, and their bytes.
+    pub large_blobs: usize,
+    /// Bytes of those.
+    pub large_bytes: u64,
+    /// Bytes of both logs, and of them those of entries that were replaced.
+    pub log_bytes: u64,
+    /// Bytes of entries in the logs that were replaced or removed; compaction frees them.
+    pub dead_bytes: u64,
+    /// Bytes of bad blobs that were put aside.
+    pub quarantine_bytes: u64,
+}
+
+/// What a check of everything found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// Blobs that were read, and their bytes.
+    pub blobs: usize,
+    /// Bytes of those.
+    pub bytes: u64,
+    /// Records that were read.
+    pub records: usize,
+    /// Bytes in the logs that belong to no entry.
+    pub damaged_bytes: u64,
+    /// Blobs whose bytes are not their content.
+    pub bad: Vec<Digest>,
+    /// Records that name a blob which is not there, or is bad.
+    pub incomplete: Vec<Digest>,
+}
+
+impl Checked {
+    /// Whether nothing was wrong.
+    pub fn is_whole(&self) -> bool {
+        self.damaged_bytes == 0 && self.bad.is_empty() && self.incomplete.is_empty()
+    }
+}
+
+impl Store {
+    /// Counts what is there; reads the log of records and no blob.
+    ///
+    /// # Errors
+    /// What the system says about what cannot be read.
+    pub fn stat(&self) -> Result<Stat> {
+        let Some(root) = self.folder() else { return Ok(Stat::default()) };
+        let large = blob_files(root);
+        let length = |name: &str| fs::metadata(root.join(name)).map_or(0, |meta| meta.len());
+        let small_blobs = self.blobs().small_sizes()?.len();
+        let mut records = lock(self.records());
+        records.refresh()?;
+        Ok(Stat {
+            bytes: size_of(root),
+            records: records.keys(kind::RECORD)?.len(),
+            memos: records.keys(kind::MEMO)?.len(),
+            small_blobs,
+            large_blobs: large.len(),
+            large_bytes: large.iter().map(|(_, meta)| meta.len()).sum(),
+            log_bytes: length("records.log") + length("blobs.log"),
+            dead_bytes: records.dead() + self.blobs().small_dead(),
+            quarantine_bytes: size_of(&root.join("quarantine")),
+        })
+    }
+
+    /// Reads everything and says what is wrong; `repair` also puts bad blobs aside, forgets records that
+    /// cannot be served, and rewrites damaged logs. Nothing needs that: reading does it, too, bit by bit.
+    /// `progress` is told the share that is done and says whether to go on.
+    ///
+    /// # Errors
+    /// What the system says about what cannot be read or written.
+    pub fn check(
+        &self,
+        repair: bool,
+        names: Names<'_>,
+        progress: &mut dyn FnMut(f64) -> bool,
+    ) -> Result<Checked> {
+        let mut checked = Checked::default();
+        let Some(root) = self.folder() else { return Ok(checked) };
+        checked.damaged_bytes = lock(self.records()).reread()? + self.blobs().reread_small()?;
+        let small = self.blobs().small_sizes()?.into_iter();
+        let large = blob_files(root).into_iter().map(|(digest, meta)| (digest, meta.len()));
+        let all: Vec<(Digest, u64)> = small.chain(large).collect();
+        for (done, (digest, bytes)) in all.iter().enumerate() {
+            if !progress(done as f64 / all.len() as f64) {
+                return Ok(checked);
+            }
+            checked.blobs += 1;
+            checked.bytes += bytes;
+            let good =
+                if repair { self.get_blob(digest)?.is_some() } else { self.blobs().is_good(digest)? };
+            if !good {
+                checked.bad.push(*digest);
+            }
+        }
+        checked.bad.sort_unstable();
+        checked.bad.dedup();
+        for key in self.record_keys() {
+            let Some(payload) = self.get_record(&key) else { continue };
+            checked.records += 1;
+            let served =
+                |digest: &Digest| checked.bad.binary_search(digest).is_err() && self.has_blob(digest);
+            if !names(&payload).iter().all(served) {
+                checked.incomplete.push(key);
+                if repair {
+                    self.remove_record(&key)?;
+                }
+            }
+        }
+        if repair {
+            self.flush()?;
+            self.sweep();
+        }
+        Ok(checked)
+    }
+
+    /// Copies records with the blobs they name to another cache: those of `keys`, or all. Gives how many; a
+    /// record whose blobs are not all good is left out, and damage is told as ever.
+    ///
+    /// # Errors
+    /// When reading or writing fails.
+    pub fn copy_to(
+        &self,
+        other: &Store,
+        keys: Option<&[Digest]>,
+        names: Names<'_>,
+        progress: &mut dyn FnMut(f64) -> bool,
+    ) -> Result<usize> {
+        if other.is_read_only() {
+            let source = std::io::ErrorKind::ReadOnlyFilesystem.into();
+            let path = other.folder().unwrap_or(Path::new("the other cache"));
+            return Err(Error::io("write to", path, source));
+        }
+        let keys = keys.map_or_else(|| self.record_keys(), <[Digest]>::to_vec);
+        let mut copied = 0;
+        'records: for (done, key) in keys.iter().enumerate() {
+            if !progress(done as f64 / keys.len() as f64) {
+                break;
+            }
+            let Some(payload) = self.get_record(key) else { continue };
+            for digest in names(&payload) {
+                match self.get_blob(&digest)? {
+                    Some(bytes) => other.put_blob_as(&digest, &bytes)?,
+                    None => continue 'records,
+                }
+            }
+            other.put_record(key, &payload)?;
+            copied += 1;
+        }
+        other.flush()?;
+        Ok(copied)
+    }
+}
