@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::random::{fractal, noise};
 use crate::num;
-use crate::types::{Material, Object, Primitive, Sampler, Texture, TextureRef, Wrap};
+use crate::types::{Material, NormalMap, Object, Primitive, Sampler, Texture, TextureRef, Wrap};
 
 const SIZE: usize = 256;
 
@@ -28,6 +28,7 @@ pub(super) fn still_life(seed: u64) -> Object {
         let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false };
         Some(TextureRef { texture: index, uv_set: 0, sampler, transform: None })
     };
+    let bumps = |index, scale| texture(index).map(|texture| NormalMap { texture, scale });
     let plain = |name: &str, colour: [f32; 3], metallic, roughness| Material {
         name: name.to_owned(),
         base_colour: [colour[0], colour[1], colour[2], 1.0],
@@ -38,16 +39,14 @@ pub(super) fn still_life(seed: u64) -> Object {
     let materials = vec![
         Material {
             base_colour_texture: texture(0),
-            normal_texture: texture(1),
-            normal_scale: 0.35,
+            normal: bumps(1, 0.35),
             ..plain("glazed ceramic", [1.0; 3], 0.0, 0.12)
         },
         plain("brass", [0.91, 0.70, 0.36], 1.0, 0.24),
         plain("clay", [0.52, 0.185, 0.085], 0.0, 0.85),
         Material {
             base_colour_texture: texture(2),
-            normal_texture: texture(3),
-            normal_scale: 0.6,
+            normal: bumps(3, 0.6),
             metallic_roughness_texture: texture(4),
             ..plain("walnut", [1.0; 3], 0.0, 0.9)
         },

@@ -8,7 +8,7 @@ use gltf::{Accessor, Document};
 use serde_json::Value;
 
 use super::png::Raster;
-use super::{jpeg, png};
+use super::{jpeg, png, webp};
 use crate::Error;
 
 /// What of a file is wanted.
@@ -21,13 +21,26 @@ pub enum Want {
 }
 
 /// Extensions that a file may require.
-const SUPPORTED: [&str; 6] = [
-    "KHR_texture_transform",
+pub const SUPPORTED: [&str; 18] = [
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
     "KHR_materials_transmission",
-    "KHR_materials_clearcoat",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    // These change nothing that is drawn.
+    "KHR_xmp_json_ld",
+    "KHR_xmp",
 ];
 
 /// Why some extensions are not supported, and what to do instead.
@@ -38,7 +51,6 @@ fn advice(extension: &str) -> &'static str {
             ": meshopt compression; save the file without it"
         }
         "KHR_texture_basisu" => ": KTX2 textures; save them as PNG or JPEG",
-        "EXT_texture_webp" => ": WebP textures; save them as PNG or JPEG",
         "EXT_texture_avif" => ": AVIF textures; save them as PNG or JPEG",
         "KHR_materials_pbrSpecularGlossiness" => ": specular-glossiness; convert it to metallic-roughness",
         _ => "",
@@ -70,7 +82,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
         }
     }
     for texture in json["textures"].as_array().into_iter().flatten() {
-        if texture.get("source").is_none() {
+        if texture.get("source").is_none() && texture["extensions"].get("EXT_texture_webp").is_none() {
             let other =
                 texture["extensions"].as_object().and_then(|o| o.keys().next()).map_or("no picture", |k| k);
             return Err(Error::unsupported(name, format!("{other} for a texture{}", advice(other))));
@@ -375,10 +387,8 @@ impl File {
             [0xab, b'K', b'T', b'X', ..] => {
                 return Err(Error::unsupported(label, "KTX textures; save them as PNG").into());
             }
-            [b'R', b'I', b'F', b'F', ..] => {
-                return Err(Error::unsupported(label, "WebP textures; save them as PNG").into());
-            }
-            _ => return Err(Error::format(label, "neither PNG nor JPEG").into()),
+            [b'R', b'I', b'F', b'F', ..] => webp::read(&label, bytes)?,
+            _ => return Err(Error::format(label, "neither PNG nor JPEG nor WebP").into()),
         };
         Ok(raster)
     }

@@ -7,3 +7,4 @@ pub mod hdr;
 pub mod jpeg;
 pub mod ply;
 pub mod png;
+pub mod webp;

@@ -27,6 +27,7 @@ struct Tally {
     morphed: u64,
     skinned: u64,
     mirrored: u64,
+    instances: u64,
 }
 
 /// Reads shapes.
@@ -87,15 +88,18 @@ impl<'a> Geometry<'a> {
         let (mut vertices, total) = (0, order.len().max(1));
         for (done, node) in order.iter().enumerate() {
             cx.progress(done as f32 / total as f32);
-            for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
-                cx.check()?;
-                let Some(read) = self.primitive(node, &primitive, materials)? else { continue };
-                vertices += read.positions.len();
-                if vertices > VERTEX_LIMIT {
-                    return Err(self.bad(format!("has more than {VERTEX_LIMIT} vertices")).into());
-                }
-                if !read.triangles.is_empty() {
-                    primitives.push(read);
+            let Some(mesh) = node.mesh() else { continue };
+            for instance in self.instances(node)? {
+                for primitive in mesh.primitives() {
+                    cx.check()?;
+                    let Some(read) = self.primitive(node, &primitive, instance, materials)? else { continue };
+                    vertices += read.positions.len();
+                    if vertices > VERTEX_LIMIT {
+                        return Err(self.bad(format!("has more than {VERTEX_LIMIT} vertices")).into());
+                    }
+                    if !read.triangles.is_empty() {
+                        primitives.push(read);
+                    }
                 }
             }
         }
@@ -131,6 +135,41 @@ impl<'a> Geometry<'a> {
         self.file.numbers(accessor, self.buffers)
     }
 
+    /// Where the copies of a node's mesh stand in its frame: EXT_mesh_gpu_instancing, or one as it is.
+    fn instances(&mut self, node: &Node<'_>) -> Result<Vec<DMat4>, Error> {
+        let attributes =
+            &self.file.json["nodes"][node.index()]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
+        let mut count = None;
+        let mut read = |semantic: &str, width: usize| -> Result<Vec<f64>, Error> {
+            let Some(index) = attributes[semantic].as_u64() else { return Ok(Vec::new()) };
+            let accessor = self.file.document.accessors().nth(index as usize);
+            let accessor =
+                accessor.ok_or_else(|| self.bad(format!("{semantic} of instances names no accessor")))?;
+            let numbers = self.numbers(&accessor)?;
+            if numbers.width != width || *count.get_or_insert(accessor.count()) != accessor.count() {
+                return Err(self.bad(format!("{semantic} of instances does not fit the others")));
+            }
+            Ok(numbers.values)
+        };
+        let (places, turns) = (read("TRANSLATION", 3)?, read("ROTATION", 4)?);
+        let scales = read("SCALE", 3)?;
+        let Some(count) = count else { return Ok(vec![DMat4::IDENTITY]) };
+        self.tally.instances += count as u64;
+        let triple = |values: &[f64], i: usize, default: f64| {
+            values.as_chunks::<3>().0.get(i).map_or(DVec3::splat(default), |v| DVec3::from_array(*v))
+        };
+        let instance = |i: usize| {
+            let turn = turns.as_chunks::<4>().0.get(i).copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
+            let (scale, place) = (triple(&scales, i, 1.0), triple(&places, i, 0.0));
+            DMat4::from_scale_rotation_translation(scale, rotation(turn), place)
+        };
+        let instances: Vec<DMat4> = (0..count).map(instance).collect();
+        match instances.iter().position(|m| !m.is_finite()) {
+            Some(bad) => Err(self.bad(format!("instance {bad} of node {} is not finite", node.index()))),
+            None => Ok(instances),
+        }
+    }
+
     fn attribute<const N: usize>(
         &self,
         primitive: &gltf::Primitive<'_>,
@@ -149,6 +188,7 @@ impl<'a> Geometry<'a> {
         &mut self,
         node: &Node<'_>,
         primitive: &gltf::Primitive<'_>,
+        instance: DMat4,
         materials: &mut Vec<Material>,
     ) -> Result<Option<Primitive>, Error> {
         if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
@@ -172,7 +212,7 @@ impl<'a> Geometry<'a> {
 
         let mut triangles = self.triangles(primitive, n)?;
         let skin = self.skin(node, primitive, n)?;
-        let world = self.world[node.index()].unwrap_or_default();
+        let world = self.world[node.index()].unwrap_or_default() * instance;
         // A skinned mesh follows its joints alone: section 3.7.3 of the specification.
         let transform = |v: usize| skin.as_ref().map_or(world, |matrices| matrices[v]);
         let mirrored = n > 0 && DMat3::from_mat4(transform(0)).determinant() < 0.0;
@@ -213,8 +253,8 @@ impl<'a> Geometry<'a> {
                 named as u32
             }
         };
-        let normal_map = materials.get(p.material as usize).and_then(|m| m.normal_texture);
-        self.shading_frame(&mut p, normal_map.map(|map| map.uv_set == 1));
+        let set = materials.get(p.material as usize).and_then(Material::tangent_set);
+        self.shading_frame(&mut p, set.map(|set| set == 1));
         if !p.is_consistent() {
             return Err(self.bad("a primitive names what it does not have"));
         }
@@ -311,12 +351,16 @@ impl<'a> Geometry<'a> {
         n: usize,
     ) -> Result<Option<Vec<DMat4>>, Error> {
         let Some(skin) = node.skin() else { return Ok(None) };
-        let Some(joints) = self.attribute::<4>(primitive, Semantic::Joints(0), n)? else { return Ok(None) };
-        let weights = self
-            .attribute::<4>(primitive, Semantic::Weights(0), n)?
-            .ok_or_else(|| self.bad("a skinned primitive has joints but no weights"))?;
-        if primitive.get(&Semantic::Joints(1)).is_some() {
-            return Err(Error::unsupported(self.name, "more than four joints to a vertex"));
+        let mut influences = Vec::new();
+        for set in 0.. {
+            let Some(joints) = self.attribute::<4>(primitive, Semantic::Joints(set), n)? else { break };
+            let weights = self
+                .attribute::<4>(primitive, Semantic::Weights(set), n)?
+                .ok_or_else(|| self.bad("a skinned primitive has joints but no weights"))?;
+            influences.push((joints, weights));
+        }
+        if influences.is_empty() {
+            return Ok(None);
         }
         let inverse: Vec<DMat4> = match skin.inverse_bind_matrices() {
             Some(accessor) => {
@@ -336,18 +380,19 @@ impl<'a> Geometry<'a> {
             })
             .collect();
         self.tally.skinned += 1;
-        let blend = |(joints, weights): (&[f64; 4], &[f64; 4])| {
-            let sum: f64 = weights.iter().sum();
+        let blend = |v: usize| {
+            let of = |set: &(Vec<[f64; 4]>, Vec<[f64; 4]>)| set.0[v].into_iter().zip(set.1[v]);
+            let sum: f64 = influences.iter().flat_map(of).map(|(_, weight)| weight).sum();
             let mut blended = DMat4::ZERO;
-            for (joint, weight) in joints.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
+            for (joint, weight) in influences.iter().flat_map(of).filter(|(_, weight)| *weight != 0.0) {
                 let matrix = matrices
-                    .get(*joint as usize)
+                    .get(joint as usize)
                     .ok_or_else(|| self.bad("a vertex names an unknown joint"))?;
                 blended += *matrix * (weight / sum);
             }
             Ok(if sum > 0.0 { blended } else { matrices.first().copied().unwrap_or_default() })
         };
-        joints.iter().zip(&weights).map(blend).collect::<Result<_, Error>>().map(Some)
+        (0..n).map(blend).collect::<Result<_, Error>>().map(Some)
     }
 
     /// Repairs normals, and makes tangents where a normal map needs them.
@@ -394,7 +439,7 @@ impl<'a> Geometry<'a> {
             (
                 "tangents-made",
                 t.tangents_made,
-                "primitives with a normal map had no tangents; they were made",
+                "primitives with bumps or a brush had no tangents; they were made",
             ),
             (
                 "tangents-arbitrary",
@@ -403,6 +448,7 @@ impl<'a> Geometry<'a> {
             ),
             ("morph-targets", t.morphed, "morph targets were applied at the weights of the file"),
             ("skins", t.skinned, "skinned primitives were posed as the file has their joints"),
+            ("instances", t.instances, "copies of meshes by EXT_mesh_gpu_instancing"),
             (
                 "mirrored",
                 t.mirrored,
@@ -427,13 +473,16 @@ fn local(transform: &Transform) -> DMat4 {
             DMat4::from_cols_array(&std::array::from_fn(|i| f64::from(matrix[i / 4][i % 4])))
         }
         Transform::Decomposed { translation, rotation, scale } => {
-            let q = DQuat::from_array(rotation.map(f64::from));
-            // A quaternion of length 0 is no rotation; any other is made one.
-            let q = if q.length() > 0.0 { q.normalize() } else { DQuat::IDENTITY };
             let [t, s] = [translation, scale].map(|v| DVec3::from_array(v.map(f64::from)));
-            DMat4::from_scale_rotation_translation(s, q, t)
+            DMat4::from_scale_rotation_translation(s, self::rotation(rotation.map(f64::from)), t)
         }
     }
+}
+
+/// A quaternion of length 0 is no rotation; any other is made one.
+fn rotation(q: [f64; 4]) -> DQuat {
+    let q = DQuat::from_array(q);
+    if q.length() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
 }
 
 fn inverse_transpose(m: DMat3) -> DMat3 {

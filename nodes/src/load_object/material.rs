@@ -6,7 +6,11 @@ use engine::Notes;
 use serde_json::Value;
 
 use crate::Error;
-use crate::types::{AlphaMode, Material, Sampler, TextureRef, TextureTransform, Wrap};
+use crate::io::gltf::SUPPORTED;
+use crate::types::{
+    AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
+    Sampler, Sheen, Specular, TextureRef, TextureTransform, Wrap,
+};
 
 /// Reads materials, and finds which images they use.
 pub struct Materials<'a> {
@@ -16,26 +20,20 @@ pub struct Materials<'a> {
     pub images: Vec<usize>,
     clamped: u64,
     ignored: BTreeSet<String>,
+    occluded: bool,
 }
 
-/// What a material may say and we do not draw. `true` where the picture is wrong without it.
-const NOT_DRAWN: [(&str, &str); 10] = [
-    ("KHR_materials_volume", "absorption inside"),
-    ("KHR_materials_specular", "the strength of reflections"),
-    ("KHR_materials_sheen", "sheen"),
-    ("KHR_materials_anisotropy", "anisotropy"),
-    ("KHR_materials_iridescence", "iridescence"),
-    ("KHR_materials_dispersion", "dispersion"),
-    ("KHR_materials_unlit", "being unlit"),
-    ("KHR_materials_variants", "variants"),
-    ("KHR_materials_pbrSpecularGlossiness", "specular-glossiness"),
-    ("KHR_materials_diffuse_transmission", "diffuse transmission"),
+/// What a material may say and we do not draw, and what shows instead.
+const NOT_DRAWN: [(&str, &str); 3] = [
+    ("KHR_materials_dispersion", "light of all colours is bent alike"),
+    ("KHR_materials_volume_scatter", "nothing scatters inside"),
+    ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are taken"),
 ];
 
 impl<'a> Materials<'a> {
     /// A reader of the materials in `json`.
     pub fn new(name: &'a str, json: &'a Value) -> Self {
-        Self { name, json, images: Vec::new(), clamped: 0, ignored: BTreeSet::new() }
+        Self { name, json, images: Vec::new(), clamped: 0, ignored: BTreeSet::new(), occluded: false }
     }
 
     /// Every material of the file, in order.
@@ -52,6 +50,10 @@ impl<'a> Materials<'a> {
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
+        if self.occluded {
+            let text = "occlusion maps are not read: rays find what the shape hides, and would find it twice";
+            notes.decision("occlusion-traced", text);
+        }
         Ok(materials)
     }
 
@@ -66,25 +68,17 @@ impl<'a> Materials<'a> {
         let strength =
             self.factor(&extension("KHR_materials_emissive_strength")["emissiveStrength"], 1.0, 0.0, 1e12);
         let emissive: [f32; 3] = self.factors(&m["emissiveFactor"], 0.0, 1.0);
-        let coat = extension("KHR_materials_clearcoat");
-        let transmission = extension("KHR_materials_transmission");
-        for (part, texture) in [
-            (coat, "clearcoatTexture"),
-            (coat, "clearcoatRoughnessTexture"),
-            (coat, "clearcoatNormalTexture"),
-            (transmission, "transmissionTexture"),
-        ] {
-            if part.get(texture).is_some() {
-                self.ignored
-                    .insert(format!("{texture} is left out; its factor applies to the whole material"));
+        for name in m["extensions"].as_object().into_iter().flat_map(|all| all.keys()) {
+            if !SUPPORTED.contains(&name.as_str()) {
+                let effect = NOT_DRAWN.iter().find(|(known, _)| known == name);
+                let effect = effect.map_or("it is not known here", |(_, effect)| effect);
+                self.ignored.insert(format!("{name} is left out: {effect}"));
             }
         }
-        for (name, what) in NOT_DRAWN {
-            if m["extensions"].get(name).is_some() {
-                self.ignored.insert(format!("{name} is left out, so {what} does not show"));
-            }
-        }
+        self.occluded |= m["occlusionTexture"].get("index").is_some();
         let ior = self.factor(&extension("KHR_materials_ior")["ior"], 1.5, 0.0, 1e3);
+        let specular = extension("KHR_materials_specular");
+        let transmission = extension("KHR_materials_transmission");
         Ok(Material {
             name: m["name"].as_str().unwrap_or_default().to_owned(),
             base_colour: self.factors(&pbr["baseColorFactor"], 1.0, 1.0),
@@ -92,20 +86,98 @@ impl<'a> Materials<'a> {
             metallic: self.factor(&pbr["metallicFactor"], 1.0, 0.0, 1.0),
             roughness: self.factor(&pbr["roughnessFactor"], 1.0, 0.0, 1.0),
             metallic_roughness_texture: self.texture(&pbr["metallicRoughnessTexture"])?,
-            normal_scale: self.factor(&m["normalTexture"]["scale"], 1.0, -1e6, 1e6),
-            normal_texture: self.texture(&m["normalTexture"])?,
-            occlusion_strength: self.factor(&m["occlusionTexture"]["strength"], 1.0, 0.0, 1.0),
-            occlusion_texture: self.texture(&m["occlusionTexture"])?,
+            normal: self.normal(&m["normalTexture"])?,
             emissive: emissive.map(|e| e * strength),
             emissive_texture: self.texture(&m["emissiveTexture"])?,
             alpha_mode,
             double_sided: m["doubleSided"].as_bool().unwrap_or(false),
+            unlit: m["extensions"].get("KHR_materials_unlit").is_some(),
             // The extension gives 0 the meaning of an infinite index; anything else below 1 is none.
             ior: if ior == 0.0 { 1e3 } else { ior.max(1.0) },
-            transmission: self.factor(&transmission["transmissionFactor"], 0.0, 0.0, 1.0),
-            clearcoat: self.factor(&coat["clearcoatFactor"], 0.0, 0.0, 1.0),
-            clearcoat_roughness: self.factor(&coat["clearcoatRoughnessFactor"], 0.0, 0.0, 1.0),
+            transmission: self.map(transmission, "transmission", 0.0)?,
+            volume: self.volume(extension("KHR_materials_volume")),
+            specular: Specular {
+                strength: self.map(specular, "specular", 1.0)?,
+                colour: ColourMap {
+                    factor: self.factors(&specular["specularColorFactor"], 1.0, 1e6),
+                    texture: self.texture(&specular["specularColorTexture"])?,
+                },
+            },
+            clearcoat: self.clearcoat(extension("KHR_materials_clearcoat"))?,
+            sheen: self.sheen(extension("KHR_materials_sheen"))?,
+            anisotropy: self.anisotropy(extension("KHR_materials_anisotropy"))?,
+            iridescence: self.iridescence(extension("KHR_materials_iridescence"))?,
+            diffuse_transmission: self.through(extension("KHR_materials_diffuse_transmission"))?,
         })
+    }
+
+    /// Absorption a metre, where the material has an inside.
+    fn volume(&mut self, e: &Value) -> Option<[f32; 3]> {
+        // How thick is for those who do not follow the light; that it is thick is for us.
+        let thick = self.factor(&e["thicknessFactor"], 0.0, 0.0, f64::MAX) > 0.0;
+        let colour: [f32; 3] = self.factors(&e["attenuationColor"], 1.0, 1.0);
+        let distance = e["attenuationDistance"].as_f64().filter(|d| *d > 0.0);
+        // colour = exp(-absorption * distance); a black channel is as good as opaque.
+        let absorption = |c: f32| {
+            let depth = -crate::num::f64::ln(f64::from(c).max(1e-12));
+            (depth / distance.unwrap_or(f64::INFINITY)).min(1e12) as f32
+        };
+        thick.then(|| colour.map(absorption))
+    }
+
+    fn clearcoat(&mut self, e: &Value) -> Result<Clearcoat, Error> {
+        Ok(Clearcoat {
+            strength: self.map(e, "clearcoat", 0.0)?,
+            roughness: self.map(e, "clearcoatRoughness", 0.0)?,
+            normal: self.normal(&e["clearcoatNormalTexture"])?,
+        })
+    }
+
+    fn sheen(&mut self, e: &Value) -> Result<Sheen, Error> {
+        let colour = ColourMap {
+            factor: self.factors(&e["sheenColorFactor"], 0.0, 1.0),
+            texture: self.texture(&e["sheenColorTexture"])?,
+        };
+        Ok(Sheen { colour, roughness: self.map(e, "sheenRoughness", 0.0)? })
+    }
+
+    fn anisotropy(&mut self, e: &Value) -> Result<Anisotropy, Error> {
+        Ok(Anisotropy {
+            strength: self.factor(&e["anisotropyStrength"], 0.0, 0.0, 1.0),
+            rotation: self.factor(&e["anisotropyRotation"], 0.0, -1e6, 1e6),
+            texture: self.texture(&e["anisotropyTexture"])?,
+        })
+    }
+
+    fn iridescence(&mut self, e: &Value) -> Result<Iridescence, Error> {
+        Ok(Iridescence {
+            strength: self.map(e, "iridescence", 0.0)?,
+            ior: self.factor(&e["iridescenceIor"], 1.3, 1.0, 1e3),
+            thickness_nm: [
+                self.factor(&e["iridescenceThicknessMinimum"], 100.0, 0.0, 1e6),
+                self.factor(&e["iridescenceThicknessMaximum"], 400.0, 0.0, 1e6),
+            ],
+            thickness_texture: self.texture(&e["iridescenceThicknessTexture"])?,
+        })
+    }
+
+    fn through(&mut self, e: &Value) -> Result<DiffuseTransmission, Error> {
+        let colour = ColourMap {
+            factor: self.factors(&e["diffuseTransmissionColorFactor"], 1.0, 1.0),
+            texture: self.texture(&e["diffuseTransmissionColorTexture"])?,
+        };
+        Ok(DiffuseTransmission { strength: self.map(e, "diffuseTransmission", 0.0)?, colour })
+    }
+
+    /// `nameFactor`, from 0 to 1, and `nameTexture`.
+    fn map(&mut self, e: &Value, name: &str, default: f64) -> Result<Map, Error> {
+        let factor = self.factor(&e[format!("{name}Factor").as_str()], default, 0.0, 1.0);
+        Ok(Map { factor, texture: self.texture(&e[format!("{name}Texture").as_str()])? })
+    }
+
+    fn normal(&mut self, info: &Value) -> Result<Option<NormalMap>, Error> {
+        let scale = self.factor(&info["scale"], 1.0, -1e6, 1e6);
+        Ok(self.texture(info)?.map(|texture| NormalMap { texture, scale }))
     }
 
     fn factor(&mut self, value: &Value, default: f64, low: f64, high: f64) -> f32 {
@@ -121,7 +193,9 @@ impl<'a> Materials<'a> {
     fn texture(&mut self, info: &Value) -> Result<Option<TextureRef>, Error> {
         let Some(index) = info["index"].as_u64() else { return Ok(None) };
         let texture = &self.json["textures"][index as usize];
-        let Some(image) = texture["source"].as_u64() else {
+        // A WebP picture beside a plain one is the better copy of it.
+        let webp = &texture["extensions"]["EXT_texture_webp"]["source"];
+        let Some(image) = webp.as_u64().or_else(|| texture["source"].as_u64()) else {
             return Err(Error::format(self.name, format!("no texture {index}")));
         };
         let image = image as usize;
@@ -197,8 +271,19 @@ mod tests {
                     "KHR_materials_emissive_strength": {"emissiveStrength": 4.0},
                     "KHR_materials_ior": {"ior": 1.3},
                     "KHR_materials_transmission": {"transmissionFactor": 1.5},
-                    "KHR_materials_clearcoat": {"clearcoatFactor": 0.6, "clearcoatRoughnessFactor": 0.1},
-                    "KHR_materials_sheen": {}
+                    "KHR_materials_clearcoat": {"clearcoatFactor": 0.6, "clearcoatRoughnessFactor": 0.1,
+                        "clearcoatTexture": {"index": 1}, "clearcoatNormalTexture": {"index": 1, "scale": 2.0}},
+                    "KHR_materials_sheen": {"sheenColorFactor": [0.1, 0.2, 0.3], "sheenRoughnessFactor": 0.7},
+                    "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationDistance": 0.5,
+                        "attenuationColor": [1.0, 0.36787944, 0.0]},
+                    "KHR_materials_specular": {"specularFactor": 0.4, "specularColorFactor": [2.0, 1.0, 0.5]},
+                    "KHR_materials_anisotropy": {"anisotropyStrength": 0.3, "anisotropyRotation": -1.0},
+                    "KHR_materials_iridescence": {"iridescenceFactor": 0.9, "iridescenceIor": 1.8,
+                        "iridescenceThicknessMinimum": 50.0, "iridescenceThicknessTexture": {"index": 0}},
+                    "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.8,
+                        "diffuseTransmissionColorFactor": [0.5, 0.6, 0.7]},
+                    "KHR_materials_unlit": {},
+                    "KHR_materials_dispersion": {"dispersion": 0.1}
                 }
             }]
         });
@@ -210,7 +295,9 @@ mod tests {
         let m = &materials[1];
         assert_eq!((m.base_colour, m.metallic, m.roughness), ([0.1, 0.2, 0.3, 0.4], 0.5, 0.25));
         assert_eq!((m.emissive, m.alpha_mode, m.double_sided), ([4.0, 2.0, 0.0], AlphaMode::Mask(0.2), true));
-        assert_eq!((m.ior, m.transmission, m.clearcoat, m.clearcoat_roughness), (1.3, 1.0, 0.6, 0.1));
+        assert_eq!((m.ior, m.transmission, m.unlit), (1.3, Map::of(1.0), true));
+        let [clear, tinted, black] = m.volume.unwrap_or_else(|| panic!("thick"));
+        assert!(clear == 0.0 && (tinted - 2.0).abs() < 1e-5 && black > 50.0 && black.is_finite());
         let sampler = Sampler { wrap_u: Wrap::Clamp, wrap_v: Wrap::Mirror, nearest: true };
         assert_eq!(
             m.base_colour_texture,
@@ -220,9 +307,24 @@ mod tests {
         assert_eq!((rough.texture, rough.uv_set), (1, 1));
         let transform = TextureTransform { offset: [0.5, 0.25], rotation: 1.5, scale: [2.0, 3.0] };
         assert_eq!(rough.transform, Some(transform));
-        assert_eq!((m.normal_scale, m.occlusion_strength), (0.5, 0.75));
+        assert_eq!(m.normal.map(|map| map.scale), Some(0.5));
+        let coat = m.clearcoat;
+        assert_eq!((coat.strength.factor, coat.roughness), (0.6, Map::of(0.1)));
+        assert_eq!(
+            (coat.strength.texture.map(|t| t.texture), coat.normal.map(|n| n.scale)),
+            (Some(1), Some(2.0))
+        );
+        assert_eq!((m.sheen.colour.factor, m.sheen.roughness), ([0.1, 0.2, 0.3], Map::of(0.7)));
+        assert_eq!((m.specular.strength, m.specular.colour.factor), (Map::of(0.4), [2.0, 1.0, 0.5]));
+        assert_eq!((m.anisotropy.strength, m.anisotropy.rotation), (0.3, -1.0));
+        assert_eq!((m.iridescence.strength, m.iridescence.ior), (Map::of(0.9), 1.8));
+        assert_eq!(m.iridescence.thickness_nm, [50.0, 400.0]);
+        assert_eq!(m.iridescence.thickness_texture.map(|t| t.texture), Some(0));
+        assert_eq!(m.diffuse_transmission.strength, Map::of(0.8));
+        assert_eq!(m.diffuse_transmission.colour.factor, [0.5, 0.6, 0.7]);
         let ids: Vec<&str> = notes.iter().map(|n| n.id.as_str()).collect();
-        assert_eq!(ids, ["factors-clamped", "material-ignored"]);
+        assert_eq!(ids, ["factors-clamped", "material-ignored", "occlusion-traced"]);
+        assert!(notes.iter().any(|n| n.text.starts_with("KHR_materials_dispersion")));
     }
 
     #[test]

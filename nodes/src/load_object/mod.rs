@@ -19,10 +19,11 @@ use crate::types::{Object, Texture};
 engine::params! {
     /// Loads an object to insert: glTF or GLB.
     ///
-    /// Node transforms, morph weights and skins are applied as the file has them; materials are
-    /// metallic-roughness with all their textures, and ior, transmission, clearcoat and emissive
-    /// strength. A file that requires anything else is refused by name; anything else that it merely uses
-    /// is told.
+    /// Node transforms, instances, morph weights and skins are applied as the file has them. Materials are
+    /// metallic-roughness with all their textures and the KHR extensions: transmission, volume, ior, clearcoat,
+    /// sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength, unlit. A file that
+    /// requires anything else is refused by name; what it merely uses is told, and marks the result as
+    /// degraded where it would show. Pictures are PNG, JPEG or WebP.
     pub struct LoadObject {
         /// The file: `.glb`, or `.gltf` with what it names beside it.
         path: InputFile, other("\"b.glb\"");
@@ -44,7 +45,7 @@ engine::outputs! {
 
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -92,16 +93,11 @@ pub(crate) fn object(
     let file = gltf::parse(name, bytes)?;
     let buffers = file.buffers(|beside| cx.read_beside(path, beside))?;
     let mut reader = Materials::new(name, &file.json);
-    let mut said = Notes::none();
-    let mut materials = reader.read(&mut said)?;
+    let mut unheard = Notes::none();
+    let said = if want == Want::Everything { &mut *notes } else { &mut unheard };
+    let mut materials = reader.read(said)?;
     let images = reader.images;
     let textures = if want == Want::Everything {
-        for note in said.iter() {
-            match note.level {
-                engine::Level::Warning => notes.warning(&note.id, note.text.clone()),
-                _ => notes.decision(&note.id, note.text.clone()),
-            }
-        }
         let decoded = cx.for_each_tile(images.len(), |k| {
             file.picture(images[k], &buffers, |beside| cx.read_beside(path, beside)).map(texture)
         })?;

@@ -164,6 +164,50 @@ fn skins_follow_their_joints_alone() {
     assert_eq!(object.primitives[0].positions[1], [1.0, 2.0, 0.0]);
 }
 
+// EXT_mesh_gpu_instancing: one copy of the mesh an instance, within the frame of the node.
+#[test]
+fn instances_stand_where_their_attributes_say() {
+    let mut json = triangle(json!({"mesh": 0, "translation": [0.0, 0.0, 5.0]}));
+    let numbers: Vec<u8> = [1.0_f32, 0.0, 0.0, 2.0, 0.0, 0.0, 3.0, 3.0, 3.0, 1.0, 1.0, 1.0]
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    let uri = format!("data:;base64,{}", base64(&numbers));
+    push(&mut json, "buffers", json!({"byteLength": 48, "uri": uri}));
+    push(&mut json, "bufferViews", json!({"buffer": 1, "byteLength": 48}));
+    let triples = |offset, count| json!({"bufferView": 4, "byteOffset": offset, "componentType": 5126, "count": count, "type": "VEC3"});
+    push(&mut json, "accessors", triples(0, 2));
+    push(&mut json, "accessors", triples(24, 2));
+    push(&mut json, "accessors", triples(24, 1));
+    json["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+    json["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 4, "SCALE": 5}}});
+    let (object, notes) = good(&json);
+    let second = |i: usize| object.primitives[i].positions[1];
+    assert_eq!((object.primitives.len(), second(0), second(1)), (2, [4.0, 0.0, 5.0], [3.0, 0.0, 5.0]));
+    assert!(notes.iter().any(|n| n.id == "instances"));
+    json["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 4, "SCALE": 6}}});
+    assert!(load_value(&json, None).is_err(), "two places and one scale");
+    json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 9}}});
+    assert!(load_value(&json, None).is_err(), "no such accessor");
+}
+
+#[test]
+fn webp_pictures_are_read_and_preferred() {
+    let mut json = triangle(json!({"mesh": 0}));
+    let mut picture = Vec::new();
+    image_webp::WebPEncoder::new(&mut picture)
+        .encode(&[10, 20, 30, 40], 1, 1, image_webp::ColorType::Rgba8)
+        .unwrap_or_else(|e| panic!("{e}"));
+    json["images"] =
+        json!([{"uri": "absent.png"}, {"uri": format!("data:image/webp;base64,{}", base64(&picture))}]);
+    json["textures"] = json!([{"source": 0, "extensions": {"EXT_texture_webp": {"source": 1}}}]);
+    json["materials"] = json!([{"emissiveTexture": {"index": 0}}]);
+    let (object, _) = good(&json);
+    assert_eq!(object.textures, [Texture { width: 1, height: 1, rgba: vec![10, 20, 30, 40] }]);
+}
+
 #[test]
 fn scenes_are_chosen_and_cycles_refused() {
     let mut json = triangle(json!({"mesh": 0}));

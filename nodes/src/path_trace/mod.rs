@@ -3,6 +3,8 @@
 pub mod bsdf;
 pub mod film;
 pub mod light;
+pub mod lookup;
+pub mod objects;
 pub mod rules;
 pub mod scene;
 mod shot;
@@ -22,8 +24,9 @@ use crate::sampling::{Points, hash, stream};
 use crate::types::{Camera, Cell, Environment, Images, Mesh, NamedImage, Placed, Report, Rig, Table};
 use film::{Sums, TileSums, chunks};
 use light::Sky;
+use objects::Objects;
 use rules::{Block, Bounce, EnvBlock, Probe, Rules, SpecularSees};
-use scene::{Objects, Receiver};
+use scene::Receiver;
 use shot::{Running, Shot, finish};
 use walk::{Vertex, Walk, World};
 
@@ -324,7 +327,7 @@ fn trace_pair(
         if touched {
             for (sample, landed) in (range.0..range.1).zip(&landings) {
                 let (points, key, ray) = lens.sample(pixel, sample);
-                let gap = landed.as_ref().is_some_and(|hit| in_gap(&world, lens, hit, key, ray.direction));
+                let gap = landed.as_ref().is_some_and(|hit| in_gap(&world, lens, hit, key));
                 let mut walk = Walk::new(world, points, key, !gap);
                 let light = match *landed {
                     Some(hit) => walk.radiance::<false>(Vertex::Receiver(hit), ray.direction),
@@ -349,11 +352,11 @@ fn trace_pair(
 }
 
 /// Whether an object stands so closely above a point of the receiver that the camera should not see it.
-fn in_gap(world: &World<'_>, lens: &Lens<'_>, hit: &Hit, key: u32, direction: Vec3) -> bool {
+fn in_gap(world: &World<'_>, lens: &Lens<'_>, hit: &Hit, key: u32) -> bool {
     if lens.contact == Vec3::ZERO {
         return false;
     }
-    let surface = world.receiver.surface(hit, -direction);
+    let surface = world.receiver.surface(hit);
     let up = Ray { t_max: 1.0, ..surface.leave(lens.contact) };
     world.objects.bvh.any(up, |hit| world.objects.accepts(hit, key, false))
 }
@@ -370,9 +373,9 @@ fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32)]) -> Tile
         let out = -ray.direction;
         let (t, normal) = match (object, landed) {
             (Some(hit), landed) if landed.is_none_or(|l| hit.t <= l.t) => {
-                (hit.t, world.objects.surface(&hit, out).normal)
+                (hit.t, world.objects.surface(&hit, out, false).normal)
             }
-            (_, Some(hit)) => (hit.t, world.receiver.surface(&hit, out).normal),
+            (_, Some(hit)) => (hit.t, world.receiver.surface(&hit).normal),
             _ => (f32::INFINITY, Vec3::ZERO),
         };
         let depth = if t.is_finite() {
@@ -392,7 +395,7 @@ fn columns(names: &[&str]) -> Vec<String> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     type Params = Self;
@@ -480,7 +483,7 @@ impl Kind for PathTrace {
                     Ok(sums)
                 })?;
                 expect_size(&r0, camera, R0)?;
-                let part = Part { name: "pair", version: 1, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 2, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(range, Some(contact.to_array())), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, &r0);
@@ -542,9 +545,6 @@ fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
         if n > 0 {
             notes.count(id, n, text);
         }
-    }
-    if !objects.dropped.is_empty() {
-        notes.degraded("material-dropped", format!("not rendered: {}", objects.dropped.join(", ")));
     }
 }
 

@@ -8,6 +8,8 @@ use super::*;
 use crate::testing::context;
 use crate::types::{Material, Object, Primitive};
 
+mod materials;
+
 /// The triangles of a box whose normals point outwards, or inwards.
 fn box_mesh(low: [f32; 3], high: [f32; 3], inward: bool) -> Mesh {
     let corner = |i: u32| std::array::from_fn(|k| if i >> k & 1 == 1 { high[k] } else { low[k] });

@@ -4,8 +4,9 @@ use glam::Vec3;
 
 use super::bsdf::{Lobe, Scatter};
 use super::light::Sky;
+use super::objects::Objects;
 use super::rules::{Block, Rules};
-use super::scene::{Objects, Receiver, Surface};
+use super::scene::{Receiver, Surface};
 use crate::bvh::{Hit, Ray};
 use crate::sampling::{Points, hash, unit};
 
@@ -32,8 +33,10 @@ pub struct World<'a> {
 pub enum Vertex {
     /// On the receiver.
     Receiver(Hit),
-    /// On an object.
+    /// On an object, met by a camera ray or a specular one.
     Object(Hit),
+    /// On an object, met by a ray of a matte surface, which goes straight on where anything passes it.
+    Straight(Hit),
 }
 
 /// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
@@ -73,33 +76,42 @@ impl<'a> Walk<'a> {
 
     fn surface(&self, vertex: &Vertex, out: Vec3) -> Surface {
         match vertex {
-            Vertex::Receiver(hit) => self.world.receiver.surface(hit, out),
-            Vertex::Object(hit) => self.world.objects.surface(hit, out),
+            Vertex::Receiver(hit) => self.world.receiver.surface(hit),
+            Vertex::Object(hit) => self.world.objects.surface(hit, out, false),
+            Vertex::Straight(hit) => self.world.objects.surface(hit, out, true),
         }
     }
 
-    /// The nearest object along a ray.
-    fn object(&mut self, ray: Ray, key: u32) -> Option<Hit> {
+    /// The nearest object along a ray that left by a lobe, and the weight of what the ray finds.
+    fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> (Option<Vertex>, f32, Vec3) {
         if !self.objects {
-            return None;
+            return (None, f32::INFINITY, Vec3::ONE);
         }
         self.rays += 1;
         let objects = self.world.objects;
-        let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false));
-        self.touched |= hit.is_some();
-        hit
+        let straight = objects.clear && lobe == Lobe::Diffuse;
+        let (hit, weight) = match straight {
+            true => objects.closest_straight(ray, key),
+            false => (objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)), Vec3::ONE),
+        };
+        self.touched |= hit.is_some() || weight != Vec3::ONE;
+        let vertex = if straight { Vertex::Straight } else { Vertex::Object };
+        (hit.map(vertex), hit.map_or(f32::INFINITY, |hit| hit.t), weight)
     }
 
-    /// Whether an object lies along a ray.
-    fn shaded(&mut self, ray: Ray, key: u32) -> bool {
+    /// What the objects let through along a ray, by the lobe that it serves.
+    fn unshaded(&mut self, ray: Ray, key: u32) -> [Vec3; 2] {
         if !self.objects {
-            return false;
+            return [Vec3::ONE; 2];
         }
         self.rays += 1;
         let objects = self.world.objects;
-        let shaded = objects.bvh.any(ray, |hit| objects.accepts(hit, key, false));
-        self.touched |= shaded;
-        shaded
+        if !objects.bvh.any(ray, |hit| objects.accepts(hit, key, false)) {
+            return [Vec3::ONE; 2];
+        }
+        self.touched = true;
+        let straight = if objects.clear { objects.transmittance(ray, key) } else { Vec3::ZERO };
+        [straight, Vec3::ZERO]
     }
 
     fn passes(&mut self, block: Block, ray: Ray) -> bool {
@@ -117,6 +129,7 @@ impl<'a> Walk<'a> {
         let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
         for bounce in 0..=rules.max_bounces + 1 {
             let surface = self.surface(&vertex, out);
+            weight *= surface.way;
             light += rules.clamped(bounce, weight * surface.emission);
             if bounce > rules.max_bounces {
                 break;
@@ -130,12 +143,14 @@ impl<'a> Walk<'a> {
             let useful = |s: &Scatter| s.value != Vec3::ZERO;
             if from_sky.radiance != Vec3::ZERO && lobes.iter().any(useful) {
                 let ray = surface.leave(from_sky.direction);
-                if !self.shaded(ray, key) && !PROBE {
+                let unshaded = self.unshaded(ray, key);
+                if unshaded != [Vec3::ZERO; 2] && !PROBE {
                     let mut arrived = Vec3::ZERO;
                     // Lobes that see the receiver alike share one ray.
                     let mut seen: Option<(Block, bool)> = None;
-                    for (lobe, scatter) in [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes) {
-                        if !useful(scatter) {
+                    let lobes = [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded);
+                    for ((lobe, scatter), unshaded) in lobes {
+                        if !useful(scatter) || unshaded == Vec3::ZERO {
                             continue;
                         }
                         let block = rules.sight(lobe).block;
@@ -145,7 +160,7 @@ impl<'a> Walk<'a> {
                         };
                         seen = Some((block, passes));
                         if passes {
-                            arrived += scatter.value * power(from_sky.pdf, scatter.pdf);
+                            arrived += unshaded * scatter.value * power(from_sky.pdf, scatter.pdf);
                         }
                     }
                     light += rules.clamped(bounce, weight * arrived * from_sky.radiance / from_sky.pdf);
@@ -157,14 +172,13 @@ impl<'a> Walk<'a> {
 
             // Scattering.
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
-            let throughput = scatter.value / scatter.pdf;
             let sight = rules.sight(lobe);
             let ray = surface.leave(direction);
-            let object = self.object(ray, key ^ 1);
+            let (object, reach, passed) = self.object(ray, key ^ 1, lobe);
+            let throughput = passed * scatter.value / scatter.pdf;
             if PROBE && self.touched {
                 break;
             }
-            let reach = object.map_or(f32::INFINITY, |hit| hit.t);
             let go_on = bounce < rules.max_bounces;
             let landed = if sight.lands && (go_on || (!PROBE && sight.block == Block::Solid)) {
                 self.rays += 1;
@@ -187,7 +201,7 @@ impl<'a> Walk<'a> {
             }
             vertex = match (landed, object) {
                 (Some(hit), _) => Vertex::Receiver(hit),
-                (None, Some(hit)) => Vertex::Object(hit),
+                (None, Some(object)) => object,
                 (None, None) => break,
             };
             weight *= throughput;

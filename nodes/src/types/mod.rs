@@ -2,6 +2,7 @@
 
 mod environment;
 mod image;
+mod material;
 mod mesh;
 mod object;
 mod panorama;
@@ -12,10 +13,12 @@ mod splats;
 
 pub use environment::Environment;
 pub use image::{Data, Encoding, Image, Images, Linear, NamedImage, Picture, Srgb};
-pub use mesh::Mesh;
-pub use object::{
-    AlphaMode, Material, Object, Placed, Primitive, Sampler, Texture, TextureRef, TextureTransform, Wrap,
+pub use material::{
+    AlphaMode, Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Map, Material, NormalMap,
+    Sampler, Sheen, Specular, Texture, TextureRef, TextureTransform, Wrap,
 };
+pub use mesh::Mesh;
+pub use object::{Object, Placed, Primitive};
 pub use panorama::{Brackets, Panorama};
 pub use pose::Pose;
 pub use report::{Cell, Report, Table};

@@ -1,0 +1,236 @@
+//! A material of an object: coat over sheen over base.
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::Vec3;
+
+use super::glass::Glass;
+use super::gloss::{Gloss, Interface};
+use super::{Frame, Lobe, Look, Scatter, albedo, cosine, glass, sheen};
+use crate::color::luminance;
+
+/// Lobes, in the order in which they are chosen.
+const MATTE: usize = 0;
+const THROUGH: usize = 1;
+const SHEEN: usize = 2;
+const GLOSS: usize = 3;
+const GLASS: usize = 4;
+const COAT: usize = 5;
+
+/// A lobe that is there is chosen at least this often, before the shares are made to sum to 1.
+const LEAST: f32 = 0.1;
+
+/// Reflectance of the clear coat at normal incidence: that of index 1.5.
+const COAT_F0: f32 = 0.04;
+
+/// A clear layer over all others.
+#[derive(Debug, Clone, Copy)]
+struct Coat {
+    frame: Frame,
+    out: Vec3,
+    gloss: Gloss,
+    share: f32,
+    /// What it leaves to the layers below.
+    under: f32,
+}
+
+/// Fibres over the base.
+#[derive(Debug, Clone, Copy)]
+struct Sheen {
+    colour: Vec3,
+    roughness: f32,
+    /// Albedo of a white one towards the viewer.
+    albedo: f32,
+}
+
+impl Sheen {
+    /// What it leaves to the base: the same seen from either side.
+    fn under(&self, cosine: f32) -> f32 {
+        let albedo = albedo::sheen(cosine, self.roughness).max(self.albedo);
+        1.0 - self.colour.max_element() * albedo
+    }
+}
+
+/// What passes a surface of a look at an angle of the given cosine, if it were to go straight on.
+pub fn straight(look: &Look, cosine: f32) -> Vec3 {
+    let below = look.transmission * (1.0 - look.metallic);
+    let (share, roughness) = look.coat;
+    let coat = if share > 0.0 { share * albedo::with_gain(COAT_F0, cosine, roughness) } else { 0.0 };
+    let gloss = Interface::new(look, Vec3::Z).albedo(cosine);
+    glass::tint(look) * (below * (1.0 - gloss) * (1.0 - coat))
+}
+
+/// All lobes of a material towards a viewer.
+#[derive(Debug, Clone, Copy)]
+pub struct Layers {
+    frame: Frame,
+    geometric: Vec3,
+    /// The viewer in the frame.
+    out: Vec3,
+    matte: Vec3,
+    through: Vec3,
+    interface: Interface,
+    /// What the interface leaves of matte light towards the viewer. See [`Interface::between`].
+    coupling: f32,
+    gloss: Gloss,
+    glass: Option<Glass>,
+    sheen: Option<Sheen>,
+    coat: Option<Coat>,
+    shares: [f32; 6],
+}
+
+impl Layers {
+    /// A material around the frames of the base and of its coat, whose normals lie on the side of the unit
+    /// direction `out`, and so does the geometric normal.
+    pub fn new([frame, coated]: [Frame; 2], geometric: Vec3, out: Vec3, look: &Look) -> Self {
+        let viewer = frame.viewer(out);
+        let mut interface = Interface::new(look, viewer);
+        let gloss = Gloss::new(look, &interface, viewer);
+        if look.inside {
+            interface = Interface::default();
+        }
+        let coupling = gloss.left * interface.between();
+        let below = (1.0 - look.metallic) * (1.0 - look.transmission);
+        let (passing, colour) = look.through;
+        let matte = look.base * (below * (1.0 - passing));
+        let through = colour * (below * passing);
+        let glass = Glass::new(look, &gloss, viewer);
+        let sheen = (look.sheen.0 != Vec3::ZERO).then(|| Sheen {
+            colour: look.sheen.0,
+            roughness: look.sheen.1,
+            albedo: albedo::sheen(viewer.z, look.sheen.1),
+        });
+        let coat = (look.coat.0 > 0.0 && !look.inside).then(|| {
+            let (share, roughness) = look.coat;
+            let look = Look { roughness, ..Look::default() };
+            let out = coated.viewer(out);
+            let gloss = Gloss::new(&look, &Interface::new(&look, out), out);
+            Coat { frame: coated, out, gloss, share, under: 1.0 - share * (1.0 - gloss.left) }
+        });
+        let mut layers = Self {
+            frame,
+            geometric,
+            out: viewer,
+            matte,
+            through,
+            interface,
+            coupling,
+            gloss,
+            glass,
+            sheen,
+            coat,
+            shares: [0.0; 6],
+        };
+        layers.share();
+        layers
+    }
+
+    /// Chooses lobes in proportion to what they give, about.
+    fn share(&mut self) {
+        let sheen = self.sheen.map_or(Vec3::ZERO, |s| s.colour * s.albedo);
+        let coat = self.coat.map_or(0.0, |c| 1.0 - c.under);
+        let base = self.coat.map_or(1.0, |c| c.under) * (1.0 - sheen.max_element());
+        let weights = [
+            self.matte * (self.gloss.left * base),
+            self.through * (self.gloss.left * base),
+            sheen,
+            self.gloss.albedo * base,
+            self.glass.map_or(Vec3::ZERO, |g| g.albedo) * base,
+            Vec3::splat(coat),
+        ]
+        .map(|weight| luminance(weight.to_array()));
+        // Clear surfaces are met often by one path; their faces give about what the shares say.
+        let least = if self.glass.is_some() { 0.0 } else { LEAST };
+        let lift = |sum: f32, w: f32| if w > 0.0 { (w / sum).max(least) } else { 0.0 };
+        let sum = weights.iter().sum();
+        let lifted = weights.map(|w| lift(sum, w));
+        let sum: f32 = lifted.iter().sum();
+        if sum > 0.0 {
+            self.shares = lifted.map(|w| w / sum);
+        }
+    }
+
+    /// What reaches the base and comes back from it to the viewer through the layers above.
+    fn under(&self, cosine: f32) -> f32 {
+        self.coat.map_or(1.0, |coat| coat.under) * self.sheen.map_or(1.0, |sheen| sheen.under(cosine))
+    }
+
+    /// See [`Bsdf::eval`](super::Bsdf::eval).
+    pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
+        let i = self.frame.to(incident);
+        let above = incident.dot(self.geometric) > 0.0;
+        let [mut diffuse, mut specular] = [Scatter::default(); 2];
+        let add = |class: &mut Scatter, lobe: usize, value: Vec3, pdf: f32| {
+            class.value += value;
+            class.pdf += self.shares[lobe] * pdf;
+        };
+        if above && i.z > 0.0 {
+            let under = self.under(i.z);
+            if self.shares[MATTE] > 0.0 {
+                let pdf = i.z * FRAC_1_PI;
+                let coupling = self.coupling * (1.0 - self.interface.albedo(i.z));
+                add(&mut diffuse, MATTE, self.matte * (under * coupling * pdf), pdf);
+            }
+            if let Some(fibres) = self.sheen {
+                let value = fibres.colour * sheen::value(self.out, i, fibres.roughness);
+                let under = self.coat.map_or(1.0, |coat| coat.under);
+                add(&mut diffuse, SHEEN, value * under, sheen::UNIFORM);
+            }
+            if self.shares[GLOSS] > 0.0 {
+                let s = self.gloss.eval(self.out, i);
+                add(&mut specular, GLOSS, s.value * under, s.pdf);
+            }
+        }
+        if !above && i.z < 0.0 {
+            let under = self.under(-i.z);
+            if self.shares[THROUGH] > 0.0 {
+                let pdf = -i.z * FRAC_1_PI;
+                let coupling = self.coupling * (1.0 - self.interface.albedo(-i.z));
+                add(&mut diffuse, THROUGH, self.through * (under * coupling * pdf), pdf);
+            }
+            if let Some(glass) = &self.glass {
+                let s = glass.eval(&self.gloss.ggx, self.out, i);
+                add(&mut specular, GLASS, s.value * under, s.pdf);
+            }
+        }
+        if let Some(coat) = &self.coat {
+            let i = coat.frame.to(incident);
+            if above && i.z > 0.0 {
+                let s = coat.gloss.eval(coat.out, i);
+                add(&mut specular, COAT, s.value * coat.share, s.pdf);
+            }
+        }
+        [diffuse, specular]
+    }
+
+    /// A direction by one of the lobes, chosen by `choice`, and the class of that lobe.
+    pub fn sample(&self, point: [f32; 2], choice: f32) -> Option<(Lobe, Vec3)> {
+        let mut sum = 0.0;
+        let chosen = |share: &f32| {
+            sum += share;
+            choice < sum
+        };
+        // Where rounding leaves a rest, the last lobe that is there has it.
+        let last = self.shares.iter().rposition(|share| *share > 0.0)?;
+        let lobe = self.shares.iter().position(chosen).unwrap_or(last);
+        let class = if lobe < GLOSS { Lobe::Diffuse } else { Lobe::Specular };
+        let mut frame = &self.frame;
+        let direction = match lobe {
+            MATTE => cosine(point),
+            THROUGH => -cosine(point),
+            SHEEN => sheen::uniform(point),
+            GLOSS => self.gloss.ggx.reflect(self.out, point),
+            GLASS => self.glass.as_ref()?.sample(&self.gloss.ggx, self.out, point)?,
+            _ => {
+                let coat = self.coat.as_ref()?;
+                frame = &coat.frame;
+                coat.gloss.ggx.reflect(coat.out, point)
+            }
+        };
+        // Each lobe keeps to its side; another lobe of the class may know that direction too.
+        let below = matches!(lobe, THROUGH | GLASS);
+        let incident = frame.from(direction);
+        let stays = (direction.z < 0.0) == below && (incident.dot(self.geometric) < 0.0) == below;
+        stays.then_some((class, incident))
+    }
+}

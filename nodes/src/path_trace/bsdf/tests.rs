@@ -1,0 +1,308 @@
+//! Furnaces, chi-square tests and reciprocity of every lobe.
+
+use std::f64::consts::PI;
+
+use super::*;
+use crate::color::luminance;
+use crate::sampling::stream;
+
+fn towards(cosine: f32) -> Vec3 {
+    Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine)
+}
+
+fn surface(look: &Look, out: Vec3) -> Bsdf {
+    let frame = Frame::along(Vec3::Z, Vec3::X);
+    Bsdf::Layers(Layers::new([frame, frame], Vec3::Z, out, look))
+}
+
+fn metal(roughness: f32) -> Look {
+    Look { metallic: 1.0, roughness, ..Look::default() }
+}
+
+fn plastic(roughness: f32) -> Look {
+    Look { roughness, ..Look::default() }
+}
+
+fn glass(roughness: f32, ior: f32) -> Look {
+    Look { roughness, ior, transmission: 1.0, thick: true, ..Look::default() }
+}
+
+/// Reflected and transmitted share of a uniform white environment, by the sampler.
+fn furnace(look: &Look, cosine: f32) -> f64 {
+    let bsdf = surface(look, towards(cosine));
+    let n = 16_384;
+    let mut sum = 0.0;
+    for i in 0..n {
+        if let Some((_, _, s)) = bsdf.sample(&Points::new(stream(2, 0, 0), i), 0) {
+            sum += f64::from(luminance((s.value / s.pdf).to_array()));
+        }
+    }
+    sum / f64::from(n)
+}
+
+const ROUGHNESSES: [f32; 7] = [0.0, 0.05, 0.1, 0.25, 0.5, 0.75, 1.0];
+const COSINES: [f32; 4] = [0.1, 0.3, 0.6, 1.0];
+
+/// Materials that keep all light, by name.
+fn white(roughness: f32) -> [(&'static str, Look); 11] {
+    let plain = plastic(roughness);
+    [
+        ("metal", metal(roughness)),
+        ("plastic", plain),
+        ("half metal", Look { metallic: 0.5, ..plain }),
+        ("index 2.4", Look { ior: 2.4, ..plain }),
+        ("faint", Look { specular: (0.3, Vec3::ONE), ..plain }),
+        ("wall", Look { transmission: 1.0, ..plain }),
+        ("half a wall", Look { transmission: 0.5, ..plain }),
+        ("leaf", Look { through: (0.7, Vec3::ONE), ..plain }),
+        ("glass", glass(roughness, 1.5)),
+        ("heavy glass", glass(roughness, 2.4)),
+        ("inside of glass", Look { inside: true, ..glass(roughness, 1.5) }),
+    ]
+}
+
+// Row 38: white furnace for each roughness. The bounds are the interpolation of the tables; light that a
+// rough interface bends up again, or mirrors down, is given back by tables of three axes, which are coarser.
+#[test]
+fn white_surfaces_keep_all_light() {
+    for roughness in ROUGHNESSES {
+        for cosine in COSINES {
+            for (name, look) in white(roughness) {
+                let got = furnace(&look, cosine);
+                let bound = if name.contains("glass") { 0.016 } else { 0.006 };
+                assert!((got - 1.0).abs() < bound, "{name} {roughness} {cosine}: {got}");
+            }
+        }
+    }
+    let matte = Look { ior: 1.0, ..Look::default() };
+    assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
+}
+
+// No layer on top makes light, and a clear coat loses none either.
+#[test]
+fn layers_never_make_light() {
+    for roughness in ROUGHNESSES {
+        for cosine in COSINES {
+            for (name, base) in white(roughness) {
+                let under = if base.inside { continue } else { base };
+                let coated = furnace(&Look { coat: (1.0, roughness), ..under }, cosine);
+                let bound = if name.contains("glass") { 0.02 } else { 0.01 };
+                assert!((coated - 1.0).abs() < bound, "coat on {name} {roughness} {cosine}: {coated}");
+                for strength in [0.2, 1.0] {
+                    let sheen = (Vec3::splat(strength), roughness);
+                    let got = furnace(&Look { sheen, ..under }, cosine);
+                    assert!(got < 1.0 + bound && got > 0.6, "sheen on {name} {roughness} {cosine}: {got}");
+                }
+                let film = furnace(&Look { film: (1.0, 1.6, 380.0), ..under }, cosine);
+                assert!(film < 1.0 + bound, "film on {name} {roughness} {cosine}: {film}");
+            }
+            let brushed = furnace(&Look { anisotropy: 0.8, ..metal(roughness) }, cosine);
+            assert!((0.85..1.06).contains(&brushed), "brush {roughness} {cosine}: {brushed}");
+        }
+    }
+}
+
+// Row 39.
+#[test]
+fn black_surfaces_reflect_only_the_interface() {
+    let black = Look { base: Vec3::ZERO, roughness: 0.5, ..Look::default() };
+    assert_eq!(furnace(&Look { ior: 1.0, ..black }, 0.5), 0.0);
+    assert!(furnace(&black, 1.0) < 0.06);
+    assert!(furnace(&Look { specular: (0.0, Vec3::ONE), ..black }, 1.0) == 0.0);
+}
+
+// At normal incidence on smooth faces the reflectance is the known one.
+#[test]
+fn smooth_faces_have_fresnels_reflectance() {
+    let black = Look { base: Vec3::ZERO, roughness: 0.0, ..Look::default() };
+    for (look, expected) in [
+        (Look { ior: 1.5, ..black }, 0.04),
+        (Look { ior: 2.0, ..black }, 1.0 / 9.0),
+        (Look { specular: (0.5, Vec3::ONE), ..black }, 0.02),
+        (Look { specular: (1.0, Vec3::splat(3.0)), ..black }, 0.12),
+        (Look { coat: (0.5, 0.0), ior: 1.0, ..black }, 0.02),
+        (Look { metallic: 1.0, base: Vec3::splat(0.7), ..black }, 0.7),
+    ] {
+        let got = furnace(&look, 1.0);
+        assert!((got / expected - 1.0).abs() < 0.02, "{got} for {expected}");
+    }
+}
+
+// A smooth body bends by Snell's law, and reflects all beyond the critical angle.
+#[test]
+fn bodies_bend_light_by_their_index() {
+    let mean = |look: &Look, out: Vec3| {
+        let bsdf = surface(look, out);
+        let mut sum = Vec3::ZERO;
+        for i in 0..256 {
+            if let Some((_, d, s)) = bsdf.sample(&Points::new(3, i), 0)
+                && d.z < 0.0
+            {
+                sum += d * s.pdf.min(1.0);
+            }
+        }
+        sum.normalize_or_zero()
+    };
+    let out = towards(0.6);
+    let into = mean(&glass(0.0, 1.5), out);
+    assert!((into.x + 0.8 / 1.5).abs() < 1e-3 && into.y.abs() < 1e-3, "{into}");
+    let inside = Look { inside: true, ..glass(0.0, 1.5) };
+    assert_eq!(mean(&inside, out), Vec3::ZERO, "sine 0.8 is over 1 / 1.5");
+    let leaving = mean(&inside, towards(0.9));
+    assert!((leaving.x + 1.5 * (1.0_f32 - 0.81).sqrt()).abs() < 1e-3, "{leaving}");
+    let straight = mean(&Look { thick: false, ..glass(0.0, 1.5) }, out);
+    assert!((straight + out).length() < 1e-3, "a wall bends nothing: {straight}");
+}
+
+// Row 40: extremes stay finite and no sample carries more than its lobe's albedo over its share.
+#[test]
+fn extremes_are_finite() {
+    for roughness in [0.0, 1e-4, 1e-2, 1.0] {
+        for cosine in [1.745e-4, 1e-2, 1.0] {
+            let everything = Look {
+                anisotropy: 1.0,
+                film: (1.0, 3.0, 1e4),
+                sheen: (Vec3::ONE, roughness),
+                coat: (1.0, roughness),
+                through: (0.5, Vec3::ONE),
+                ..plastic(roughness)
+            };
+            let steep = Look { transmission: 0.5, thick: true, ..everything };
+            let odd = [
+                everything,
+                Look { ior: 1.0, ..steep },
+                Look { ior: 1e3, ..steep },
+                Look { inside: true, ior: 1.001, ..steep },
+                Look { inside: true, ior: 1e3, ..steep },
+            ];
+            for (k, look) in white(roughness).map(|(_, look)| look).into_iter().chain(odd).enumerate() {
+                let bsdf = surface(&look, towards(cosine));
+                for i in 0..300 {
+                    let Some((_, direction, s)) = bsdf.sample(&Points::new(7, i), 0) else { continue };
+                    assert!((direction.length() - 1.0).abs() < 1e-4);
+                    let weight = (s.value / s.pdf).max_element();
+                    assert!((0.0..60.0).contains(&weight), "{k} {roughness} {cosine}: {weight} {s:?}");
+                }
+            }
+        }
+    }
+}
+
+const Z: usize = 20;
+const P: usize = 16;
+
+/// Bins of equal solid angle over the sphere.
+fn bin(d: Vec3) -> usize {
+    let turns = crate::num::atan2(f64::from(d.y), f64::from(d.x)) / (2.0 * PI);
+    let p = ((turns + 0.5) * P as f64) as usize;
+    (((d.z + 1.0) * 0.5 * Z as f32) as usize).min(Z - 1) * P + p.min(P - 1)
+}
+
+// Chi-square of the sampler of each class against its density, for materials in which each lobe is the
+// most of its class.
+#[test]
+fn samplers_follow_their_densities() {
+    let black = Look { base: Vec3::ZERO, ior: 1.0, ..Look::default() };
+    let inside = Look { inside: true, ..glass(0.7, 1.3) };
+    for (name, look, cosine) in [
+        ("gloss", metal(0.63), 0.7),
+        ("grazing gloss", metal(0.84), 0.2),
+        ("brush", Look { anisotropy: 0.6, ..metal(0.6) }, 0.6),
+        ("matte", plastic(1.0), 0.5),
+        ("matte and gloss", plastic(0.77), 0.9),
+        ("coat", Look { coat: (1.0, 0.7), ..black }, 0.5),
+        ("coat and gloss", Look { coat: (0.8, 0.6), ..metal(0.9) }, 0.4),
+        ("sheen", Look { sheen: (Vec3::ONE, 0.6), ..black }, 0.4),
+        ("leaf", Look { through: (0.6, Vec3::ONE), ..plastic(0.8) }, 0.6),
+        ("wall", Look { transmission: 1.0, thick: false, ..plastic(0.7) }, 0.6),
+        ("into glass", glass(0.8, 1.5), 0.8),
+        ("out of glass", inside, 0.85),
+    ] {
+        let bsdf = surface(&look, towards(cosine));
+        let n = 100_000;
+        let mut counts = [vec![0.0_f64; Z * P], vec![0.0; Z * P]];
+        for i in 0..n {
+            if let Some((lobe, d, _)) = bsdf.sample(&Points::new(stream(3, i, 0), 0), 0) {
+                counts[lobe as usize][bin(d)] += 1.0;
+            }
+        }
+        let mut expected = [vec![0.0_f64; Z * P], vec![0.0; Z * P]];
+        const FINE: usize = 20;
+        for z in 0..Z * FINE {
+            for p in 0..P * FINE {
+                let c = (z as f32 + 0.5) / (Z * FINE) as f32 * 2.0 - 1.0;
+                let (sin, cos) = circle((p as f32 + 0.5) / (P * FINE) as f32);
+                let r = (1.0 - c * c).sqrt();
+                let d = Vec3::new(r * cos, r * sin, c);
+                let area = 4.0 * PI / (Z * FINE * P * FINE) as f64;
+                for (sum, s) in expected.iter_mut().zip(bsdf.eval(d)) {
+                    sum[bin(d)] += f64::from(n) * f64::from(s.pdf) * area;
+                }
+            }
+        }
+        for (counts, expected) in counts.iter().zip(&expected) {
+            let (mut chi2, mut bins) = (0.0, 0.0);
+            for (count, expected) in counts.iter().zip(expected) {
+                if *expected > 20.0 {
+                    chi2 += (count - expected) * (count - expected) / expected;
+                    bins += 1.0;
+                }
+            }
+            let bound = bins + 4.5 * f64::sqrt(2.0 * bins) + 1.0;
+            assert!(chi2 < bound, "{name}: {chi2} over {bins} bins");
+        }
+    }
+}
+
+// Every lobe is symmetric up to the gains and covers that depend on the viewer alone: over a reference
+// direction those cancel.
+#[test]
+fn lobes_are_reciprocal() {
+    let black = Look { base: Vec3::ZERO, ior: 1.0, ..Look::default() };
+    let (a, b) = (towards(0.3), Vec3::new(-0.48, 0.6, 0.64));
+    let value = |look: &Look, o: Vec3, i: Vec3| {
+        let [d, s] = surface(look, o).eval(i);
+        [d.value.x / i.z.abs(), s.value.x / i.z.abs()]
+    };
+    for (name, look, class) in [
+        ("matte", plastic(0.4), 0),
+        ("faint gloss over matte", Look { specular: (0.4, Vec3::ONE), ..plastic(0.2) }, 0),
+        ("sheen", Look { sheen: (Vec3::splat(0.6), 0.5), ..black }, 0),
+        ("matte under sheen", Look { sheen: (Vec3::splat(0.6), 0.5), ..plastic(0.5) }, 0),
+    ] {
+        let (x, y) = (value(&look, a, b)[class], value(&look, b, a)[class]);
+        assert!((x / y - 1.0).abs() < 1e-3, "{name}: {x} {y}");
+    }
+    // The gain of a gloss is a factor of the viewer: f(a, b) g(b) = f(b, a) g(a), where g follows from the
+    // albedo by itself, so the ratio is the same for every gloss of one roughness and a white metal.
+    for look in [metal(0.4), Look { anisotropy: 0.7, ..metal(0.4) }] {
+        let mirror = |o: Vec3, i: Vec3| {
+            let ggx = ggx::Ggx::brushed(look.roughness, look.anisotropy);
+            ggx.mirror(o, i).value / i.z
+        };
+        assert!((mirror(a, b) / mirror(b, a) - 1.0).abs() < 1e-3);
+    }
+    // Through an interface: f(a, b) / eta^2 = f(b, a), as carried here without the factor of either side.
+    let eta = 1.5;
+    let ggx = ggx::Ggx::round(0.6);
+    let (a, down) = (towards(0.8), Vec3::new(-0.4, 0.1, -0.9).normalize());
+    let [there, _] = glass::refraction(&ggx, a, down, eta);
+    // Seen from the other side, which is then above.
+    let [back, _] = glass::refraction(&ggx, -down, -a, 1.0 / eta);
+    let (there, back) = (there / down.z.abs(), back / a.z);
+    assert!((there / back / (eta * eta) - 1.0).abs() < 1e-2, "{there} {back}");
+}
+
+// Without a film's thickness the base is as it was; with it metals keep below 1 and colours appear.
+#[test]
+fn films_have_colours() {
+    let bare = film::normal(1.8, 0.0, Vec3::splat(0.3), 1.0);
+    assert!((bare - Vec3::splat(0.3)).abs().max_element() < 1e-2, "{bare}");
+    let mut most = 0.0_f32;
+    for thickness in 10..90 {
+        let f0 = film::normal(1.4, thickness as f32 * 10.0, Vec3::splat(0.04), 0.8);
+        assert!(f0.min_element() >= 0.0 && f0.max_element() <= 1.0);
+        most = most.max(f0.max_element() - f0.min_element());
+    }
+    assert!(most > 0.02, "{most}");
+}

@@ -1,0 +1,396 @@
+//! The inserted objects as triangles in one frame, and what a ray finds on them.
+//!
+//! Light that passes a transmissive surface is bent and blurred for the camera and for specular rays. For
+//! rays of matte surfaces, and so for shadows, it goes straight and is only dimmed and tinted: caustics of
+//! refraction are left out, and both strategies that look for light from a matte surface agree on that.
+
+use std::sync::Arc;
+
+use engine::NodeError;
+use glam::{DMat3, DVec3, Vec3};
+
+use super::bsdf::{Bsdf, Frame, Layers, Look, straight};
+use super::lookup::Spot;
+use super::scene::{Surface, geometry};
+use crate::bvh::{Bvh, Hit, Ray};
+use crate::color::linear_from_srgb8;
+use crate::error::Error;
+use crate::num;
+use crate::sampling::{hash, unit};
+use crate::types::{AlphaMode, Material, NormalMap, Object, Placed, Primitive};
+
+/// One primitive of one placed object.
+#[derive(Debug)]
+struct Part {
+    placed: usize,
+    primitive: usize,
+    /// Index of its first triangle in the tree.
+    first: u32,
+    /// Normals to the frame of the scene: inverse transpose, columns.
+    normals: [Vec3; 3],
+    /// Tangents to the frame of the scene, columns.
+    tangents: [Vec3; 3],
+    mirrored: bool,
+    opaque: bool,
+    /// Absorption inside for a unit of the scene. It grows with the object, which keeps its looks.
+    absorption: Vec3,
+}
+
+/// The inserted objects.
+#[derive(Debug)]
+pub struct Objects {
+    /// Their tree.
+    pub bvh: Bvh,
+    corners: Vec<[Vec3; 3]>,
+    parts: Vec<Part>,
+    placed: Vec<Arc<Placed>>,
+    decode: [f32; 256],
+    opaque: bool,
+    /// Whether light passes any of their surfaces.
+    pub clear: bool,
+}
+
+fn columns(m: DMat3) -> [Vec3; 3] {
+    [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
+}
+
+fn apply(m: &[Vec3; 3], v: Vec3) -> Vec3 {
+    m[0] * v.x + m[1] * v.y + m[2] * v.z
+}
+
+fn exp(v: Vec3) -> Vec3 {
+    Vec3::from_array(v.to_array().map(num::f32::exp))
+}
+
+/// Corners in the order that keeps the outside in front after a mirroring transform.
+fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
+    if mirrored { [a, c, b] } else { [a, b, c] }
+}
+
+impl Objects {
+    /// Triangles of the objects, relative to `origin`.
+    pub fn new(placed: &[Arc<Placed>], origin: DVec3) -> Result<Self, NodeError> {
+        let mut objects = Self {
+            bvh: Bvh::default(),
+            corners: Vec::new(),
+            parts: Vec::new(),
+            placed: placed.to_vec(),
+            decode: linear_from_srgb8(),
+            opaque: true,
+            clear: false,
+        };
+        for (index, one) in placed.iter().enumerate() {
+            let matrix = one.world_from_object;
+            let linear = DMat3::from_mat4(matrix);
+            let mirrored = linear.determinant() < 0.0;
+            let size = num::pow(linear.determinant().abs(), 1.0 / 3.0);
+            for (number, primitive) in one.object.primitives.iter().enumerate() {
+                let material = one.object.materials.get(primitive.material as usize);
+                let (Some(material), true) = (material, primitive.is_consistent()) else {
+                    let what = format!("part {number} of object {index} names what it does not have");
+                    return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
+                };
+                let opaque = material.alpha_mode == AlphaMode::Opaque;
+                objects.opaque &= opaque && material.double_sided;
+                objects.clear |= material.transmission.factor > 0.0;
+                let absorption = Vec3::from_array(material.volume.unwrap_or_default()) / size as f32;
+                objects.parts.push(Part {
+                    placed: index,
+                    primitive: number,
+                    first: objects.corners.len() as u32,
+                    normals: columns(linear.inverse().transpose()),
+                    tangents: columns(linear),
+                    mirrored,
+                    opaque,
+                    absorption: if absorption.is_finite() { absorption } else { Vec3::ZERO },
+                });
+                let place = |i: u32| {
+                    let local = DVec3::from_array(primitive.positions[i as usize].map(f64::from));
+                    (matrix.transform_point3(local) - origin).as_vec3()
+                };
+                objects.corners.extend(primitive.triangles.iter().map(|&t| wound(t, mirrored).map(place)));
+            }
+        }
+        objects.bvh = Bvh::build(&objects.corners);
+        Ok(objects)
+    }
+
+    /// True when no ray can meet them.
+    pub fn is_empty(&self) -> bool {
+        self.bvh.bounds().is_none()
+    }
+
+    fn part(&self, triangle: u32) -> (&Part, &Object, &Primitive, &Material) {
+        let at = self.parts.partition_point(|part| part.first <= triangle).saturating_sub(1);
+        let part = &self.parts[at];
+        let object = &*self.placed[part.placed].object;
+        let primitive = &object.primitives[part.primitive];
+        (part, object, primitive, &object.materials[primitive.material as usize])
+    }
+
+    fn spot<'a>(&'a self, hit: &'a Hit) -> (&'a Part, &'a Material, Spot<'a>) {
+        let (part, object, primitive, material) = self.part(hit.triangle);
+        let corner = wound(primitive.triangles[(hit.triangle - part.first) as usize], part.mirrored);
+        (part, material, Spot { object, primitive, corner, hit, decode: &self.decode })
+    }
+
+    /// Whether a ray of the given random key meets the surface at a hit or passes through its cut-outs.
+    /// `camera` rays also pass through the backs of single-sided surfaces.
+    pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
+        if self.opaque {
+            return true;
+        }
+        let (part, material, spot) = self.spot(hit);
+        if camera && hit.back && !material.double_sided {
+            return false;
+        }
+        if part.opaque {
+            return true;
+        }
+        let alpha = material.base_colour[3]
+            * spot.texture(material.base_colour_texture, false)[3]
+            * spot.vertex_colour()[3];
+        match material.alpha_mode {
+            AlphaMode::Opaque => true,
+            AlphaMode::Mask(cutoff) => alpha >= cutoff,
+            AlphaMode::Blend => unit(hash(key, hit.triangle)) < alpha,
+        }
+    }
+
+    /// What passes straight through the surface at a hit, which the ray of the given direction meets.
+    fn straight(&self, hit: &Hit, direction: Vec3) -> Vec3 {
+        let (_, material, spot) = self.spot(hit);
+        if material.transmission.factor == 0.0 {
+            return Vec3::ZERO;
+        }
+        let (_, normal, _) = geometry(&self.corners[hit.triangle as usize], hit);
+        straight(&look(&spot, material), normal.dot(direction).abs())
+    }
+
+    /// The share of light that comes straight along a ray.
+    pub fn transmittance(&self, ray: Ray, key: u32) -> Vec3 {
+        let (mut light, mut body) = (Vec3::ONE, Body::default());
+        let blocked = self.bvh.any(ray, |hit| {
+            if !self.accepts(hit, key, false) {
+                return false;
+            }
+            light *= self.straight(hit, ray.direction);
+            body.cross(hit, self.part(hit.triangle).0.absorption);
+            light == Vec3::ZERO
+        });
+        if blocked { Vec3::ZERO } else { light * body.left(f32::INFINITY) }
+    }
+
+    /// The nearest surface along a ray that goes straight, which some surfaces let pass at random, and the
+    /// weight of what is found. The surface found is one that reflects.
+    pub fn closest_straight(&self, ray: Ray, key: u32) -> (Option<Hit>, Vec3) {
+        let there = |hit: &Hit| self.accepts(hit, key, false);
+        let passing = |hit: &Hit| self.straight(hit, ray.direction);
+        let found = self
+            .bvh
+            .closest(ray, |hit| there(hit) && unit(hash(!key, hit.triangle)) >= passing(hit).max_element());
+        let (mut weight, mut body) = (Vec3::ONE, Body::default());
+        let reach = found.map_or(f32::INFINITY, |hit| hit.t);
+        self.bvh.any(Ray { t_max: reach, ..ray }, |hit| {
+            let (mine, share) = (found.is_some_and(|f| f.triangle == hit.triangle), passing(hit));
+            if !there(hit) || (!mine && (share == Vec3::ZERO || hit.t >= reach)) {
+                return false;
+            }
+            weight *=
+                if mine { Vec3::ONE / (1.0 - share.max_element()) } else { share / share.max_element() };
+            if !mine || hit.back {
+                body.cross(hit, self.part(hit.triangle).0.absorption);
+            }
+            false
+        });
+        (found, weight * body.left(reach))
+    }
+
+    /// The surface at a hit, seen from the unit direction `out`; without what passes it where `straight`.
+    pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool) -> Surface {
+        let (part, material, spot) = self.spot(hit);
+        let (position, winding, margin) = geometry(&self.corners[hit.triangle as usize], hit);
+        let side = if hit.back { -1.0 } else { 1.0 };
+        let geometric = winding * side;
+        // Shading normal on the side of the winding, then of the viewer.
+        let smooth = match spot.primitive.normals.is_empty() {
+            true => winding,
+            false => apply(&part.normals, Vec3::from_array(spot.blend(&spot.primitive.normals)))
+                .normalize_or(winding),
+        };
+        let smooth = if smooth.dot(winding) < 0.0 { -smooth } else { smooth };
+        let facing = |normal: Vec3| {
+            // A bent normal may turn away from the viewer; bend it back to just this side of the horizon.
+            let (normal, lift) = (normal * side, 0.01 - normal.dot(out) * side);
+            if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal }
+        };
+        let bent =
+            |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &spot, &map, smooth)));
+        let mut look = look(&spot, material);
+        look.inside = look.thick && hit.back && !straight;
+        look.blocked = straight;
+        let normal = bent(material.normal);
+        let frame = match look.anisotropy > 0.0 {
+            true => {
+                let (tangent, strength) = self.brush(part, &spot, material, smooth);
+                look.anisotropy *= strength;
+                Frame::along(normal, tangent)
+            }
+            false => Frame::around(normal),
+        };
+        let coated = match (look.coat.0 > 0.0, material.clearcoat.normal) {
+            (true, map) => Frame::around(bent(map)),
+            (false, _) => frame,
+        };
+        let way = if look.inside { exp(part.absorption * -hit.t) } else { Vec3::ONE };
+        let mut emission = Vec3::from_array(material.emissive);
+        if emission != Vec3::ZERO {
+            let [r, g, b, _] = spot.texture(material.emissive_texture, true);
+            emission *= Vec3::new(r, g, b);
+        }
+        let bsdf = if material.unlit {
+            emission = look.base;
+            Bsdf::matte(geometric, Vec3::ZERO)
+        } else {
+            Bsdf::Layers(Layers::new([frame, coated], geometric, out, &look))
+        };
+        Surface { position, normal: geometric, margin, bsdf, emission, way }
+    }
+
+    /// Tangent across a normal, by stored tangents or by texture coordinates, and the sign of the bitangent.
+    fn tangent(&self, part: &Part, spot: &Spot<'_>, uv_set: u32, normal: Vec3) -> (Vec3, f32) {
+        let (tangent, hand) = match spot.primitive.tangents.is_empty() {
+            false => {
+                let [x, y, z, _] = spot.blend(&spot.primitive.tangents);
+                let hand = spot.primitive.tangents[spot.corner[0] as usize][3].signum();
+                let mirror = if part.mirrored { -1.0 } else { 1.0 };
+                (apply(&part.tangents, Vec3::new(x, y, z)), hand * mirror)
+            }
+            true => {
+                let [a, b, c] = self.corners[spot.hit.triangle as usize];
+                let [p, q, r] = spot.coordinates(uv_set);
+                let (e, f, s, t) = (b - a, c - a, q - p, r - p);
+                let area = s.x * t.y - t.x * s.y;
+                ((e * t.y - f * s.y) * area.signum(), area.signum())
+            }
+        };
+        ((tangent - normal * normal.dot(tangent)).normalize_or_zero(), hand)
+    }
+
+    /// The normal of a normal map.
+    fn bump(&self, part: &Part, spot: &Spot<'_>, map: &NormalMap, normal: Vec3) -> Vec3 {
+        let [x, y, z, _] = spot.texture(Some(map.texture), false).map(|c| 2.0 * c - 1.0);
+        let (tangent, hand) = self.tangent(part, spot, map.texture.uv_set, normal);
+        let bitangent = normal.cross(tangent) * hand;
+        ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
+    }
+
+    /// The direction of the brush of an anisotropic surface, and its strength by the texture.
+    fn brush(&self, part: &Part, spot: &Spot<'_>, material: &Material, normal: Vec3) -> (Vec3, f32) {
+        let brush = &material.anisotropy;
+        let (tangent, hand) = self.tangent(part, spot, brush.texture.map_or(0, |t| t.uv_set), normal);
+        let bitangent = normal.cross(tangent) * hand;
+        let (sin, cos) = num::sin_cos(f64::from(brush.rotation));
+        let (sin, cos) = (sin as f32, cos as f32);
+        let [x, y, strength] = match brush.texture {
+            Some(texture) => {
+                let [x, y, strength, _] = spot.texture(Some(texture), false);
+                [2.0 * x - 1.0, 2.0 * y - 1.0, strength]
+            }
+            None => [1.0, 0.0, 1.0],
+        };
+        (tangent * (cos * x - sin * y) + bitangent * (sin * x + cos * y), strength)
+    }
+}
+
+/// The inside of bodies along a straight ray. Entries take off what lies before them and exits add it, so
+/// that no order matters; a ray that starts or ends inside is right too.
+#[derive(Default)]
+struct Body {
+    depth: Vec3,
+    open: Vec3,
+}
+
+impl Body {
+    fn cross(&mut self, hit: &Hit, absorption: Vec3) {
+        let turn = if hit.back { absorption } else { -absorption };
+        self.depth += turn * hit.t;
+        self.open -= turn;
+    }
+
+    /// What is left of the light of a ray that ends at a distance.
+    fn left(&self, reach: f32) -> Vec3 {
+        if self.depth == Vec3::ZERO && self.open == Vec3::ZERO {
+            return Vec3::ONE;
+        }
+        let rest = if reach.is_finite() { self.open.max(Vec3::ZERO) * reach } else { Vec3::ZERO };
+        exp(-(self.depth + rest).max(Vec3::ZERO))
+    }
+}
+
+/// What a material says at a point.
+fn look(spot: &Spot<'_>, material: &Material) -> Look {
+    let base = spot.texture(material.base_colour_texture, true);
+    let colour = spot.vertex_colour();
+    let channel = |c: usize| (material.base_colour[c] * base[c] * colour[c]).clamp(0.0, 1.0);
+    let [_, green, blue, _] = spot.texture(material.metallic_roughness_texture, false);
+    let mut look = Look {
+        base: Vec3::new(channel(0), channel(1), channel(2)),
+        metallic: (material.metallic * blue).clamp(0.0, 1.0),
+        roughness: (material.roughness * green).clamp(0.0, 1.0),
+        ior: material.ior,
+        transmission: spot.number(&material.transmission, 0),
+        thick: material.volume.is_some(),
+        specular: (spot.number(&material.specular.strength, 3), spot.colour(&material.specular.colour)),
+        anisotropy: material.anisotropy.strength,
+        ..Look::default()
+    };
+    let film = &material.iridescence;
+    if film.strength.factor > 0.0 {
+        let [thin, full] = film.thickness_nm;
+        let t = film.thickness_texture.map_or(1.0, |texture| spot.texture(Some(texture), false)[1]);
+        look.film = (spot.number(&film.strength, 0), film.ior, thin + (full - thin) * t);
+    }
+    let (sheen, coat, through) = (&material.sheen, &material.clearcoat, &material.diffuse_transmission);
+    if sheen.colour.factor != [0.0; 3] {
+        look.sheen = (spot.colour(&sheen.colour), spot.number(&sheen.roughness, 3));
+    }
+    if coat.strength.factor > 0.0 {
+        look.coat = (spot.number(&coat.strength, 0), spot.number(&coat.roughness, 1));
+    }
+    if through.strength.factor > 0.0 {
+        look.through = (spot.number(&through.strength, 3), spot.colour(&through.colour));
+    }
+    look
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Row 68: a mirror keeps the outside outside.
+    #[test]
+    fn mirrored_objects_keep_their_front() {
+        let object = Object {
+            primitives: vec![Primitive {
+                positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+                normals: vec![[0.0, 0.0, 1.0]; 3],
+                triangles: vec![[0, 1, 2]],
+                ..Primitive::default()
+            }],
+            materials: vec![Material { double_sided: false, ..Material::default() }],
+            textures: Vec::new(),
+        };
+        let mirror = glam::DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        let placed = Arc::new(Placed { object: Arc::new(object), world_from_object: mirror });
+        let objects = Objects::new(&[placed], DVec3::ZERO).expect("consistent");
+        let ray = Ray::new(Vec3::new(-0.2, 0.2, 1.0), Vec3::NEG_Z);
+        let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, 0, true)).expect("front");
+        assert!(!hit.back);
+        let surface = objects.surface(&hit, Vec3::Z, false);
+        assert!((surface.normal - Vec3::Z).length() < 1e-6);
+        let behind = Ray::new(Vec3::new(-0.2, 0.2, -1.0), Vec3::Z);
+        assert!(objects.bvh.closest(behind, |hit| objects.accepts(hit, 0, true)).is_none());
+        assert!(objects.bvh.any(behind, |hit| objects.accepts(hit, 0, false)));
+    }
+}

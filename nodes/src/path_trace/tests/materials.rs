@@ -1,0 +1,100 @@
+//! Materials in whole renders: what light does that passes an object, and what its shadow is then.
+
+use super::*;
+use crate::path_trace::bsdf::{Look, straight};
+use crate::types::Map;
+
+fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
+    Material {
+        base_colour: [base, base, base, 1.0],
+        metallic: 0.0,
+        roughness: 0.0,
+        transmission: Map::of(1.0),
+        double_sided: true,
+        volume,
+        ior,
+        ..Material::default()
+    }
+}
+
+/// Mean over the hemisphere, weighted by the cosine.
+fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
+    let n = 2_000;
+    let cosines = (0..n).map(|i| (f64::from(i) + 0.5) / f64::from(n));
+    cosines.map(|c| 2.0 * c * f64::from(f(c as f32))).sum::<f64>() / f64::from(n)
+}
+
+// A ball that takes nothing shows a white sky, whether it is a bubble or solid.
+#[test]
+fn clear_balls_are_white_in_a_white_sky() {
+    let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 16, 1.5);
+    let none = Some([0.0; 3]);
+    for (material, name) in [
+        (clear(1.0, None, 1.5), "bubble"),
+        (clear(1.0, none, 1.5), "glass"),
+        (clear(1.0, none, 1.0), "air"),
+        (Material { roughness: 0.4, ..clear(1.0, none, 1.33) }, "frosted"),
+    ] {
+        let p = PathTrace { max_bounces: 40, ..params(64, EnvBlock::Solid) };
+        let object = [ball(0.8, material, DVec3::ZERO)];
+        let (out, _) = render(&p, &Mesh::default(), &object, &camera, &white());
+        let got = covered(&out.object);
+        assert!((got - 1.0).abs() < 0.03, "{name}: {got}");
+    }
+}
+
+// The shadow of a pane: what passes straight at each angle and, in a white sky, what it mirrors from below.
+#[test]
+fn shadow_of_a_pane_is_what_it_lets_through() {
+    let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
+    let pane = placed(&plane(400.0), clear(1.0, None, 1.5), DVec3::new(0.0, 0.0, 0.5));
+    let tinted = placed(&plane(400.0), clear(0.25, None, 1.5), DVec3::new(0.0, 0.0, 0.5));
+    let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::Pass) };
+    let lit = |object: &Arc<Placed>| {
+        mean(&render(&p, &plane(400.0), std::slice::from_ref(object), &floor, &white()).0.with)
+    };
+    assert!((lit(&pane) / 0.5 - 1.0).abs() < 5e-3, "{}", lit(&pane));
+    let look = Look { base: Vec3::splat(0.25), roughness: 0.0, transmission: 1.0, ..Look::default() };
+    let passing = over_cosines(|c| straight(&look, c).x);
+    // What the white pane does not pass, either pane mirrors.
+    let mirrored = 1.0 - over_cosines(|c| straight(&Look { base: Vec3::ONE, ..look }, c).x);
+    let expected = 0.5 * (passing + mirrored);
+    assert!((lit(&tinted) / expected - 1.0).abs() < 0.01, "{} for {expected}", lit(&tinted));
+}
+
+// Absorption: a slab of one metre halves what is seen through it, also when it is made twice as large, and
+// its shadow is that of the slant ways through it.
+#[test]
+fn bodies_absorb_along_the_way() {
+    let half = crate::num::f32::ln(2.0);
+    let slab = box_mesh([-200.0, -200.0, 0.5], [200.0, 200.0, 1.5], false);
+    let object = placed(&slab, clear(1.0, Some([half, half, 0.0]), 1.0), DVec3::ZERO);
+    let above = rig(DVec3::new(0.0, 0.0, 9.0), DVec3::new(0.0, 0.001, 0.0), 4, 40.0);
+    let large = Placed { world_from_object: DMat4::from_scale(DVec3::splat(2.0)), ..(*object).clone() };
+    for object in [object.clone(), Arc::new(large)] {
+        let (out, _) = render(&params(16, EnvBlock::Solid), &Mesh::default(), &[object], &above, &white());
+        let [r, g, b] = [0, 1, 2].map(|k| samples(&out.object)[k]);
+        assert!((r - 0.5).abs() < 0.01 && (g - 0.5).abs() < 0.01 && (b - 1.0).abs() < 0.01, "{r} {g} {b}");
+    }
+    let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
+    let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::Pass) };
+    let (out, _) = render(&p, &plane(200.0), &[object], &floor, &white());
+    let [r, b] = [0, 2].map(|k| samples(&out.with).iter().skip(k).step_by(3).sum::<f32>() / 64.0);
+    let expected = 0.5 * over_cosines(|c| crate::num::f32::exp(-half / c));
+    assert!(
+        (f64::from(r) / expected - 1.0).abs() < 0.02 && (b / 0.5 - 1.0).abs() < 0.01,
+        "{r} {b}, {expected}"
+    );
+}
+
+// An unlit surface shows its colour in any light.
+#[test]
+fn unlit_surfaces_show_their_colour() {
+    let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 8, 1.5);
+    let material = Material { unlit: true, ..matte(0.3) };
+    for env in [white(), constant(Up::PlusZ, [0.0; 3], 8)] {
+        let object = [ball(0.8, material.clone(), DVec3::ZERO)];
+        let (out, _) = render(&params(4, EnvBlock::Solid), &Mesh::default(), &object, &camera, &env);
+        assert!((covered(&out.object) - 0.3).abs() < 1e-6);
+    }
+}

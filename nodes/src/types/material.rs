@@ -1,0 +1,449 @@
+//! Materials of objects: glTF's metallic-roughness and the layers that its extensions add.
+
+use engine::{Corrupt, Decoder, Encoder};
+
+/// How a texture continues beyond its edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wrap {
+    /// Tiles.
+    Repeat,
+    /// Tiles, every other one mirrored.
+    Mirror,
+    /// Repeats the edge texel.
+    Clamp,
+}
+
+/// How texels become a value between them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sampler {
+    /// Along u.
+    pub wrap_u: Wrap,
+    /// Along v.
+    pub wrap_v: Wrap,
+    /// The texel that the point lies in, instead of bilinear.
+    pub nearest: bool,
+}
+
+/// A decoded picture: 8-bit RGBA as stored, row 0 at v = 0. Whether it is sRGB-encoded depends on what
+/// refers to it: colours are, the others are not.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Texture {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Four bytes a texel, row by row.
+    pub rgba: Vec<u8>,
+}
+
+/// KHR_texture_transform: uv' = translation * rotation * scale * uv.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TextureTransform {
+    /// Offset, in units of the texture.
+    pub offset: [f32; 2],
+    /// Rotation in radians, counter-clockwise.
+    pub rotation: f32,
+    /// Scale.
+    pub scale: [f32; 2],
+}
+
+/// A use of a texture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TextureRef {
+    /// Index into [`Object::textures`](super::Object::textures).
+    pub texture: u32,
+    /// Which set of texture coordinates, 0 or 1.
+    pub uv_set: u32,
+    /// Wrapping and filtering.
+    pub sampler: Sampler,
+    /// Transform of the coordinates.
+    pub transform: Option<TextureTransform>,
+}
+
+/// A number and the texture that multiplies it by one of its channels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Map {
+    /// The number.
+    pub factor: f32,
+    /// The texture, linear.
+    pub texture: Option<TextureRef>,
+}
+
+impl Map {
+    /// A number alone.
+    pub const fn of(factor: f32) -> Self {
+        Self { factor, texture: None }
+    }
+}
+
+/// A linear colour and the texture that multiplies it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColourMap {
+    /// The colour, linear.
+    pub factor: [f32; 3],
+    /// The texture, sRGB.
+    pub texture: Option<TextureRef>,
+}
+
+impl ColourMap {
+    /// A grey alone.
+    pub const fn of(factor: f32) -> Self {
+        Self { factor: [factor; 3], texture: None }
+    }
+}
+
+/// A tangent-space normal map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalMap {
+    /// The texture, linear.
+    pub texture: TextureRef,
+    /// Scale of its x and y.
+    pub scale: f32,
+}
+
+/// What alpha does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AlphaMode {
+    /// Nothing.
+    Opaque,
+    /// Cuts away what lies below the cut-off.
+    Mask(f32),
+    /// Lets light through in proportion.
+    Blend,
+}
+
+/// KHR_materials_clearcoat: a clear layer of index 1.5 over all others.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearcoat {
+    /// Its share, 0 to 1; red.
+    pub strength: Map,
+    /// Perceptual roughness, 0 to 1; green.
+    pub roughness: Map,
+    /// Its own bumps; it does not follow those below.
+    pub normal: Option<NormalMap>,
+}
+
+/// KHR_materials_sheen: fibres that shine at grazing angles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sheen {
+    /// Reflectance; black for none.
+    pub colour: ColourMap,
+    /// Perceptual roughness, 0 to 1; alpha.
+    pub roughness: Map,
+}
+
+/// KHR_materials_specular: the reflectance of the dielectric.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Specular {
+    /// Scales all of it, 0 to 1; alpha.
+    pub strength: Map,
+    /// Tints it at normal incidence; may exceed 1.
+    pub colour: ColourMap,
+}
+
+/// KHR_materials_anisotropy: brushed surfaces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Anisotropy {
+    /// 0 to 1; blue.
+    pub strength: f32,
+    /// Direction of the brush in radians, counter-clockwise from the tangent.
+    pub rotation: f32,
+    /// Direction in red and green as -1 to 1, strength in blue.
+    pub texture: Option<TextureRef>,
+}
+
+/// KHR_materials_iridescence: a thin film on the surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Iridescence {
+    /// Its share, 0 to 1; red.
+    pub strength: Map,
+    /// Index of refraction of the film.
+    pub ior: f32,
+    /// Thickness in nanometres where the texture is 0 and where it is 1.
+    pub thickness_nm: [f32; 2],
+    /// Thickness between the two; green. Without it the film has the second thickness.
+    pub thickness_texture: Option<TextureRef>,
+}
+
+/// KHR_materials_diffuse_transmission: leaves, paper, cloth against the light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiffuseTransmission {
+    /// The share of the matte light that leaves on the other side, 0 to 1; alpha.
+    pub strength: Map,
+    /// The colour of that light.
+    pub colour: ColourMap,
+}
+
+/// A glTF metallic-roughness material. Factors multiply textures; colours are linear.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Material {
+    /// Name in the file.
+    pub name: String,
+    /// Linear base colour and alpha.
+    pub base_colour: [f32; 4],
+    /// sRGB texture of base colour and alpha.
+    pub base_colour_texture: Option<TextureRef>,
+    /// 0 dielectric to 1 metal.
+    pub metallic: f32,
+    /// Perceptual roughness, 0 to 1.
+    pub roughness: f32,
+    /// Linear texture: green roughness, blue metallic.
+    pub metallic_roughness_texture: Option<TextureRef>,
+    /// Bumps.
+    pub normal: Option<NormalMap>,
+    /// Linear emitted radiance, with KHR_materials_emissive_strength multiplied in.
+    pub emissive: [f32; 3],
+    /// sRGB texture of emission.
+    pub emissive_texture: Option<TextureRef>,
+    /// What alpha does.
+    pub alpha_mode: AlphaMode,
+    /// Seen from both sides; else the back is culled for camera rays.
+    pub double_sided: bool,
+    /// KHR_materials_unlit: shines with its base colour and reflects nothing.
+    pub unlit: bool,
+    /// KHR_materials_ior: index of refraction, 1.5 by default; 1 for no interface at all.
+    pub ior: f32,
+    /// KHR_materials_transmission: the share of the light below the surface that passes it, 0 to 1; red.
+    pub transmission: Map,
+    /// KHR_materials_volume: the surface bounds a body that bends light, and absorbs it by these
+    /// coefficients a metre. `None` for a thin wall.
+    pub volume: Option<[f32; 3]>,
+    /// See [`Specular`].
+    pub specular: Specular,
+    /// See [`Clearcoat`].
+    pub clearcoat: Clearcoat,
+    /// See [`Sheen`].
+    pub sheen: Sheen,
+    /// See [`Anisotropy`].
+    pub anisotropy: Anisotropy,
+    /// See [`Iridescence`].
+    pub iridescence: Iridescence,
+    /// See [`DiffuseTransmission`].
+    pub diffuse_transmission: DiffuseTransmission,
+}
+
+impl Default for Material {
+    /// The default material of the glTF specification.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_colour: [1.0; 4],
+            base_colour_texture: None,
+            metallic: 1.0,
+            roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal: None,
+            emissive: [0.0; 3],
+            emissive_texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+            unlit: false,
+            ior: 1.5,
+            transmission: Map::of(0.0),
+            volume: None,
+            specular: Specular { strength: Map::of(1.0), colour: ColourMap::of(1.0) },
+            clearcoat: Clearcoat { strength: Map::of(0.0), roughness: Map::of(0.0), normal: None },
+            sheen: Sheen { colour: ColourMap::of(0.0), roughness: Map::of(0.0) },
+            anisotropy: Anisotropy { strength: 0.0, rotation: 0.0, texture: None },
+            iridescence: Iridescence {
+                strength: Map::of(0.0),
+                ior: 1.3,
+                thickness_nm: [100.0, 400.0],
+                thickness_texture: None,
+            },
+            diffuse_transmission: DiffuseTransmission { strength: Map::of(0.0), colour: ColourMap::of(1.0) },
+        }
+    }
+}
+
+impl Material {
+    /// The set of texture coordinates that its tangents follow, where it has bumps or a brush.
+    pub fn tangent_set(&self) -> Option<u32> {
+        let bumps = self.normal.or(self.clearcoat.normal).map(|map| map.texture.uv_set);
+        let brush = (self.anisotropy.strength > 0.0).then(|| self.anisotropy.texture.map_or(0, |t| t.uv_set));
+        bumps.or(brush)
+    }
+
+    /// Writes the canonical encoding.
+    pub(super) fn encode(&self, to: &mut Encoder) {
+        to.str(&self.name);
+        // Writing never fails.
+        self.clone().walk(&mut Write(to)).ok();
+    }
+
+    /// Reads what [`encode`](Self::encode) wrote, for an object of so many textures.
+    pub(super) fn decode(from: &mut Decoder<'_>, textures: usize) -> Result<Self, Corrupt> {
+        let mut material = Self { name: from.str()?, ..Self::default() };
+        material.walk(&mut Read { from, textures })?;
+        Ok(material)
+    }
+
+    /// Visits every field in the order of the encoding. Reading and writing share this one walk, so they
+    /// cannot disagree.
+    fn walk(&mut self, f: &mut impl Fields) -> Result<(), Corrupt> {
+        f.numbers(&mut self.base_colour)?;
+        f.texture(&mut self.base_colour_texture)?;
+        f.number(&mut self.metallic)?;
+        f.number(&mut self.roughness)?;
+        f.texture(&mut self.metallic_roughness_texture)?;
+        f.normal(&mut self.normal)?;
+        f.numbers(&mut self.emissive)?;
+        f.texture(&mut self.emissive_texture)?;
+        let (mut mode, mut cutoff) = match self.alpha_mode {
+            AlphaMode::Opaque => (0, 0.0),
+            AlphaMode::Mask(cutoff) => (1, cutoff),
+            AlphaMode::Blend => (2, 0.0),
+        };
+        f.tag(&mut mode, 2)?;
+        f.number(&mut cutoff)?;
+        self.alpha_mode = match mode {
+            0 => AlphaMode::Opaque,
+            1 => AlphaMode::Mask(cutoff),
+            _ => AlphaMode::Blend,
+        };
+        f.flag(&mut self.double_sided)?;
+        f.flag(&mut self.unlit)?;
+        f.number(&mut self.ior)?;
+        f.map(&mut self.transmission)?;
+        f.option(&mut self.volume, [0.0; 3], |f, volume| f.numbers(volume))?;
+        f.map(&mut self.specular.strength)?;
+        f.colour(&mut self.specular.colour)?;
+        f.map(&mut self.clearcoat.strength)?;
+        f.map(&mut self.clearcoat.roughness)?;
+        f.normal(&mut self.clearcoat.normal)?;
+        f.colour(&mut self.sheen.colour)?;
+        f.map(&mut self.sheen.roughness)?;
+        f.number(&mut self.anisotropy.strength)?;
+        f.number(&mut self.anisotropy.rotation)?;
+        f.texture(&mut self.anisotropy.texture)?;
+        f.map(&mut self.iridescence.strength)?;
+        f.number(&mut self.iridescence.ior)?;
+        f.numbers(&mut self.iridescence.thickness_nm)?;
+        f.texture(&mut self.iridescence.thickness_texture)?;
+        f.map(&mut self.diffuse_transmission.strength)?;
+        f.colour(&mut self.diffuse_transmission.colour)
+    }
+}
+
+/// What a walk does with each sort of field.
+trait Fields: Sized {
+    fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt>;
+    fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt>;
+    fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt>;
+
+    fn number(&mut self, v: &mut f32) -> Result<(), Corrupt> {
+        self.numbers(std::slice::from_mut(v))
+    }
+
+    fn flag(&mut self, v: &mut bool) -> Result<(), Corrupt> {
+        let mut tag = u8::from(*v);
+        self.tag(&mut tag, 1)?;
+        *v = tag == 1;
+        Ok(())
+    }
+
+    fn option<T>(
+        &mut self,
+        v: &mut Option<T>,
+        empty: T,
+        inner: impl FnOnce(&mut Self, &mut T) -> Result<(), Corrupt>,
+    ) -> Result<(), Corrupt> {
+        let mut some = v.is_some();
+        self.flag(&mut some)?;
+        if !some {
+            *v = None;
+            return Ok(());
+        }
+        inner(self, v.get_or_insert(empty))
+    }
+
+    fn reference(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
+        self.texture_index(v)?;
+        for wrap in [&mut v.sampler.wrap_u, &mut v.sampler.wrap_v] {
+            let mut tag = *wrap as u8;
+            self.tag(&mut tag, 2)?;
+            *wrap = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp][tag as usize];
+        }
+        self.flag(&mut v.sampler.nearest)?;
+        let none = TextureTransform { offset: [0.0; 2], rotation: 0.0, scale: [1.0; 2] };
+        self.option(&mut v.transform, none, |f, t| {
+            f.numbers(&mut t.offset)?;
+            f.number(&mut t.rotation)?;
+            f.numbers(&mut t.scale)
+        })
+    }
+
+    fn texture(&mut self, v: &mut Option<TextureRef>) -> Result<(), Corrupt> {
+        self.option(v, NOTHING, Self::reference)
+    }
+
+    fn normal(&mut self, v: &mut Option<NormalMap>) -> Result<(), Corrupt> {
+        self.option(v, NormalMap { texture: NOTHING, scale: 1.0 }, |f, map| {
+            f.reference(&mut map.texture)?;
+            f.number(&mut map.scale)
+        })
+    }
+
+    fn map(&mut self, v: &mut Map) -> Result<(), Corrupt> {
+        self.number(&mut v.factor)?;
+        self.texture(&mut v.texture)
+    }
+
+    fn colour(&mut self, v: &mut ColourMap) -> Result<(), Corrupt> {
+        self.numbers(&mut v.factor)?;
+        self.texture(&mut v.texture)
+    }
+}
+
+/// What a reader starts a reference from.
+const NOTHING: TextureRef = TextureRef {
+    texture: 0,
+    uv_set: 0,
+    sampler: Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false },
+    transform: None,
+};
+
+struct Write<'a>(&'a mut Encoder);
+
+impl Fields for Write<'_> {
+    fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
+        self.0.f32s(v);
+        Ok(())
+    }
+    fn tag(&mut self, v: &mut u8, _largest: u8) -> Result<(), Corrupt> {
+        self.0.u8(*v);
+        Ok(())
+    }
+    fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
+        self.0.u32(v.texture);
+        self.0.u32(v.uv_set);
+        Ok(())
+    }
+}
+
+struct Read<'a, 'b> {
+    from: &'a mut Decoder<'b>,
+    textures: usize,
+}
+
+impl Fields for Read<'_, '_> {
+    fn numbers(&mut self, v: &mut [f32]) -> Result<(), Corrupt> {
+        let read = self.from.f32s()?;
+        if read.len() != v.len() {
+            return Err(Corrupt(format!("{} numbers where {} belong", read.len(), v.len())));
+        }
+        v.copy_from_slice(&read);
+        Ok(())
+    }
+    fn tag(&mut self, v: &mut u8, largest: u8) -> Result<(), Corrupt> {
+        *v = self.from.u8()?;
+        if *v <= largest { Ok(()) } else { Err(Corrupt(format!("tag {v} of a material"))) }
+    }
+    fn texture_index(&mut self, v: &mut TextureRef) -> Result<(), Corrupt> {
+        (v.texture, v.uv_set) = (self.from.u32()?, self.from.u32()?);
+        if v.texture as usize >= self.textures || v.uv_set > 1 {
+            return Err(Corrupt(format!("texture {} of {}", v.texture, self.textures)));
+        }
+        Ok(())
+    }
+}
