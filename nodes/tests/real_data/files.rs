@@ -136,7 +136,7 @@ fn objects_match_their_descriptions() {
             let unit = |v: &[f32]| (v.iter().map(|c| c * c).sum::<f32>().sqrt() - 1.0).abs() < 1e-3;
             assert!(p.normals.iter().all(|n| unit(n)), "{path}: normals");
             assert!(p.tangents.iter().all(|t| unit(&t[..3])), "{path}: tangents");
-            let mapped = object.materials[p.material as usize].normal_texture.is_some();
+            let mapped = object.materials[p.material as usize].normal.is_some();
             assert!(!mapped || !p.tangents.is_empty(), "{path}: tangents of {}", p.material);
         }
     }
