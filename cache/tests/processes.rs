@@ -182,7 +182,8 @@ fn a_stopped_process_stops_nobody_for_long() {
         let (key, payload) = record("here", n);
         store.put_record(&key, &payload).unwrap();
     }
-    assert!(start.elapsed() < Duration::from_secs(10), "waits once, not every time");
+    // Two seconds once, where twenty times would be forty.
+    assert!(start.elapsed() < Duration::from_secs(30), "waits once, not every time");
     let other = open(folder.path());
     drop(stopped);
     for n in 0..20 {

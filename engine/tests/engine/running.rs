@@ -1,10 +1,9 @@
 //! How graphs run: parts, sinks, wanted nodes, memory, threads, stores and other processes.
 
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
 
 use cache::Store;
-use engine::{Engine, Event, State};
+use engine::{Engine, Event};
 
 use crate::arithmetic::HEAVY;
 use crate::lab::{Lab, graph_text};
@@ -174,9 +173,14 @@ fn two_that_do_not_fit_together_run_one_after_the_other() {
     assert_eq!(lab.run(&nodes).outcome.totals.ran, 8);
     assert_eq!(HEAVY.1.swap(0, Ordering::SeqCst), 1);
     lab.budget = 1000 << 20;
-    // Other nodes than before, which are in the cache.
-    assert_eq!(lab.run(&nodes.replace("Number(value: ", "Number(value: 1")).outcome.totals.ran, 8);
-    assert!(HEAVY.1.load(Ordering::SeqCst) > 1);
+    // On a busy machine a thread may come too late to meet another one, but not every time.
+    let together = (1..50).any(|time| {
+        // Other nodes than before, which are in the cache.
+        let others = nodes.replace("Number(value: ", &format!("Number(value: {time}"));
+        assert_eq!(lab.run(&others).outcome.totals.ran, 8);
+        HEAVY.1.load(Ordering::SeqCst) > 1
+    });
+    assert!(together, "with memory enough they run beside each other");
 }
 
 #[test]
@@ -216,33 +220,34 @@ fn another_engine_on_the_same_cache_computes_nothing_twice() {
 
 #[test]
 fn a_busy_key_does_not_hold_up_the_rest() {
-    let mut lab = Lab::on_disk();
-    lab.jobs = 1;
-    let text = graph_text(
-        "a: Number(), s: Slow(value: \"a\", millis: 400), b: Number(value: 2), t: Scale(value: \"b\")",
-    );
-    let (other, slow) = (lab.engine(), graph_text("a: Number(), s: Slow(value: \"a\", millis: 400)"));
-    let (sender, started) = std::sync::mpsc::channel();
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            lab.run_on(&other, &slow, &[], |event, _| {
-                if matches!(event, Event::Start { id, .. } if id == "s") {
-                    sender.send(()).unwrap();
+    // Where the machine is so busy that the key is free before we ask for it, it is held for longer.
+    let went_ahead = [400, 4_000, 40_000].into_iter().any(|millis| {
+        let mut lab = Lab::on_disk();
+        lab.jobs = 1;
+        let slow = format!("a: Number(), s: Slow(value: \"a\", millis: {millis})");
+        let text = graph_text(&format!("{slow}, b: Number(value: 2), t: Scale(value: \"b\")"));
+        let (other, slow) = (lab.engine(), graph_text(&slow));
+        let (sender, started) = std::sync::mpsc::channel();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                lab.run_on(&other, &slow, &[], |event, _| {
+                    if matches!(event, Event::Start { id, .. } if id == "s") {
+                        sender.send(()).unwrap();
+                    }
+                })
+            });
+            started.recv().unwrap();
+            let mut ends = Vec::new();
+            let log = lab.run_on(&lab.engine(), &text, &[], |event, _| {
+                if let Event::Node { id, .. } = event {
+                    ends.push(id.clone());
                 }
-            })
-        });
-        started.recv().unwrap();
-        std::thread::sleep(Duration::from_millis(50));
-        let start = Instant::now();
-        let mut scaled = None;
-        let log = lab.run_on(&lab.engine(), &text, &[], |event, _| {
-            if matches!(event, Event::Node { id, state: State::Ran, .. } if id == "t") {
-                scaled = Some(start.elapsed());
-            }
-        });
-        assert_eq!((log.ran().as_str(), log.cached().as_str()), ("b t", "a s"));
-        assert!(scaled.unwrap() < Duration::from_millis(200), "{scaled:?}");
+            });
+            assert_eq!((log.ran().as_str(), log.cached().as_str()), ("b t", "a s"));
+            ends.iter().position(|id| id == "t") < ends.iter().position(|id| id == "s")
+        })
     });
+    assert!(went_ahead, "`t` waited for a key that it does not need");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::lab::{Lab, graph_text};
 
 /// How long this thread, which is the one that decides, has been computing: other work on the machine does
 /// not count where the system tells.
-fn spent(start: Instant) -> Duration {
+pub fn spent(start: Instant) -> Duration {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanos = told.and_then(|text| text.split(' ').next()?.parse().ok());
     nanos.map_or_else(|| start.elapsed(), Duration::from_nanos)
