@@ -89,6 +89,16 @@ impl Blobs {
         log.save_index()
     }
 
+    /// Notices what other processes did to the log of small blobs, if it was opened.
+    pub fn refresh(&self) {
+        if let Blobs::Disk(disk) = self
+            && let Some(log) = lock(&disk.small).as_mut()
+        {
+            // What cannot be read now is found out by whoever reads it.
+            let _ = log.refresh();
+        }
+    }
+
     /// Digest and size of every blob in the log of small ones.
     pub fn small_sizes(&self) -> Result<Vec<(Digest, u64)>> {
         let Blobs::Disk(disk) = self else { return Ok(Vec::new()) };

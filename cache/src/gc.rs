@@ -1,7 +1,8 @@
 //! Garbage collection: what was used longest ago goes first, until the cache is small enough.
 //!
 //! A record stays or goes together with the blobs that it names; a blob goes with the last of its records. A
-//! record was used when a graph that has it in its book last ran, or when one of its blobs was last read.
+//! record was used when a graph that has it in its book last ran, or when a blob of its own was last read; one
+//! that shares all its blobs, when one of them was.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -81,13 +82,19 @@ impl Store {
         let pinned = self.pinned();
         let now = seconds(SystemTime::now());
         let mut blobs = self.found_blobs(root)?;
-        let (mut units, notes) = self.units(names, &blobs)?;
-        units.sort_by_key(|unit| (unit.used, unit.key));
+        let (mut units, notes) = self.units(names)?;
         for digest in units.iter().flat_map(|unit| &unit.blobs) {
             if let Some(found) = blobs.get_mut(digest) {
                 found.readers += 1;
             }
         }
+        for unit in &mut units {
+            let named = || unit.blobs.iter().filter_map(|digest| blobs.get(digest));
+            let own = named().filter(|found| found.readers == 1).map(|found| found.used).max();
+            let read = own.or_else(|| named().map(|found| found.used).max());
+            unit.used = unit.used.max(read.unwrap_or(0));
+        }
+        units.sort_by_key(|unit| (unit.used, unit.key));
         let mut collected = Collected { before: size_of(root), ..Collected::default() };
         // What nothing names is of no use to anybody, and no run is at work that may be about to name it.
         let mut dead: BTreeSet<Digest> =
@@ -136,7 +143,7 @@ impl Store {
             _ => !notes_too,
         };
         // Somebody may append without being at work, such as a memo.
-        if !(0..3).any(|_| lock(self.records()).compact(kept).unwrap_or(false)) {
+        if !lock(self.records()).compact(kept)? && !lock(self.records()).compact(kept)? {
             return Err(Error::InUse { waited: patience });
         }
         reach(failpoint::GC_RECORDS_GONE).at("collect", root)?;
@@ -148,8 +155,8 @@ impl Store {
         Ok(collected)
     }
 
-    /// Every record with what it names and when it was used, and the bytes that all else in the log takes.
-    fn units(&self, names: Names<'_>, blobs: &BTreeMap<Digest, Found>) -> Result<(Vec<Unit>, u64)> {
+    /// Every record with what it names and when books say it was used, and the bytes of all else in the log.
+    fn units(&self, names: Names<'_>) -> Result<(Vec<Unit>, u64)> {
         let mut records = lock(self.records());
         records.refresh()?;
         let used = last_used(&mut records)?;
@@ -159,8 +166,7 @@ impl Store {
             let mut named = names(&payload);
             named.sort_unstable();
             named.dedup();
-            let read = named.iter().filter_map(|digest| blobs.get(digest)).map(|found| found.used).max();
-            let used = read.into_iter().chain(used.get(&key).copied()).max().unwrap_or(0);
+            let used = used.get(&key).copied().unwrap_or(0);
             units.push(Unit { key, bytes: stored_size(payload.len() as u64), blobs: named, used });
         }
         let mut notes = 0;

@@ -194,7 +194,12 @@ impl Store {
             self.history_put(book, gc::USED, &today.to_le_bytes());
         }
         // Where locks do not work there is no collection either.
-        Running(self.runs().ok().flatten().and_then(|runs| runs.shared_when_free(cancelled)))
+        let guard = self.runs().ok().flatten().and_then(|runs| runs.shared_when_free(cancelled));
+        // What a collection took since the folder was opened must not be found any more. What cannot be read
+        // now is found out by whoever reads it.
+        let _ = lock(&self.records).refresh();
+        self.blobs.refresh();
+        Running(guard)
     }
 
     fn report_damage(&self, records: &mut Log) {

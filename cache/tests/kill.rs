@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-use cache::{Digest, Error, Fsync, LeaseState, Options, Result, Store, failpoint, publish_file};
+use cache::{Digest, Error, Fsync, LeaseState, Limits, Options, Result, Store, failpoint, publish_file};
 
 fn open(folder: &Path) -> Result<Store> {
     Store::open(folder, Options { fsync: Fsync::Always, read_only: false })
@@ -56,6 +56,11 @@ fn work(folder: &Path) -> Result<()> {
     fs::write(folder.join("cache/v1/blobs").join(&name[..2]).join(&name), b"bad").unwrap();
     assert_eq!(store.get_blob(&bad)?, None);
     store.flush()?;
+    // A collection takes what no record names, and nothing else.
+    let orphan = store.put_blob(&[78; 9000])?;
+    let names = |payload: &[u8]| vec![Digest::of(payload)];
+    store.collect(&Limits::default(), &names, std::time::Duration::from_secs(60))?;
+    assert!(!store.has_blob(&orphan));
     note("done".to_owned());
     Ok(())
 }

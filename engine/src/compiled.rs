@@ -19,6 +19,7 @@ use crate::graph::{Graph, Node, Wire};
 use crate::kind::{Cost, KindEntry, Registry, Sizes, Step};
 use crate::note::Notes;
 use crate::param::{InputFile, ParamValue, Role};
+use crate::port::{Arity, PortSpec};
 use crate::root::{SourceFile, SourceRoot};
 use crate::syntax::{Fields, RawField};
 
@@ -44,7 +45,7 @@ impl Graph {
         }
         let key = key(&source.text, registry, root.folder());
         if let Some(bytes) = load(store, &key)
-            && let Ok(parts) = decode(&Arc::new(bytes), registry, &root)
+            && let Ok(parts) = decode(&Arc::new(bytes), &source.text, registry, &root)
         {
             return Ok(Self::assemble(source, root, parts));
         }
@@ -143,7 +144,12 @@ fn encode(graph: &Graph) -> Vec<u8> {
     to.finish()
 }
 
-fn decode(bytes: &Arc<Vec<u8>>, registry: &Registry, root: &SourceRoot) -> Result<Parts, Corrupt> {
+fn decode(
+    bytes: &Arc<Vec<u8>>,
+    text: &str,
+    registry: &Registry,
+    root: &SourceRoot,
+) -> Result<Parts, Corrupt> {
     let mut from = Decoder::new(bytes);
     let up = Up::try_from(from.str()?).map_err(Corrupt)?;
     let scene = Scene { up, metres_per_unit: from.f64()?, seed: from.u64()? };
@@ -171,10 +177,10 @@ fn decode(bytes: &Arc<Vec<u8>>, registry: &Registry, root: &SourceRoot) -> Resul
         let sink_path = if from.bool()? { Some(from.str()?) } else { None };
         let axes = 0..from.count(16)?;
         let point = axes.map(|_| Ok((from.str()?, from.str()?))).collect::<Result<_, Corrupt>>()?;
-        let place = read_span(&mut from)?;
+        let place = read_span(&mut from, text)?;
         let field = |from: &mut Decoder<'_>| {
             let name = names(&kind).nth(from.u32()? as usize).ok_or_else(unknown)?;
-            Ok((name, read_span(from)?))
+            Ok((name, read_span(from, text)?))
         };
         let fields = (0..from.count(12)?).map(|_| field(&mut from)).collect::<Result<_, Corrupt>>()?;
         let texts = from.raw_range(bytes)?;
@@ -184,12 +190,30 @@ fn decode(bytes: &Arc<Vec<u8>>, registry: &Registry, root: &SourceRoot) -> Resul
     }
     let order: Vec<usize> = from.u32s()?.into_iter().map(|node| node as usize).collect();
     from.end()?;
-    let wires = nodes.iter().flat_map(|node| node.inputs.iter().flatten());
-    let fits = |wire: &Wire| nodes.get(wire.node).is_some_and(|node| wire.port < node.kind.outputs.len());
-    if order.len() != count || !order.iter().all(|&node| node < count) || !wires.clone().all(fits) {
-        return Err(Corrupt("its wires lead nowhere".to_owned()));
+    if !is_sound(&nodes, &order) {
+        return Err(Corrupt("its wires do not fit".to_owned()));
     }
     Ok(Parts { scene, nodes, order })
+}
+
+/// Whether the order has every node once and after those it reads, and each wire fits its port.
+fn is_sound(nodes: &[Node], order: &[usize]) -> bool {
+    let mut seen = vec![false; nodes.len()];
+    let in_turn = |&index: &usize| {
+        let Some(node) = nodes.get(index) else { return false };
+        let fits = |(port, wires): (&PortSpec, &Vec<Wire>)| {
+            let count = match port.arity {
+                Arity::One => wires.len() == 1,
+                Arity::Optional => wires.len() <= 1,
+                Arity::Many => true,
+            };
+            let output = |wire: &Wire| nodes.get(wire.node)?.kind.outputs.get(wire.port);
+            let typed = |wire| output(wire).is_some_and(|found| found.artifact.name == port.artifact.name);
+            count && wires.iter().all(|wire| typed(wire) && seen[wire.node])
+        };
+        node.kind.inputs.iter().zip(&node.inputs).all(fits) && !std::mem::replace(&mut seen[index], true)
+    };
+    order.len() == nodes.len() && order.iter().all(in_turn)
 }
 
 /// The files that the graph names, each with what the file system says of it.
@@ -259,8 +283,9 @@ fn span(to: &mut Encoder, span: &Range<usize>) {
     to.u32(span.end as u32);
 }
 
-fn read_span(from: &mut Decoder<'_>) -> Result<Range<usize>, Corrupt> {
-    Ok(from.u32()? as usize..from.u32()? as usize)
+fn read_span(from: &mut Decoder<'_>, text: &str) -> Result<Range<usize>, Corrupt> {
+    let span = from.u32()? as usize..from.u32()? as usize;
+    text.get(span.clone()).map(|_| span).ok_or_else(|| Corrupt("a place beyond the text".to_owned()))
 }
 
 /// The parameters of a node: read, or as text that is read when first asked for.

@@ -178,3 +178,33 @@ fn a_cache_that_cannot_be_written_is_said_once_and_the_run_completes() {
     assert_eq!((log.exit_code(), log.warnings().len()), (0, 1));
     assert_eq!((lab.out("save.txt"), lab.out("more.txt")), warm.expected);
 }
+
+#[test]
+fn collections_beside_runs_take_nothing_that_a_run_needs() {
+    use cache::{Limits, Options, Store};
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+    let (warm, edited) = (warm(), edited());
+    let done = AtomicBool::new(false);
+    let collected = std::thread::scope(|scope| {
+        let collector = scope.spawn(|| {
+            let mut collected = 0;
+            // Once at least: when the runs are over nothing keeps it away.
+            while !done.load(Ordering::Relaxed) || collected == 0 {
+                let store = Store::open(&warm.lab.cache(), Options::default()).unwrap();
+                let limits = Limits { max_size: Some(20_000 * (collected % 3)), ..Limits::default() };
+                let result = store.collect(&limits, &engine::blobs_of, Duration::from_millis(20));
+                collected += u64::from(result.is_ok());
+            }
+            collected
+        });
+        for round in 0..12 {
+            let log = warm.lab.run(if round % 2 == 0 { GRAPH } else { &edited });
+            assert_eq!((log.exit_code(), log.warnings()), (0, vec![]), "round {round}: {}", log.failures());
+        }
+        done.store(true, Ordering::Relaxed);
+        collector.join().unwrap()
+    });
+    assert!(collected > 0);
+    recover(&warm, "after it all");
+}

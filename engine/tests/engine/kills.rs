@@ -78,6 +78,11 @@ fn assert_recovers(lab: &Lab, expected: &[String], what: &str) {
     assert_eq!((again.ran().as_str(), again.warnings()), ("", vec![]), "{what}");
 }
 
+/// How often to try; `LIGHTHARMONY_KILLS` sets another number for a long run.
+fn rounds(usual: u64) -> u64 {
+    std::env::var("LIGHTHARMONY_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(usual)
+}
+
 #[test]
 fn killed_at_every_named_place_of_the_cache() {
     let expected = undisturbed();
@@ -99,9 +104,9 @@ fn killed_at_every_named_place_of_the_cache() {
 #[test]
 fn killed_at_any_moment_and_again_while_it_recovers() {
     let expected = undisturbed();
-    for round in 0..16 {
+    for round in 0..rounds(16) {
         let lab = lab();
-        for moment in [round * 4, round * 2 + 3] {
+        for moment in [round % 16 * 4, round % 40 * 2 + 3] {
             let mut child = start(&lab, None);
             std::thread::sleep(Duration::from_millis(moment));
             // It may have come to its end before.

@@ -8,6 +8,7 @@ mod bundles;
 mod compiled;
 mod failures;
 mod faults;
+mod fuzz;
 mod invalidation;
 #[cfg(unix)]
 mod kills;
