@@ -2,6 +2,7 @@
 
 mod causes;
 mod commands;
+mod origin;
 mod report;
 mod session;
 mod trace;

@@ -1,11 +1,14 @@
 //! What most verbs begin with: a checked graph, a store, threads.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use cache::{Fsync, Store};
 use clap::Args;
 use engine::{Diagnostics, EditError, Engine, Graph, Registry, Setting, Source, SourceRoot};
+
+use crate::origin::{Origin, OriginArgs, TempFolder};
 
 /// Why a verb cannot begin. Exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -38,7 +41,7 @@ pub enum Error {
     #[error(transparent)]
     Engine(#[from] engine::EngineError),
     /// Something to watch that cannot change.
-    #[error("only a file can be watched, and `-` stands for standard input")]
+    #[error("only a file can be watched: `-` stands for standard input, and a bundle is unpacked first")]
     Unwatchable,
     /// A time that is none.
     #[error("`{0}` is not a time; write a number with m, h or d, such as 30d")]
@@ -46,6 +49,43 @@ pub enum Error {
     /// A cache that is not there.
     #[error("there is no cache in `{}`", .0.display())]
     NoCache(PathBuf),
+    /// A file that is not there.
+    #[error("cannot open `{}`: {source}", path.display())]
+    Open { path: PathBuf, source: std::io::Error },
+    /// A bundle that is not sound, or cannot be made.
+    #[error("`{}`: {source}", path.display())]
+    Bundle { path: PathBuf, source: engine::BundleError },
+    /// A picture whose recipe cannot run.
+    #[error("`{}`: {source}", path.display())]
+    Recipe { path: PathBuf, source: engine::RecipeError },
+    /// A picture that another version made.
+    #[error(
+        "`{}` cannot be made again here:\n{}\nrun it all the same with --other-versions, and it may come out otherwise",
+        path.display(),
+        other.join("\n")
+    )]
+    Versions { path: PathBuf, other: Vec<String> },
+    /// Files beside those that a recipe names.
+    #[error("`{}` was made from other files:\n{}", path.display(), other.join("\n"))]
+    OtherSources { path: PathBuf, other: Vec<String> },
+    /// `--inputs` for a graph of one's own.
+    #[error("--inputs is for bundles and pictures; the paths in a graph file are relative to its folder")]
+    Inputs,
+    /// A file that a graph reads cannot be read.
+    #[error("{0}")]
+    Sources(engine::NodeError),
+    /// A graph that is not what its lock says.
+    #[error("the graph is not what its lock says:\n{}\n`lightharmony lock` writes a new one", .0.join("\n"))]
+    Locked(Vec<String>),
+    /// A graph that has no lock.
+    #[error("this graph has no place for a lock; name a file with --to")]
+    NoLock,
+    /// A lock that is none.
+    #[error(transparent)]
+    Lock(#[from] engine::LockError),
+    /// A file that would be overwritten.
+    #[error("`{}` is there already", .0.display())]
+    Exists(PathBuf),
     /// A size that is none.
     #[error("`{0}` is not a size; write a number with K, M or G, such as 4G")]
     Size(String),
@@ -60,7 +100,7 @@ pub enum Error {
 /// Which graph, with which values in place of those written in it.
 #[derive(Debug, Args)]
 pub struct GraphArgs {
-    /// The graph file (RON); `-` reads it from standard input
+    /// The graph file (RON), a bundle, or a picture that carries its recipe; `-` reads standard input
     pub graph: PathBuf,
     /// Sets one field for this run: node.field=value, as often as needed
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
@@ -68,10 +108,12 @@ pub struct GraphArgs {
     /// Only these nodes and what they need, separated by commas; default: every sink
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
+    #[command(flatten)]
+    pub origin: OriginArgs,
 }
 
 /// Where results are kept and what may be used.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct EngineArgs {
     /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
     #[arg(long, value_name = "DIR")]
@@ -103,6 +145,10 @@ pub enum When {
 pub struct Loaded {
     pub graph: Graph,
     pub only: Vec<usize>,
+    /// Where its lock lies, or would.
+    pub lock: Option<PathBuf>,
+    /// Where a bundle lies unpacked as long as this lives.
+    pub unpacked: Option<TempFolder>,
 }
 
 impl GraphArgs {
@@ -130,16 +176,22 @@ impl GraphArgs {
         &self,
         parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Graph, Error>,
     ) -> Result<Loaded, Error> {
-        let (source, folder) = read(&self.graph)?;
+        let Origin { source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &self.origin)?;
         let settings: Vec<Setting> =
             self.set.iter().map(|text| text.parse()).collect::<Result<_, _>>().map_err(Error::Edit)?;
         let source = engine::apply(&source, &settings).map_err(|error| match error {
             EditError::Graph(diagnostics) => Error::Graph(diagnostics),
             other => Error::Edit(other),
         })?;
-        let graph = parse(source, &nodes::registry(), SourceRoot::new(folder))?;
+        let graph = parse(source, &nodes::registry(), root)?;
+        if let Some(recipe) = recipe.filter(|_| self.set.is_empty()) {
+            let other = recipe.other_sources(&graph, &Store::in_memory()).map_err(Error::Sources)?;
+            if !other.is_empty() {
+                return Err(Error::OtherSources { path: self.graph.clone(), other });
+            }
+        }
         let only = self.only.iter().map(|name| find_all(&graph, name)).collect::<Result<Vec<_>, _>>()?;
-        Ok(Loaded { graph, only: only.concat() })
+        Ok(Loaded { graph, only: only.concat(), lock, unpacked })
     }
 }
 
@@ -170,19 +222,6 @@ fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
     names.join(", ")
 }
 
-fn read(path: &Path) -> Result<(Source, PathBuf), Error> {
-    let failed = |source| Error::Read { path: path.to_owned(), source };
-    if path == Path::new("-") {
-        let mut text = String::new();
-        std::io::stdin().read_to_string(&mut text).map_err(failed)?;
-        return Ok((Source::new("standard input", text), std::env::current_dir().map_err(failed)?));
-    }
-    let text = std::fs::read_to_string(path).map_err(failed)?;
-    let folder = path.canonicalize().map_err(failed)?;
-    let folder = folder.parent().unwrap_or(Path::new("/")).to_owned();
-    Ok((Source::new(path.display().to_string(), text), folder))
-}
-
 impl EngineArgs {
     /// The same for a process that runs again and again: a third of the memory keeps values meanwhile.
     pub fn open_for_long(&self) -> Result<Engine, Error> {
@@ -195,7 +234,8 @@ impl EngineArgs {
         self.open_with(self.memory()?)
     }
 
-    fn memory(&self) -> Result<u64, Error> {
+    /// Bytes of memory for values.
+    pub fn memory(&self) -> Result<u64, Error> {
         self.memory.as_deref().map_or_else(|| Ok(free_memory() / 4 * 3), size)
     }
 
@@ -207,9 +247,25 @@ impl EngineArgs {
         };
         let options = cache::Options { fsync, ..cache::Options::default() };
         let store = Store::open(&cache_folder(self.cache.as_deref())?, options)?;
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        Ok(Engine::new(store, self.jobs.unwrap_or(cores), memory)?)
+        Ok(Engine::new(store, self.jobs(), memory)?)
     }
+
+    /// How many threads.
+    pub fn jobs(&self) -> usize {
+        self.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+    }
+}
+
+/// A flag that Ctrl-C sets: the first one asks, the second one is meant.
+pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
+    let cancel = Arc::new(AtomicBool::new(false));
+    let again = cancel.clone();
+    ctrlc::set_handler(move || {
+        if again.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })?;
+    Ok(cancel)
 }
 
 /// Bytes as a person reads them.

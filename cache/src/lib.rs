@@ -106,7 +106,7 @@ pub use inspect::{Checked, Stat};
 pub use key::{Key, KeyError, KeyWriter};
 pub use lease::{Lease, LeaseState};
 pub use manifest::{Change, Line, Manifest, Value};
-pub use publish::publish_file;
+pub use publish::{publish_file, publish_through};
 pub use stamp::FileStamp;
 pub use store::{Fsync, Incident, Options, Running, Store};
 pub use temp::sweep_temp;

@@ -1,9 +1,10 @@
 //! [`publish_file`]: a finished file for the user, or none.
 
 use std::fs;
+use std::io::Write;
 use std::path::Path;
 
-use crate::error::{Error, Result};
+use crate::error::{At, Error, Result};
 use crate::failpoint::PUBLISH;
 use crate::temp::TempFile;
 
@@ -14,15 +15,27 @@ use crate::temp::TempFile;
 /// [`Error::NotAFile`] where the path is a folder, a device or a pipe; [`Error::Full`] and [`Error::Io`]
 /// otherwise. Nothing is left behind then.
 pub fn publish_file(path: &Path, bytes: &[u8]) -> Result<()> {
+    publish_through(path, |to| to.write_all(bytes).at("write", path))
+}
+
+/// The same for content that does not come at once: `write` gets where it goes. Where it fails, the path keeps
+/// what it had.
+///
+/// # Errors
+/// Those of `write`, and of [`publish_file`].
+pub fn publish_through<E: From<Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> std::result::Result<(), E>,
+) -> std::result::Result<(), E> {
     if fs::symlink_metadata(path).is_ok_and(|found| !found.is_file() && !found.is_symlink()) {
-        return Err(Error::NotAFile { path: path.to_path_buf() });
+        return Err(Error::NotAFile { path: path.to_path_buf() }.into());
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut temp = TempFile::create(folder, &PUBLISH)?;
-    temp.write(bytes)?;
+    write(&mut temp)?;
     // Without this a loss of power after the rename may leave an empty picture under a good name.
     temp.sync()?;
-    temp.persist(path)
+    Ok(temp.persist(path)?)
 }
 
 #[cfg(test)]

@@ -55,13 +55,7 @@ impl TempFile {
 
     /// Appends `bytes`.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });
-        let mut file = &self.file;
-        file.write_all(first)
-            .and_then(|()| reach(self.points.middle))
-            .and_then(|()| file.write_all(second))
-            .and_then(|()| reach(self.points.after_write))
-            .at("write", &self.path)
+        self.write_all(bytes).at("write", &self.path)
     }
 
     /// Makes what was written survive a loss of power.
@@ -83,6 +77,25 @@ impl TempFile {
         renamed.at("rename to", target)?;
         self.persisted = true;
         reach(self.points.after_rename).at("rename to", target)
+    }
+}
+
+impl Write for TempFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        (&self.file).write(bytes)
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });
+        let mut file = &self.file;
+        file.write_all(first)?;
+        reach(self.points.middle)?;
+        file.write_all(second)?;
+        reach(self.points.after_write)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        (&self.file).flush()
     }
 }
 

@@ -125,7 +125,7 @@ fn ron_text(value: &str) -> String {
 }
 
 /// RON text with the content of each string replaced.
-pub(crate) fn replace_strings(text: &str, with: impl Fn(&str) -> String) -> String {
+pub(crate) fn replace_strings(text: &str, mut with: impl FnMut(&str) -> String) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
     while let Some(start) = rest.find('"') {

@@ -47,7 +47,7 @@ impl Pace {
         // The larger of the two ratios orders as the distance of logarithms does.
         let apart = |known: f64| (work / known).max(known / work);
         let nearest = self.0.iter().reduce(|best, run| if apart(run.0) < apart(best.0) { run } else { best });
-        nearest.map(|(known, seconds)| seconds * (work / known))
+        nearest.map(|(known, seconds)| seconds * (work / known)).filter(|seconds| seconds.is_finite())
     }
 }
 

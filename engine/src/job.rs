@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use cache::{Digest, LeaseState, Store};
 
 use crate::action::{Action, look_up};
-use crate::artifact::AnyArtifact;
+use crate::artifact::{AnyArtifact, ArtifactType};
 use crate::context::{Context, Part, PartStore, ReadSource};
 use crate::error::NodeError;
 use crate::event::{Counts, Event, State};
@@ -275,12 +275,16 @@ impl PartStore for StoredParts {
     }
 }
 
+/// A value out of the store; `None` when it is missing, damaged or of another form.
+pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
+    let bytes = store.get_blob(digest).ok()??;
+    guarded(|| Ok((artifact.decode)(&bytes)?)).ok()
+}
+
 /// Reads one stored output, and tells `None` when it is missing or damaged.
 pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
     let Wire { node, port } = wire;
-    let decode = graph.nodes[node].kind.outputs[port].artifact.decode;
-    let bytes = store.get_blob(&output.digest).ok().flatten();
-    let value = bytes.and_then(|bytes| guarded(|| Ok(decode(&bytes)?)).ok());
+    let value = stored_value(store, &graph.nodes[node].kind.outputs[port].artifact, &output.digest);
     let _ = tell.send(Message::Loaded { node, port, value });
 }
 

@@ -12,7 +12,7 @@ use crate::context::Context;
 use crate::error::NodeError;
 use crate::forecast::Pace;
 use crate::graph::{Graph, Wire};
-use crate::job::{encode, guarded};
+use crate::job::{encode, guarded, stored_value};
 use crate::record::{Output, Record, Spent};
 use crate::schedule::Engine;
 use crate::syntax::parse_value;
@@ -234,8 +234,8 @@ impl<'a> Outlook<'a> {
         let Some(record) = &self.records[index] else { return false };
         let ports = self.graph.nodes[index].kind.outputs.iter().zip(&record.outputs);
         let values = ports.map(|(port, output)| {
-            let bytes = output.stored.then(|| self.engine.store().get_blob(&output.digest).ok().flatten());
-            guarded(|| Ok((port.artifact.decode)(&bytes.flatten().unwrap_or_default())?)).ok()
+            let kept = Some(&output.digest).filter(|_| output.stored);
+            stored_value(self.engine.store(), &port.artifact, kept?)
         });
         self.values[index] = values.collect();
         self.values[index].is_some()

@@ -1,15 +1,23 @@
 //! Recipes: the canonical text of what stands above a node, for the metadata of written pictures.
 //!
-//! Nodes are renamed in the order in which they are first read, defaults are left out, paths are cut to
-//! the name of the file and followed by the digest of its content. So renaming, reordering and comments
-//! in the graph file leave the recipe as it is.
+//! Nodes are renamed in the order in which they are first read, every parameter is written, since defaults
+//! may change, and the kinds are named with their versions. Paths are cut to the name of the file; the digest
+//! of its content follows at the end. So renaming, reordering and comments in the graph file leave the recipe
+//! as it is.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use crate::context::{ReadSource, Scene};
+use crate::edit::replace_strings;
 use crate::graph::Graph;
 use crate::param::Role;
 use crate::port::Arity;
+
+/// How a recipe begins; the kinds follow.
+pub(crate) const HEAD: &str = "// lightharmony recipe 2: ";
+/// Between a node and a file that it reads.
+pub(crate) const READS: &str = " reads ";
 
 /// The recipe of `target`. `sources` gives the sources of a node, digests known.
 pub(crate) fn recipe<'s>(
@@ -23,8 +31,15 @@ pub(crate) fn recipe<'s>(
         number[node] = index;
     }
     let Scene { up, metres_per_unit, seed } = graph.scene;
+    let kinds: BTreeSet<String> = order
+        .iter()
+        .map(|&node| &graph.nodes[node].kind)
+        .map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile))
+        .collect();
+    let kinds: Vec<String> = kinds.into_iter().collect();
     let mut text = format!(
-        "Graph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
+        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
+        kinds.join(", "),
         up.name()
     );
     let mut files = String::new();
@@ -34,12 +49,10 @@ pub(crate) fn recipe<'s>(
         let mut params = node.kind.params.iter();
         node.step.visit(&mut |name, value| {
             let (Some(spec), Ok(value)) = (params.next(), value.text()) else { return };
-            if spec.default.as_deref() == Some(value.as_str()) {
-                return;
-            }
             let value = match spec.role {
                 Role::Value => value,
-                Role::Input | Role::Output => file_name(&value, spec.role),
+                Role::Input => replace_strings(&value, |path| last(path).to_owned()),
+                Role::Output => replace_strings(&value, output_name),
             };
             fields.push(format!("{name}:{value}"));
         });
@@ -60,22 +73,31 @@ pub(crate) fn recipe<'s>(
         // Writing to a string cannot fail.
         let _ = writeln!(text, "n{}:{}({}),", number[index], node.kind.camel_name(), fields.join(","));
         for source in sources(index) {
-            let name = source.file.name.rsplit('/').next().unwrap_or_default();
-            let _ = writeln!(files, "// n{} reads {name} {}", number[index], source.digest);
+            let _ = writeln!(
+                files,
+                "// n{}{READS}{} {}",
+                number[index],
+                last(&source.file.name).replace(char::is_control, "_"),
+                source.digest
+            );
         }
     }
     text.push_str("))\n");
     text + &files
 }
 
-/// A quoted path without its folders; what a picture was called is no part of how it was made.
-fn file_name(quoted: &str, role: Role) -> String {
-    let plain = quoted.trim_matches('"');
-    let name = plain.rsplit('/').next().unwrap_or(plain);
-    match (role, name.rsplit_once('.')) {
-        (Role::Output, Some((_, ending))) => format!("\"out.{}\"", ending.to_lowercase()),
-        _ => format!("\"{name}\""),
-    }
+/// The name of a file without its folders.
+pub(crate) fn last(path: &str) -> &str {
+    let path = path.trim_end_matches('/');
+    path.rsplit('/').next().unwrap_or(path)
+}
+
+/// What a picture was called is no part of how it was made, but for the ending and whether views stand apart.
+fn output_name(path: &str) -> String {
+    let ending = last(path)
+        .rsplit_once('.')
+        .map_or_else(String::new, |(_, ending)| format!(".{}", ending.to_lowercase()));
+    format!("{}{ending}", if path.contains("{view}") { "{view}" } else { "out" })
 }
 
 /// Nodes above `target` and itself, inputs first, in the order in which the ports name them.

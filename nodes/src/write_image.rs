@@ -6,6 +6,7 @@ use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, Ou
 
 use crate::color::srgb_from_linear;
 use crate::io::png::Raster;
+use crate::io::recipe::KEYWORD;
 use crate::io::{jpeg, png};
 use crate::types::{Images, Picture};
 
@@ -98,8 +99,7 @@ impl Kind for WriteImage {
             let srgb = !matches!(view.picture, Picture::Data(_));
             let bytes = if p.path.extension() == "png" {
                 let software = ("Software", "lightharmony");
-                let texts: Vec<_> =
-                    std::iter::once(software).chain(recipe.map(|r| ("lightharmony:recipe", r))).collect();
+                let texts: Vec<_> = std::iter::once(software).chain(recipe.map(|r| (KEYWORD, r))).collect();
                 png::write(&raster, srgb, &texts)?
             } else {
                 jpeg::write(&raster, p.quality as u8, recipe)?

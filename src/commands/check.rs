@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use crate::session::{Error, GraphArgs, Loaded};
+use crate::session::{Error, GraphArgs};
 
 /// Reads a graph and reports every mistake in it.
 #[derive(Debug, Args)]
@@ -14,7 +14,8 @@ pub struct Check {
 impl Check {
     /// Exit code 0 for a graph that can run; mistakes are an error.
     pub fn run(self) -> Result<u8, Error> {
-        let Loaded { graph, .. } = self.graph.load()?;
+        let loaded = self.graph.load()?;
+        let graph = &loaded.graph;
         let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
         super::print(&format!(
             "{}: {} nodes, {sinks} sinks, no mistakes\n",

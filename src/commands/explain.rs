@@ -4,7 +4,7 @@ use clap::Args;
 
 use crate::causes::trail;
 use crate::report::{counts_text, seconds_text};
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded, find, size_text};
+use crate::session::{EngineArgs, Error, GraphArgs, find, size_text};
 
 /// Tells why a node would run again, or did when it last ran, back to where it begins.
 #[derive(Debug, Args)]
@@ -23,10 +23,11 @@ pub struct Explain {
 impl Explain {
     /// Prints the causes, the way to them, and what the node took.
     pub fn run(self) -> Result<u8, Error> {
-        let Loaded { graph, .. } = self.graph.load()?;
-        let index = find(&graph, &self.node)?;
-        let plan = self.engine.open()?.plan(&graph, &[index]);
-        let trail = trail(&graph, &plan, index);
+        let loaded = self.graph.load()?;
+        let graph = &loaded.graph;
+        let index = find(graph, &self.node)?;
+        let plan = self.engine.open()?.plan(graph, &[index]);
+        let trail = trail(graph, &plan, index);
         let mut text = String::new();
         if !trail.roots.is_empty() {
             text.push_str("because\n");

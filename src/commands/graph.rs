@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use clap::{Args, ValueEnum};
 use engine::{Fate, Graph, Planned};
 
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
+use crate::session::{EngineArgs, Error, GraphArgs};
 
 /// Draws a graph with the state of its results.
 #[derive(Debug, Args)]
@@ -33,12 +33,13 @@ enum Format {
 impl Draw {
     /// Prints the drawing.
     pub fn run(self) -> Result<u8, Error> {
-        let Loaded { graph, only } = self.graph.load()?;
-        let plan = self.engine.open()?.plan(&graph, &only);
+        let loaded = self.graph.load()?;
+        let (graph, only) = (&loaded.graph, &loaded.only);
+        let plan = self.engine.open()?.plan(graph, only);
         super::print(&match self.format {
-            Format::Dot => dot(&graph, &plan),
-            Format::Mermaid => mermaid(&graph, &plan),
-            Format::Svg => svg(&graph, &plan),
+            Format::Dot => dot(graph, &plan),
+            Format::Mermaid => mermaid(graph, &plan),
+            Format::Svg => svg(graph, &plan),
         })?;
         Ok(0)
     }

@@ -2,14 +2,21 @@
 
 mod cache;
 mod check;
+mod completions;
 mod convert;
+mod diff;
 mod explain;
 mod graph;
+mod init;
 mod inspect;
+mod lock;
 mod nodes;
+mod pack;
 mod plan;
 mod run;
 mod splats;
+mod unpack;
+mod verify;
 mod watch;
 
 use clap::{Parser, Subcommand};
@@ -36,16 +43,32 @@ enum Verb {
     Plan(plan::Plan),
     /// Tells what a node's result is made of and why it would run again
     Explain(explain::Explain),
+    /// Tells how two graphs, bundles or pictures differ, and where their results begin to
+    Diff(diff::Diff),
     /// Lists the kinds of nodes, or describes one
     Nodes(nodes::Nodes),
     /// Draws a graph with the state of its results
     Graph(graph::Draw),
     /// Looks after the cache: what is in it, whether it is whole, what may go
     Cache(cache::Cache),
+    /// Makes a folder to begin in
+    Init(init::Init),
+    /// Writes down what a graph is made of, by digest
+    Lock(lock::MakeLock),
+    /// Packs a graph with all it needs into one file
+    Pack(pack::Pack),
+    /// Unpacks such a file
+    Unpack(unpack::Unpack),
+    /// Computes some of such a file anew and compares
+    Verify(verify::Verify),
     /// Writes a scene of splats in another format
     Convert(convert::Convert),
     /// Tells what a scene of splats is like: size, floor, up, what looks wrong
     Inspect(inspect::Inspect),
+    /// Prints completions for a shell
+    Completions(completions::Completions),
+    /// Prints the manual page, or writes one for each verb
+    Manual(completions::Manual),
 }
 
 impl Command {
@@ -62,6 +85,14 @@ impl Command {
             Verb::Cache(verb) => verb.run(),
             Verb::Convert(verb) => verb.run(),
             Verb::Inspect(verb) => verb.run(),
+            Verb::Diff(verb) => verb.run(),
+            Verb::Init(verb) => verb.run(),
+            Verb::Lock(verb) => verb.run(),
+            Verb::Pack(verb) => verb.run(),
+            Verb::Unpack(verb) => verb.run(),
+            Verb::Verify(verb) => verb.run(),
+            Verb::Completions(verb) => verb.run(),
+            Verb::Manual(verb) => verb.run(),
         }
     }
 }

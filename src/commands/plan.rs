@@ -5,7 +5,7 @@ use engine::{Fate, Forecast};
 
 use crate::causes::reason;
 use crate::report::{counts_text, forecast_text, seconds_text};
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded, size_text};
+use crate::session::{EngineArgs, Error, GraphArgs, size_text};
 
 /// Tells what a run would compute, why, and about how long it takes.
 #[derive(Debug, Args)]
@@ -22,15 +22,16 @@ pub struct Plan {
 impl Plan {
     /// Prints one line a node that may run, and the sum.
     pub fn run(self) -> Result<u8, Error> {
-        let Loaded { graph, only } = self.graph.load()?;
-        let plan = self.engine.open()?.plan(&graph, &only);
+        let loaded = self.graph.load()?;
+        let (graph, only) = (&loaded.graph, &loaded.only);
+        let plan = self.engine.open()?.plan(graph, only);
         let mut text = String::new();
         for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
             if node.fate == Fate::Known && !self.verbose {
                 continue;
             }
             let about = node.forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
-            let why = reason(&graph, index, &node.fate);
+            let why = reason(graph, index, &node.fate);
             text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
             if let Some(last) = node.last.as_ref().filter(|_| self.verbose) {
                 let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));

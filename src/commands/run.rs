@@ -1,14 +1,13 @@
 //! `run`: computes what is not known and writes the files of the sinks.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use engine::RunOptions;
 
+use super::lock;
 use crate::report::{self, Report};
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
+use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trace::Trace;
 
 /// Runs a graph: computes what is not known and writes the files of its sinks.
@@ -21,6 +20,9 @@ pub struct Run {
     /// Folder that sinks write to
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
+    /// Refuse inputs and kinds that are not those of the graph's lock, and fail where results are not
+    #[arg(long)]
+    locked: bool,
     /// Write what each thread did when, for chrome://tracing or Perfetto
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
@@ -35,25 +37,28 @@ pub struct Run {
 impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
-        let (Loaded { graph, only }, engine) = self.graph.load_with(&self.engine)?;
-        let cancel = Arc::new(AtomicBool::new(false));
-        let again = cancel.clone();
-        ctrlc::set_handler(move || {
-            // The first one asks; the second one is meant.
-            if again.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        })?;
+        let (loaded, engine) = self.graph.load_with(&self.engine)?;
+        let (graph, only) = (&loaded.graph, &loaded.only);
+        let locked = self.locked.then(|| lock::read(&loaded)).transpose()?;
+        if let Some(lock) = &locked {
+            lock::refuse(&engine, graph, only, lock)?;
+        }
+        let cancel = on_interrupt()?;
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         if engine.store().is_read_only() {
             let text =
                 "the cache cannot be written: known results are used, new ones are not kept".to_owned();
             report.tell(&engine::Event::Warning { id: "cache-read-only", text });
         }
-        let options =
-            RunOptions { out: self.out, only, cancel, trace: self.trace.is_some(), ..RunOptions::default() };
+        let options = RunOptions {
+            out: self.out,
+            only: only.clone(),
+            cancel,
+            trace: self.trace.is_some(),
+            ..RunOptions::default()
+        };
         let mut trace = Trace::default();
-        let outcome = engine.run(&graph, &options, |event| {
+        let outcome = engine.run(graph, &options, |event| {
             trace.tell(&event);
             report.tell(&event);
         });
@@ -64,6 +69,14 @@ impl Run {
             && !self.json
         {
             report::error(&failures.render(report::colours()));
+        }
+        if let Some(lock) = &locked {
+            let now = engine.lock(graph, only).map_err(Error::Sources)?;
+            let results = lock.differences(&now).results;
+            if !results.is_empty() {
+                report::error(&format!("the results are not those of the lock:\n{}", results.join("\n")));
+                return Ok(1);
+            }
         }
         Ok(outcome.totals.exit_code())
     }

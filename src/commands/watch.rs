@@ -59,7 +59,10 @@ impl Watch {
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         let (graph, colour) = (self.graph, report::colours() && !self.json);
         let load = || {
-            let loaded = graph.load().map(|loaded| (loaded.graph, loaded.only));
+            let loaded = graph.load().and_then(|loaded| match loaded.unpacked {
+                None => Ok((loaded.graph, loaded.only)),
+                Some(_) => Err(Error::Unwatchable),
+            });
             let refusal = |error| match error {
                 Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),
                 other => Refusal::other(other.to_string()),

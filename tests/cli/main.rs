@@ -5,6 +5,7 @@ mod bytes;
 mod incremental;
 mod kill;
 mod messages;
+mod share;
 mod watch;
 
 use std::collections::BTreeMap;

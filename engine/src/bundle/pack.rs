@@ -111,7 +111,7 @@ impl Engine {
             }
         }
         packed.inputs = lock.inputs.len();
-        parts.file(GRAPH, places.text(graph).into_bytes());
+        parts.file(GRAPH, places.text(graph)?.into_bytes());
         parts.file(LOCK, lock.text().into_bytes());
         parts.write(to)?;
         Ok(packed)
@@ -167,7 +167,7 @@ impl Places {
     }
 
     /// The text of the graph with these names in it.
-    fn text(&self, graph: &Graph) -> String {
+    fn text(&self, graph: &Graph) -> Result<String, BundleError> {
         let mut edits = Vec::new();
         for (index, node) in
             graph.nodes.iter().enumerate().filter(|(index, _)| !self.moved[*index].is_empty())
@@ -181,12 +181,19 @@ impl Places {
                 }
             });
         }
+        // A field stands once in the text, however many nodes axes make of it.
         edits.sort_by_key(|(span, _)| std::cmp::Reverse(span.start));
+        edits.dedup();
+        if let Some(pair) = edits.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            let field = &graph.source.text[pair[0].0.clone()];
+            let what = format!("`{field}` names files that lie elsewhere; put them beside the graph");
+            return Err(BundleError::Refused(what));
+        }
         let mut text = graph.source.text.to_string();
         for (span, with) in edits {
             text.replace_range(span, &with);
         }
-        text
+        Ok(text)
     }
 }
 

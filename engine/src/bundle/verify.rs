@@ -15,6 +15,7 @@ use crate::artifact::Difference;
 use crate::diag::{Diagnostics, Source};
 use crate::event::Event;
 use crate::graph::Graph;
+use crate::job::stored_value;
 use crate::kind::Registry;
 use crate::lock::Lock;
 use crate::plan::{Fate, Outlook};
@@ -170,8 +171,7 @@ pub fn verify<R: Read + Seek>(
                 let unequal = ports.into_iter().find(|(_, (then, now))| then.digest != now.digest);
                 unequal.map_or(Verdict::Equal, |(port, (then, now))| {
                     let value = |engine: &Engine, digest: &Digest| {
-                        let bytes = engine.store().get_blob(digest).ok()??;
-                        crate::job::guarded(|| Ok((port.artifact.decode)(&bytes)?)).ok()
+                        stored_value(engine.store(), &port.artifact, digest)
                     };
                     let pair = value(&told, &then.digest).zip(value(&anew, &now.digest));
                     let difference = pair.map(|(then, now)| port.artifact.difference(&then, &now));

@@ -4,7 +4,8 @@ use std::io::Cursor;
 use std::path::Path;
 
 use engine::{
-    Bundle, Graph, Lock, Packed, Results, Source, SourceRoot, Verdict, VerifyOptions, is_unpacked, verify,
+    Bundle, Graph, Lock, NodeDifference, Packed, Recipe, Results, Source, SourceRoot, Verdict, VerifyOptions,
+    is_unpacked, verify,
 };
 
 use crate::lab::{Lab, graph_text};
@@ -186,4 +187,71 @@ fn a_lock_tells_what_differs() {
     let mut other = known.clone();
     other.results.get_mut("b").unwrap().insert("number".to_owned(), "0".repeat(64));
     assert!(known.differences(&other).results[0].starts_with("`b.number` came out as 000000000000"));
+}
+
+#[test]
+fn a_recipe_runs_again_where_its_files_are() {
+    let outer = tempfile::tempdir().unwrap();
+    let (lab, graph) = lab(outer.path());
+    run(&lab, &graph, "out");
+    let text = lab.out("r.txt");
+    let recipe = Recipe::parse(&text).unwrap();
+    assert!(Recipe::parse("Graph()").is_err() && Recipe::parse("").is_err());
+    assert_eq!(recipe.other_kinds(&lab.registry), [""; 0]);
+    assert!(!recipe.other_kinds(&engine::Registry::new(Vec::new())).is_empty());
+
+    let other = Lab::on_disk();
+    let settle = |folders: &[std::path::PathBuf]| {
+        recipe.settle("recipe", "r.txt", &other.registry, folders, &engine::Store::in_memory())
+    };
+    let missing = settle(&[]).unwrap_err().to_string();
+    assert_eq!(missing.lines().count(), 2, "all that are missing at once: {missing}");
+    // Found below a folder of another layout, and not by a name alone.
+    std::fs::create_dir_all(other.path("x/y")).unwrap();
+    other.write("a.txt", "another");
+    other.write("x/y/a.txt", "4");
+    other.write("x/far.txt", "5");
+    let folder = other.path("");
+    let source = settle(std::slice::from_ref(&folder)).unwrap();
+    let root = SourceRoot::confined(&other.path("x"), &[folder]).unwrap();
+    let again = parse(&other, &source.text, root).unwrap();
+    assert!(recipe.other_sources(&again, &engine::Store::in_memory()).unwrap().is_empty());
+    run(&other, &again, "out");
+    assert_eq!(other.out("r.txt"), text);
+    other.write("x/far.txt", "6");
+    assert_eq!(recipe.other_sources(&again, &engine::Store::in_memory()).unwrap().len(), 1);
+    assert!(settle(&[other.path("")]).unwrap_err().to_string().contains("`far.txt` with the content"));
+}
+
+#[test]
+fn graphs_and_results_are_told_apart() {
+    let outer = tempfile::tempdir().unwrap();
+    let (lab, a) = lab(outer.path());
+    run(&lab, &a, "out");
+    let root = || SourceRoot::new(outer.path().join("project"));
+    let edited =
+        NODES.replace("by: 3.0", "by: 4.0").replace("s: Slow(", "t: Slow(").replace("\"s\"", "\"t\"");
+    let b = parse(&lab, &graph_text(&edited), root()).unwrap();
+    run(&lab, &b, "out");
+    let told = engine::graph_differences(&a, &b);
+    let change = |path: &str, old: &str, new: &str| {
+        let (old, new) = (Some(old.to_owned()), Some(new.to_owned()));
+        NodeDifference::Changed(vec![engine::Change { path: path.to_owned(), old, new }])
+    };
+    let expected = [
+        ("b", change("by", "3.0", "4.0")),
+        ("s", NodeDifference::Gone),
+        ("sum", change("terms", "s.number, far.number", "t.number, far.number")),
+        ("t", NodeDifference::New),
+    ];
+    assert_eq!(told, expected.map(|(id, difference)| (id.to_owned(), difference)));
+    let engine = lab.engine();
+    let came = engine::result_differences((&engine, &a), (&engine, &b));
+    assert_eq!(came.compared, 6);
+    let short: Vec<_> = came.unequal.iter().map(|node| (node.id.as_str(), node.first)).collect();
+    // The node between them has another name, so the sum is where the next difference begins.
+    assert_eq!(short, [("b", true), ("sum", true), ("w", false), ("r", false)]);
+    assert!(came.unequal[0].outputs[0].1.as_ref().is_some_and(|difference| !difference.equal));
+    assert!(engine::graph_differences(&a, &a).is_empty());
+    assert_eq!(engine::result_differences((&engine, &a), (&engine, &a)).unequal, []);
 }

@@ -174,8 +174,9 @@ fn a_recipe_tells_how_and_not_where() {
     assert_eq!(
         recipe,
         format!(
-            "Graph(version:1,scene:(up:\"+z\",metres_per_unit:1.0,seed:7),nodes:(\n\
-            n0:LoadNumber(path:\"a.txt\"),\nn1:Scale(value:\"n0.number\"),\n\
+            "// lightharmony recipe 2: load-number 1 portable, scale 1 portable, write-recipe 1 portable\n\
+            Graph(version:1,scene:(up:\"+z\",metres_per_unit:1.0,seed:7),nodes:(\n\
+            n0:LoadNumber(path:\"a.txt\"),\nn1:Scale(by:2.0,value:\"n0.number\"),\n\
             n2:Scale(by:3.0,value:\"n1.number\"),\n\
             n3:WriteRecipe(path:\"out.txt\",number:[\"n2.number\",\"n0.number\"]),\n))\n\
             // n0 reads a.txt {}\n",

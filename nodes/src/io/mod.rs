@@ -7,4 +7,5 @@ pub mod hdr;
 pub mod jpeg;
 pub mod ply;
 pub mod png;
+pub mod recipe;
 pub mod webp;

@@ -1,0 +1,93 @@
+//! The recipe that a written picture carries: PNG text, EXR comments, JPEG comments.
+
+use std::io::Cursor;
+
+/// Keyword of the text in a PNG.
+pub const KEYWORD: &str = "lightharmony:recipe";
+
+/// Whether bytes begin like a picture that could carry a recipe.
+pub fn is_picture(bytes: &[u8]) -> bool {
+    [&b"\x89PNG"[..], &b"\xff\xd8\xff"[..], &b"v/1\x01"[..]].iter().any(|magic| bytes.starts_with(magic))
+}
+
+/// The recipe in a picture; `None` where it carries none, or is damaged before it.
+pub fn recipe(bytes: &[u8]) -> Option<String> {
+    match bytes {
+        [0x89, b'P', ..] => in_png(bytes),
+        [0xff, 0xd8, ..] => in_jpeg(bytes),
+        [b'v', b'/', ..] => in_exr(bytes),
+        _ => None,
+    }
+}
+
+fn in_png(bytes: &[u8]) -> Option<String> {
+    let limits = png::Limits { bytes: bytes.len().saturating_mul(8) };
+    let reader = png::Decoder::new_with_limits(Cursor::new(bytes), limits).read_info().ok()?;
+    let text = reader.info().utf8_text.iter().find(|text| text.keyword == KEYWORD)?;
+    text.get_text().ok()
+}
+
+fn in_exr(bytes: &[u8]) -> Option<String> {
+    let meta = exr::prelude::MetaData::read_from_buffered(Cursor::new(bytes), false).ok()?;
+    meta.headers.first()?.own_attributes.comments.as_ref().map(ToString::to_string)
+}
+
+/// Comments longer than a segment go on in the next one.
+fn in_jpeg(bytes: &[u8]) -> Option<String> {
+    let mut rest = bytes.get(2..)?;
+    let mut comment = Vec::new();
+    while let [0xff, marker, high, low, tail @ ..] = rest {
+        let length = usize::from(u16::from_be_bytes([*high, *low])).checked_sub(2)?;
+        let (segment, after) = tail.split_at_checked(length)?;
+        match marker {
+            0xfe => comment.extend_from_slice(segment),
+            // The picture itself begins.
+            0xda => break,
+            _ => {}
+        }
+        rest = after;
+    }
+    String::from_utf8(comment).ok().filter(|text| !text.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{exr, jpeg, png};
+
+    #[test]
+    fn what_was_written_is_read_from_every_format() {
+        let text = "// lightharmony recipe 2: é\n".repeat(4000);
+        let raster = png::Raster {
+            width: 3,
+            height: 2,
+            channels: 3,
+            largest: 255,
+            codes: vec![7; 18],
+            ignored: Vec::new(),
+        };
+        let channel = exr::Channel { name: "Y".to_owned(), samples: vec![0.5; 6] };
+        let files = [
+            png::write(&raster, true, &[("Software", "x"), (KEYWORD, &text)]).unwrap_or_default(),
+            jpeg::write(&raster, 90, Some(&text)).unwrap_or_default(),
+            exr::write(3, 2, vec![(channel, exr::Depth::Float)], "Y=data", Some(&text)).unwrap_or_default().0,
+        ];
+        for file in &files {
+            assert!(is_picture(file));
+            let found = recipe(file);
+            assert!(
+                found.as_deref() == Some(&*text) || found.is_some_and(|f| f.starts_with("// lightharmony"))
+            );
+            for end in 0..file.len().min(3000) {
+                drop(recipe(&file[..end]));
+            }
+            for at in 0..file.len().min(3000) {
+                let mut hurt = file.clone();
+                hurt[at] ^= 1 << (at % 8);
+                drop(recipe(&hurt));
+            }
+        }
+        assert_eq!(recipe(&png::write(&raster, true, &[]).unwrap_or_default()), None);
+        assert!(!is_picture(b"Graph("));
+    }
+}

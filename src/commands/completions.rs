@@ -1,0 +1,49 @@
+//! `completions` and `manual`: made from the table of verbs.
+
+use clap::{Args, CommandFactory};
+
+use crate::session::Error;
+
+/// Prints completions for a shell.
+#[derive(Debug, Args)]
+pub struct Completions {
+    /// Which shell
+    shell: clap_complete::Shell,
+}
+
+impl Completions {
+    /// Prints the script.
+    pub fn run(self) -> Result<u8, Error> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut super::Command::command(), "lightharmony", &mut script);
+        super::print(&String::from_utf8_lossy(&script))?;
+        Ok(0)
+    }
+}
+
+/// Prints the manual page, or writes one for each verb.
+#[derive(Debug, Args)]
+pub struct Manual {
+    /// A folder for one page for each verb, such as /usr/local/share/man/man1
+    #[arg(long, value_name = "DIR")]
+    to: Option<std::path::PathBuf>,
+}
+
+impl Manual {
+    /// Prints or writes the pages.
+    pub fn run(self) -> Result<u8, Error> {
+        let command = super::Command::command();
+        match self.to {
+            Some(folder) => {
+                std::fs::create_dir_all(&folder)?;
+                clap_mangen::generate_to(command, &folder)?;
+            }
+            None => {
+                let mut page = Vec::new();
+                clap_mangen::Man::new(command).render(&mut page)?;
+                super::print(&String::from_utf8_lossy(&page))?;
+            }
+        }
+        Ok(0)
+    }
+}

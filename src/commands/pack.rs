@@ -1,0 +1,73 @@
+//! `pack`: a graph, what it reads and what came of it as one file.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use engine::Results;
+
+use crate::report::error;
+use crate::session::{EngineArgs, Error, GraphArgs, size_text};
+
+/// Packs a graph, the files it reads, its lock and chosen results into one file, to hand on.
+#[derive(Debug, Args)]
+pub struct Pack {
+    #[command(flatten)]
+    graph: GraphArgs,
+    /// The bundle to write
+    bundle: PathBuf,
+    /// Whose values go in; what every known node gave is told by digest in any case
+    #[arg(long, value_enum, default_value_t = Which::Sinks)]
+    results: Which,
+    #[command(flatten)]
+    engine: EngineArgs,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Which {
+    /// No values: digests only
+    None,
+    /// Those of the sinks, or of the nodes of `--only`
+    Sinks,
+    /// Those of every node: verifying a few nodes then need not compute what stands above them
+    All,
+}
+
+impl Pack {
+    /// Writes the bundle and says what is in it.
+    pub fn run(self) -> Result<u8, Error> {
+        let loaded = self.graph.load()?;
+        let engine = self.engine.open()?;
+        let results = match self.results {
+            Which::None => Results::Digests,
+            Which::Sinks => Results::Targets,
+            Which::All => Results::All,
+        };
+        let named = |source| Error::Bundle { path: self.bundle.clone(), source };
+        let mut packed = None;
+        cache::publish_through(&self.bundle, |mut to| {
+            packed = Some(engine.pack(&loaded.graph, &loaded.only, results, &mut to).map_err(named)?);
+            Ok::<(), Error>(())
+        })?;
+        let packed = packed.unwrap_or_default();
+        let bytes = std::fs::metadata(&self.bundle)?.len();
+        super::print(&format!(
+            "{}: {}, {} inputs, results of {} nodes, values of {}\n",
+            self.bundle.display(),
+            size_text(bytes),
+            packed.inputs,
+            packed.known,
+            packed.values
+        ))?;
+        if !packed.unknown.is_empty() {
+            error(&format!(
+                "warning: no result is known of {}; run the graph first",
+                packed.unknown.join(", ")
+            ));
+        }
+        if !packed.gone.is_empty() {
+            let nodes = packed.gone.join(", ");
+            error(&format!("warning: the values of {nodes} are no longer in the cache; run the graph first"));
+        }
+        Ok(0)
+    }
+}

@@ -1,0 +1,58 @@
+//! `unpack`: the folder that was packed.
+
+use std::fs::File;
+use std::path::PathBuf;
+
+use clap::Args;
+use engine::Bundle;
+
+use crate::session::{EngineArgs, Error, size_text};
+
+/// Unpacks a bundle into a new folder: all of it, or nothing where anything is wrong.
+#[derive(Debug, Args)]
+pub struct Unpack {
+    /// The bundle
+    bundle: PathBuf,
+    /// The folder to make; default: the name of the bundle without its ending
+    folder: Option<PathBuf>,
+    /// Only tell what is in it
+    #[arg(long)]
+    list: bool,
+    /// Also take its results into the cache, unverified: for bundles of somebody you trust
+    #[arg(long)]
+    trust_results: bool,
+    #[command(flatten)]
+    engine: EngineArgs,
+}
+
+impl Unpack {
+    /// Makes the folder, or lists what would be in it.
+    pub fn run(self) -> Result<u8, Error> {
+        let named = |source| Error::Bundle { path: self.bundle.clone(), source };
+        let file =
+            File::open(&self.bundle).map_err(|source| Error::Open { path: self.bundle.clone(), source })?;
+        let mut bundle = Bundle::open(file).map_err(named)?;
+        let (records, values) = bundle.results();
+        if self.list {
+            let mut text = String::new();
+            for (name, length, digest) in bundle.files() {
+                text.push_str(&format!("{} {:>10} {name}\n", digest.short(), size_text(length)));
+            }
+            text.push_str(&format!("results of {records} nodes, {values} values\n"));
+            super::print(&text)?;
+            return Ok(0);
+        }
+        let folder = self.folder.clone().unwrap_or_else(|| self.bundle.with_extension(""));
+        // Everything is read once before anything is made, so that a damaged value is noticed, too.
+        bundle.check().map_err(named)?;
+        bundle.unpack(&folder).map_err(named)?;
+        if self.trust_results {
+            let engine = self.engine.open()?;
+            bundle.fill(engine.store()).map_err(named)?;
+            engine.store().flush()?;
+        }
+        let graph = folder.join("graph.ron");
+        super::print(&format!("{}\n", graph.display()))?;
+        Ok(0)
+    }
+}

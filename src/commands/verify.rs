@@ -1,0 +1,88 @@
+//! `verify`: computes some of a bundle anew and compares.
+
+use std::fs::File;
+use std::path::PathBuf;
+
+use clap::Args;
+use engine::{Bundle, Verdict, VerifyOptions, verify};
+
+use crate::origin::TempFolder;
+use crate::report::{self, Report};
+use crate::session::{EngineArgs, Error, on_interrupt};
+
+/// Computes some nodes of a bundle anew, from what it holds, and says whether every bit is as it tells.
+#[derive(Debug, Args)]
+pub struct Verify {
+    /// The bundle
+    bundle: PathBuf,
+    /// How many nodes, chosen by the seed
+    #[arg(long, value_name = "K", default_value_t = 3)]
+    sample: usize,
+    /// Every node
+    #[arg(long, conflicts_with = "sample")]
+    all: bool,
+    /// Chooses other nodes
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Also tell what runs
+    #[arg(long, short)]
+    verbose: bool,
+    #[command(flatten)]
+    engine: EngineArgs,
+}
+
+impl Verify {
+    /// Prints a line a node; exit code 1 where one is not as the bundle tells.
+    pub fn run(self) -> Result<u8, Error> {
+        let named = |source| Error::Bundle { path: self.bundle.clone(), source };
+        let file =
+            File::open(&self.bundle).map_err(|source| Error::Open { path: self.bundle.clone(), source })?;
+        let mut bundle = Bundle::open(file).map_err(named)?;
+        let place = TempFolder::create()?;
+        let options = VerifyOptions {
+            sample: if self.all { usize::MAX } else { self.sample },
+            seed: self.seed,
+            jobs: self.engine.jobs(),
+            memory: self.engine.memory()?,
+            folder: &place.0,
+            cancel: on_interrupt()?,
+        };
+        let mut report = Report::lines(false);
+        let verbose = self.verbose;
+        let tell = |event: engine::Event| {
+            if verbose || matches!(event, engine::Event::Warning { .. }) {
+                report.tell(&event);
+            }
+        };
+        let verified = verify(&mut bundle, &nodes::registry(), &options, tell).map_err(named)?;
+        if let Some(failures) = &verified.failures {
+            report::error(&failures.render(report::colours()));
+        }
+        let mut text = String::new();
+        for line in &verified.differences {
+            text.push_str(&format!("differs   {line}\n"));
+        }
+        for (id, verdict) in &verified.nodes {
+            let line = match verdict {
+                Verdict::Equal => format!("equal     {id}\n"),
+                Verdict::Differs { output, difference } => {
+                    let how = difference.as_ref().map_or("its value is not in the bundle", |d| &d.summary);
+                    format!("differs   {id}.{output}: {how}\n")
+                }
+                Verdict::OtherInputs => format!("unlike    {id}: what it is made from came out otherwise\n"),
+                Verdict::Failed => format!("failed    {id}\n"),
+            };
+            text.push_str(&line);
+        }
+        let equal = verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::Equal).count();
+        let (tried, known) = (verified.nodes.len(), verified.known);
+        text.push_str(&format!(
+            "{equal} of {tried} computed anew are equal to the bit; it tells of {known} nodes\n"
+        ));
+        super::print(&text)?;
+        Ok(match (options.cancel.load(std::sync::atomic::Ordering::Relaxed), verified.is_good()) {
+            (true, _) => 130,
+            (_, good) => u8::from(!good),
+        })
+    }
+}

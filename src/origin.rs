@@ -1,0 +1,157 @@
+//! Where a graph comes from: a file of one's own, a bundle, a picture that carries its recipe.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use cache::Store;
+use engine::{Bundle, Recipe, Source, SourceRoot, is_unpacked};
+
+use crate::session::Error;
+
+/// The text of a graph and where its files are.
+pub struct Origin {
+    pub source: Source,
+    pub root: SourceRoot,
+    /// Where its lock lies, if there is one.
+    pub lock: Option<PathBuf>,
+    /// The recipe, for a graph out of a picture.
+    pub recipe: Option<Recipe>,
+    /// Where a bundle lies unpacked as long as this lives.
+    pub unpacked: Option<TempFolder>,
+}
+
+/// What may be read beside a stranger's graph, and how strictly its recipe is taken.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct OriginArgs {
+    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Vec<PathBuf>,
+    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    #[arg(long)]
+    pub other_versions: bool,
+}
+
+/// Most bytes of a picture or a graph file; a bundle is streamed.
+const LARGEST: u64 = 4 << 30;
+
+impl Origin {
+    /// Finds out what `path` is and opens it.
+    pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
+        let failed = |source| Error::Read { path: path.to_owned(), source };
+        if path == Path::new("-") {
+            let mut text = String::new();
+            std::io::stdin().read_to_string(&mut text).map_err(failed)?;
+            let folder = std::env::current_dir().map_err(failed)?;
+            return Self::own(Source::new("standard input", text), folder, None, args);
+        }
+        let mut file = File::open(path).map_err(failed)?;
+        let mut head = Vec::new();
+        file.by_ref().take(8).read_to_end(&mut head).map_err(failed)?;
+        if head == b"LHbundle" {
+            return Self::bundle(path, file, args);
+        }
+        let mut bytes = head;
+        file.take(LARGEST).read_to_end(&mut bytes).map_err(failed)?;
+        if nodes::io::recipe::is_picture(&bytes) {
+            return Self::picture(path, &bytes, args);
+        }
+        let wrong = |_| failed(std::io::Error::new(std::io::ErrorKind::InvalidData, "it is not text"));
+        let text = String::from_utf8(bytes).map_err(wrong)?;
+        let folder = path.canonicalize().map_err(failed)?;
+        let folder = folder.parent().unwrap_or(Path::new("/")).to_owned();
+        Self::own(
+            Source::new(path.display().to_string(), text),
+            folder,
+            Some(path.with_extension("lock")),
+            args,
+        )
+    }
+
+    /// A graph file. One that came out of a bundle is a stranger's as long as the mark is there.
+    fn own(source: Source, folder: PathBuf, lock: Option<PathBuf>, args: &OriginArgs) -> Result<Self, Error> {
+        let root = if is_unpacked(&folder) {
+            confined(&folder, &args.inputs)?
+        } else if args.inputs.is_empty() {
+            SourceRoot::new(folder)
+        } else {
+            return Err(Error::Inputs);
+        };
+        Ok(Self { source, root, lock, recipe: None, unpacked: None })
+    }
+
+    fn bundle(path: &Path, file: File, args: &OriginArgs) -> Result<Self, Error> {
+        let named = |source| Error::Bundle { path: path.to_owned(), source };
+        let mut bundle = Bundle::open(file).map_err(named)?;
+        let place = TempFolder::create()?;
+        let folder = place.0.join("bundle");
+        bundle.unpack(&folder).map_err(named)?;
+        let source = Source::new(path.display().to_string(), bundle.graph_text().map_err(named)?);
+        let root = confined(&folder, &args.inputs)?;
+        let lock = Some(folder.join("graph.lock"));
+        Ok(Self { source, root, lock, recipe: None, unpacked: Some(place) })
+    }
+
+    fn picture(path: &Path, bytes: &[u8], args: &OriginArgs) -> Result<Self, Error> {
+        let named = |source| Error::Recipe { path: path.to_owned(), source };
+        let text = nodes::io::recipe::recipe(bytes).ok_or(engine::RecipeError::NoRecipe).map_err(named)?;
+        let recipe = Recipe::parse(&text).map_err(named)?;
+        let registry = nodes::registry();
+        let other = recipe.other_kinds(&registry);
+        if !other.is_empty() && !args.other_versions {
+            return Err(Error::Versions { path: path.to_owned(), other });
+        }
+        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let shown = format!("recipe of {}", path.display());
+        // Digests of one run are remembered by the store of the engine, which is not open yet.
+        let store = Store::in_memory();
+        let source = recipe.settle(&shown, &file, &registry, &args.inputs, &store).map_err(named)?;
+        let place = TempFolder::create()?;
+        let root = confined(&place.0, &args.inputs)?;
+        Ok(Self { source, root, lock: None, recipe: Some(recipe), unpacked: Some(place) })
+    }
+}
+
+fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
+    if let Some(missing) = inputs.iter().find(|folder| !folder.is_dir()) {
+        let source = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such folder");
+        return Err(Error::Read { path: missing.clone(), source });
+    }
+    Ok(SourceRoot::confined(folder, inputs)?)
+}
+
+/// A folder that is removed in the end.
+pub struct TempFolder(pub PathBuf);
+
+impl TempFolder {
+    /// A folder among those of the system that are for passing files.
+    pub fn create() -> Result<Self, Error> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        loop {
+            let name =
+                format!("lightharmony-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+            let path = std::env::temp_dir().join(name);
+            match private(&path) {
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error.into()),
+                Ok(()) => return Ok(Self(path)),
+            }
+        }
+    }
+}
+
+/// Makes a folder that others on the machine cannot look into, where that is possible.
+fn private(path: &Path) -> std::io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.create(path)
+}
+
+impl Drop for TempFolder {
+    fn drop(&mut self) {
+        // Only ours, and of no use any more.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

@@ -1,0 +1,211 @@
+//! Handing a graph on: as a bundle, as a picture that carries its recipe, against a lock.
+
+use std::path::Path;
+use std::process::Output;
+
+use crate::{Place, files};
+
+const GRAPH: &str = r#"Graph(version: 1, scene: (up: "+z"), nodes: (
+    photo: LoadImage(path: "../photos/small.hdr"), // a remark
+    mask:  LoadImage(path: "mask.hdr", encoding: Data),
+    save:  WriteImage(image: "photo", path: "deep/view.png"),
+    jpeg:  WriteImage(image: "photo", path: "view.jpg"),
+    float: WriteExr(layers: ["photo", "mask"], names: ["L", "M"], path: "view.exr"),
+    bare:  WriteImage(image: "mask", path: "bare.png", recipe: false),
+))
+"#;
+
+/// A Radiance picture of 3 by 2 pixels.
+fn radiance(shift: u8) -> Vec<u8> {
+    let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 3\n".to_vec();
+    bytes.extend((0..6).flat_map(|i| [20 * i + shift, 90, 200 - i, 128]));
+    bytes
+}
+
+/// A project in a folder of its own, whose graph reads a file beside it and one elsewhere.
+fn place() -> Place {
+    let place = Place::new("");
+    for folder in ["project", "photos"] {
+        std::fs::create_dir_all(place.path(folder)).unwrap();
+    }
+    std::fs::write(place.path("project/graph.ron"), GRAPH).unwrap();
+    std::fs::write(place.path("project/mask.hdr"), radiance(9)).unwrap();
+    std::fs::write(place.path("photos/small.hdr"), radiance(0)).unwrap();
+    place
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn good(output: Output) -> String {
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// What went wrong, with this exit code.
+fn bad(output: Output, code: i32) -> String {
+    assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
+    text(&output.stderr)
+}
+
+fn pack(place: &Place, bundle: &str) -> Vec<u8> {
+    good(place.call(&["run", "project/graph.ron"]));
+    good(place.call(&["pack", "project/graph.ron", bundle, "--results", "all"]));
+    std::fs::read(place.path(bundle)).unwrap()
+}
+
+#[test]
+fn a_bundle_is_verified_and_run_elsewhere() {
+    let (here, there) = (place(), Place::new(""));
+    let bytes = pack(&here, "a.lhb");
+    assert!(bytes == pack(&place(), "b.lhb"), "from another folder and cache: the same bytes");
+    std::fs::write(there.path("a.lhb"), &bytes).unwrap();
+
+    let told = good(there.call(&["verify", "a.lhb", "--all"]));
+    assert_eq!(told.lines().filter(|line| line.starts_with("equal")).count(), 6, "{told}");
+    let listed = good(there.call(&["unpack", "a.lhb", "--list"]));
+    assert!(listed.contains("inputs/0/small.hdr") && !there.path("a").exists(), "{listed}");
+
+    // Run as it is, and unpacked.
+    good(there.call(&["run", "a.lhb", "--out", "one"]));
+    assert_eq!(good(there.call(&["unpack", "a.lhb"])), "a/graph.ron\n");
+    good(there.call(&["run", "a/graph.ron", "--out", "two", "--locked"]));
+    let mut cold = there.command(&["run", "a.lhb", "--out", "three"]);
+    good(cold.env("LIGHTHARMONY_CACHE", there.path("other")).output().unwrap());
+    for out in ["one", "two", "three"] {
+        for file in ["deep/view.png", "view.jpg", "view.exr", "bare.png"] {
+            let read = |place: &Place, folder: &str| std::fs::read(place.path(folder).join(file)).unwrap();
+            assert!(read(&here, "out") == read(&there, out), "{out}/{file}");
+        }
+    }
+    // With the results of somebody trusted nothing runs at all.
+    let mut trusting = there.command(&["unpack", "a.lhb", "c", "--trust-results"]);
+    good(trusting.env("LIGHTHARMONY_CACHE", there.path("third")).output().unwrap());
+    let mut told = there.command(&["run", "c/graph.ron", "--json", "--out", "four"]);
+    let told = good(told.env("LIGHTHARMONY_CACHE", there.path("third")).output().unwrap());
+    assert!(told.contains("\"ran\":0") && there.path("four/deep/view.png").exists(), "{told}");
+
+    let differences = here.call(&["diff", "project/graph.ron", "a.lhb"]);
+    assert_eq!(differences.status.code(), Some(1));
+    let differences = text(&differences.stdout);
+    assert!(differences.contains("~ photo.path") && differences.contains("6 results compared, all equal"));
+}
+
+#[test]
+fn a_damaged_or_hostile_bundle_leaves_nothing() {
+    let place = place();
+    let bytes = pack(&place, "a.lhb");
+    let folder = |name: &str| place.path(name);
+    for (name, bytes) in [
+        ("cut.lhb", bytes[..bytes.len() - 1].to_vec()),
+        ("long.lhb", [&bytes[..], b"x"].concat()),
+        ("flip.lhb", bytes.iter().enumerate().map(|(i, b)| b ^ u8::from(i == bytes.len() - 3)).collect()),
+        ("empty.lhb", Vec::new()),
+        ("text.lhb", b"Graph()".to_vec()),
+    ] {
+        std::fs::write(folder(name), bytes).unwrap();
+        for verb in ["unpack", "verify"] {
+            let errors = bad(place.call(&[verb, name]), 2);
+            assert!(errors.contains(name) && errors.lines().count() == 1, "{verb} {name}: {errors}");
+        }
+        assert!(!folder(name).with_extension("").exists());
+    }
+    std::fs::create_dir_all(folder("full/of")).unwrap();
+    assert!(bad(place.call(&["unpack", "a.lhb", "full"]), 2).contains("is there already"));
+}
+
+#[test]
+fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
+    let place = place();
+    good(place.call(&["run", "project/graph.ron"]));
+    let out = files(&place.path("out"));
+    for name in ["deep/view.png", "view.jpg", "view.exr"] {
+        let picture = format!("out/{name}");
+        let errors = bad(place.call(&["run", &picture, "--out", "again"]), 2);
+        assert!(errors.contains("`small.hdr` with the content") && errors.contains("--inputs"), "{errors}");
+        let mut again = place.command(&[
+            "run", &picture, "--out", "again", "--inputs", "project", "--inputs", "photos", "--cache",
+            "fresh",
+        ]);
+        good(again.output().unwrap());
+        let file = Path::new(name).file_name().unwrap();
+        let read = |path: std::path::PathBuf| std::fs::read(path).unwrap();
+        assert!(read(place.path("again").join(file)) == read(place.path("out").join(name)), "{name}");
+    }
+    assert!(bad(place.call(&["run", "out/bare.png"]), 2).contains("carries no recipe"));
+    assert!(!text(&out["bare.png"]).contains("LoadImage"), "a recipe can be left out");
+
+    // Another file of the same name is not the one that was read.
+    std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
+    let arguments = ["run", "out/view.jpg", "--inputs", "project", "--inputs", "photos"];
+    assert!(bad(place.call(&arguments), 2).contains("`small.hdr` with the content"));
+    // Another version of a kind is told.
+    let mut picture = out["view.jpg"].clone();
+    let place_of = picture.windows(12).position(|w| w == b"load-image 1").unwrap();
+    picture[place_of + 11] = b'7';
+    std::fs::write(place.path("old.jpg"), &picture).unwrap();
+    let errors = bad(place.call(&["plan", "old.jpg"]), 2);
+    assert!(errors.contains("was made by `load-image` 7") && errors.contains("--other-versions"), "{errors}");
+}
+
+#[test]
+fn a_strangers_graph_stays_inside() {
+    let (here, place) = (place(), Place::new(""));
+    std::fs::write(place.path("a.lhb"), pack(&here, "a.lhb")).unwrap();
+    good(place.call(&["unpack", "a.lhb"]));
+    std::fs::write(place.path("secret.hdr"), radiance(3)).unwrap();
+    let graph = std::fs::read_to_string(place.path("a/graph.ron")).unwrap();
+    std::fs::write(place.path("a/graph.ron"), graph.replace("inputs/0/small.hdr", "../secret.hdr")).unwrap();
+    let errors = bad(place.call(&["run", "a/graph.ron"]), 2);
+    assert!(errors.contains("may not be read") && errors.contains("--inputs"), "{errors}");
+    assert!(bad(place.call(&["run", "a/graph.ron", "--locked", "--inputs", "."]), 2).contains("secret.hdr"));
+    good(place.call(&["run", "a/graph.ron", "--inputs", "."]));
+    std::fs::remove_file(place.path("a/.lightharmony-bundle")).unwrap();
+    good(place.call(&["run", "a/graph.ron"]));
+    assert!(bad(place.call(&["run", "a/graph.ron", "--inputs", "."]), 2).contains("--inputs is for bundles"));
+}
+
+#[test]
+fn a_locked_run_refuses_what_differs() {
+    let place = place();
+    good(place.call(&["run", "project/graph.ron"]));
+    assert!(bad(place.call(&["run", "project/graph.ron", "--locked"]), 2).contains("graph.lock"));
+    let told = good(place.call(&["lock", "project/graph.ron"]));
+    assert!(told.ends_with("graph.lock: 2 inputs, 3 kinds, 6 results of 6 nodes\n"), "{told}");
+    good(place.call(&["run", "project/graph.ron", "--locked", "--cache", "fresh"]));
+    std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
+    let errors = bad(place.call(&["run", "project/graph.ron", "--locked"]), 2);
+    assert!(errors.contains("`../photos/small.hdr` has other content"), "{errors}");
+    std::fs::write(place.path("photos/small.hdr"), radiance(0)).unwrap();
+    // The same inputs, and yet something else comes out.
+    let set = ["run", "project/graph.ron", "--locked", "--set", "jpeg.quality=50"];
+    assert!(bad(place.call(&set), 1).contains("`jpeg.files` came out as"));
+}
+
+#[test]
+fn what_differs_is_told_in_the_terms_of_pictures() {
+    let place = place();
+    good(place.call(&["run", "project/graph.ron"]));
+    let same = place.call(&["diff", "project/graph.ron", "project/graph.ron"]);
+    assert_eq!(good(same), "the graphs say the same\n6 results compared, all equal\n");
+    good(place.call(&["run", "project/graph.ron", "--set", "mask.encoding=Linear"]));
+    let other = ["diff", "project/graph.ron", "project/graph.ron", "--set-b", "mask.encoding=Linear"];
+    let told = text(&place.call(&other).stdout);
+    assert!(told.starts_with("~ mask.encoding Data -> Linear\nfirst mask.image: "), "{told}");
+    assert!(told.contains("then  bare.files: 1 files against 1, 1 unequal"), "{told}");
+}
+
+#[test]
+fn a_new_folder_runs_and_shells_know_the_verbs() {
+    let place = Place::new("");
+    assert_eq!(good(place.call(&["init", "new"])), "new/graph.ron\n");
+    assert!(bad(place.call(&["init", "new"]), 2).contains("is there already"));
+    good(place.call(&["check", "new/graph.ron"]));
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(good(place.call(&["completions", shell])).contains("unpack"));
+    }
+    assert!(good(place.call(&["manual"])).contains(".TH lightharmony 1"));
+    good(place.call(&["manual", "--to", "man"]));
+    assert!(place.path("man/lightharmony-verify.1").exists());
+}
