@@ -194,7 +194,7 @@ impl Context {
     }
 
     /// The canonical graph above this node, for the metadata of written pictures: nodes renamed in
-    /// order, defaults left out, sources by digest. The kind must declare [`ContextField::Recipe`].
+    /// order, every parameter written, sources by digest. The kind must declare [`ContextField::Recipe`].
     pub fn recipe(&self) -> Option<&str> {
         self.recipe.as_deref()
     }

@@ -146,7 +146,7 @@ pub use note::{Level, Note, Notes};
 pub use param::{
     InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, ParamValue, Params, Role, canonical,
 };
-pub use plan::{Fate, Forecast, Planned, Why};
+pub use plan::{Fate, Forecast, Past, Planned, Why};
 pub use port::{Arity, InPort, Inputs, Outputs, PortSpec};
 pub use record::{Spent, blobs_of};
 pub use rerun::{Recipe, RecipeError};

@@ -55,12 +55,17 @@ pub struct Planned {
     /// Seconds that its code would take, by earlier runs of its kind; `None` where there is none, or where
     /// nothing would run. Parts that are kept make it less.
     pub forecast: Option<f64>,
-    /// What its code took when a node of this name last ran in this graph file.
-    pub last: Option<Spent>,
     /// What its key is made of, where it is known: (path, value).
     pub manifest: Option<Manifest>,
-    /// For a node that is known: how its key differs from the one it had before.
-    pub past: Vec<Change>,
+}
+
+/// What is remembered of a node by its name and the name of its graph file.
+#[derive(Debug, Clone, Default)]
+pub struct Past {
+    /// What its code took when it last ran.
+    pub spent: Option<Spent>,
+    /// How its key differs from the one it had before.
+    pub changes: Vec<Change>,
 }
 
 /// A plan in one line.
@@ -102,6 +107,18 @@ impl Engine {
             planned[index] = Some(outlook.planned(index, fate));
         }
         planned.into_iter().flatten().collect()
+    }
+
+    /// What is remembered of a node that was planned.
+    pub fn past(&self, graph: &Graph, node: usize, planned: &Planned) -> Past {
+        let (store, node) = (self.store(), &graph.nodes[node]);
+        let spent = last_run(store, graph, node).map(|(spent, _)| spent);
+        let change = |now: &Manifest| {
+            // The key is the digest of its manifest.
+            let before = manifest_before(store, graph, node, &Digest::of(now.as_bytes()))?;
+            Some(written(&before, now))
+        };
+        Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
     /// The content digests of a node's outputs as of its last run, in the order of its ports.
@@ -166,18 +183,14 @@ impl<'a> Outlook<'a> {
         let (graph, store) = (self.graph, self.engine.store());
         let node = &graph.nodes[index];
         let key = self.actions[index].key.as_ref();
-        let before = key
-            .filter(|_| fate == Fate::Known)
-            .and_then(|key| manifest_before(store, graph, node, &key.digest));
-        let past = key.zip(before).map(|(key, before)| written(&before, &key.manifest)).unwrap_or_default();
-        let last = last_run(store, graph, node).map(|(spent, _)| spent);
+        let last = || last_run(store, graph, node).map(|(spent, _)| spent.work);
         let runs = matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
         let forecast = runs
-            .then(|| self.work(index).or(last.as_ref().map(|last| last.work)))
+            .then(|| self.work(index).or_else(last))
             .flatten()
             .and_then(|work| Pace::of(store, &node.kind).seconds(work));
         let manifest = key.map(|key| key.manifest.clone());
-        Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, last, manifest, past }
+        Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
     }
 
     /// The work of a node, where its inputs are as large as they are known to be or were in the last run.

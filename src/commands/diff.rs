@@ -2,10 +2,16 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use cache::Store;
 use clap::Args;
-use engine::{Bundle, Engine, NodeDifference, graph_differences, result_differences};
+use engine::{
+    Artifact, Bundle, Context, Engine, InputFile, Kind, NodeDifference, Scene, Up, graph_differences,
+    result_differences,
+};
+use nodes::load_image::{self, FileEncoding, LoadImage};
+use nodes::types::Images;
 
 use crate::origin::{OriginArgs, TempFolder};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
@@ -31,6 +37,17 @@ pub struct Diff {
     origin: OriginArgs,
     #[command(flatten)]
     engine: EngineArgs,
+}
+
+/// What a picture shows, where the path names one.
+fn pixels(path: &Path) -> Option<Arc<Images>> {
+    let file = InputFile(path.canonicalize().ok()?.to_str()?.to_owned());
+    let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+    let encoding = FileEncoding::Auto;
+    let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
+    let load = LoadImage { path: file, more, encoding, layer, names };
+    let (out, _) = LoadImage::run(&load, load_image::In {}, &Context::detached(scene, "/")).ok()?;
+    Some(out.image)
 }
 
 struct Side {
@@ -63,6 +80,9 @@ impl Diff {
         }
         if said.is_empty() {
             text.push_str("the graphs say the same\n");
+        }
+        if let Some((a, b)) = pixels(&self.a).zip(pixels(&self.b)) {
+            text.push_str(&format!("pictures: {}\n", a.difference(&b).summary));
         }
         let came = result_differences((&a.engine, &a.loaded.graph), (&b.engine, &b.loaded.graph));
         for node in &came.unequal {
