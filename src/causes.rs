@@ -1,6 +1,6 @@
 //! Why nodes run, in words, back to where it begins.
 
-use engine::{Change, Fate, Graph, Planned, Why};
+use engine::{Change, Engine, Fate, Graph, Planned, Why};
 
 /// Why a node runs, in a few words.
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
@@ -68,7 +68,7 @@ pub struct Trail {
 }
 
 /// Walks from a node up to what made it run, or made it run when it last did.
-pub fn trail(graph: &Graph, plan: &[Planned], node: usize) -> Trail {
+pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> Trail {
     let mut trail = Trail { lines: Vec::new(), roots: Vec::new() };
     let mut seen = vec![false; plan.len()];
     let mut open = vec![(node, 0)];
@@ -78,6 +78,7 @@ pub fn trail(graph: &Graph, plan: &[Planned], node: usize) -> Trail {
         }
         let planned = &plan[index];
         let indent = "  ".repeat(depth.min(40));
+        let past = engine.past(graph, index, planned).changes;
         let head = format!("{indent}{} ({})", planned.id, planned.kind);
         let mut above: Vec<usize> = Vec::new();
         let mut tell = |changes: &[Change], lines: &mut Vec<String>| {
@@ -104,11 +105,11 @@ pub fn trail(graph: &Graph, plan: &[Planned], node: usize) -> Trail {
                 trail.lines.push(format!("{head} runs:"));
                 tell(changes, &mut trail.lines);
             }
-            Fate::Known if !planned.past.is_empty() => {
+            Fate::Known if !past.is_empty() => {
                 let word =
                     if depth == 0 { " is known; it was made anew when:" } else { " is known; before:" };
                 trail.lines.push(format!("{head}{word}"));
-                tell(&planned.past, &mut trail.lines);
+                tell(&past, &mut trail.lines);
             }
             Fate::Follows(_) => {
                 trail.lines.push(format!("{head} may run, after"));

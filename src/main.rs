@@ -5,6 +5,7 @@ mod commands;
 mod origin;
 mod report;
 mod session;
+mod svg;
 mod trace;
 
 use std::process::ExitCode;

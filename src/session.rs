@@ -86,6 +86,9 @@ pub enum Error {
     /// A file that would be overwritten.
     #[error("`{}` is there already", .0.display())]
     Exists(PathBuf),
+    /// A graph that is too large to draw.
+    #[error("this graph is too large to draw here; `--format dot` leaves that to Graphviz")]
+    TooLarge,
     /// A size that is none.
     #[error("`{0}` is not a size; write a number with K, M or G, such as 4G")]
     Size(String),

@@ -26,8 +26,9 @@ impl Explain {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
         let index = find(graph, &self.node)?;
-        let plan = self.engine.open()?.plan(graph, &[index]);
-        let trail = trail(graph, &plan, index);
+        let engine = self.engine.open()?;
+        let plan = engine.plan(graph, &[index]);
+        let trail = trail(&engine, graph, &plan, index);
         let mut text = String::new();
         if !trail.roots.is_empty() {
             text.push_str("because\n");
@@ -40,7 +41,7 @@ impl Explain {
             text.push_str(&format!("{line}\n"));
         }
         let node = &plan[index];
-        if let Some(last) = &node.last {
+        if let Some(last) = engine.past(graph, index, node).spent {
             let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
             let counts = counts_text(&last.counts);
             text.push_str(&format!("\nits code took {seconds} and about {memory} the last time{counts}\n"));

@@ -6,7 +6,7 @@ mod completions;
 mod convert;
 mod diff;
 mod explain;
-mod graph;
+pub mod graph;
 mod init;
 mod inspect;
 mod lock;

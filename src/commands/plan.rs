@@ -24,7 +24,8 @@ impl Plan {
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let (graph, only) = (&loaded.graph, &loaded.only);
-        let plan = self.engine.open()?.plan(graph, only);
+        let engine = self.engine.open()?;
+        let plan = engine.plan(graph, only);
         let mut text = String::new();
         for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
             if node.fate == Fate::Known && !self.verbose {
@@ -33,7 +34,8 @@ impl Plan {
             let about = node.forecast.map(|s| format!("about {}", seconds_text(s))).unwrap_or_default();
             let why = reason(graph, index, &node.fate);
             text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
-            if let Some(last) = node.last.as_ref().filter(|_| self.verbose) {
+            let past = self.verbose.then(|| engine.past(graph, index, node));
+            if let Some(last) = past.and_then(|past| past.spent) {
                 let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
                 let counts = counts_text(&last.counts);
                 text.push_str(&format!("{:<29} last time {seconds}, {memory}{counts}\n", ""));
