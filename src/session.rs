@@ -108,6 +108,12 @@ pub struct GraphArgs {
     /// Sets one field for this run: node.field=value, as often as needed
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
+    /// Lays a preset of the graph over it, as often as needed; `--overlay` and `--set` go over presets
+    #[arg(long, value_name = "NAME")]
+    pub preset: Vec<String>,
+    /// Lays the values of a file over the graph, as often as needed: Overlay(nodes: (trace: (samples: 4)))
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Vec<PathBuf>,
     /// Only these nodes and what they need, separated by commas; default: every sink
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
@@ -155,16 +161,22 @@ pub struct Loaded {
 }
 
 impl GraphArgs {
-    /// Reads, edits and checks the graph.
+    /// Reads and checks the graph.
     pub fn load(&self) -> Result<Loaded, Error> {
-        self.load_by(|source, registry, root| Graph::parse(source, registry, root).map_err(Error::Graph))
+        self.load_noting(&mut Vec::new())
+    }
+
+    /// The same; the files that the graph itself consists of go to `texts`, found or not.
+    pub fn load_noting(&self, texts: &mut Vec<PathBuf>) -> Result<Loaded, Error> {
+        let parse = |source, registry: &_, root| Graph::parse(source, registry, root).map_err(Error::Graph);
+        self.load_by(texts, parse)
     }
 
     /// The same, and an engine. A large graph comes by way of its compiled form; a wrong one that is small
     /// leaves no cache behind.
     pub fn load_with(&self, engine: &EngineArgs) -> Result<(Loaded, Engine), Error> {
         let mut opened = None;
-        let loaded = self.load_by(|source, registry, root| {
+        let loaded = self.load_by(&mut Vec::new(), |source, registry, root| {
             if source.text.len() < Graph::WORTH_COMPILING {
                 return Graph::parse(source, registry, root).map_err(Error::Graph);
             }
@@ -177,17 +189,28 @@ impl GraphArgs {
 
     fn load_by(
         &self,
+        texts: &mut Vec<PathBuf>,
         parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Graph, Error>,
     ) -> Result<Loaded, Error> {
+        texts.push(self.graph.clone());
+        texts.extend(self.overlay.iter().cloned());
         let Origin { source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &self.origin)?;
+        let (mut source, included) = source.including(&root);
+        texts.extend(included);
+        for preset in &self.preset {
+            source = source.with_preset(preset);
+        }
+        for path in &self.overlay {
+            let failed = |source| Error::Read { path: path.clone(), source };
+            source =
+                source.overlaid(&path.display().to_string(), &std::fs::read_to_string(path).map_err(failed)?);
+        }
         let settings: Vec<Setting> =
             self.set.iter().map(|text| text.parse()).collect::<Result<_, _>>().map_err(Error::Edit)?;
-        let source = engine::apply(&source, &settings).map_err(|error| match error {
-            EditError::Graph(diagnostics) => Error::Graph(diagnostics),
-            other => Error::Edit(other),
-        })?;
+        let source = engine::apply(&source, &settings);
         let graph = parse(source, &nodes::registry(), root)?;
-        if let Some(recipe) = recipe.filter(|_| self.set.is_empty()) {
+        let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
+        if let Some(recipe) = recipe.filter(|_| as_it_was) {
             let other = recipe.other_sources(&graph, &Store::in_memory()).map_err(Error::Sources)?;
             if !other.is_empty() {
                 return Err(Error::OtherSources { path: self.graph.clone(), other });

@@ -84,7 +84,8 @@ fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
         }
     }
     let count = column.iter().max().map_or(0, |last| last + 1);
-    let entries: usize = (0..graph.nodes.len()).map(|node| last[node].max(column[node] + 1) - column[node]).sum();
+    let entries: usize =
+        (0..graph.nodes.len()).map(|node| last[node].max(column[node] + 1) - column[node]).sum();
     if entries > MOST_ENTRIES {
         return None;
     }

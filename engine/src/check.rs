@@ -262,8 +262,12 @@ impl<'t, 'a> Check<'t, 'a> {
         kind: &Arc<KindEntry>,
         fields: &[RawField<'_>],
     ) -> Option<(Arc<dyn Step>, Option<String>)> {
+        let moved = moved_paths(raw.folder, kind, fields);
+        let moved: Option<Vec<RawField<'_>>> = moved.as_ref().map(|texts| {
+            fields.iter().zip(texts).map(|(field, text)| RawField { text, ..field.clone() }).collect()
+        });
         let step = (kind.read)(&mut Fields {
-            fields,
+            fields: moved.as_deref().unwrap_or(fields),
             node_span: raw.kind_span.clone(),
             kind: raw.kind,
             diagnostics: self.diagnostics,
@@ -504,6 +508,41 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
 /// The node and, where it is named, the output of a wire.
 pub(crate) fn split(name: &str) -> (&str, Option<&str>) {
     name.split_once('.').map_or((name, None), |(id, port)| (id, Some(port)))
+}
+
+/// The texts of the fields, paths of files to read seen from the folder of the graph; `None` for a node that
+/// stands in a file of that folder.
+fn moved_paths(folder: &str, kind: &KindEntry, fields: &[RawField<'_>]) -> Option<Vec<String>> {
+    let is_path = |field: &RawField<'_>| {
+        kind.params.iter().any(|param| param.name == field.name && param.role == Role::Input)
+    };
+    let text =
+        |field: &RawField<'_>| if is_path(field) { moved(folder, field.text) } else { field.text.to_owned() };
+    (!folder.is_empty()).then(|| fields.iter().map(text).collect())
+}
+
+/// Puts the folder in front of every relative path in quotes.
+fn moved(folder: &str, text: &str) -> String {
+    let mut scan = Scanner::new(text);
+    let mut out = String::with_capacity(text.len() + folder.len());
+    let mut end = 0;
+    while !scan.is_at_end() {
+        let start = scan.at;
+        if scan.peek() != b'"' {
+            scan.step();
+            continue;
+        }
+        scan.value();
+        if let Ok(path) = parse_value::<String>(&text[start..scan.at])
+            && !std::path::Path::new(&path).is_absolute()
+        {
+            out.push_str(&text[end..start]);
+            out.push_str(&format!("{:?}", format!("{folder}{path}")));
+            end = scan.at;
+        }
+    }
+    out.push_str(&text[end..]);
+    out
 }
 
 type Named<'t> = (Cow<'t, str>, Range<usize>);

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 
 use crate::event::Mistake;
+use crate::include::Piece;
 
 /// A text with the name it is known by.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,9 +24,9 @@ impl Source {
         Self { name: name.into(), text: text.into() }
     }
 
-    /// Line and column, both from 1, of a byte offset; columns count characters.
+    /// Line and column, both from 1, of a byte offset in the file it lies in; columns count characters.
     pub fn position(&self, offset: usize) -> (usize, usize) {
-        let before = &self.text[..self.text.floor_char_boundary(offset)];
+        let before = &self.text[self.piece(offset).span.start..self.text.floor_char_boundary(offset)];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
     }
@@ -108,7 +109,8 @@ impl Diagnostics {
             let (line, column) = self.source.position(one.span.start);
             let text = self.source.text.get(one.span.clone()).unwrap_or_default();
             let length = text.lines().next().unwrap_or_default().chars().count();
-            let (file, message, label) = (self.source.name.clone(), one.message.clone(), one.label.clone());
+            let file = self.source.piece(one.span.start).name.to_owned();
+            let (message, label) = (one.message.clone(), one.label.clone());
             Mistake { file, line, column, length, message, label, hints: one.hints.clone() }
         };
         self.list.iter().map(mistake).collect()
@@ -126,35 +128,50 @@ impl Diagnostics {
     }
 
     fn render_one(&self, renderer: &Renderer, one: &Diagnostic) -> String {
-        let text = &*self.source.text;
-        let place = |span: &Range<usize>| {
-            let start = text.floor_char_boundary(span.start.min(text.len()));
-            let end = text.ceil_char_boundary(span.end.clamp(start, text.len()));
-            // A node may span many lines; its first one is enough to find it.
-            let line_end = text[start..end].find('\n').map_or(end, |length| start + length);
-            start..line_end
+        let pieces = self.source.pieces();
+        let piece_of = |offset: usize| {
+            let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+            &pieces[index]
         };
+        let own = piece_of(one.span.start);
+        let place = |span: &Range<usize>| place(&self.source.text, &piece_of(span.start).span, span);
         let mut primary = AnnotationKind::Primary.span(place(&one.span));
         if !one.label.is_empty() {
             primary = primary.label(one.label.as_str());
         }
-        let snippet = Snippet::source(text).path(self.source.name.as_str()).annotation(primary).annotations(
-            one.related
-                .iter()
-                .filter(|(span, _)| {
-                    // A line of megabytes would be shown whole.
-                    let (low, high) = (span.start.min(one.span.start), span.start.max(one.span.start));
-                    let between = text.get(low..high).unwrap_or_default();
-                    between.len() < 1000 || between.contains('\n')
-                })
-                .map(|(span, label)| AnnotationKind::Context.span(place(span)).label(label.as_str())),
-        );
-        let mut group = Level::ERROR.primary_title(one.message.as_str()).element(snippet);
+        let near = |span: &Range<usize>| {
+            // A line of megabytes would be shown whole.
+            let (low, high) = (span.start.min(one.span.start), span.start.max(one.span.start));
+            let between = self.source.text.get(low..high).unwrap_or_default();
+            between.len() < 1000 || between.contains('\n')
+        };
+        let snippet = |piece: &Piece<'_>| {
+            Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.to_owned())
+        };
+        let beside = |(span, label): &'_ (Range<usize>, String)| {
+            AnnotationKind::Context.span(place(span)).label(label.clone())
+        };
+        let here = |span: &Range<usize>| piece_of(span.start) == own;
+        let related = one.related.iter().filter(|(span, _)| here(span) && near(span)).map(beside);
+        let mut group = Level::ERROR
+            .primary_title(one.message.as_str())
+            .element(snippet(own).annotation(primary).annotations(related));
+        for other in one.related.iter().filter(|(span, _)| !here(span)) {
+            group = group.element(snippet(piece_of(other.0.start)).annotation(beside(other)));
+        }
         for hint in &one.hints {
             group = group.element(Level::HELP.message(hint.as_str()));
         }
         renderer.render(&[group])
     }
+}
+
+/// A span within its piece of the text, cut to its first line, which is enough to find a node of many.
+fn place(text: &str, piece: &Range<usize>, span: &Range<usize>) -> Range<usize> {
+    let start = text.floor_char_boundary(span.start.clamp(piece.start, piece.end));
+    let end = text.ceil_char_boundary(span.end.clamp(start, piece.end));
+    let line_end = text[start..end].find('\n').map_or(end, |length| start + length);
+    start - piece.start..line_end - piece.start
 }
 
 impl std::fmt::Display for Diagnostics {

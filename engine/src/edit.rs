@@ -1,10 +1,7 @@
-//! Edits of a graph file by place, never by writing it anew: comments and layout survive.
+//! Settings of the command line, as overlays of one field.
 
-use std::ops::Range;
-
-use crate::check::SCENE_FIELDS;
-use crate::diag::{Diagnostics, Source, nearest};
-use crate::syntax::{RawNode, parse, parse_value};
+use crate::diag::Source;
+use crate::syntax::parse_value;
 
 /// One `--set node.field=value`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,19 +20,6 @@ pub enum EditError {
     /// It is not written `node.field=value`.
     #[error("`{0}` is not a setting; write node.field=value")]
     Form(String),
-    /// The graph has no such node.
-    #[error("`{setting}`: no node is named `{node}`{hint}")]
-    Node {
-        /// The setting as given.
-        setting: String,
-        /// The name that was looked for.
-        node: String,
-        /// "did you mean", or nothing.
-        hint: String,
-    },
-    /// The graph file itself cannot be read.
-    #[error(transparent)]
-    Graph(#[from] Diagnostics),
 }
 
 impl std::str::FromStr for Setting {
@@ -58,55 +42,12 @@ impl std::str::FromStr for Setting {
     }
 }
 
-/// The text of a graph with the settings in place. `scene.up=..` and its like set the scene block.
-pub fn apply(source: &Source, settings: &[Setting]) -> Result<Source, EditError> {
-    let mut text = source.text.to_string();
-    for setting in settings {
-        let shown = format!("{}.{}", setting.node, setting.field);
-        let mut diagnostics = Vec::new();
-        let document = parse(&text, &mut diagnostics);
-        if !diagnostics.is_empty() {
-            return Err(Diagnostics::new(Source::new(source.name.clone(), text.as_str()), diagnostics).into());
-        }
-        let value = ron_text(&setting.value);
-        let node = document.nodes.iter().find(|node| node.id == setting.node);
-        let scene = document.scene.as_ref().filter(|_| setting.node == "scene");
-        let own = |node: &RawNode<'_>| node.fields.iter().any(|field| field.name == setting.field);
-        let edit = match node {
-            // A node may be called `scene`, too; what only the block has is the block's.
-            _ if let Some(scene) = scene.filter(|_| {
-                node.is_none_or(|node| SCENE_FIELDS.contains(&setting.field.as_str()) && !own(node))
-            }) =>
-            {
-                match scene.fields.iter().find(|field| field.name == setting.field) {
-                    Some(field) => (field.span.clone(), value),
-                    None => insertion(scene.inside, !scene.fields.is_empty(), &setting.field, &value),
-                }
-            }
-            Some(node) => node_edit(node, &setting.field, &value),
-            None => {
-                let near = nearest(&setting.node, document.nodes.iter().map(|node| node.id));
-                let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
-                return Err(EditError::Node { setting: shown, node: setting.node.clone(), hint });
-            }
-        };
-        let (span, with) = edit;
-        text.replace_range(span, &with);
-    }
-    Ok(Source::new(source.name.clone(), text))
-}
-
-fn node_edit(node: &RawNode<'_>, field: &str, value: &str) -> (Range<usize>, String) {
-    match (node.fields.iter().find(|known| known.name == field), node.inside) {
-        (Some(known), _) => (known.span.clone(), value.to_owned()),
-        (None, Some(inside)) => insertion(inside, !node.fields.is_empty(), field, value),
-        (None, None) => (node.span.end..node.span.end, format!("({field}: {value})")),
-    }
-}
-
-/// Puts a field right behind the opening parenthesis, where no comment can swallow it.
-fn insertion(inside: usize, others: bool, field: &str, value: &str) -> (Range<usize>, String) {
-    (inside..inside, format!("{field}: {value}{}", if others { ", " } else { "" }))
+/// The graph with the settings laid over it: those of `scene` and `axes` set these blocks.
+pub fn apply(source: &Source, settings: &[Setting]) -> Source {
+    settings.iter().fold(source.clone(), |source, setting| {
+        let Setting { node, field, value } = setting;
+        source.overlaid("--set", &format!("Overlay(nodes: ({node}: ({field}: {})))", ron_text(value)))
+    })
 }
 
 /// What was typed in a shell as RON: quotes are easily lost there, so what is no RON value, and a lower
@@ -150,20 +91,19 @@ pub(crate) fn replace_strings(text: &str, mut with: impl FnMut(&str) -> String) 
 mod tests {
     use super::*;
 
-    fn set(text: &str, settings: &[&str]) -> Result<String, EditError> {
-        let settings: Vec<Setting> = settings.iter().map(|s| s.parse()).collect::<Result<_, _>>()?;
-        apply(&Source::new("a.ron", text), &settings).map(|source| source.text.to_string())
-    }
-
     #[test]
-    fn values_are_replaced_or_added_and_comments_survive() {
-        let text = "Graph(version: 1, scene: (up: \"+z\"), nodes: (\n  a: Pose(yaw_deg: 1.0), // keep\n  b: Demo,\n))";
-        let edited =
-            set(text, &["a.yaw_deg=35", "a.scale=2", "b.path=out/x.png", "scene.seed=9", "b.m=Hard"]);
-        assert_eq!(
-            edited,
-            Ok("Graph(version: 1, scene: (seed: 9, up: \"+z\"), nodes: (\n  a: Pose(scale: 2, yaw_deg: 35), // keep\n  b: Demo(m: Hard, path: \"out/x.png\"),\n))".to_owned())
-        );
+    fn a_setting_is_an_overlay_of_one_field() {
+        let set = |setting: &str| {
+            let settings: Vec<Setting> = setting.parse().into_iter().collect();
+            let text = apply(&Source::new("a.ron", "Graph()"), &settings).text;
+            text.rsplit_once("((").map(|(_, end)| end.to_owned()).unwrap_or(text.to_string())
+        };
+        let end =
+            |text: &str| set(text).rsplit_once(": (").map(|(_, end)| end.to_owned()).unwrap_or_default();
+        assert_eq!(end("a.yaw_deg=35"), "yaw_deg: 35)))");
+        assert_eq!(end("a.path=out/x.png"), "path: \"out/x.png\")))", "what is no RON is text");
+        assert_eq!(end("a.m = Hard"), "m: Hard)))");
+        assert_eq!(end("axes.frame=Range(0, 3)"), "frame: Range(0, 3))))");
     }
 
     #[test]
@@ -176,7 +116,5 @@ mod tests {
     #[test]
     fn what_is_no_setting_says_so() {
         assert!(matches!("yaw=3".parse::<Setting>(), Err(EditError::Form(_))));
-        let wrong = set("Graph(version: 1, scene: (up: \"+z\"), nodes: (pose: Pose()))", &["pos.x=1"]);
-        assert!(wrong.is_err_and(|e| e.to_string().contains("did you mean `pose`?")));
     }
 }

@@ -8,11 +8,12 @@ use crate::check::Check;
 use crate::compiled::{LazyStep, Parts};
 use crate::context::{Point, Scene};
 use crate::diag::{Diagnostics, Source};
+use crate::include::parse_all;
 use crate::kind::{KindEntry, Registry, Step};
 use crate::order::{describe_cycle, order_of};
 use crate::param::{InputFile, Role};
 use crate::root::SourceRoot;
-use crate::syntax::{Fields, RawField, parse};
+use crate::syntax::{Fields, RawField};
 
 /// One end of a wire: an output of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -161,10 +162,10 @@ impl FromIterator<Vec<usize>> for Lists {
 impl Graph {
     /// Reads and checks a graph file, whose paths are relative to `folder`.
     pub fn parse(source: Source, registry: &Registry, root: SourceRoot) -> Result<Self, Diagnostics> {
-        let text = source.text.clone();
+        let joined = source.clone();
         let mut diagnostics = Vec::new();
-        let document = parse(&text, &mut diagnostics);
-        let mut check = Check::new(&text, registry, &root, &document, &mut diagnostics);
+        let document = parse_all(&joined, &mut diagnostics);
+        let mut check = Check::new(&joined.text, registry, &root, &document, &mut diagnostics);
         let scene = check.document(&document);
         let (templates, mut wiring) = check.nodes(&document.nodes);
         let mut order = order_of(&wiring);

@@ -100,6 +100,7 @@ mod failure;
 mod files;
 mod forecast;
 mod graph;
+mod include;
 mod job;
 mod key;
 mod kind;

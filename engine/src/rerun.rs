@@ -16,7 +16,7 @@ use crate::graph::Graph;
 use crate::kind::Registry;
 use crate::param::Role;
 use crate::recipe::{HEAD, READS, last};
-use crate::syntax::parse;
+use crate::syntax::{Sort, parse_part};
 
 /// Most files that are looked at in the folders of the user.
 const MOST_FILES: usize = 200_000;
@@ -109,7 +109,7 @@ impl Recipe {
         store: &Store,
     ) -> Result<Source, RecipeError> {
         let mut diagnostics = Vec::new();
-        let document = parse(&self.text, &mut diagnostics);
+        let document = parse_part(&self.text, 0..self.text.len(), Sort::Graph, &mut diagnostics);
         if !diagnostics.is_empty() {
             return Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into());
         }

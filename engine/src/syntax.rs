@@ -29,17 +29,15 @@ pub(crate) struct RawNode<'t> {
     pub kind_span: Range<usize>,
     /// The kind and the fields.
     pub span: Range<usize>,
-    /// Where the first field may stand; `None` where there are no parentheses.
-    pub inside: Option<usize>,
     pub fields: Vec<RawField<'t>>,
+    /// That of the file it stands in, relative to the folder of the graph: empty or with a `/` at its end.
+    pub folder: &'t str,
 }
 
 /// The `scene` block.
 #[derive(Debug)]
 pub(crate) struct RawScene<'t> {
     pub span: Range<usize>,
-    /// Where the first field may stand.
-    pub inside: usize,
     pub fields: Vec<RawField<'t>>,
 }
 
@@ -50,6 +48,10 @@ pub(crate) struct Document<'t> {
     pub scene: Option<RawScene<'t>>,
     /// What stands in `axes`.
     pub axes: Vec<RawField<'t>>,
+    /// The files whose nodes are part of the graph.
+    pub include: Option<RawField<'t>>,
+    /// Named overlays, unread.
+    pub presets: Vec<RawField<'t>>,
     pub nodes: Vec<RawNode<'t>>,
     /// Names of nodes whose text could not be read, so that wires to them are no second mistake.
     pub broken: Vec<&'t str>,
@@ -57,25 +59,65 @@ pub(crate) struct Document<'t> {
     pub whole: bool,
 }
 
-const TOP: [&str; 4] = ["version", "scene", "axes", "nodes"];
+const TOP: [&str; 6] = ["version", "include", "scene", "axes", "presets", "nodes"];
 
-/// Finds the structure of a graph file. What cannot be read is reported and left out.
-pub(crate) fn parse<'t>(text: &'t str, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
-    let mut parser = Parser { scan: Scanner::new(text), document: Document::default(), stray: false };
-    parser.graph();
-    parser.document.whole = parser.scan.diagnostics.is_empty();
-    diagnostics.append(&mut parser.scan.diagnostics);
-    parser.document
+/// What a text is to be read as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sort {
+    /// `Graph(..)`.
+    Graph,
+    /// `Overlay(..)`, whose nodes need not say their kind.
+    Overlay,
+}
+
+/// Finds the structure of one file, which is the named part of the text. What cannot be read is reported and
+/// left out.
+pub(crate) fn parse_part<'t>(
+    text: &'t str,
+    part: Range<usize>,
+    sort: Sort,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Document<'t> {
+    Parser::read(text, part, sort, diagnostics, Parser::graph)
+}
+
+/// Reads `(trace: (samples: 4), ..)`, which is the named part of the text.
+pub(crate) fn parse_preset<'t>(
+    text: &'t str,
+    part: Range<usize>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Document<'t> {
+    Parser::read(text, part, Sort::Overlay, diagnostics, |parser| {
+        let start = parser.scan.at;
+        parser.nodes(start..start + 1);
+    })
 }
 
 struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
+    sort: Sort,
     /// A node was found outside of `nodes`.
     stray: bool,
 }
 
 impl<'t> Parser<'t> {
+    fn read(
+        text: &'t str,
+        part: Range<usize>,
+        sort: Sort,
+        diagnostics: &mut Vec<Diagnostic>,
+        read: impl FnOnce(&mut Self),
+    ) -> Document<'t> {
+        let mut scan = Scanner::new(&text[..part.end]);
+        scan.at = part.start;
+        let mut parser = Parser { scan, document: Document::default(), sort, stray: false };
+        read(&mut parser);
+        parser.document.whole = parser.scan.diagnostics.is_empty();
+        diagnostics.append(&mut parser.scan.diagnostics);
+        parser.document
+    }
+
     fn graph(&mut self) {
         self.scan.skip_space();
         // `#![enable(..)]` names extensions of RON; the one we need is always on.
@@ -87,9 +129,11 @@ impl<'t> Parser<'t> {
         let start = self.scan.at;
         let name = self.scan.word();
         self.scan.skip_space();
-        if name != Some("Graph") || self.scan.peek() != b'(' {
-            let what = Diagnostic::new(start..self.scan.at.max(start), "a graph file begins with `Graph(`");
-            return self.scan.report(what);
+        let wanted = if self.sort == Sort::Graph { "Graph" } else { "Overlay" };
+        if name != Some(wanted) || self.scan.peek() != b'(' {
+            let file = if self.sort == Sort::Graph { "a graph file" } else { "an overlay" };
+            let what = format!("{file} begins with `{wanted}(`");
+            return self.scan.report(Diagnostic::new(start..self.scan.at.max(start), what));
         }
         let mut seen: Vec<(&str, Range<usize>)> = Vec::new();
         self.fields(|parser, name, span| {
@@ -101,8 +145,15 @@ impl<'t> Parser<'t> {
             seen.push((name, span.clone()));
             match name {
                 "version" => parser.document.version = parser.value(name, span),
+                // Laid over, all blocks are alike.
+                "scene" | "axes" if parser.sort == Sort::Overlay => parser.add_node(name, span),
                 "scene" => parser.scene(span),
                 "axes" => parser.axes(span),
+                "include" if parser.sort == Sort::Graph => parser.document.include = parser.value(name, span),
+                "presets" if parser.sort == Sort::Graph => {
+                    let how = "`presets` is written `presets: (draft: (trace: (samples: 4)))`";
+                    parser.document.presets = parser.block(span, how).unwrap_or_default();
+                }
                 "nodes" => parser.nodes(span),
                 // A parenthesis too many ends `nodes` early, and every node after it would be a mistake.
                 other if parser.scan.peek().is_ascii_uppercase() => {
@@ -121,7 +172,7 @@ impl<'t> Parser<'t> {
                     parser.scan.report(
                         Diagnostic::new(span, format!("a graph has no field `{}`", shown(other)))
                             .suggest(other, TOP)
-                            .hint("a graph has the fields `version`, `scene`, `axes` and `nodes`"),
+                            .hint("a graph has the fields `version`, `include`, `scene`, `axes`, `presets` and `nodes`"),
                     );
                     parser.scan.value();
                 }
@@ -129,7 +180,7 @@ impl<'t> Parser<'t> {
         });
         self.scan.skip_space();
         if !self.scan.is_at_end() && !self.stray {
-            let rest = self.scan.at..self.scan.text.trim_end().len();
+            let rest = self.scan.at..self.scan.text.trim_end().len().max(self.scan.at);
             self.scan.report(
                 Diagnostic::new(rest, "nothing may follow the graph")
                     .hint("if more nodes were to follow, a `)` too many stands before them"),
@@ -227,7 +278,7 @@ impl<'t> Parser<'t> {
         let start = self.scan.at;
         if let Some(fields) = self.block(name_span, "`scene` is written `scene: (up: \"+z\")`") {
             let span = start..self.scan.at;
-            self.document.scene = Some(RawScene { span, inside: start + 1, fields });
+            self.document.scene = Some(RawScene { span, fields });
         }
     }
 
@@ -280,7 +331,8 @@ impl<'t> Parser<'t> {
 
     fn node(&mut self, id: &'t str, id_span: Range<usize>) -> Option<RawNode<'t>> {
         let start = self.scan.at;
-        let Some(mut kind) = self.scan.word() else {
+        let bare = self.sort == Sort::Overlay && self.scan.peek() == b'(';
+        let Some(mut kind) = (if bare { Some("") } else { self.scan.word() }) else {
             let what = format!("`{}` is not a node", shown(id));
             self.scan.report(Diagnostic::new(id_span, what).label("expected `name: Kind(field: value, ..)`"));
             self.scan.value();
@@ -294,15 +346,13 @@ impl<'t> Parser<'t> {
         let kind_span = start..self.scan.at;
         self.scan.skip_space();
         let mut fields = Vec::new();
-        let mut inside = None;
         if self.scan.peek() == b'(' {
-            inside = Some(self.scan.at + 1);
             self.fields(|parser, name, span| fields.extend(parser.value(name, span)));
         } else {
             self.scan.at = kind_span.end;
         }
         let span = start..self.scan.at;
-        Some(RawNode { id, id_span, kind, kind_span, span, inside, fields })
+        Some(RawNode { id, id_span, kind, kind_span, span, fields, folder: "" })
     }
 }
 

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use clap::{Args, ValueEnum};
 use engine::{Fate, Graph, Planned};
 
-use crate::svg::svg;
 use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::svg::svg;
 
 /// Draws a graph with the state of its results.
 #[derive(Debug, Args)]

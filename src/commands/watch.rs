@@ -59,7 +59,8 @@ impl Watch {
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         let (graph, colour) = (self.graph, report::colours() && !self.json);
         let load = || {
-            let loaded = graph.load().and_then(|loaded| match loaded.unpacked {
+            let mut texts = Vec::new();
+            let loaded = graph.load_noting(&mut texts).and_then(|loaded| match loaded.unpacked {
                 None => Ok((loaded.graph, loaded.only)),
                 Some(_) => Err(Error::Unwatchable),
             });
@@ -67,7 +68,7 @@ impl Watch {
                 Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),
                 other => Refusal::other(other.to_string()),
             };
-            Load { graph: loaded.map_err(refusal), texts: vec![graph.graph.clone()] }
+            Load { graph: loaded.map_err(refusal), texts }
         };
         let wrong = watch.run(&engine, load, |event| report.tell(&event));
         if !self.json {

@@ -111,7 +111,7 @@ fn a_setting_is_an_edit() {
     let text = graph_text(GRAPH);
     let set = |setting: &str| {
         let source = engine::Source::new("graph.ron", text.as_str());
-        engine::apply(&source, &[setting.parse().unwrap()]).unwrap().text
+        engine::apply(&source, &[setting.parse().unwrap()]).text
     };
     assert_eq!(lab.run_text(&set("aside.by=-3")).ran(), "aside other");
     assert_eq!(lab.out("aside.txt"), "-7.5\n");

@@ -9,6 +9,7 @@ mod compiled;
 mod failures;
 mod faults;
 mod fuzz;
+mod includes;
 mod invalidation;
 #[cfg(unix)]
 mod kills;

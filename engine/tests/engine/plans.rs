@@ -120,7 +120,11 @@ fn what_changed_is_remembered_after_the_run() {
     let planned = lab.engine().plan(&graph, &[]);
     assert_eq!(planned[0].fate, Fate::Known);
     let past = |node: usize| lab.engine().past(&graph, node, &planned[node]).changes;
-    assert!(matches!(&past(0)[..], [c] if c.path == "value" && c.old.as_deref() == Some("30.0")), "{:?}", past(0));
+    assert!(
+        matches!(&past(0)[..], [c] if c.path == "value" && c.old.as_deref() == Some("30.0")),
+        "{:?}",
+        past(0)
+    );
     assert_eq!(past(1).len(), 1);
 }
 

@@ -48,7 +48,7 @@ impl Fixture {
     }
 
     fn parse(&self, text: &str, settings: &[Setting]) -> Result<Graph, String> {
-        let source = engine::apply(&Source::new("fixture.ron", text), settings).map_err(|e| e.to_string())?;
+        let source = engine::apply(&Source::new("fixture.ron", text), settings);
         Graph::parse(source, &self.registry, SourceRoot::new(&self.folder)).map_err(|e| e.to_string())
     }
 

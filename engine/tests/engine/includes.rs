@@ -1,0 +1,163 @@
+//! A graph of several files: what is included, what is laid over it, and where mistakes are said to be.
+
+use engine::{Source, SourceRoot};
+
+use crate::lab::{Lab, graph_text};
+
+impl Lab {
+    /// The text of a graph with everything it includes.
+    fn joined(&self, text: &str) -> String {
+        Source::new("graph.ron", text).including(&SourceRoot::new(self.path(""))).0.text.to_string()
+    }
+
+    fn write_in(&self, folder: &str, name: &str, text: &str) {
+        std::fs::create_dir_all(self.path(folder)).unwrap();
+        self.write(&format!("{folder}/{name}"), text);
+    }
+}
+
+fn with(include: &str, nodes: &str) -> String {
+    graph_text(nodes).replace("version: 1,", &format!("version: 1, include: {include},"))
+}
+
+fn part(rest: &str, nodes: &str) -> String {
+    format!("Graph(\n  version: 1, {rest}\n  nodes: (\n    {nodes}\n  ),\n)\n")
+}
+
+#[test]
+fn nodes_of_included_files_are_nodes_of_the_graph() {
+    let lab = Lab::on_disk();
+    lab.write_in("lib", "five.txt", "5");
+    lab.write_in(
+        "lib",
+        "more.ron",
+        &part("include: \"../deep/last.ron\",", "ten: Scale(value: \"five\", by: 2.0),"),
+    );
+    lab.write_in(
+        "deep",
+        "last.ron",
+        &part("include: [\"../lib/more.ron\"],", "five: LoadNumber(path: \"../lib/five.txt\"),"),
+    );
+    let text = with(
+        "[\"lib/more.ron\"]",
+        "sum: Add(terms: [\"five\", \"ten\"]), s: WriteNumber(number: \"sum\", path: \"s.txt\"),",
+    );
+    assert_eq!(
+        lab.run_text(&lab.joined(&text)).ran(),
+        "five s sum ten",
+        "a circle of includes is no trouble"
+    );
+    assert_eq!(lab.out("s.txt"), "15.0\n");
+    // The same in one file is the same: nothing runs.
+    lab.write("five.txt", "5");
+    let flat = r#"ten: Scale(value: "five", by: 2.0), five: LoadNumber(path: "lib/five.txt"),
+        sum: Add(terms: ["five", "ten"]), s: WriteNumber(number: "sum", path: "s.txt"),"#;
+    assert_eq!(lab.run(flat).outcome.totals.ran, 1, "only a path is spelt in another way");
+}
+
+#[test]
+fn the_scene_and_the_axes_may_come_from_an_included_file() {
+    let lab = Lab::in_memory();
+    lab.write(
+        "base.ron",
+        &part("scene: (up: \"+y\", seed: 3), axes: (n: Range(0, 3)),", "a: Number(value: Axis(\"n\")),"),
+    );
+    let text = "Graph(version: 1, include: [\"base.ron\"], nodes: (b: Add(terms: \"a\"),))";
+    let graph = lab.parse(&lab.joined(text)).unwrap();
+    assert_eq!((graph.nodes.len(), graph.scene.seed), (6, 3));
+    let own = text.replace("nodes:", "scene: (up: \"+z\", seed: 9), nodes:");
+    assert_eq!(lab.parse(&lab.joined(&own)).unwrap().scene.seed, 9, "the graph's own scene wins");
+}
+
+#[test]
+fn mistakes_are_said_to_be_where_they_are() {
+    let lab = Lab::in_memory();
+    lab.write("part.ron", &part("", "five: Nmber,\n    one: Scale(value: \"none\"),\n    twin: Number,"));
+    let mistakes = lab.mistakes(
+        &lab.joined(&with("[\"part.ron\", \"gone.ron\"]", "twin: Number, n: Scale(value: \"onn\"),")),
+    );
+    for wanted in [
+        "part.ron:4:11\n",
+        "part.ron:5:23\n",
+        "two nodes are named `twin`",
+        "graph.ron:2:1\n",
+        "part.ron:6:5\n",
+        "`gone.ron` cannot be read",
+        "graph.ron:1:41\n",
+        "did you mean `one`?",
+    ] {
+        assert!(mistakes.contains(wanted), "{wanted} is missing in\n{mistakes}");
+    }
+    let places = lab.parse(&lab.joined(&with("\"part.ron\"", ""))).err().unwrap().mistakes();
+    assert!(places.iter().all(|mistake| mistake.file == "part.ron" && mistake.line >= 4), "{places:?}");
+    assert!(lab.mistakes(&lab.joined(&with("3", ""))).contains("`include` takes paths"));
+}
+
+const GRAPH: &str = r#"one: Number(value: 1.0), two: Scale(value: "one", by: 2.0), s: WriteNumber(number: "two", path: "s.txt"),"#;
+
+#[test]
+fn what_is_laid_over_takes_the_place_of_what_is_written() {
+    let lab = Lab::on_disk();
+    let text = graph_text(GRAPH).replace(
+        "nodes:",
+        "axes: (n: Range(0, 2)), presets: (big: (two: (by: 10.0)), huge: (two: (by: 50.0), one: (value: 2.0))), nodes:",
+    );
+    let source = || Source::new("graph.ron", text.as_str());
+    let out = |source: Source| {
+        lab.run_text(&source.text);
+        lab.out("s.txt")
+    };
+    assert_eq!(out(source()), "2.0\n");
+    assert_eq!(out(source().with_preset("big")), "10.0\n");
+    assert_eq!(out(source().with_preset("huge").with_preset("big")), "20.0\n", "the last one wins");
+    let overlay = "Overlay(scene: (seed: 5), nodes: (two: Scale(by: 3.0),),)";
+    let over = source().with_preset("big").overlaid("mine.ron", overlay);
+    assert_eq!(lab.parse(&over.text).unwrap().scene.seed, 5);
+    assert_eq!(out(over.clone()), "3.0\n");
+    let set = engine::apply(&over, &["two.by=4".parse().unwrap(), "scene.seed=6".parse().unwrap()]);
+    assert_eq!(lab.parse(&set.text).unwrap().scene.seed, 6);
+    assert_eq!(out(set), "4.0\n");
+    let axis = engine::apply(
+        &source(),
+        &["one.value=Axis(\"n\")".parse().unwrap(), "s.path=s{n}.txt".parse().unwrap()],
+    );
+    let axis = engine::apply(&axis, &["axes.n=Range(0, 5)".parse().unwrap()]);
+    assert_eq!(lab.parse(&axis.text).unwrap().nodes.len(), 15);
+}
+
+#[test]
+fn mistakes_of_overlays_lie_in_them() {
+    let lab = Lab::in_memory();
+    let text =
+        graph_text(GRAPH).replace("nodes:", "presets: (big: (tow: (by: 1.0)), small: (two: 3)), nodes:");
+    let source = || Source::new("graph.ron", text.as_str());
+    let wrong = |source: Source| lab.mistakes(&source.text);
+    for (source, wanted) in [
+        (
+            source().overlaid("mine.ron", "Overlay(nodes: (tow: (by: 3.0)))"),
+            &["mine.ron:1:17\n", "did you mean `two`?"][..],
+        ),
+        (
+            source().overlaid("mine.ron", "Overlay(nodes: (two: (bye: 3.0)))"),
+            &["mine.ron:1:23\n", "did you mean `by`?"],
+        ),
+        (
+            source().overlaid("mine.ron", "Overlay(nodes: (two: (by: 1e9)))"),
+            &["mine.ron:1:27\n", "out of range"],
+        ),
+        (
+            source().overlaid("mine.ron", "(two: (by: 1))"),
+            &["mine.ron:1:1\n", "an overlay begins with `Overlay(`"],
+        ),
+        (source().overlaid("mine.ron", "Overlay(nodes: ("), &["mine.ron:1:16\n", "no matching"]),
+        (source().with_preset("bigg"), &["--preset:1:1\n", "no preset `bigg`", "did you mean `big`?"]),
+        (source().with_preset("big"), &["graph.ron:1:63\n", "no node is named `tow`", "did you mean `two`?"]),
+        (source().with_preset("small"), &["graph.ron:1:", "is not a node"]),
+        (engine::apply(&source(), &["two.by=\"a\"".parse().unwrap()]), &["--set:1:27\n", "takes a number"]),
+    ] {
+        let text = wrong(source);
+        for part in wanted {
+            assert!(text.contains(part), "{part} is missing in\n{text}");
+        }
+    }
+}
