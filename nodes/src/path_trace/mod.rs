@@ -1,6 +1,7 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
 pub mod bsdf;
+pub mod emitters;
 pub mod film;
 pub mod light;
 pub mod lookup;

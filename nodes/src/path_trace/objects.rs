@@ -10,6 +10,7 @@ use engine::NodeError;
 use glam::{DMat3, DVec3, Vec3};
 
 use super::bsdf::{Bsdf, Frame, Layers, Look, straight};
+use super::emitters::{Emitters, Lamp, mean_luminance};
 use super::lookup::Spot;
 use super::scene::{Surface, geometry};
 use crate::bvh::{Bvh, Hit, Ray};
@@ -48,6 +49,8 @@ pub struct Objects {
     opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
+    /// What shines on them.
+    pub emitters: Emitters,
 }
 
 fn columns(m: DMat3) -> [Vec3; 3] {
@@ -78,6 +81,7 @@ impl Objects {
             decode: linear_from_srgb8(),
             opaque: true,
             clear: false,
+            emitters: Emitters::new(&[], |_| 0.0),
         };
         for (index, one) in placed.iter().enumerate() {
             let matrix = one.world_from_object;
@@ -112,6 +116,11 @@ impl Objects {
             }
         }
         objects.bvh = Bvh::build(&objects.corners);
+        let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
+        if shining {
+            let mean = |triangle| mean_luminance(triangle, |hit| objects.emission(hit));
+            objects.emitters = Emitters::new(&objects.corners, mean);
+        }
         Ok(objects)
     }
 
@@ -167,18 +176,18 @@ impl Objects {
         straight(&look(&spot, material), normal.dot(direction).abs())
     }
 
-    /// The share of light that comes straight along a ray.
-    pub fn transmittance(&self, ray: Ray, key: u32) -> Vec3 {
+    /// The share of light that comes straight along a ray, apart from what one triangle does.
+    pub fn transmittance(&self, ray: Ray, key: u32, except: Option<u32>) -> Vec3 {
         let (mut light, mut body) = (Vec3::ONE, Body::default());
         let blocked = self.bvh.any(ray, |hit| {
-            if !self.accepts(hit, key, false) {
+            if Some(hit.triangle) == except || !self.accepts(hit, key, false) {
                 return false;
             }
             light *= self.straight(hit, ray.direction);
             body.cross(hit, self.part(hit.triangle).0.absorption);
             light == Vec3::ZERO
         });
-        if blocked { Vec3::ZERO } else { light * body.left(f32::INFINITY) }
+        if blocked { Vec3::ZERO } else { light * body.left(ray.t_max) }
     }
 
     /// The nearest surface along a ray that goes straight, which some surfaces let pass at random, and the
@@ -243,18 +252,29 @@ impl Objects {
             (false, _) => frame,
         };
         let way = if look.inside { exp(part.absorption * -hit.t) } else { Vec3::ONE };
-        let mut emission = Vec3::from_array(material.emissive);
-        if emission != Vec3::ZERO {
-            let [r, g, b, _] = spot.texture(material.emissive_texture, true);
-            emission *= Vec3::new(r, g, b);
-        }
-        let bsdf = if material.unlit {
-            emission = look.base;
-            Bsdf::matte(geometric, Vec3::ZERO)
-        } else {
-            Bsdf::Layers(Layers::new([frame, coated], geometric, out, &look))
+        let bsdf = match material.unlit {
+            true => Bsdf::matte(geometric, Vec3::ZERO),
+            false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &look)),
         };
+        let emission = emission(&spot, material);
         Surface { position, normal: geometric, margin, bsdf, emission, way }
+    }
+
+    /// Unit normal of a triangle, by its winding.
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        let [a, b, c] = self.corners[triangle as usize];
+        (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3()
+    }
+
+    /// What shines at a hit.
+    pub fn emission(&self, hit: &Hit) -> Vec3 {
+        let (_, material, spot) = self.spot(hit);
+        emission(&spot, material)
+    }
+
+    /// A point that shines, from fractions; there must be some.
+    pub fn lamp(&self, choice: u32, place: [u32; 2]) -> Lamp {
+        self.emitters.sample(&self.corners, choice, place)
     }
 
     /// Tangent across a normal, by stored tangents or by texture coordinates, and the sign of the bitangent.
@@ -326,6 +346,18 @@ impl Body {
         let rest = if reach.is_finite() { self.open.max(Vec3::ZERO) * reach } else { Vec3::ZERO };
         exp(-(self.depth + rest).max(Vec3::ZERO))
     }
+}
+
+/// What a material emits at a point.
+fn emission(spot: &Spot<'_>, material: &Material) -> Vec3 {
+    if material.unlit {
+        return look(spot, material).base;
+    }
+    if material.emissive == [0.0; 3] {
+        return Vec3::ZERO;
+    }
+    let [r, g, b, _] = spot.texture(material.emissive_texture, true);
+    Vec3::from_array(material.emissive) * Vec3::new(r, g, b)
 }
 
 /// What a material says at a point.

@@ -12,6 +12,8 @@ use crate::sampling::{Points, hash, unit};
 
 /// Pairs of dimensions used by one vertex of a path: light, direction, choice of lobe, survival.
 const PAIRS: u32 = 4;
+/// First of the pairs for light of the objects: choice and place, for each vertex.
+const LAMPS: u32 = 1 << 16;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 
@@ -100,18 +102,61 @@ impl<'a> Walk<'a> {
     }
 
     /// What the objects let through along a ray, by the lobe that it serves.
-    fn unshaded(&mut self, ray: Ray, key: u32) -> [Vec3; 2] {
+    /// One triangle may be excepted: the one that shines at the end.
+    fn unshaded(&mut self, ray: Ray, key: u32, except: Option<u32>) -> [Vec3; 2] {
         if !self.objects {
             return [Vec3::ONE; 2];
         }
         self.rays += 1;
         let objects = self.world.objects;
-        if !objects.bvh.any(ray, |hit| objects.accepts(hit, key, false)) {
+        if !objects.bvh.any(ray, |hit| Some(hit.triangle) != except && objects.accepts(hit, key, false)) {
             return [Vec3::ONE; 2];
         }
         self.touched = true;
-        let straight = if objects.clear { objects.transmittance(ray, key) } else { Vec3::ZERO };
+        let straight = if objects.clear { objects.transmittance(ray, key, except) } else { Vec3::ZERO };
         [straight, Vec3::ZERO]
+    }
+
+    /// Light of the objects that a light sample brings to a surface. The receiver hides it like any body.
+    fn lamps<const PROBE: bool>(&mut self, surface: &Surface, key: u32, bounce: u32) -> Vec3 {
+        let objects = self.world.objects;
+        if !self.objects || objects.emitters.is_empty() {
+            return Vec3::ZERO;
+        }
+        let pair = LAMPS + 2 * bounce;
+        let lamp = objects.lamp(self.points.bits(pair)[0], self.points.bits(pair + 1));
+        let to = lamp.position - surface.position;
+        let distance = to.length();
+        let direction = to / distance;
+        // By solid angle; a lamp seen from the edge, or where the surface is, gives nothing.
+        let pdf = lamp.density * distance * distance / lamp.normal.dot(direction).abs();
+        let lobes = surface.bsdf.eval(direction);
+        if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
+            return Vec3::ZERO;
+        }
+        let ray = Ray { t_max: distance, ..surface.leave(direction) };
+        if !objects.accepts(&lamp.hit, key, false) || !self.passes(Block::Solid, ray) {
+            return Vec3::ZERO;
+        }
+        self.touched = true;
+        if PROBE {
+            return Vec3::ZERO;
+        }
+        let unshaded = self.unshaded(ray, key, Some(lamp.hit.triangle));
+        let weighed = |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power(pdf, s.pdf);
+        let arrived: Vec3 = lobes.iter().zip(unshaded).map(weighed).sum();
+        arrived * objects.emission(&lamp.hit) / pdf
+    }
+
+    /// The weight of what shines at a hit that a scattered ray of some density found.
+    fn glow(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
+        let density = self.world.objects.emitters.density(hit.triangle);
+        if density == 0.0 || !self.passes(Block::Solid, Ray { t_max: hit.t, ..ray }) {
+            // What is never sampled as a lamp shines in full, if at all.
+            return if density == 0.0 { 1.0 } else { 0.0 };
+        }
+        let cosine = self.world.objects.normal(hit.triangle).dot(ray.direction).abs();
+        power(pdf, density * hit.t * hit.t / cosine.max(1e-12))
     }
 
     fn passes(&mut self, block: Block, ray: Ray) -> bool {
@@ -127,10 +172,12 @@ impl<'a> Walk<'a> {
         let World { sky, rules, .. } = self.world;
         let (mut vertex, mut out) = (first, -ray_direction);
         let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
+        // Weight of what the vertex emits, beside light samples of the one before.
+        let mut glow = 1.0;
         for bounce in 0..=rules.max_bounces + 1 {
             let surface = self.surface(&vertex, out);
             weight *= surface.way;
-            light += rules.clamped(bounce, weight * surface.emission);
+            light += rules.clamped(bounce, weight * surface.emission * glow);
             if bounce > rules.max_bounces {
                 break;
             }
@@ -143,7 +190,7 @@ impl<'a> Walk<'a> {
             let useful = |s: &Scatter| s.value != Vec3::ZERO;
             if from_sky.radiance != Vec3::ZERO && lobes.iter().any(useful) {
                 let ray = surface.leave(from_sky.direction);
-                let unshaded = self.unshaded(ray, key);
+                let unshaded = self.unshaded(ray, key, None);
                 if unshaded != [Vec3::ZERO; 2] && !PROBE {
                     let mut arrived = Vec3::ZERO;
                     // Lobes that see the receiver alike share one ray.
@@ -168,6 +215,12 @@ impl<'a> Walk<'a> {
                 if PROBE && self.touched {
                     break;
                 }
+            }
+
+            let lamps = self.lamps::<PROBE>(&surface, key ^ 2, bounce);
+            light += rules.clamped(bounce, weight * lamps);
+            if PROBE && self.touched {
+                break;
             }
 
             // Scattering.
@@ -203,6 +256,10 @@ impl<'a> Walk<'a> {
                 (Some(hit), _) => Vertex::Receiver(hit),
                 (None, Some(object)) => object,
                 (None, None) => break,
+            };
+            glow = match vertex {
+                Vertex::Object(hit) | Vertex::Straight(hit) => self.glow(&hit, ray, scatter.pdf),
+                Vertex::Receiver(_) => 1.0,
             };
             weight *= throughput;
             out = -direction;

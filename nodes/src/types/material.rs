@@ -264,6 +264,11 @@ impl Material {
         bumps.or(brush)
     }
 
+    /// Whether it gives light.
+    pub fn shines(&self) -> bool {
+        self.unlit || self.emissive != [0.0; 3]
+    }
+
     /// Writes the canonical encoding.
     pub(super) fn encode(&self, to: &mut Encoder) {
         to.str(&self.name);

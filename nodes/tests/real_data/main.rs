@@ -7,6 +7,7 @@
 mod files;
 mod formats;
 mod light;
+mod looks;
 mod metrics;
 mod splat;
 mod trace;

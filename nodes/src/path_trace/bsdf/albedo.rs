@@ -108,11 +108,31 @@ pub fn mean_reflection(f0: f32, roughness: f32) -> f32 {
     TABLE.at([f0, roughness])[0]
 }
 
+/// How much more facets of mean reflectance `f` give than their single scattering, of which a white mirror has
+/// `all`: light that meets a facet again is dimmed each time (the series of Kulla and Conty 2017).
+pub fn again(f: f32, all: f32, roughness: f32) -> f32 {
+    static MEAN: LazyLock<Table<1, 1>> = LazyLock::new(|| {
+        Table::new([32], |[roughness]| {
+            const N: usize = 32;
+            let cosines = (0..N).map(|i| (i as f32 + 0.5) / N as f32);
+            let all = |c: f32| reflection(c, roughness).iter().sum::<f32>();
+            [cosines.map(|c| 2.0 * c * all(c)).sum::<f32>() / N as f32]
+        })
+    });
+    let mean = MEAN.at([roughness])[0];
+    1.0 + (1.0 - all) / all * (f * mean / (1.0 - f * (1.0 - mean)))
+}
+
 /// Albedo of an interface with f90 = 1, what is lost between facets given back.
 pub fn with_gain(f0: f32, cosine: f32, roughness: f32) -> f32 {
     let [a, b] = reflection(cosine, roughness);
-    let all = (a + b).max(1e-3);
-    ((f0 * a + b) * (1.0 + f0 * (1.0 - all) / all)).min(1.0)
+    let all = (a + b).clamp(1e-3, 1.0);
+    ((f0 * a + b) * again(average(f0), all, roughness)).min(1.0)
+}
+
+/// Mean of Schlick's reflectance over the hemisphere.
+pub fn average(f0: f32) -> f32 {
+    f0 + (1.0 - f0) / 21.0
 }
 
 /// What of the light a single rough interface between two indices reflects and lets through:

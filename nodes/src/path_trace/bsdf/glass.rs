@@ -41,17 +41,17 @@ fn bend(out: Vec3, half: Vec3, eta: f32) -> Option<Vec3> {
 }
 
 /// Value and density of light that is bent from `incident` below to `out` above, without any gain (Walter et
-/// al. 2007).
-pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 2] {
+/// al. 2007), and the cosine of `out` to the facet.
+pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     let half = (out + incident * eta).normalize_or_zero();
     let half = if half.z < 0.0 { -half } else { half };
     let (near, far) = (out.dot(half), incident.dot(half));
     if near <= 0.0 || far >= 0.0 {
-        return [0.0; 2];
+        return [0.0; 3];
     }
     let spread = near + eta * far;
     let pdf = ggx.visible(out, half) * (eta * eta * -far) / (spread * spread).max(1e-12);
-    [pdf * (1.0 - fresnel(near, eta)) * ggx.seen(out, incident), pdf]
+    [pdf * (1.0 - fresnel(near, eta)) * ggx.seen(out, incident), pdf, near]
 }
 
 /// What one sampled facet reflects and lets through.
@@ -78,6 +78,9 @@ pub struct Glass {
     eta: Option<f32>,
     /// Share, colour and gain.
     weight: Vec3,
+    /// What facets mirror whatever the angle, and what passes them of the rest.
+    metal: f32,
+    clear: f32,
     /// How much passes towards the viewer.
     pub albedo: Vec3,
 }
@@ -98,13 +101,30 @@ impl Glass {
         };
         let albedo = tint * share;
         // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.
-        (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, albedo })
+        let (metal, clear) = (look.metallic, (1.0 - look.metallic) * look.transmission);
+        (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
     }
 
-    /// Light that passes from `incident` below to `out` above.
+    /// Whether it bounds a body, and is no thin wall.
+    pub fn is_body(&self) -> bool {
+        self.eta.is_some()
+    }
+
+    /// How often a facet of a body at an angle is taken for a mirror rather than for what it lets through; a
+    /// wall chooses between the two before the facet.
+    pub fn mirrors(&self, facing: f32) -> Option<f32> {
+        let f = fresnel(facing, self.eta?);
+        let (mirrored, passed) = (self.metal + (1.0 - self.metal) * f, self.clear * (1.0 - f));
+        Some(mirrored / (mirrored + passed))
+    }
+
+    /// Light that passes from `incident` below to `out` above; the density is that of the facet.
     pub fn eval(&self, ggx: &Ggx, out: Vec3, incident: Vec3) -> Scatter {
         let [value, pdf] = match self.eta {
-            Some(eta) => refraction(ggx, out, incident, eta),
+            Some(eta) => {
+                let [value, pdf, facing] = refraction(ggx, out, incident, eta);
+                [value, pdf * (1.0 - self.mirrors(facing).unwrap_or(0.0))]
+            }
             // Blurred like the reflection, of which it is the image behind the wall.
             None => {
                 let mirror = ggx.mirror(out, Vec3::new(incident.x, incident.y, -incident.z));
@@ -114,14 +134,19 @@ impl Glass {
         Scatter { value: self.weight * value, pdf }
     }
 
-    /// A direction below.
-    pub fn sample(&self, ggx: &Ggx, out: Vec3, point: [f32; 2]) -> Option<Vec3> {
-        match self.eta {
-            Some(eta) => bend(out, ggx.sample(out, point), eta),
-            None => {
-                let mirrored = ggx.reflect(out, point);
-                Some(Vec3::new(mirrored.x, mirrored.y, -mirrored.z))
-            }
+    /// A direction below, for a wall.
+    pub fn through(&self, ggx: &Ggx, out: Vec3, point: [f32; 2]) -> Vec3 {
+        let mirrored = ggx.reflect(out, point);
+        Vec3::new(mirrored.x, mirrored.y, -mirrored.z)
+    }
+
+    /// A direction by a facet of a body, mirrored or bent by `choice`; none for a wall.
+    pub fn either(&self, ggx: &Ggx, out: Vec3, point: [f32; 2], choice: f32) -> Option<Vec3> {
+        let half = ggx.sample(out, point);
+        let facing = out.dot(half);
+        match choice < self.mirrors(facing)? {
+            true => Some(half * (2.0 * facing) - out).filter(|d| d.z > 0.0),
+            false => bend(out, half, self.eta?).filter(|d| d.z < 0.0),
         }
     }
 }

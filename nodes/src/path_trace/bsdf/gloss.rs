@@ -95,8 +95,8 @@ impl Gloss {
         let [a, b] = albedo::reflection(cosine, roughness);
         let all = (a + b).clamp(1e-3, 1.0);
         // The gain of the mix is such that its albedo is the mix of the two albedos.
-        let lost = (1.0 - all) / all;
-        let full = |f0: Vec3| (f0 * a + Vec3::splat(b)) * (Vec3::ONE + f0 * lost);
+        let again = |f0: f32| albedo::again(albedo::average(f0), all, roughness);
+        let full = |f0: Vec3| (f0 * a + Vec3::splat(b)) * Vec3::from_array(f0.to_array().map(again));
         let covered = full(dielectric) * strength;
         let albedo = covered.lerp(full(metal), m);
         let gain = albedo / (f0 * a + f90 * b).max(Vec3::splat(1e-6));
@@ -104,8 +104,8 @@ impl Gloss {
         Self { ggx, f0, f90, gain, inner: None, albedo, left }
     }
 
-    /// Reflection from `incident` to `out`, both above.
-    pub fn eval(&self, out: Vec3, incident: Vec3) -> Scatter {
+    /// Reflection from `incident` to `out`, both above, and the cosine of either to the facet.
+    pub fn eval(&self, out: Vec3, incident: Vec3) -> (Scatter, f32) {
         let mirror = self.ggx.mirror(out, incident);
         let fresnel = match self.inner {
             None => {
@@ -118,6 +118,6 @@ impl Gloss {
                 self.f0 * (1.0 - c5) + self.f90 * c5
             }
         };
-        Scatter { value: fresnel * self.gain * mirror.value, pdf: mirror.pdf }
+        (Scatter { value: fresnel * self.gain * mirror.value, pdf: mirror.pdf }, mirror.cosine)
     }
 }

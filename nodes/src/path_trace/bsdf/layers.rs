@@ -130,7 +130,7 @@ impl Layers {
         let sheen = self.sheen.map_or(Vec3::ZERO, |s| s.colour * s.albedo);
         let coat = self.coat.map_or(0.0, |c| 1.0 - c.under);
         let base = self.coat.map_or(1.0, |c| c.under) * (1.0 - sheen.max_element());
-        let weights = [
+        let mut weights = [
             self.matte * (self.gloss.left * base),
             self.through * (self.gloss.left * base),
             sheen,
@@ -139,9 +139,11 @@ impl Layers {
             Vec3::splat(coat),
         ]
         .map(|weight| luminance(weight.to_array()));
-        // Clear surfaces are met often by one path; their faces give about what the shares say.
-        let least = if self.glass.is_some() { 0.0 } else { LEAST };
-        let lift = |sum: f32, w: f32| if w > 0.0 { (w / sum).max(least) } else { 0.0 };
+        if self.glass.is_some_and(|glass| glass.is_body()) {
+            // One lobe chooses the facet, which then mirrors or bends.
+            weights[GLOSS] += std::mem::take(&mut weights[GLASS]);
+        }
+        let lift = |sum: f32, w: f32| if w > 0.0 { (w / sum).max(LEAST) } else { 0.0 };
         let sum = weights.iter().sum();
         let lifted = weights.map(|w| lift(sum, w));
         let sum: f32 = lifted.iter().sum();
@@ -177,8 +179,9 @@ impl Layers {
                 add(&mut diffuse, SHEEN, value * under, sheen::UNIFORM);
             }
             if self.shares[GLOSS] > 0.0 {
-                let s = self.gloss.eval(self.out, i);
-                add(&mut specular, GLOSS, s.value * under, s.pdf);
+                let (s, facing) = self.gloss.eval(self.out, i);
+                let mirrors = self.glass.and_then(|glass| glass.mirrors(facing)).unwrap_or(1.0);
+                add(&mut specular, GLOSS, s.value * under, s.pdf * mirrors);
             }
         }
         if !above && i.z < 0.0 {
@@ -190,13 +193,13 @@ impl Layers {
             }
             if let Some(glass) = &self.glass {
                 let s = glass.eval(&self.gloss.ggx, self.out, i);
-                add(&mut specular, GLASS, s.value * under, s.pdf);
+                add(&mut specular, if glass.is_body() { GLOSS } else { GLASS }, s.value * under, s.pdf);
             }
         }
         if let Some(coat) = &self.coat {
             let i = coat.frame.to(incident);
             if above && i.z > 0.0 {
-                let s = coat.gloss.eval(coat.out, i);
+                let (s, _) = coat.gloss.eval(coat.out, i);
                 add(&mut specular, COAT, s.value * coat.share, s.pdf);
             }
         }
@@ -204,23 +207,26 @@ impl Layers {
     }
 
     /// A direction by one of the lobes, chosen by `choice`, and the class of that lobe.
-    pub fn sample(&self, point: [f32; 2], choice: f32) -> Option<(Lobe, Vec3)> {
-        let mut sum = 0.0;
-        let chosen = |share: &f32| {
-            sum += share;
-            choice < sum
-        };
+    pub fn sample(&self, point: [f32; 2], mut choice: f32) -> Option<(Lobe, Vec3)> {
         // Where rounding leaves a rest, the last lobe that is there has it.
         let last = self.shares.iter().rposition(|share| *share > 0.0)?;
-        let lobe = self.shares.iter().position(chosen).unwrap_or(last);
+        let mut lobe = 0;
+        while lobe < last && choice >= self.shares[lobe] {
+            choice -= self.shares[lobe];
+            lobe += 1;
+        }
+        choice /= self.shares[lobe];
         let class = if lobe < GLOSS { Lobe::Diffuse } else { Lobe::Specular };
         let mut frame = &self.frame;
         let direction = match lobe {
             MATTE => cosine(point),
             THROUGH => -cosine(point),
             SHEEN => sheen::uniform(point),
-            GLOSS => self.gloss.ggx.reflect(self.out, point),
-            GLASS => self.glass.as_ref()?.sample(&self.gloss.ggx, self.out, point)?,
+            GLOSS => match self.glass.as_ref().filter(|glass| glass.is_body()) {
+                Some(body) => body.either(&self.gloss.ggx, self.out, point, choice)?,
+                None => self.gloss.ggx.reflect(self.out, point),
+            },
+            GLASS => self.glass.as_ref()?.through(&self.gloss.ggx, self.out, point),
             _ => {
                 let coat = self.coat.as_ref()?;
                 frame = &coat.frame;
@@ -228,7 +234,10 @@ impl Layers {
             }
         };
         // Each lobe keeps to its side; another lobe of the class may know that direction too.
-        let below = matches!(lobe, THROUGH | GLASS);
+        let below = match lobe {
+            GLOSS if self.glass.is_some_and(|glass| glass.is_body()) => direction.z < 0.0,
+            _ => matches!(lobe, THROUGH | GLASS),
+        };
         let incident = frame.from(direction);
         let stays = (direction.z < 0.0) == below && (incident.dot(self.geometric) < 0.0) == below;
         stays.then_some((class, incident))

@@ -1,0 +1,87 @@
+//! What shines on the objects, as a light.
+
+use glam::Vec3;
+
+use crate::bvh::Hit;
+use crate::color::luminance;
+use crate::sampling::{Discrete, unit};
+
+/// The triangles of the objects that shine, chosen by the light they give: area times mean luminance.
+#[derive(Debug)]
+pub struct Emitters {
+    triangles: Vec<u32>,
+    choice: Discrete,
+    /// Density of a point, for each triangle of the objects; empty where nothing shines.
+    density: Vec<f32>,
+}
+
+/// A point that shines.
+#[derive(Debug, Clone, Copy)]
+pub struct Lamp {
+    /// Where it is: the triangle and the weights of its vertices.
+    pub hit: Hit,
+    /// Position in the frame of the scene.
+    pub position: Vec3,
+    /// Unit normal of the triangle, by its winding.
+    pub normal: Vec3,
+    /// Density of choosing it, by area.
+    pub density: f32,
+}
+
+impl Emitters {
+    /// Of triangles given by their corners and the mean luminance of what they emit.
+    pub fn new(corners: &[[Vec3; 3]], mean: impl Fn(u32) -> f32) -> Self {
+        let (mut triangles, mut powers, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, [a, b, c]) in corners.iter().enumerate() {
+            let area = 0.5 * (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length();
+            let power = area * f64::from(mean(index as u32));
+            if power > 0.0 && power.is_finite() {
+                triangles.push(index as u32);
+                powers.push(power);
+                areas.push(area);
+            }
+        }
+        let choice = Discrete::new(&powers).0;
+        let mut density = vec![0.0; if triangles.is_empty() { 0 } else { corners.len() }];
+        for (k, (&triangle, area)) in triangles.iter().zip(areas).enumerate() {
+            density[triangle as usize] = (choice.probability(k) / area) as f32;
+        }
+        Self { triangles, choice, density }
+    }
+
+    /// Whether nothing shines.
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// Density of choosing a point of a triangle, by area.
+    pub fn density(&self, triangle: u32) -> f32 {
+        self.density.get(triangle as usize).copied().unwrap_or(0.0)
+    }
+
+    /// A point, from two pairs of 32-bit fractions; not to be asked for where nothing shines.
+    pub fn sample(&self, corners: &[[Vec3; 3]], choice: u32, [u, v]: [u32; 2]) -> Lamp {
+        let (k, _) = self.choice.sample(f64::from(choice) / 4_294_967_296.0);
+        let triangle = self.triangles[k];
+        let root = unit(u).sqrt();
+        let (b1, b2) = (root * (1.0 - unit(v)), root * unit(v));
+        let [a, b, c] = corners[triangle as usize];
+        let position = a * (1.0 - b1 - b2) + b * b1 + c * b2;
+        let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
+        let hit = Hit { t: 0.0, triangle, b1, b2, back: false };
+        Lamp { hit, position, normal, density: self.density(triangle) }
+    }
+}
+
+/// Mean luminance of a triangle by a lattice of points of it.
+pub fn mean_luminance(triangle: u32, emission: impl Fn(&Hit) -> Vec3) -> f32 {
+    const N: u32 = 4;
+    let mut sum = 0.0;
+    for i in 0..N {
+        for j in 0..N - i {
+            let [b1, b2] = [i, j].map(|k| (k as f32 + 1.0 / 3.0) / N as f32);
+            sum += luminance(emission(&Hit { t: 0.0, triangle, b1, b2, back: false }).to_array());
+        }
+    }
+    sum / (N * (N + 1) / 2) as f32
+}
