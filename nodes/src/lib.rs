@@ -16,6 +16,7 @@ pub mod contact_sheet;
 pub mod crop_mesh;
 pub mod cube_rig;
 pub mod demo_scene;
+pub mod denoise;
 pub mod equirect;
 pub mod error;
 pub mod fuse_hdr;
@@ -69,6 +70,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<crop_mesh::CropMesh>(),
         KindEntry::of::<cube_rig::CubeRig>(),
         KindEntry::of::<demo_scene::DemoScene>(),
+        KindEntry::of::<denoise::Denoise>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<join_reports::JoinReports>(),
         KindEntry::of::<load_cameras::LoadCameras>(),

@@ -1,6 +1,7 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
 pub mod bsdf;
+pub mod contact;
 pub mod emitters;
 pub mod film;
 pub mod light;
@@ -23,6 +24,7 @@ use crate::color::luminance;
 use crate::error::Error;
 use crate::sampling::{Points, hash, stream};
 use crate::types::{Camera, Cell, Environment, Images, Mesh, NamedImage, Placed, Report, Rig, Table};
+use contact::{Felt, Ground};
 use film::{Sums, TileSums, chunks};
 use light::Sky;
 use objects::Objects;
@@ -53,10 +55,11 @@ engine::params! {
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01");
-        /// Where the camera sees the receiver through a gap lower than this under an object, the receiver is
-        /// lit as if the object were away. The object stands on the real ground, which hides that place;
-        /// it shows only because the mesh lies a little too low, and would draw a black line.
-        contact_metres: f64 = 0.0, range(0.0, 10.0), unit("m"), other("0.5");
+        /// How far the receiver's height may be wrong where an object stands: what the camera sees of it within
+        /// that of the object's base is taken to be level with the base. A mesh that lies too low would show a
+        /// black gap under the object, one too high would hide its foot. `None` measures the mesh's roughness
+        /// under each object and takes a smooth one as it is; 0 takes any as it is.
+        contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
     }
 }
 
@@ -87,8 +90,9 @@ engine::outputs! {
         depth: Arc<Images>,
         /// Unit normal of the same point in world axes, towards the camera; 0 for none.
         normal: Arc<Images>,
-        /// Variance of the luminance of `without`, `with` and `object` (three channels), of the mean over
-        /// samples as if they were independent. Stratified points do better, so it is an upper estimate.
+        /// Variance of the mean over samples: of the luminance of `without`, `with` and `object` as if samples
+        /// were independent (stratified points do better, so these are upper estimates), and of the ratio of
+        /// luminance `with / without`, from the spread between chunks of samples.
         variance: Arc<Images>,
         /// Decisions, means, standard errors, rays.
         report: Arc<Report>,
@@ -101,6 +105,8 @@ const R0: usize = 4;
 const PAIR: usize = 9;
 /// Values a pixel of the part `front`: depth, normal.
 const FRONT: usize = 4;
+/// Sums a pixel over chunks, for the variance of the ratio.
+const CROSS: usize = 3;
 
 /// What the parts depend on beside their inputs.
 #[derive(Serialize)]
@@ -110,8 +116,8 @@ struct Extra<'a> {
     origin: [f64; 3],
     seed: u64,
     range: (u32, u32),
-    /// Up, times the height of the gaps that count as contact; absent for what does not depend on it.
-    contact: Option<[f32; 3]>,
+    /// Up and the mesh's error where objects stand; absent for what does not depend on it.
+    contact: Option<([f64; 3], Option<f64>)>,
 }
 
 /// A camera without its name, which changes no pixel.
@@ -155,8 +161,7 @@ struct Lens<'a> {
     eye: Vec3,
     forward: DVec3,
     seed: u64,
-    /// Up, times the height of the gaps under objects that the camera should not see into.
-    contact: Vec3,
+    ground: &'a Ground,
 }
 
 impl Lens<'_> {
@@ -305,10 +310,10 @@ fn trace_pair(
             let (points, key, ray) = lens.sample(pixel, sample);
             tile.rays += 2;
             let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, key, true));
-            let landed = receiver_hit(&world, ray);
+            let landed = receiver_hit(&world, ray).map(|hit| (hit, shift(&world, lens, &hit, ray)));
             landings.push(landed);
             if let Some(front) = front
-                && landed.is_none_or(|hit| front.t <= hit.t)
+                && landed.is_none_or(|(hit, shift)| front.t <= hit.t + shift)
             {
                 let mut walk = Walk::new(world, points, key, true);
                 let light = walk.radiance::<false>(Vertex::Object(front), ray.direction);
@@ -318,8 +323,9 @@ fn trace_pair(
                     sums[8] += squared_luminance(light);
                 }
             }
-            if let (Some(hit), false) = (landed, touched) {
+            if let (Some((hit, shift)), false) = (landed, touched) {
                 let mut probe = Walk::new(world, points, key, true);
+                probe.lift = ray.direction * shift;
                 probe.radiance::<true>(Vertex::Receiver(hit), ray.direction);
                 tile.rays += probe.rays;
                 touched = probe.touched;
@@ -328,10 +334,12 @@ fn trace_pair(
         if touched {
             for (sample, landed) in (range.0..range.1).zip(&landings) {
                 let (points, key, ray) = lens.sample(pixel, sample);
-                let gap = landed.as_ref().is_some_and(|hit| in_gap(&world, lens, hit, key));
-                let mut walk = Walk::new(world, points, key, !gap);
+                let mut walk = Walk::new(world, points, key, true);
                 let light = match *landed {
-                    Some(hit) => walk.radiance::<false>(Vertex::Receiver(hit), ray.direction),
+                    Some((hit, shift)) => {
+                        walk.lift = ray.direction * shift;
+                        walk.radiance::<false>(Vertex::Receiver(hit), ray.direction)
+                    }
                     None => world.sky.lookup(ray.direction).radiance,
                 };
                 tile.rays += walk.rays;
@@ -352,14 +360,10 @@ fn trace_pair(
     tile
 }
 
-/// Whether an object stands so closely above a point of the receiver that the camera should not see it.
-fn in_gap(world: &World<'_>, lens: &Lens<'_>, hit: &Hit, key: u32) -> bool {
-    if lens.contact == Vec3::ZERO {
-        return false;
-    }
-    let surface = world.receiver.surface(hit);
-    let up = Ray { t_max: 1.0, ..surface.leave(lens.contact) };
-    world.objects.bvh.any(up, |hit| world.objects.accepts(hit, key, false))
+/// How far the camera's hit of the receiver moves along its ray to lie where objects stand.
+fn shift(world: &World<'_>, lens: &Lens<'_>, hit: &Hit, ray: Ray) -> f32 {
+    let position = ray.origin + ray.direction * hit.t;
+    lens.ground.shift(position, world.receiver.normal(hit.triangle), ray.direction)
 }
 
 /// Depth and normal of what is in front at the centres of some pixels.
@@ -373,7 +377,7 @@ fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32)]) -> Tile
         let landed = receiver_hit(&world, ray);
         let out = -ray.direction;
         let (t, normal) = match (object, landed) {
-            (Some(hit), landed) if landed.is_none_or(|l| hit.t <= l.t) => {
+            (Some(hit), landed) if landed.is_none_or(|l| hit.t <= l.t + shift(&world, lens, &l, ray)) => {
                 (hit.t, world.objects.surface(&hit, out, false).normal)
             }
             (_, Some(hit)) => (hit.t, world.receiver.surface(&hit).normal),
@@ -396,7 +400,7 @@ fn columns(names: &[&str]) -> Vec<String> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     type Params = Self;
@@ -409,7 +413,7 @@ impl Kind for PathTrace {
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
         // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
-        let pixel_bytes = ((R0 + PAIR) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 17 * 4) as u64;
+        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 18 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
         Cost { bytes: pixels * pixel_bytes + scene + sky }
@@ -452,7 +456,11 @@ impl Kind for PathTrace {
 
         let seed = cx.seed();
         let [_, _, up] = crate::equirect::axes(cx.up());
-        let contact = (up * (params.contact_metres / cx.metres_per_unit())).as_vec3();
+        let metre = 1.0 / cx.metres_per_unit();
+        let (ground, felt) =
+            Ground::feel(stage.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
+        tell(&felt, cx.metres_per_unit(), &mut notes);
+        let contact = (up.to_array(), params.contact_metres);
         let chunks = chunks(params.samples);
         let total = inputs.rig.cameras.iter().map(|c| tiles(c) * (2 * chunks.len() + 1)).sum::<usize>();
         let done = AtomicUsize::new(0);
@@ -465,7 +473,8 @@ impl Kind for PathTrace {
         let mut shots = Vec::with_capacity(inputs.rig.cameras.len());
         for camera in &inputs.rig.cameras {
             let forward = camera.world_from_camera().z_axis.truncate();
-            let lens = Lens { camera, eye: rules::framed(camera.eye(), origin), forward, seed, contact };
+            let lens =
+                Lens { camera, eye: rules::framed(camera.eye(), origin), forward, seed, ground: &ground };
             let extra = |range, contact| Extra {
                 view: View::of(camera),
                 rules: &rules,
@@ -484,8 +493,8 @@ impl Kind for PathTrace {
                     Ok(sums)
                 })?;
                 expect_size(&r0, camera, R0)?;
-                let part = Part { name: "pair", version: 2, inputs: &["receiver", "objects", "env"] };
-                let pair = cx.part(part, &extra(range, Some(contact.to_array())), || {
+                let part = Part { name: "pair", version: 3, inputs: &["receiver", "objects", "env"] };
+                let pair = cx.part(part, &extra(range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, &r0);
                     let sums = Sums::trace(cx, camera, PAIR, step, trace)?;
@@ -493,10 +502,10 @@ impl Kind for PathTrace {
                     Ok(sums)
                 })?;
                 expect_size(&pair, camera, PAIR)?;
-                running.add(&r0, &pair);
+                running.add(&r0, &pair, range);
             }
-            let part = Part { name: "front", version: 1, inputs: &["receiver", "objects"] };
-            let front = cx.part(part, &extra((0, 0), None), || {
+            let part = Part { name: "front", version: 2, inputs: &["receiver", "objects"] };
+            let front = cx.part(part, &extra((0, 0), Some(contact)), || {
                 let world = world();
                 Sums::trace(cx, camera, FRONT, step, |tile| trace_front(world, &lens, tile))
             })?;
@@ -546,6 +555,20 @@ fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
         if n > 0 {
             notes.count(id, n, text);
         }
+    }
+}
+
+/// Tells how far the mesh misses the bases of objects that stand on it.
+fn tell(felt: &[Option<Felt>], metres_per_unit: f64, notes: &mut Notes) {
+    let millimetres = |v: f64| v * metres_per_unit * 1e3;
+    let each = felt.iter().enumerate().filter_map(|(index, felt)| {
+        let Felt { offset, roughness } = (*felt)?;
+        let (offset, roughness) = (millimetres(offset), millimetres(roughness));
+        Some(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"))
+    });
+    let each: Vec<String> = each.collect();
+    if !each.is_empty() {
+        notes.decision("contact", format!("the receiver is {}", each.join("; ")));
     }
 }
 

@@ -111,7 +111,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         bounce: Bounce::Auto,
         object_specular_sees: SpecularSees::Auto,
         clamp_indirect: 0.0,
-        contact_metres: 0.0,
+        contact_metres: Some(0.0),
     }
 }
 
@@ -350,7 +350,7 @@ fn skipping_untouched_paths_changes_nothing() {
             eye: camera.eye().as_vec3(),
             forward: DVec3::Y,
             seed: cx.seed(),
-            contact: Vec3::ZERO,
+            ground: &Ground::default(),
         };
         let (mut same, mut other) = (0, 0);
         for pixel in (0..32).flat_map(|y| (0..32).map(move |x| (x, y))) {
@@ -533,7 +533,7 @@ fn variance_is_an_upper_estimate() {
         let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed };
         let cx = Context::detached(scene, ".");
         let (out, _) = render_in(&cx, &params(16, EnvBlock::Solid), &plane, &objects, &rig, &sunny());
-        claimed += samples(&out.variance).chunks(3).map(|p| f64::from(p[0])).sum::<f64>() / 12.0;
+        claimed += samples(&out.variance).chunks(4).map(|p| f64::from(p[0])).sum::<f64>() / 12.0;
         let s = samples(&out.without);
         runs.push(s.chunks(3).map(|p| f64::from(luminance([p[0], p[1], p[2]]))).collect::<Vec<_>>());
     }

@@ -50,6 +50,8 @@ pub struct Walk<'a> {
     key: u32,
     /// Whether the objects are there.
     objects: bool,
+    /// Added to the start of rays to objects from the first vertex: see [`super::contact`].
+    pub lift: Vec3,
     /// Rays cast so far.
     pub rays: u64,
     /// Whether a ray met an object.
@@ -73,7 +75,8 @@ fn power(a: f32, b: f32) -> f32 {
 impl<'a> Walk<'a> {
     /// The paths of a sample, with or without the objects.
     pub fn new(world: World<'a>, points: Points, key: u32, objects: bool) -> Self {
-        Self { world, points, key, objects: objects && !world.objects.is_empty(), rays: 0, touched: false }
+        let objects = objects && !world.objects.is_empty();
+        Self { world, points, key, objects, lift: Vec3::ZERO, rays: 0, touched: false }
     }
 
     fn surface(&self, vertex: &Vertex, out: Vec3) -> Surface {
@@ -183,6 +186,8 @@ impl<'a> Walk<'a> {
             }
             let pair = 1 + bounce * PAIRS;
             let key = hash(self.key, pair);
+            let lift = if bounce == 0 { self.lift } else { Vec3::ZERO };
+            let lifted = |ray: Ray| Ray { origin: ray.origin + lift, ..ray };
 
             // Light sampling.
             let from_sky = sky.sample(self.points.bits(pair));
@@ -190,7 +195,7 @@ impl<'a> Walk<'a> {
             let useful = |s: &Scatter| s.value != Vec3::ZERO;
             if from_sky.radiance != Vec3::ZERO && lobes.iter().any(useful) {
                 let ray = surface.leave(from_sky.direction);
-                let unshaded = self.unshaded(ray, key, None);
+                let unshaded = self.unshaded(lifted(ray), key, None);
                 if unshaded != [Vec3::ZERO; 2] && !PROBE {
                     let mut arrived = Vec3::ZERO;
                     // Lobes that see the receiver alike share one ray.
@@ -227,7 +232,7 @@ impl<'a> Walk<'a> {
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let sight = rules.sight(lobe);
             let ray = surface.leave(direction);
-            let (object, reach, passed) = self.object(ray, key ^ 1, lobe);
+            let (object, reach, passed) = self.object(lifted(ray), key ^ 1, lobe);
             let throughput = passed * scatter.value / scatter.pdf;
             if PROBE && self.touched {
                 break;

@@ -95,7 +95,7 @@ impl Case {
             bounce,
             object_specular_sees: SpecularSees::Auto,
             clamp_indirect: 0.0,
-            contact_metres: 0.0,
+            contact_metres: Some(0.0),
         };
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),

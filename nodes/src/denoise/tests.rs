@@ -1,0 +1,141 @@
+//! A shadow with a soft edge on a floor, with the noise of sampling, and an object of two colours.
+
+use super::*;
+use crate::sampling::{mix, unit};
+use crate::testing::context;
+use crate::types::Data;
+
+const SIZE: usize = 48;
+const SAMPLES: u32 = 16;
+
+/// The share of light that is left in a column: none of the shadow, its edge over eight pixels, its core; at least 0.3, so that every pixel of it is noisy.
+fn truth(x: usize) -> f32 {
+    1.0 - 0.5 * ((x as f32 - 20.0) / 8.0).clamp(0.0, 1.0)
+}
+
+/// What a path tracer would give with shared random numbers: of each sample's light all or a part arrives.
+fn noisy(seed: u32) -> In {
+    let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
+    let mut object = Image::<Linear>::new(SIZE, SIZE, 4);
+    let [depth, normal, mut variance] = [1, 3, 4].map(|c| Image::<Data>::new(SIZE, SIZE, c));
+    let random = |i: usize, s: u32, k: u32| unit(mix(mix(mix(seed ^ i as u32) ^ s) ^ k));
+    for i in 0..SIZE * SIZE {
+        let (x, y) = (i % SIZE, i / SIZE);
+        let texture = if (x / 4 + y / 4) % 2 == 0 { 0.2 } else { 0.7 };
+        let (mut r0, mut r1, mut o, mut square) = (0.0, 0.0, 0.0, 0.0);
+        let lit = truth(x);
+        for s in 0..SAMPLES {
+            let light = texture * (0.5 + random(i, s, 0));
+            r0 += light / SAMPLES as f32;
+            r1 += if random(i, s, 1) < (1.0 - lit) / 0.7 { 0.3 * light } else { light } / SAMPLES as f32;
+            let shade = if y < SIZE / 2 { 0.2 } else { 0.6 } * 2.0 * random(i, s, 2);
+            o += shade / SAMPLES as f32;
+            square += shade * shade / SAMPLES as f32;
+        }
+        without.pixel_mut(x, y).fill(r0);
+        with.pixel_mut(x, y).fill(r1);
+        let alpha = if x < 8 {
+            1.0
+        } else if x == 8 {
+            0.5
+        } else {
+            0.0
+        };
+        object.pixel_mut(x, y).copy_from_slice(&[o * alpha, o * alpha, o * alpha, alpha]);
+        let s = (r1 / r0).min(1.0);
+        let spread = (s - 0.3) * (1.0 - s) / SAMPLES as f32;
+        let shade = (square - o * o) / SAMPLES as f32 * alpha;
+        variance.pixel_mut(x, y).copy_from_slice(&[0.0, 0.0, shade, if r0 == r1 { 0.0 } else { spread }]);
+    }
+    let one = |picture: Picture| Arc::new(Images::single("v", picture));
+    In {
+        without: one(without.into()),
+        with: one(with.into()),
+        object: one(object.into()),
+        depth: one(depth.into()),
+        normal: one(normal.into()),
+        variance: one(variance.into()),
+    }
+}
+
+fn samples(images: &Images) -> &[f32] {
+    images.0[0].picture.samples()
+}
+
+fn run(strength: f64, inputs: In) -> Out {
+    Denoise::run(&Denoise { strength, radius_px: 7 }, inputs, &context()).unwrap_or_else(|e| panic!("{e}")).0
+}
+
+/// RMSE of the ratio over some columns.
+fn error(without: &Images, with: &Images, columns: std::ops::Range<usize>) -> f64 {
+    let pairs = samples(without).chunks(3).zip(samples(with).chunks(3)).enumerate();
+    let errors: Vec<f64> = pairs
+        .filter(|(i, _)| columns.contains(&(i % SIZE)))
+        .map(|(i, (a, b))| f64::from(b[0] / a[0] - truth(i % SIZE)))
+        .map(|e| e * e)
+        .collect();
+    (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+#[test]
+fn noise_goes_and_the_edge_stays() {
+    let (before, after) = (noisy(1), run(1.0, noisy(1)));
+    for (columns, gain) in [(20..28, 2.0), (28..48, 1.5), (0..48, 2.0)] {
+        let raw = error(&before.without, &before.with, columns.clone());
+        let left = error(&after.without, &after.with, columns.clone());
+        assert!(left * gain < raw, "{columns:?}: {left} of {raw}");
+    }
+}
+
+// Where no object touches anything near, nothing changes, bit for bit.
+#[test]
+fn what_no_object_touches_stays() {
+    let (before, after) = (noisy(2), run(1.0, noisy(2)));
+    let left = |images: &Images| -> Vec<f32> {
+        samples(images).chunks(3 * SIZE).flat_map(|row| row[..3 * 16].to_vec()).collect()
+    };
+    assert_eq!(left(&before.without), left(&after.without));
+    assert_eq!(left(&before.with), left(&after.with));
+    let off = run(0.0, noisy(2));
+    assert_eq!(samples(&before.with), samples(&off.with));
+    assert_eq!(samples(&before.object), samples(&off.object));
+}
+
+#[test]
+fn objects_are_averaged_within_their_alpha() {
+    let (before, after) = (noisy(3), run(1.0, noisy(3)));
+    let (raw, clean) = (samples(&before.object), samples(&after.object));
+    let mut errors = [0.0_f64; 2];
+    for (i, (a, b)) in raw.chunks(4).zip(clean.chunks(4)).enumerate() {
+        assert_eq!(a[3], b[3]);
+        if a[3] == 0.0 {
+            assert_eq!(b, [0.0; 4]);
+            continue;
+        }
+        let shade = if i / SIZE < SIZE / 2 { 0.2 } else { 0.6 };
+        for (error, pixel) in errors.iter_mut().zip([a, b]) {
+            *error += f64::from((pixel[0] / pixel[3] - shade) * (pixel[0] / pixel[3] - shade));
+        }
+    }
+    assert!(errors[1] * 4.0 < errors[0], "{errors:?}");
+}
+
+// Broken pixels stay what they are and do not spread.
+#[test]
+fn what_is_not_finite_does_not_spread() {
+    let mut inputs = noisy(4);
+    let Picture::Linear(image) = &inputs.with.0[0].picture else { unreachable!("linear") };
+    let mut image = image.clone();
+    image.pixel_mut(30, 30)[1] = f32::NAN;
+    image.pixel_mut(24, 10)[0] = f32::INFINITY;
+    inputs.with = Arc::new(Images::single("v", image));
+    let out = run(1.0, inputs);
+    assert_eq!(samples(&out.with).iter().filter(|v| !v.is_finite()).count(), 2);
+}
+
+#[test]
+fn other_layers_are_refused() {
+    let inputs = In { variance: noisy(5).normal, ..noisy(5) };
+    let error = Denoise::run(&Denoise { strength: 1.0, radius_px: 7 }, inputs, &context()).err();
+    assert!(error.expect("three channels").message().contains("4"));
+}
