@@ -10,8 +10,8 @@ use crate::types::{Image, Images, Linear, NamedImage};
 engine::params! {
     /// Puts the rendered objects over the background, which the shadow darkens first.
     ///
-    /// In linear light and per pixel `B * S * (1 - M) + O`, where `B` is the background, `S` the shadow, `O`
-    /// the object premultiplied by its alpha `M`. A splat render is un-premultiplied before it is decoded.
+    /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow,
+    /// `A` added light, `O` the object premultiplied by its alpha `M`. A splat render is un-premultiplied before it is decoded.
     /// Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
@@ -28,6 +28,8 @@ engine::inputs! {
         object: Arc<Images>,
         /// Factor of the background for each channel; without it there is no shadow.
         shadow: Option<Arc<Images>>,
+        /// Light that the objects give to the background, or take where it is negative; by `shadow-ratio`.
+        added: Option<Arc<Images>>,
     }
 }
 
@@ -45,6 +47,7 @@ impl Composite {
         background: &Image<Linear>,
         object: &Image<Linear>,
         shadow: Option<&Image<Linear>>,
+        added: Option<&Image<Linear>>,
         broken: &mut u64,
     ) -> Image<Linear> {
         let (width, height) = (background.width, background.height);
@@ -60,6 +63,9 @@ impl Composite {
                 for c in 0..3 {
                     let factor = shadow.map_or(1.0, |s| s.pixel(x, y)[c]);
                     let mut under = b[c] * factor;
+                    if let Some(added) = added {
+                        under = (under + added.pixel(x, y)[c] * behind).max(0.0);
+                    }
                     if let (Some(backdrop), true) = (self.backdrop, behind < 1.0) {
                         under += (1.0 - behind) * backdrop[c] as f32;
                     }
@@ -96,7 +102,11 @@ impl Kind for Composite {
                 Some(images) => Some(factors(matching(images, "shadow", &view.name, size)?)?),
                 None => None,
             };
-            let image = params.view(&background, &object, shadow.as_ref(), &mut broken);
+            let added = match &inputs.added {
+                Some(images) => Some(factors(matching(images, "added", &view.name, size)?)?),
+                None => None,
+            };
+            let image = params.view(&background, &object, shadow.as_ref(), added.as_ref(), &mut broken);
             views.push(NamedImage { name: view.name.clone(), picture: image.into() });
         }
         let mut notes = Notes::none();
@@ -135,6 +145,7 @@ mod tests {
             background: one(b),
             object: one(Image::<Linear>::from_samples(1, 1, 4, o.to_vec())),
             shadow: Some(one(Image::<Data>::from_samples(1, 1, 3, s.to_vec()))),
+            added: None,
         };
         let (out, _) = Composite::run(&Composite { backdrop }, inputs, &context()).expect("runs");
         out.image.0[0].picture.samples().to_vec()
@@ -177,12 +188,28 @@ mod tests {
         assert!((out[0] - 0.5 * crate::color::linear_from_srgb(0.5)).abs() < 1e-7);
     }
 
+    // Added light falls on what is behind the object, and no more is taken than there is.
+    #[test]
+    fn light_is_added_under_the_object() {
+        let data = |v: [f32; 3]| Some(one(Image::<Data>::from_samples(1, 1, 3, v.to_vec())));
+        let inputs = In {
+            background: one(rgb([0.5; 3])),
+            object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.1, 0.1, 0.1, 0.5])),
+            shadow: data([0.5; 3]),
+            added: data([0.25, 0.0, -9.0]),
+        };
+        let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
+        let expected = [0.5 * 0.5 + 0.1, 0.25 * 0.5 + 0.1, 0.1];
+        assert_eq!(out.image.0[0].picture.samples(), expected);
+    }
+
     #[test]
     fn views_of_another_size_are_refused() {
         let inputs = In {
             background: one(Image::<Linear>::new(2, 1, 3)),
             object: one(Image::<Linear>::new(1, 1, 4)),
             shadow: None,
+            added: None,
         };
         let error = Composite::run(&Composite { backdrop: None }, inputs, &context()).err().expect("sizes");
         assert!(error.message().contains("1x1"), "{error}");

@@ -44,10 +44,12 @@ pub mod sampling;
 pub mod save_splats;
 pub mod score_env;
 pub mod shadow_ratio;
+pub mod snap;
 pub mod splat;
 pub mod splat_panorama;
 pub mod splat_render;
 pub mod stitch;
+pub mod support;
 pub mod types;
 pub mod write_animation;
 pub mod write_exr;
@@ -87,6 +89,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<region_masks::RegionMasks>(),
         KindEntry::of::<score_env::ScoreEnv>(),
         KindEntry::of::<shadow_ratio::ShadowRatio>(),
+        KindEntry::of::<snap::Snap>(),
         KindEntry::of::<splat_panorama::SplatPanorama>(),
         KindEntry::of::<splat_render::SplatRender>(),
         KindEntry::of::<stitch::Stitch>(),

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes};
 
+use crate::color::luminance;
 use crate::layers::{linear, matching};
 use crate::num;
 use crate::types::{Data, Image, Images, Linear, NamedImage};
@@ -16,6 +17,21 @@ engine::choices! {
         Stable,
         /// R1 / (R0 + epsilon) with absolute bounds judged pixel by pixel, as the paper prints it.
         Paper,
+        /// No ratio: the light that the objects take or give, R1 - R0, is `added` (Debevec 1998). Right only
+        /// where the receiver's albedo is that of the place; keeps light where R0 is too dark for a ratio.
+        Difference,
+        /// `Stable` where light is taken, and what is given is `added`.
+        Hybrid,
+    }
+}
+
+engine::choices! {
+    /// Of what the ratio is taken.
+    pub enum Channels {
+        /// Of each colour channel: shadows take the colour of the light that is left.
+        Each,
+        /// Of luminance: grey shadows, for comparison and for renders too noisy in colour.
+        Luminance,
     }
 }
 
@@ -28,11 +44,14 @@ engine::params! {
     pub struct ShadowRatio {
         /// Which formula.
         form: RatioForm = RatioForm::Stable, other("Paper");
+        /// One ratio a channel, or one in all.
+        channels: Channels = Channels::Each, other("Luminance");
         /// Added to the denominator; a fraction of the mean of `without` for `Stable`, a radiance for `Paper`.
         epsilon: f64 = 1e-4, range(0.0, 1.0), other("0.05");
-        /// Pixels with less light than this keep their brightness; in the unit of `epsilon`.
+        /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as
+        /// much they keep a part of it, but for `Paper`, so that the bound draws no line.
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
-        /// Largest ratio; above 1 keeps light that the object adds by reflection.
+        /// Largest ratio; above 1 keeps light that the object adds by reflection. `Hybrid` takes 1 at most.
         s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
         /// Exponent of the ratio; smaller is softer.
         gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");
@@ -58,6 +77,8 @@ engine::outputs! {
     pub struct Out {
         /// Factor of the background for each channel, 1 where there is no shadow.
         shadow: Arc<Images>,
+        /// Linear light to add to the background after that, for `composite`; 0 where the form has none.
+        added: Arc<Images>,
     }
 }
 
@@ -77,9 +98,9 @@ impl ShadowRatio {
         1.0 - self.lambda * (1.0 - powered.max(self.s_min))
     }
 
-    fn view(&self, without: &Image<Linear>, with: &Image<Linear>, tally: &mut Tally) -> Image<Data> {
+    fn view(&self, without: &Image<Linear>, with: &Image<Linear>, tally: &mut Tally) -> [Image<Data>; 2] {
         let (width, height) = (without.width, without.height);
-        let mut shadow = Image::new(width, height, 3);
+        let [mut shadow, mut added] = [3, 3].map(|channels| Image::new(width, height, channels));
         // The level that fractions refer to: the mean over channels of every finite sample.
         let (mut sum, mut count) = (0.0_f64, 0_u64);
         for pixel in without.samples.chunks_exact(without.channels) {
@@ -89,74 +110,102 @@ impl ShadowRatio {
             }
         }
         let unit = match self.form {
-            RatioForm::Stable => sum / count.max(1) as f64,
             RatioForm::Paper => 1.0,
+            _ => sum / count.max(1) as f64,
         };
-        let (epsilon, least) = (self.epsilon * unit, self.min_energy * unit);
         for y in 0..height {
             for x in 0..width {
-                let (r0, r1) = (without.rgb(x, y), with.rgb(x, y));
+                let pair = [without.rgb(x, y), with.rgb(x, y)].map(|rgb| rgb.map(f64::from));
                 for c in 0..3 {
+                    let [a, b] = pair.map(|rgb| self.of(rgb, c));
                     tally.samples += 1;
-                    let (a, b) = (f64::from(r0[c]), f64::from(r1[c]));
-                    let ratio = if !(a.is_finite() && b.is_finite()) {
+                    let (mut factor, mut extra) = (1.0, 0.0);
+                    if !(a.is_finite() && b.is_finite()) {
                         tally.broken += 1;
-                        1.0
                     } else {
-                        let (energy, ratio) = match self.form {
-                            RatioForm::Stable => {
-                                (neighbourhood(without, x, y, c), (b + epsilon) / (a + epsilon))
-                            }
-                            RatioForm::Paper => (a, b / (a + epsilon)),
-                        };
-                        if !(energy > 0.0 && energy >= least && ratio.is_finite()) {
-                            tally.dark += 1;
-                            1.0
-                        } else {
-                            tally.clipped += u64::from(ratio > self.s_max);
-                            ratio.clamp(0.0, self.s_max)
+                        if self.form != RatioForm::Difference {
+                            let energy = match self.form {
+                                RatioForm::Paper => a,
+                                _ => self.neighbourhood(without, x, y, c),
+                            };
+                            factor = self.ratio(a, b, energy, unit, tally);
                         }
-                    };
-                    shadow.pixel_mut(x, y)[c] = self.shape(ratio) as f32;
+                        extra = match self.form {
+                            RatioForm::Difference => pair[1][c] - pair[0][c],
+                            RatioForm::Hybrid => (pair[1][c] - pair[0][c]).max(0.0),
+                            RatioForm::Stable | RatioForm::Paper => 0.0,
+                        };
+                        extra = if extra.is_finite() { extra } else { 0.0 };
+                    }
+                    shadow.pixel_mut(x, y)[c] = self.shape(factor) as f32;
+                    added.pixel_mut(x, y)[c] = (self.lambda * extra) as f32;
                 }
             }
         }
-        shadow
+        [shadow, added]
     }
-}
 
-/// Mean of the finite samples of one channel around a pixel.
-fn neighbourhood(image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for j in y.saturating_sub(1)..=(y + 1).min(image.height - 1) {
-        for i in x.saturating_sub(1)..=(x + 1).min(image.width - 1) {
-            let v = image.pixel(i, j)[c];
-            if v.is_finite() {
-                sum += f64::from(v);
-                count += 1.0;
+    /// The raw ratio of a channel, 1 where there is too little light for one.
+    fn ratio(&self, a: f64, b: f64, energy: f64, unit: f64, tally: &mut Tally) -> f64 {
+        let (epsilon, least) = (self.epsilon * unit, self.min_energy * unit);
+        let (ratio, most, trust) = match self.form {
+            RatioForm::Paper => (b / (a + epsilon), self.s_max, 1.0),
+            _ => {
+                let most = if self.form == RatioForm::Hybrid { self.s_max.min(1.0) } else { self.s_max };
+                let trust = if least > 0.0 { (energy / least - 1.0).clamp(0.0, 1.0) } else { 1.0 };
+                ((b + epsilon) / (a + epsilon), most, trust)
             }
+        };
+        if !(energy > 0.0 && energy >= least && ratio.is_finite()) {
+            tally.dark += 1;
+            return 1.0;
+        }
+        tally.clipped += u64::from(ratio > most);
+        1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
+    }
+
+    /// What the ratio of a channel is taken of.
+    fn of(&self, rgb: [f64; 3], c: usize) -> f64 {
+        match self.channels {
+            Channels::Each => rgb[c],
+            Channels::Luminance => f64::from(luminance(rgb.map(|v| v as f32))),
         }
     }
-    sum / f64::max(count, 1.0)
+
+    /// Mean of the finite values around a pixel: the mask must not be decided by the noise of one pixel.
+    fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for j in y.saturating_sub(1)..=(y + 1).min(image.height - 1) {
+            for i in x.saturating_sub(1)..=(x + 1).min(image.width - 1) {
+                let v = self.of(image.rgb(i, j).map(f64::from), c);
+                if v.is_finite() {
+                    sum += v;
+                    count += 1.0;
+                }
+            }
+        }
+        sum / f64::max(count, 1.0)
+    }
 }
 
 impl Kind for ShadowRatio {
     const NAME: &'static str = "shadow-ratio";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut tally = Tally::default();
-        let mut views = Vec::with_capacity(inputs.without.0.len());
+        let (mut shadows, mut lights) = (Vec::new(), Vec::new());
         for view in &inputs.without.0 {
             cx.check()?;
             let without = linear(&view.picture, "without")?;
             let size = (without.width, without.height);
             let with = linear(matching(&inputs.with, "with", &view.name, size)?, "with")?;
-            let shadow = params.view(&without, &with, &mut tally);
-            views.push(NamedImage { name: view.name.clone(), picture: shadow.into() });
+            let [shadow, added] = params.view(&without, &with, &mut tally);
+            shadows.push(NamedImage { name: view.name.clone(), picture: shadow.into() });
+            lights.push(NamedImage { name: view.name.clone(), picture: added.into() });
         }
         let mut notes = Notes::none();
         if tally.broken > 0 {
@@ -174,7 +223,7 @@ impl Kind for ShadowRatio {
             tally.clipped,
             format_args!("samples ({:.2} %) exceed s_max", share(tally.clipped)),
         );
-        Ok((Out { shadow: Arc::new(Images(views)) }, notes))
+        Ok((Out { shadow: Arc::new(Images(shadows)), added: Arc::new(Images(lights)) }, notes))
     }
 }
 
@@ -186,6 +235,7 @@ mod tests {
     fn plain() -> ShadowRatio {
         ShadowRatio {
             form: RatioForm::Stable,
+            channels: Channels::Each,
             epsilon: 1e-4,
             min_energy: 1e-3,
             s_max: 1.0,
@@ -261,5 +311,50 @@ mod tests {
         assert_eq!(ratios(&plain(), &[1.0], &[1.3]), [1.0]);
         let more = ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..plain() }, &[1.0], &[1.3]);
         assert!((more[0] - 1.3).abs() < 1e-6);
+    }
+
+    // Row 50: as the energy bound is swept no ratio jumps by more than a part of the sweep.
+    #[test]
+    fn the_mask_has_no_edge() {
+        let at = |least: f64| ratios(&ShadowRatio { min_energy: least, ..plain() }, &[0.5; 3], &[0.1; 3])[1];
+        let sweep: Vec<f32> = (0..200).map(|k| at(f64::from(k) / 100.0)).collect();
+        assert!(sweep[0] < 0.21 && sweep[199] == 1.0);
+        assert!(sweep.windows(2).all(|w| w[1] >= w[0] && w[1] - w[0] < 0.04), "{sweep:?}");
+    }
+
+    #[test]
+    fn difference_and_hybrid_add_light() {
+        let (r0, r1) = ([0.5, 0.5, 0.0_f32], [0.2, 0.9, 0.3_f32]);
+        let out = |form| {
+            let inputs = In { without: image(&r0), with: image(&r1) };
+            let (out, _) =
+                ShadowRatio::run(&ShadowRatio { form, ..plain() }, inputs, &context()).expect("runs");
+            let first = |images: &Images| -> Vec<f32> {
+                images.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
+            };
+            (first(&out.shadow), first(&out.added))
+        };
+        assert_eq!(out(RatioForm::Stable).1, [0.0; 3]);
+        let (shadow, added) = out(RatioForm::Difference);
+        assert_eq!(shadow, [1.0; 3]);
+        for (a, (x, y)) in added.iter().zip(r1.iter().zip(&r0)) {
+            assert_eq!(*a, x - y);
+        }
+        let (shadow, added) = out(RatioForm::Hybrid);
+        assert!((shadow[0] - 0.4).abs() < 1e-3 && shadow[1] == 1.0);
+        assert!(added[0] == 0.0 && (added[1] - 0.4).abs() < 1e-6 && (added[2] - 0.3).abs() < 1e-6);
+    }
+
+    // A luminance ratio loses the colour of what is left and keeps its amount.
+    #[test]
+    fn luminance_is_grey() {
+        let colour =
+            |v: [f32; 3]| Arc::new(Images::single("v", Image::<Linear>::from_samples(1, 1, 3, v.to_vec())));
+        let grey = ShadowRatio { channels: Channels::Luminance, epsilon: 0.0, ..plain() };
+        let inputs = In { without: colour([0.5, 0.5, 0.5]), with: colour([0.1, 0.2, 0.4]) };
+        let (out, _) = ShadowRatio::run(&grey, inputs, &context()).expect("runs");
+        let s = out.shadow.0[0].picture.samples();
+        let expected = luminance([0.2, 0.4, 0.8]);
+        assert!(s.iter().all(|v| (v - expected).abs() < 1e-6), "{s:?} {expected}");
     }
 }

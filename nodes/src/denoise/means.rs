@@ -13,6 +13,8 @@ use glam::Vec3;
 const TILE: usize = 32;
 /// Patches reach so many pixels from their centre.
 const PATCH: usize = 2;
+/// Side of the region whose pixels are compared for the patches of a tile.
+const SIDE: usize = TILE + 2 * PATCH;
 /// Variance below this is nothing.
 const FLOOR: f32 = 1e-8;
 /// Values that are averaged together.
@@ -59,8 +61,9 @@ pub struct Field {
 }
 
 impl Field {
-    /// Replaces each variance by the mean over the pixels up to `radius` away that are there: the variance of
-    /// a few samples is itself noise.
+    /// Replaces each variance by the mean over the pixels up to `radius` away that are there, since the variance
+    /// of a few samples is itself noise; but no less than a tenth of its own, or a single pixel of very
+    /// uneven samples would count as an edge.
     pub fn smooth_variance(&mut self, radius: usize) {
         let mean = |x: usize, y: usize| {
             let (mut sum, mut count) = (0.0, 0.0);
@@ -78,7 +81,7 @@ impl Field {
         };
         let smooth: Vec<f32> = (0..self.pixels.len()).map(|i| mean(i % self.width, i / self.width)).collect();
         for (pixel, variance) in self.pixels.iter_mut().zip(smooth) {
-            pixel.variance = variance;
+            pixel.variance = variance.max(0.1 * pixel.variance);
         }
     }
 
@@ -181,65 +184,50 @@ impl Tile {
         tile
     }
 
+    /// Averages of the tile's pixels, row by row.
     fn average(&self, reach: Reach) -> Vec<[f32; VALUES]> {
         let at = |x: usize, y: usize| (y + self.rim) * self.stride + x + self.rim;
-        let mut out: Vec<[f32; VALUES]> = (0..TILE * TILE)
-            .map(|i| std::array::from_fn(|k| self.values[k][at(i % TILE, i / TILE)]))
-            .collect();
+        let own = |y: usize| self.values.each_ref().map(|plane| cut::<TILE>(plane, at(0, y)));
+        let mut sums: Vec<[[f32; TILE]; VALUES]> = (0..TILE).map(own).collect();
         let noisy = |i: usize| self.there[i] > 0.0 && self.variance[i] > 0.0;
-        if !(0..TILE * TILE).any(|i| noisy(at(i % TILE, i / TILE))) {
-            return out;
-        }
         // The pixel itself counts once.
-        let mut sums = out.clone();
-        let mut total = vec![1.0_f32; TILE * TILE];
-        let radius = reach.radius as isize;
+        let mut total = [[1.0_f32; TILE]; TILE];
+        let busy = (0..TILE * TILE).any(|i| noisy(at(i % TILE, i / TILE)));
+        let radius = if busy { reach.radius as isize } else { 0 };
         let mut patches = Patches::default();
         for dy in -radius..=radius {
-            for dx in -radius..=radius {
-                if (dx, dy) == (0, 0) {
-                    continue;
-                }
+            for dx in (-radius..=radius).filter(|&dx| (dx, dy) != (0, 0)) {
                 patches.compare(self, (dx, dy), reach.strength);
                 for y in 0..TILE {
                     let p = at(0, y);
                     let q = (p as isize + dy * self.stride as isize + dx) as usize;
-                    let mut weights = [0.0_f32; TILE];
-                    self.weigh(p, q, (dx as f32, dy as f32), reach.bend, &patches.row(y), &mut weights);
-                    for (x, weight) in weights.iter().enumerate() {
-                        total[y * TILE + x] += weight;
-                        for (sum, plane) in sums[y * TILE + x].iter_mut().zip(&self.values) {
-                            *sum += weight * plane[q + x];
+                    let weights = self.weigh(p, q, (dx as f32, dy as f32), reach.bend, &patches.row(y));
+                    for (sum, weight) in total[y].iter_mut().zip(&weights) {
+                        *sum += weight;
+                    }
+                    for (sums, plane) in sums[y].iter_mut().zip(&self.values) {
+                        for ((sum, value), weight) in sums.iter_mut().zip(&plane[q..q + TILE]).zip(&weights) {
+                            *sum += weight * value;
                         }
                     }
                 }
             }
         }
-        for (i, values) in out.iter_mut().enumerate() {
-            if noisy(at(i % TILE, i / TILE)) {
-                *values = sums[i].map(|sum| sum / total[i]);
-            }
-        }
-        out
+        let mean = |i: usize| {
+            let (x, y) = (i % TILE, i / TILE);
+            if noisy(at(x, y)) { sums[y].map(|row| row[x] / total[y][x]) } else { own(y).map(|row| row[x]) }
+        };
+        (0..TILE * TILE).map(mean).collect()
     }
 
     /// Weights of a row of pairs that starts at the pixels p and q.
-    fn weigh(
-        &self,
-        p: usize,
-        q: usize,
-        (dx, dy): (f32, f32),
-        bend: f32,
-        far: &[f32],
-        weights: &mut [f32; TILE],
-    ) {
-        let row = |plane: &[f32], start: usize| -> [f32; TILE] { std::array::from_fn(|x| plane[start + x]) };
-        let there = row(&self.there, q);
-        let [near, columns, rows] = [0, 1, 2].map(|k| row(&self.nearness[k], p));
-        let other = row(&self.nearness[0], q);
-        let n = [0, 1, 2].map(|k| row(&self.normal[k], p));
-        let m = [0, 1, 2].map(|k| row(&self.normal[k], q));
-        for x in 0..TILE {
+    fn weigh(&self, p: usize, q: usize, (dx, dy): (f32, f32), bend: f32, far: &[f32; TILE]) -> [f32; TILE] {
+        let there = cut::<TILE>(&self.there, q);
+        let [near, columns, rows] = [0, 1, 2].map(|k| cut::<TILE>(&self.nearness[k], p));
+        let other = cut::<TILE>(&self.nearness[0], q);
+        let n = [0, 1, 2].map(|k| cut::<TILE>(&self.normal[k], p));
+        let m = [0, 1, 2].map(|k| cut::<TILE>(&self.normal[k], q));
+        std::array::from_fn(|x| {
             // (1 - d/4)^4 falls like exp(-d), and to nothing at 4.
             let alike = (1.0 - far[x] * 0.25).max(0.0);
             let alike = alike * alike;
@@ -251,9 +239,14 @@ impl Tile {
             let off = (other[x] - near[x] - columns[x] * dx - rows[x] * dy).abs();
             let level = (1.0 - off / (0.05 * near[x].max(other[x]) + f32::MIN_POSITIVE)).clamp(0.0, 1.0);
             let same = if lengths > 0.0 { turned * level } else { 1.0 };
-            weights[x] = there[x] * alike * alike * same;
-        }
+            there[x] * alike * alike * same
+        })
     }
+}
+
+/// A piece of a plane.
+fn cut<const N: usize>(plane: &[f32], start: usize) -> [f32; N] {
+    std::array::from_fn(|x| plane[start + x])
 }
 
 /// Distances of patches for one offset.
@@ -264,22 +257,16 @@ struct Patches {
 }
 
 impl Patches {
-    /// Side of the region in which single pixels are compared.
-    const SIDE: usize = TILE + 2 * PATCH;
-
     fn compare(&mut self, tile: &Tile, (dx, dy): (isize, isize), strength: f32) {
         let k = strength * strength;
         self.single.clear();
-        for y in 0..Self::SIDE {
+        for y in 0..SIDE {
             let p = (y + tile.rim - PATCH) * tile.stride + tile.rim - PATCH;
             let q = (p as isize + dy * tile.stride as isize + dx) as usize;
-            let cut = |plane: &[f32], start: usize| -> [f32; Self::SIDE] {
-                std::array::from_fn(|x| plane[start + x])
-            };
-            let s = [0, 1, 2].map(|c| (cut(&tile.signal[c], p), cut(&tile.signal[c], q)));
-            let (v, w) = (cut(&tile.variance, p), cut(&tile.variance, q));
-            let (t, u) = (cut(&tile.there, p), cut(&tile.there, q));
-            let row: [f32; Self::SIDE] = std::array::from_fn(|x| {
+            let s = [0, 1, 2].map(|c| (cut::<SIDE>(&tile.signal[c], p), cut::<SIDE>(&tile.signal[c], q)));
+            let (v, w) = (cut::<SIDE>(&tile.variance, p), cut::<SIDE>(&tile.variance, q));
+            let (t, u) = (cut::<SIDE>(&tile.there, p), cut::<SIDE>(&tile.there, q));
+            let row: [f32; SIDE] = std::array::from_fn(|x| {
                 let [a, b, c] = [0, 1, 2].map(|c| s[c].0[x] - s[c].1[x]);
                 let squared = (a * a + b * b + c * c) * (1.0 / 3.0);
                 let noise = v[x] + if v[x] < w[x] { v[x] } else { w[x] };
@@ -289,7 +276,7 @@ impl Patches {
         }
         // Sums over patches, first along rows.
         self.rows.clear();
-        for row in self.single.chunks_exact(Self::SIDE) {
+        for row in self.single.chunks_exact(SIDE) {
             let sum: [f32; TILE] =
                 std::array::from_fn(|x| row[x] + row[x + 1] + row[x + 2] + row[x + 3] + row[x + 4]);
             self.rows.extend(sum);

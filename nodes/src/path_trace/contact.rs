@@ -7,10 +7,11 @@
 //! objects take away is judged, and there the object is in front or behind. What the receiver itself
 //! shades stays where it is, so R0 depends on no object.
 
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::scene::Receiver;
 use crate::bvh::Ray;
+use crate::support::{Foot, Level};
 use crate::types::Placed;
 
 /// Rays a side of the grid that feels the ground under an object.
@@ -35,36 +36,11 @@ pub struct Support {
     reach: f32,
 }
 
-/// What the ground under an object is found to be, in world units.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Felt {
-    /// Median height of the mesh over the base of the object.
-    pub offset: f64,
-    /// Roughness: standard deviation of heights about their plane, by the median deviation.
-    pub roughness: f64,
-}
-
 /// The supports of all objects.
 #[derive(Debug, Clone, Default)]
 pub struct Ground {
     up: Vec3,
     supports: Vec<Support>,
-}
-
-/// Corners of an object's triangles in the frame of the scene.
-fn corners(placed: &Placed, origin: DVec3) -> impl Iterator<Item = DVec3> {
-    let used = placed.object.primitives.iter().flat_map(|primitive| {
-        primitive.triangles.iter().flatten().filter_map(|&i| primitive.positions.get(i as usize))
-    });
-    let place = move |p: &[f32; 3]| {
-        placed.world_from_object.transform_point3(DVec3::from_array(p.map(f64::from))) - origin
-    };
-    used.map(place).filter(|p| p.is_finite())
-}
-
-/// The box around some points.
-fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
-    points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
 }
 
 impl Ground {
@@ -77,36 +53,29 @@ impl Ground {
         up: DVec3,
         metre: f64,
         fixed: Option<f64>,
-    ) -> (Self, Vec<Option<Felt>>) {
+    ) -> (Self, Vec<Option<Level>>) {
         let mut ground = Self { up: up.as_vec3(), supports: Vec::new() };
         let mut found = Vec::with_capacity(objects.len());
         for placed in objects {
-            let Some((low, high)) = around(corners(placed.as_ref(), origin)) else {
+            let Some(foot) = Foot::of(placed.as_ref(), up) else {
                 found.push(None);
                 continue;
             };
-            let (base, top) = (low.dot(up).min(high.dot(up)), low.dot(up).max(high.dot(up)));
             let felt = match fixed {
                 Some(_) => None,
-                None => {
-                    // The foot is what lies in the lowest fiftieth, or some of the middle for a point.
-                    let slice = base + 0.02 * (top - base);
-                    let lowest = corners(placed.as_ref(), origin).filter(|p| p.dot(up) <= slice);
-                    let (a, b) = around(lowest).unwrap_or((low, high));
-                    let half = ((b - a) * 0.75).max((high - low) * 0.125);
-                    under(receiver, (a + b) * 0.5, half, up, base, LARGEST * metre)
-                }
+                None => under(receiver, &foot, origin, up, LARGEST * metre),
             };
             let reach = match (fixed, felt) {
                 (Some(metres), _) => metres * metre,
                 (None, Some(felt)) if felt.roughness > SMOOTHEST * metre => {
-                    (felt.offset.abs() + 3.0 * felt.roughness).min(LARGEST * metre)
+                    (felt.height.abs() + 3.0 * felt.roughness).min(LARGEST * metre)
                 }
                 _ => 0.0,
             };
             if reach > 0.0 {
-                let (low, high) = (low.as_vec3(), high.as_vec3());
-                ground.supports.push(Support { low, high, height: base as f32, reach: reach as f32 });
+                let [low, high] = [foot.low, foot.high].map(|p| (p - origin).as_vec3());
+                let height = (foot.base - origin.dot(up)) as f32;
+                ground.supports.push(Support { low, high, height, reach: reach as f32 });
             }
             found.push(felt);
         }
@@ -137,52 +106,24 @@ impl Ground {
     }
 }
 
-/// Heights of the mesh under a foot, by rays straight down over a grid.
-fn under(
-    receiver: &Receiver,
-    middle: DVec3,
-    half: DVec3,
-    up: DVec3,
-    base: f64,
-    largest: f64,
-) -> Option<Felt> {
-    let across = if up.x.abs() > 0.5 { DVec3::Y } else { DVec3::X };
-    let along = up.cross(across).abs();
+/// Heights of the mesh over the base of a foot, by rays straight down over a grid.
+fn under(receiver: &Receiver, foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> Option<Level> {
+    let axes = Foot::axes(up);
     let mut heights = Vec::new();
     for k in 0..GRID * GRID {
-        let [u, v] = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
-        let (x, y) = (u * half.dot(across), v * half.dot(along));
-        let flat = middle - up * middle.dot(up) + across * x + along * y;
-        let start = (flat + up * (base + largest)).as_vec3();
+        let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
+        let [x, y] = [0, 1].map(|a| place[a] * foot.half.dot(axes[a].abs()));
+        let flat = foot.middle - up * foot.middle.dot(up) + axes[0] * x + axes[1] * y;
+        let start = (flat + up * (foot.base + largest) - origin).as_vec3();
         let ray = Ray { t_max: (2.0 * largest) as f32, ..Ray::new(start, -up.as_vec3()) };
         if let Some(hit) = receiver.bvh.closest(ray, |_| true)
             && receiver.normal(hit.triangle).dot(up.as_vec3()).abs() >= STEEPEST
         {
-            heights.push((x, y, largest - f64::from(hit.t)));
+            heights.push([x, y, largest - f64::from(hit.t)]);
         }
     }
-    if (heights.len() as f64) < FOUND * f64::from(GRID * GRID) {
-        return None;
-    }
-    let offset = median(heights.iter().map(|h| h.2).collect());
-    // The plane through them by least squares; a slope is no roughness.
-    let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for &(x, y, z) in &heights {
-        let row = DVec3::new(x, y, 1.0);
-        moments += DMat3::from_cols(row * x, row * y, row);
-        right += row * z;
-    }
-    let plane = if moments.determinant() > 0.0 { moments.inverse() * right } else { DVec3::Z * offset };
-    let plane = if plane.is_finite() { plane } else { DVec3::Z * offset };
-    let away = heights.iter().map(|&(x, y, z)| (z - plane.dot(DVec3::new(x, y, 1.0))).abs()).collect();
-    // 1.4826 makes the median deviation of a normal distribution its standard deviation.
-    Some(Felt { offset, roughness: 1.4826 * median(away) })
-}
-
-/// The upper median of some finite numbers, 0 of none.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    let enough = heights.len() as f64 >= FOUND * f64::from(GRID * GRID);
+    if enough { Level::of(&heights) } else { None }
 }
 
 #[cfg(test)]
@@ -220,7 +161,7 @@ mod tests {
         Arc::new(Placed { object: Arc::new(object), world_from_object })
     }
 
-    fn felt(mesh: &Mesh, z: f64) -> (Ground, Option<Felt>) {
+    fn felt(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
         let receiver = Receiver::new(mesh, DVec3::ZERO);
         let (ground, found) = Ground::feel(&receiver, &[slab(z)], DVec3::ZERO, DVec3::Z, 1.0, None);
         (ground, found[0])
@@ -239,7 +180,7 @@ mod tests {
         let (rough, found) = felt(&ground(|i, _| noise(i) - 0.005), 0.0);
         let found = found.expect("ground");
         assert!(
-            (0.002..0.008).contains(&found.roughness) && (found.offset + 0.005).abs() < 0.003,
+            (0.002..0.008).contains(&found.roughness) && (found.height + 0.005).abs() < 0.003,
             "{found:?}"
         );
         assert!((0.012..0.04).contains(&rough.supports[0].reach));

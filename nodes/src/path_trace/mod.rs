@@ -23,8 +23,9 @@ use crate::bvh::{Hit, Ray};
 use crate::color::luminance;
 use crate::error::Error;
 use crate::sampling::{Points, hash, stream};
+use crate::support::Level;
 use crate::types::{Camera, Cell, Environment, Images, Mesh, NamedImage, Placed, Report, Rig, Table};
-use contact::{Felt, Ground};
+use contact::Ground;
 use film::{Sums, TileSums, chunks};
 use light::Sky;
 use objects::Objects;
@@ -202,6 +203,7 @@ impl PathTrace {
         let block = match (self.env_block, probe) {
             (EnvBlock::Solid, _) => Block::Solid,
             (EnvBlock::Pass, _) => Block::Pass,
+            (EnvBlock::Paper, _) => Block::Solid,
             (EnvBlock::PassBeyond { metres }, _) => {
                 Block::PassBeyond { centre: from.to_array(), radius: rules::units(metres, metres_per_unit) }
             }
@@ -226,22 +228,36 @@ impl PathTrace {
             }
         };
         let solid = block == Block::Solid;
+        let printed = self.env_block == EnvBlock::Paper;
         let rules = Rules {
             block,
             bounce_solid: match self.bounce {
+                _ if printed => true,
                 Bounce::Auto => solid,
                 Bounce::Env => false,
                 Bounce::Solid => true,
             },
             specular_env: match self.object_specular_sees {
+                _ if printed => true,
                 SpecularSees::Auto => !solid,
                 SpecularSees::Env => true,
                 SpecularSees::Receiver => false,
             },
+            printed,
             max_bounces: self.max_bounces,
             // The key takes no infinity.
             clamp: if self.clamp_indirect > 0.0 { self.clamp_indirect as f32 } else { f32::MAX },
         };
+        if rules.bounce_solid && block != Block::Solid {
+            // Each bounce returns the albedo's share of what falls on a wall: in a closed room all of them
+            // together a / (1 - a), at most.
+            let albedo = stage.receiver().mean_albedo();
+            let most = 100.0 * albedo / (1.0 - albedo).max(1e-3);
+            let text = format!(
+                "light of the room counts twice, in the environment and off its walls: up to {most:.0} % too much"
+            );
+            notes.warning("double-count", text);
+        }
         (rules, probe)
     }
 }
@@ -264,8 +280,9 @@ fn squared_luminance(light: Vec3) -> f64 {
     y * y
 }
 
+/// What a ray of the camera meets of the receiver.
 fn receiver_hit(world: &World<'_>, ray: Ray) -> Option<Hit> {
-    world.receiver.bvh.closest(ray, |_| true)
+    if world.rules.printed { None } else { world.receiver.bvh.closest(ray, |_| true) }
 }
 
 /// The receiver without the objects over some pixels.
@@ -559,11 +576,11 @@ fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
 }
 
 /// Tells how far the mesh misses the bases of objects that stand on it.
-fn tell(felt: &[Option<Felt>], metres_per_unit: f64, notes: &mut Notes) {
+fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| v * metres_per_unit * 1e3;
     let each = felt.iter().enumerate().filter_map(|(index, felt)| {
-        let Felt { offset, roughness } = (*felt)?;
-        let (offset, roughness) = (millimetres(offset), millimetres(roughness));
+        let level = (*felt)?;
+        let (offset, roughness) = (millimetres(level.height), millimetres(level.roughness));
         Some(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"))
     });
     let each: Vec<String> = each.collect();

@@ -33,6 +33,10 @@ pub enum EnvBlock {
         /// The distance.
         metres: f64,
     },
+    /// The indicator as the paper prints it, for comparison: solid to shadow and diffuse rays, not there for
+    /// camera and glossy ones. It gives a closed room no light and no shadow; `bounce` and
+    /// `object_specular_sees` have no say.
+    Paper,
 }
 
 fn three() -> u32 {
@@ -41,7 +45,7 @@ fn three() -> u32 {
 
 impl ParamType for EnvBlock {
     fn describe() -> String {
-        "Auto | Solid | Pass | FrontFace(max_layers: 3) | PassBeyond(metres: number)".to_owned()
+        "Auto | Solid | Pass | FrontFace(max_layers: 3) | PassBeyond(metres: number) | Paper".to_owned()
     }
     fn within(&self, _low: f64, _high: f64) -> bool {
         match self {
@@ -166,6 +170,9 @@ pub struct Rules {
     pub bounce_solid: bool,
     /// Reflections in objects pass it and show the environment.
     pub specular_env: bool,
+    /// Whether the camera sees it, and shadow rays of reflections meet it though reflections do not: the
+    /// printed indicator.
+    pub printed: bool,
     /// How many times light may be scattered after the first time.
     pub max_bounces: u32,
     /// Largest channel of one contribution after the first vertex of a path; infinite for no limit.
@@ -181,24 +188,29 @@ impl Rules {
     }
 }
 
-/// How the receiver appears to a ray that leaves a surface by one lobe.
+/// How the receiver appears to rays that leave a surface by one lobe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sight {
-    /// How it blocks the environment.
+    /// How it blocks the environment from a scattered ray.
     pub block: Block,
-    /// Whether the ray goes on from it.
+    /// How it blocks the environment from a shadow ray: alike, or light would be lost (see the notes of
+    /// `docs/light-transport.md`), except as printed.
+    pub shadow: Block,
+    /// Whether the scattered ray goes on from it.
     pub lands: bool,
 }
 
 impl Rules {
     /// The row of the table for rays of a lobe. Rows: diffuse rays of the receiver and of objects, and
     /// specular rays of objects that see the environment or the receiver. The receiver has no specular
-    /// lobe; camera rays always see it, and the objects are solid to every ray.
+    /// lobe, and the objects are solid to every ray.
     pub fn sight(&self, lobe: Lobe) -> Sight {
+        let alike = |block, lands| Sight { block, shadow: block, lands };
         match lobe {
-            Lobe::Diffuse => Sight { block: self.block, lands: self.bounce_solid },
-            Lobe::Specular if self.specular_env => Sight { block: Block::Pass, lands: false },
-            Lobe::Specular => Sight { block: Block::Solid, lands: true },
+            Lobe::Diffuse => alike(self.block, self.bounce_solid),
+            Lobe::Specular if self.printed => Sight { shadow: Block::Solid, ..alike(Block::Pass, false) },
+            Lobe::Specular if self.specular_env => alike(Block::Pass, false),
+            Lobe::Specular => alike(Block::Solid, true),
         }
     }
 }
@@ -248,4 +260,79 @@ pub fn units(metres: f64, metres_per_unit: f64) -> f32 {
 /// A point in the frame of the scene.
 pub fn framed(point: DVec3, origin: DVec3) -> Vec3 {
     (point - origin).as_vec3()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::Mesh;
+
+    /// Squares across the x axis; a negative x stands for one at -x whose back is seen from the origin.
+    fn squares(at: &[f32]) -> Receiver {
+        let mut mesh = Mesh::default();
+        for &x in at {
+            let first = mesh.positions.len() as u32;
+            let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+            mesh.positions.extend(corners.map(|[y, z]| [x.abs(), y, z]));
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| first + i);
+            // Counter-clockwise seen from the origin is the front.
+            mesh.triangles.extend(if x < 0.0 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+        }
+        Receiver::new(&mesh, DVec3::ZERO)
+    }
+
+    // Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
+    #[test]
+    fn what_lets_the_environment_through() {
+        let nothing = squares(&[]);
+        let shell = squares(&[2.0]);
+        let furniture = squares(&[1.0, -1.5, 2.0]);
+        let back = squares(&[-1.0]);
+        let layers = squares(&[0.5, 1.0, 1.2, -1.5]);
+        let receivers = [&nothing, &shell, &furniture, &back, &layers];
+        let front = |max_layers, flip| Block::FrontFace { max_layers, flip };
+        let beyond = |radius| Block::PassBeyond { centre: [0.0; 3], radius };
+        let (t, f) = (true, false);
+        for (block, expected) in [
+            (Block::Solid, [t, f, f, f, f]),
+            (Block::Pass, [t, t, t, t, t]),
+            (front(3, false), [t, t, f, f, t]),
+            (front(4, false), [t, t, f, f, f]),
+            (front(1, false), [t, t, t, f, t]),
+            (front(3, true), [t, f, f, t, f]),
+            (beyond(1.25), [t, t, f, f, f]),
+            (beyond(0.25), [t, t, t, t, t]),
+            (beyond(3.0), [t, f, f, f, f]),
+        ] {
+            let ray = Ray::new(Vec3::ZERO, Vec3::new(1.0, 0.01, 0.02).normalize());
+            let got = receivers.map(|receiver| block.passes(receiver, ray));
+            assert_eq!(got, expected, "{block:?}");
+        }
+    }
+
+    // Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
+    #[test]
+    fn each_ray_sees_the_receiver_by_its_rule() {
+        let rules = |block, bounce_solid, specular_env, printed| Rules {
+            block,
+            bounce_solid,
+            specular_env,
+            printed,
+            max_bounces: 1,
+            clamp: f32::MAX,
+        };
+        let sight = |block, shadow, lands| Sight { block, shadow, lands };
+        for block in [Block::Solid, Block::Pass, Block::FrontFace { max_layers: 3, flip: false }] {
+            for bounce in [false, true] {
+                for (env, specular) in [(true, (Block::Pass, false)), (false, (Block::Solid, true))] {
+                    let rules = rules(block, bounce, env, false);
+                    assert_eq!(rules.sight(Lobe::Diffuse), sight(block, block, bounce));
+                    assert_eq!(rules.sight(Lobe::Specular), sight(specular.0, specular.0, specular.1));
+                }
+            }
+        }
+        let printed = rules(Block::Solid, true, true, true);
+        assert_eq!(printed.sight(Lobe::Diffuse), sight(Block::Solid, Block::Solid, true));
+        assert_eq!(printed.sight(Lobe::Specular), sight(Block::Pass, Block::Solid, false));
+    }
 }

@@ -64,7 +64,8 @@ impl Running {
     /// Variance of the ratio of luminances of a pixel, that of a ratio of means: over chunks of n samples
     /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` for each degree of freedom, over the square of all y0.
     /// It sees how evenly samples are spread, and that R0 and R1 share their random numbers. One chunk has
-    /// no spread; then a sample counts as light that the object takes wholly or not at all, `S (1 - S) / n`.
+    /// no spread; then a sample counts as light that the object takes wholly or not at all, and S as half a
+    /// sample less sure than it looks: `s (1 - s) / n` where `s = (n S + 1/2) / (n + 1)`.
     fn ratio_variance(&self, index: usize, samples: f64) -> f64 {
         let sums = &self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)];
         let [y0, y1] =
@@ -74,7 +75,7 @@ impl Running {
         }
         let (s, [a, b, c]) = (y1 / y0, self.cross[index]);
         if self.chunks < 2 {
-            let s = s.clamp(0.0, 1.0);
+            let s = (samples * s.clamp(0.0, 1.0) + 0.5) / (samples + 1.0);
             return s * (1.0 - s) / samples;
         }
         let spread = (a - 2.0 * s * b + s * s * c).max(0.0) / (self.chunks - 1) as f64;

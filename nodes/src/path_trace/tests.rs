@@ -207,6 +207,32 @@ fn passing_box_is_half_lit() {
     }
 }
 
+// Notes, section 1: the printed indicator gives a closed room the environment itself, no shadow, and a black
+// matte object; only what is glossy sees light.
+#[test]
+fn printed_visibility_lights_nothing() {
+    let at = DVec3::new(0.5, 0.5, 1.0);
+    let shiny = Material { roughness: 0.0, double_sided: true, ..Material::default() };
+    for (material, lit) in [(matte(0.5), false), (shiny, true)] {
+        let object = [ball(0.5, material, at)];
+        let (out, _) = render(&params(16, EnvBlock::Paper), &room(), &object, &inside(), &white());
+        assert!(samples(&out.without).iter().chain(samples(&out.with)).all(|&v| v == 1.0));
+        assert_eq!(covered(&out.object) > 0.2, lit, "{}", covered(&out.object));
+    }
+}
+
+// What counts twice is told, with its size.
+#[test]
+fn double_counting_is_told() {
+    let told = |bounce| {
+        let p = PathTrace { bounce, max_bounces: 0, ..params(1, EnvBlock::Pass) };
+        let (_, notes) = render(&p, &room(), &[], &inside(), &white());
+        notes.iter().find(|n| n.id == "double-count").map(|n| n.text.clone())
+    };
+    assert_eq!(told(Bounce::Auto), None);
+    assert!(told(Bounce::Solid).expect("a warning").contains("100 %"));
+}
+
 // Notes, section 1: light samples and scattered rays share one visibility, so the estimate does not lose
 // what one of them cannot reach. Reference: cosine integral of the texels at each wall, by the exact sum.
 #[test]
@@ -341,8 +367,14 @@ fn skipping_untouched_paths_changes_nothing() {
     let sky = Sky::new(&stage_inputs.env);
     let objects = Objects::new(&stage_inputs.objects, DVec3::ZERO).expect("consistent");
     for bounce_solid in [false, true] {
-        let rules =
-            Rules { block: Block::Solid, bounce_solid, specular_env: false, max_bounces: 8, clamp: f32::MAX };
+        let rules = Rules {
+            block: Block::Solid,
+            bounce_solid,
+            specular_env: false,
+            printed: false,
+            max_bounces: 8,
+            clamp: f32::MAX,
+        };
         let world = World { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
         let camera = &stage_inputs.rig.cameras[0];
         let lens = Lens {

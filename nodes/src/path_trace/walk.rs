@@ -205,7 +205,7 @@ impl<'a> Walk<'a> {
                         if !useful(scatter) || unshaded == Vec3::ZERO {
                             continue;
                         }
-                        let block = rules.sight(lobe).block;
+                        let block = rules.sight(lobe).shadow;
                         let passes = match seen {
                             Some((b, passes)) if b == block => passes,
                             _ => self.passes(block, ray),

@@ -1,0 +1,289 @@
+//! `snap`: an object put on what lies under it.
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
+use glam::{DMat4, DQuat, DVec3};
+
+use crate::bvh::{Bvh, Ray};
+use crate::equirect::axes;
+use crate::place::world_from_gltf;
+use crate::support::{Foot, Level};
+use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
+
+engine::params! {
+    /// Moves a pose up or down so that the object stands on the mesh of the place, or on its splats.
+    ///
+    /// Looks under the object's foot, as far up and down as `reach_metres`, for the level that holds most of
+    /// what is there, of equal ones the nearest. The object is moved by the median of its heights, so a rough
+    /// mesh is met in the middle. Wire the new pose where the old one went: to `place` and the probe.
+    pub struct Snap {
+        /// How far the ground may lie above or below the object's foot.
+        reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.001");
+        /// Turns the object's up to the normal of the ground, about its foot.
+        align: bool = false, other("true");
+    }
+}
+engine::inputs! {
+    /// What to put on what.
+    pub struct In {
+        /// The object.
+        object: Arc<Object>,
+        /// Where it stands, about.
+        pose: Arc<Pose>,
+        /// The mesh of the place; or `splats`.
+        mesh: Option<Arc<Mesh>>,
+        /// The splats of the place; their centres are taken.
+        splats: Option<Arc<Splats>>,
+    }
+}
+engine::outputs! {
+    /// Where it stands now.
+    pub struct Out {
+        /// The pose on the ground.
+        pose: Arc<Pose>,
+        /// What was found: a table `ground`.
+        report: Arc<Report>,
+    }
+}
+
+/// Columns and rows of the rays that feel a mesh.
+const GRID: u32 = 24;
+/// Points within such a height of each other are of one level, in metres.
+const THICK: f64 = 0.04;
+/// Splats more transparent than this are no ground.
+const OPAQUE: f32 = 0.3;
+/// Cosine of the steepest ground.
+const STEEPEST: f64 = 0.7;
+
+impl Kind for Snap {
+    const NAME: &'static str = "snap";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let metre = 1.0 / cx.metres_per_unit();
+        let [_, _, up] = axes(cx.up());
+        let placed = |pose: &DMat4| {
+            let world_from_object = *pose * world_from_gltf(cx.up(), cx.metres_per_unit());
+            Placed { object: inputs.object.clone(), world_from_object }
+        };
+        let pose = inputs.pose.world_from_local;
+        let Some(foot) = Foot::of(&placed(&pose), up) else {
+            return Err(NodeError::new("the object has no triangle that could stand").at("object"));
+        };
+        let reach = params.reach_metres * metre;
+        let points = match (&inputs.mesh, &inputs.splats) {
+            (Some(mesh), None) => on_mesh(mesh, &foot, up, reach, cx)?,
+            (None, Some(splats)) => on_splats(splats, &foot, up, reach),
+            _ => {
+                let what = "the ground is either `mesh` or `splats`";
+                return Err(NodeError::new(what).at("mesh").hint("wire one of the two"));
+            }
+        };
+        let Some(level) = Level::of(&densest(points, THICK * metre)) else {
+            let what = format!("no ground within {} m of the object's foot", params.reach_metres);
+            let hint = "move the pose nearer, or raise `reach_metres`";
+            return Err(NodeError::new(what).at("pose").hint(hint));
+        };
+        let [across, along] = Foot::axes(up);
+        let normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
+        let mut moved = DMat4::from_translation(up * level.height) * pose;
+        if params.align {
+            let about = DVec3::from(moved.w_axis.truncate());
+            let turn = DMat4::from_quat(DQuat::from_rotation_arc(up, normal));
+            moved = DMat4::from_translation(about) * turn * DMat4::from_translation(-about) * moved;
+        }
+        let mut notes = Notes::none();
+        let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
+        let text = format!(
+            "moved by {:+.1} mm to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
+            millimetres(level.height),
+            millimetres(level.roughness),
+            normal.x,
+            normal.y,
+            normal.z
+        );
+        notes.decision("snapped", text);
+        let row = [level.height, level.roughness, normal.x, normal.y, normal.z];
+        let columns = ["moved (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
+        let table = Table {
+            name: "ground".to_owned(),
+            columns: columns.map(str::to_owned).to_vec(),
+            rows: vec![row.map(Cell::Number).to_vec()],
+        };
+        let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
+        Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))
+    }
+}
+
+/// Where vertical lines through the foot meet the mesh: places from the foot's middle, heights over its base.
+fn on_mesh(
+    mesh: &Mesh,
+    foot: &Foot,
+    up: DVec3,
+    reach: f64,
+    cx: &Context,
+) -> Result<Vec<[f64; 3]>, NodeError> {
+    let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
+    let corner = |i: u32| (DVec3::from_array(mesh.positions[i as usize].map(f64::from)) - around).as_vec3();
+    let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
+    let bvh = Bvh::build(&corners);
+    let axes = Foot::axes(up);
+    let mut points = Vec::new();
+    for k in 0..GRID * GRID {
+        cx.check()?;
+        let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
+        let [x, y] = [0, 1].map(|a| place[a] * foot.half.dot(axes[a].abs()));
+        let start = axes[0] * x + axes[1] * y + up * reach;
+        let ray = Ray { t_max: (2.0 * reach) as f32, ..Ray::new(start.as_vec3(), -up.as_vec3()) };
+        let first = points.len();
+        bvh.any(ray, |hit| {
+            let [a, b, c] = corners[hit.triangle as usize].map(|p| p.as_dvec3());
+            if (b - a).cross(c - a).normalize_or_zero().dot(up).abs() >= STEEPEST {
+                points.push([x, y, reach - f64::from(hit.t)]);
+            }
+            false
+        });
+        // The tree has no order, and tells an edge twice.
+        points[first..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+    }
+    Ok(points)
+}
+
+/// Centres of opaque splats over and under the foot, likewise.
+fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3]> {
+    let axes = Foot::axes(up);
+    let point = |i: usize| {
+        let mean = splats.mean(i);
+        let [x, y] = axes.map(|axis| (mean - foot.middle).dot(axis));
+        let height = mean.dot(up) - foot.base;
+        let inside = x.abs() <= foot.half.dot(axes[0].abs()) && y.abs() <= foot.half.dot(axes[1].abs());
+        (inside && height.abs() <= reach && splats.opacities[i] >= OPAQUE).then_some([x, y, height])
+    };
+    (0..splats.len()).filter_map(point).collect()
+}
+
+/// The points of the level, so many units thick, that holds most of them; of equal ones the nearest to 0,
+/// and the lower of those.
+fn densest(mut points: Vec<[f64; 3]>, thick: f64) -> Vec<[f64; 3]> {
+    points.sort_by(|a, b| a[2].total_cmp(&b[2]));
+    let (mut best, mut end) = (0..0, 0);
+    for start in 0..points.len() {
+        while end < points.len() && points[end][2] - points[start][2] <= thick {
+            end += 1;
+        }
+        let middle = |range: &std::ops::Range<usize>| points[(range.start + range.end) / 2][2].abs();
+        let more = (end - start).cmp(&best.len());
+        if more.is_gt() || (more.is_eq() && middle(&(start..end)) < middle(&best)) {
+            best = start..end;
+        }
+    }
+    points.drain(best).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::context;
+    use crate::types::Primitive;
+
+    /// A pyramid of 0.4 by 0.4 by 1 that stands on its square, y up as glTF has it.
+    fn object() -> Arc<Object> {
+        let primitive = Primitive {
+            positions: vec![
+                [-0.2, 0.0, -0.2],
+                [0.2, 0.0, -0.2],
+                [0.2, 0.0, 0.2],
+                [-0.2, 0.0, 0.2],
+                [0.0, 1.0, 0.0],
+            ],
+            triangles: vec![[0, 1, 2], [0, 2, 3], [0, 1, 4]],
+            ..Primitive::default()
+        };
+        Arc::new(Object { primitives: vec![primitive], ..Object::default() })
+    }
+
+    /// A quad of 4 by 4 at a height, with a rise along x.
+    fn plane(height: f32, rise: f32) -> Mesh {
+        let corner = |x: f32, y: f32| [x, y, height + rise * x];
+        Mesh {
+            positions: vec![corner(-2.0, -2.0), corner(2.0, -2.0), corner(2.0, 2.0), corner(-2.0, 2.0)],
+            colours: Vec::new(),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        }
+    }
+
+    fn run(mesh: Option<Mesh>, splats: Option<Splats>, z: f64, align: bool) -> Result<DMat4, NodeError> {
+        let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, z)) };
+        let inputs = In {
+            object: object(),
+            pose: Arc::new(pose),
+            mesh: mesh.map(Arc::new),
+            splats: splats.map(Arc::new),
+        };
+        Snap::run(&Snap { reach_metres: 0.5, align }, inputs, &context())
+            .map(|(out, _)| out.pose.world_from_local)
+    }
+
+    #[test]
+    fn objects_come_to_stand_from_above_and_below() {
+        for z in [0.9, 0.75, 0.4] {
+            let pose = run(Some(plane(0.75, 0.0)), None, z, false).unwrap_or_else(|e| panic!("{e}"));
+            assert!((pose.w_axis.truncate() - DVec3::new(0.3, 0.1, 0.75)).length() < 1e-6, "{pose}");
+        }
+        let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).err().expect("too far");
+        assert!(error.message().contains("0.5 m"), "{error}");
+        assert!(run(None, None, 0.0, false).is_err());
+    }
+
+    #[test]
+    fn aligned_objects_take_the_normal() {
+        let pose = run(Some(plane(0.0, 0.2)), None, 0.1, true).unwrap_or_else(|e| panic!("{e}"));
+        let normal = DVec3::new(-0.2, 0.0, 1.0).normalize();
+        assert!((pose.transform_vector3(DVec3::Z) - normal).length() < 1e-5, "{pose}");
+        // The foot lies on the plane.
+        let foot = pose.w_axis.truncate();
+        assert!((foot.z - 0.2 * foot.x).abs() < 0.01, "{foot}");
+    }
+
+    // A table over a floor: the object goes to what it was near.
+    #[test]
+    fn of_two_levels_the_nearer_one_holds() {
+        let mut both = plane(0.0, 0.0);
+        let table = plane(0.4, 0.0);
+        both.positions.extend(table.positions);
+        both.triangles.extend([[4, 5, 6], [4, 6, 7]]);
+        for (z, expected) in [(0.1, 0.0), (0.35, 0.4)] {
+            let pose = run(Some(both.clone()), None, z, false).unwrap_or_else(|e| panic!("{e}"));
+            assert!((pose.w_axis.z - expected).abs() < 1e-6, "{z}: {pose}");
+        }
+    }
+
+    #[test]
+    fn splats_hold_objects_too() {
+        let mut splats = Splats {
+            means: Vec::new(),
+            means_low: Vec::new(),
+            quats: vec![[1.0, 0.0, 0.0, 0.0]; 400],
+            scales: vec![[0.01; 3]; 400],
+            opacities: Vec::new(),
+            sh_degree: 0,
+            sh: vec![[0.0; 3]; 400],
+            encoding: crate::types::SplatEncoding::Srgb,
+            antialiased: false,
+        };
+        for i in 0..400_u32 {
+            let [x, y] = [i % 20, i / 20].map(|k| k as f32 * 0.05 - 0.4);
+            let height = 0.2 + if i % 3 == 0 { 0.004 } else { -0.002 };
+            splats.means.push([x, y, if i % 10 == 0 { 0.45 } else { height }]);
+            splats.opacities.push(if i % 7 == 0 { 0.1 } else { 0.9 });
+        }
+        let pose = run(None, Some(splats), 0.0, false).unwrap_or_else(|e| panic!("{e}"));
+        assert!((pose.w_axis.z - 0.2).abs() < 0.005, "{pose}");
+    }
+}

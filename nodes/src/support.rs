@@ -1,0 +1,108 @@
+//! What objects stand on: their feet, and the level of the points under a foot.
+
+use glam::{DMat3, DVec3};
+
+use crate::types::Placed;
+
+/// The box around an object and the part of it near the ground, in world units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Foot {
+    /// Least coordinates of the object.
+    pub low: DVec3,
+    /// Greatest coordinates of the object.
+    pub high: DVec3,
+    /// Its lowest height along up.
+    pub base: f64,
+    /// Middle of the foot.
+    pub middle: DVec3,
+    /// Half the size of the region to look at for the ground: the foot and some way around it.
+    pub half: DVec3,
+}
+
+/// Corners of an object's triangles in the world.
+fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
+    let used = placed.object.primitives.iter().flat_map(|primitive| {
+        primitive.triangles.iter().flatten().filter_map(|&i| primitive.positions.get(i as usize))
+    });
+    let place = |p: &[f32; 3]| placed.world_from_object.transform_point3(DVec3::from_array(p.map(f64::from)));
+    used.map(place).filter(|p| p.is_finite())
+}
+
+/// The box around some points.
+fn around(points: impl Iterator<Item = DVec3>) -> Option<(DVec3, DVec3)> {
+    points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+}
+
+impl Foot {
+    /// The foot of an object; none of one without triangles. The foot is what lies in the lowest fiftieth of
+    /// the height, or some of the middle where that is a point.
+    pub fn of(placed: &Placed, up: DVec3) -> Option<Self> {
+        let (low, high) = around(corners(placed))?;
+        let (base, top) = (low.dot(up).min(high.dot(up)), low.dot(up).max(high.dot(up)));
+        let slice = base + 0.02 * (top - base);
+        let (a, b) = around(corners(placed).filter(|p| p.dot(up) <= slice)).unwrap_or((low, high));
+        let half = ((b - a) * 0.75).max((high - low) * 0.125);
+        Some(Self { low, high, base, middle: (a + b) * 0.5, half })
+    }
+
+    /// Two horizontal axes of the world, given one that points up.
+    pub fn axes(up: DVec3) -> [DVec3; 2] {
+        let across = if up.x.abs() > 0.5 { DVec3::Y } else { DVec3::X };
+        [across, up.cross(across)]
+    }
+}
+
+/// The plane through some points, which may be rough.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Median height.
+    pub height: f64,
+    /// Rise of the plane by least squares along both axes; 0 where the points do not tell.
+    pub slope: [f64; 2],
+    /// Standard deviation of heights about that plane, by their median deviation.
+    pub roughness: f64,
+}
+
+impl Level {
+    /// The level of points given by two horizontal coordinates and a height; `None` of no points.
+    pub fn of(points: &[[f64; 3]]) -> Option<Self> {
+        let height = median(points.iter().map(|p| p[2]).collect())?;
+        let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        for &[x, y, z] in points {
+            let row = DVec3::new(x, y, 1.0);
+            moments += DMat3::from_cols(row * x, row * y, row);
+            right += row * (z - height);
+        }
+        let plane = moments.inverse() * right;
+        // Points in a line have no plane.
+        let plane = if moments.determinant() > 0.0 && plane.is_finite() { plane } else { DVec3::ZERO };
+        let away = |&[x, y, z]: &[f64; 3]| (z - height - plane.dot(DVec3::new(x, y, 1.0))).abs();
+        // 1.4826 makes the median deviation of a normal distribution its standard deviation.
+        let roughness = 1.4826 * median(points.iter().map(away).collect())?;
+        Some(Self { height, slope: [plane.x, plane.y], roughness })
+    }
+}
+
+/// The upper median of some finite numbers.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slope_is_no_roughness() {
+        let grid = (0..100).map(|i| [f64::from(i % 10) - 4.5, f64::from(i / 10) - 4.5]);
+        let sloping: Vec<_> = grid.clone().map(|[x, y]| [x, y, 3.0 + 0.1 * x - 0.2 * y]).collect();
+        let level = Level::of(&sloping).expect("points");
+        assert!((level.slope[0] - 0.1).abs() < 1e-12 && (level.slope[1] + 0.2).abs() < 1e-12);
+        assert!(level.roughness < 1e-12 && (level.height - 3.0).abs() < 0.2);
+        let rough: Vec<_> = grid.enumerate().map(|(i, [x, y])| [x, y, f64::from((i % 3) as u8)]).collect();
+        assert!((0.5..1.5).contains(&Level::of(&rough).expect("points").roughness));
+        assert_eq!(Level::of(&[]), None);
+        assert_eq!(Level::of(&[[1.0, 2.0, 5.0]; 3]).expect("one point").slope, [0.0; 2]);
+    }
+}
