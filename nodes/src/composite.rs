@@ -1,11 +1,12 @@
 //! `composite`: the background, darkened by the shadow, under the inserted objects.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes};
 
 use crate::layers::{linear, matching};
-use crate::types::{Image, Images, Linear, NamedImage};
+use crate::types::{Image, Images, Linear, NamedImage, Picture};
 
 engine::params! {
     /// Puts the rendered objects over the background, which the shadow darkens first.
@@ -30,6 +31,9 @@ engine::inputs! {
         shadow: Option<Arc<Images>>,
         /// Light that the objects give to the background, or take where it is negative; by `shadow-ratio`.
         added: Option<Arc<Images>>,
+        /// What of the background lies in front of the objects, premultiplied, with alpha: a `splat-render` with
+        /// `limit: "trace.depth"`. It is laid over them; a mesh in front has cut their alpha already.
+        front: Option<Arc<Images>>,
     }
 }
 
@@ -41,15 +45,18 @@ engine::outputs! {
     }
 }
 
+/// The layers of one view, all of one size.
+struct Layers<'a> {
+    background: &'a Image<Linear>,
+    object: &'a Image<Linear>,
+    shadow: Option<Image<Linear>>,
+    added: Option<Image<Linear>>,
+    front: Option<Cow<'a, Image<Linear>>>,
+}
+
 impl Composite {
-    fn view(
-        &self,
-        background: &Image<Linear>,
-        object: &Image<Linear>,
-        shadow: Option<&Image<Linear>>,
-        added: Option<&Image<Linear>>,
-        broken: &mut u64,
-    ) -> Image<Linear> {
+    fn view(&self, layers: &Layers<'_>, broken: &mut u64) -> Image<Linear> {
+        let Layers { background, object, .. } = *layers;
         let (width, height) = (background.width, background.height);
         let keep_alpha = self.backdrop.is_none() && background.channels == 4;
         let mut out = Image::new(width, height, if keep_alpha { 4 } else { 3 });
@@ -61,15 +68,22 @@ impl Composite {
                 let cover = if object.channels == 4 { o[3] } else { 1.0 };
                 let pixel = out.pixel_mut(x, y);
                 for c in 0..3 {
-                    let factor = shadow.map_or(1.0, |s| s.pixel(x, y)[c]);
+                    let factor = layers.shadow.as_ref().map_or(1.0, |s| s.pixel(x, y)[c]);
                     let mut under = b[c] * factor;
-                    if let Some(added) = added {
+                    if let Some(added) = &layers.added {
                         under = (under + added.pixel(x, y)[c] * behind).max(0.0);
                     }
                     if let (Some(backdrop), true) = (self.backdrop, behind < 1.0) {
                         under += (1.0 - behind) * backdrop[c] as f32;
                     }
-                    let value = under * (1.0 - cover) + o[c];
+                    let over = match &layers.front {
+                        Some(front) => {
+                            let front = front.pixel(x, y);
+                            front[c] * cover + o[c] * (1.0 - front[3])
+                        }
+                        None => o[c],
+                    };
+                    let value = under * (1.0 - cover) + over;
                     *broken += u64::from(!value.is_finite());
                     pixel[c] = if value.is_finite() { value } else { 0.0 };
                 }
@@ -98,15 +112,26 @@ impl Kind for Composite {
             let background = linear(&view.picture, "background")?;
             let size = (background.width, background.height);
             let object = linear(matching(&inputs.object, "object", &view.name, size)?, "object")?;
-            let shadow = match &inputs.shadow {
-                Some(images) => Some(factors(matching(images, "shadow", &view.name, size)?)?),
+            let data = |images: &Option<Arc<Images>>, port| match images {
+                Some(images) => factors(matching(images, port, &view.name, size)?, port).map(Some),
+                None => Ok(None),
+            };
+            let front = match &inputs.front {
+                Some(images) => Some(linear(matching(images, "front", &view.name, size)?, "front")?),
                 None => None,
             };
-            let added = match &inputs.added {
-                Some(images) => Some(factors(matching(images, "added", &view.name, size)?)?),
-                None => None,
+            if front.as_ref().is_some_and(|image| image.channels != 4) {
+                let error = NodeError::new("what lies in front needs alpha").at("front");
+                return Err(error.hint("wire a splat-render with `limit`"));
+            }
+            let layers = Layers {
+                background: &background,
+                object: &object,
+                shadow: data(&inputs.shadow, "shadow")?,
+                added: data(&inputs.added, "added")?,
+                front,
             };
-            let image = params.view(&background, &object, shadow.as_ref(), added.as_ref(), &mut broken);
+            let image = params.view(&layers, &mut broken);
             views.push(NamedImage { name: view.name.clone(), picture: image.into() });
         }
         let mut notes = Notes::none();
@@ -117,8 +142,8 @@ impl Kind for Composite {
     }
 }
 
-/// The shadow as plain factors, whatever encoding it is tagged with: it is no colour.
-fn factors(picture: &crate::types::Picture) -> Result<Image<Linear>, NodeError> {
+/// A shadow or added light as plain numbers, whatever encoding they are tagged with: they are no colour.
+fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeError> {
     let (width, height, channels) = picture.size();
     match channels {
         3.. => Ok(Image::from_samples(width, height, channels, picture.samples().to_vec())),
@@ -126,7 +151,7 @@ fn factors(picture: &crate::types::Picture) -> Result<Image<Linear>, NodeError> 
             let samples = picture.samples().iter().flat_map(|&v| [v; 3]).collect();
             Ok(Image::from_samples(width, height, 3, samples))
         }
-        _ => Err(NodeError::new(format!("a shadow has 1 or 3 channels, not {channels}")).at("shadow")),
+        _ => Err(NodeError::new(format!("`{port}` has 1 or 3 channels, not {channels}")).at(port)),
     }
 }
 
@@ -134,7 +159,7 @@ fn factors(picture: &crate::types::Picture) -> Result<Image<Linear>, NodeError> 
 mod tests {
     use super::*;
     use crate::testing::context;
-    use crate::types::{Data, Picture, Srgb};
+    use crate::types::{Data, Srgb};
 
     fn one(picture: impl Into<Picture>) -> Arc<Images> {
         Arc::new(Images::single("v", picture))
@@ -146,6 +171,7 @@ mod tests {
             object: one(Image::<Linear>::from_samples(1, 1, 4, o.to_vec())),
             shadow: Some(one(Image::<Data>::from_samples(1, 1, 3, s.to_vec()))),
             added: None,
+            front: None,
         };
         let (out, _) = Composite::run(&Composite { backdrop }, inputs, &context()).expect("runs");
         out.image.0[0].picture.samples().to_vec()
@@ -197,10 +223,32 @@ mod tests {
             object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.1, 0.1, 0.1, 0.5])),
             shadow: data([0.5; 3]),
             added: data([0.25, 0.0, -9.0]),
+            front: None,
         };
         let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
         let expected = [0.5 * 0.5 + 0.1, 0.25 * 0.5 + 0.1, 0.1];
         assert_eq!(out.image.0[0].picture.samples(), expected);
+    }
+
+    // What is in front covers the object as far as it does, and is in the background already elsewhere.
+    #[test]
+    fn the_front_is_laid_over_the_object_only() {
+        let over = |alpha: f32, f: f32| {
+            let inputs = In {
+                background: one(rgb([0.5; 3])),
+                object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.8 * alpha, 0.0, 0.0, alpha])),
+                shadow: None,
+                added: None,
+                front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.3 * f, 0.0, f]))),
+            };
+            let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
+            out.image.0[0].picture.samples().to_vec()
+        };
+        assert_eq!(over(1.0, 0.0), [0.8, 0.0, 0.0]);
+        assert_eq!(over(1.0, 1.0), [0.0, 0.3, 0.0]);
+        assert_eq!(over(0.0, 1.0), [0.5; 3]);
+        assert_eq!(over(1.0, 0.5), [0.4, 0.15, 0.0]);
+        assert_eq!(over(0.5, 1.0), [0.25, 0.25 + 0.15, 0.25]);
     }
 
     #[test]
@@ -210,6 +258,7 @@ mod tests {
             object: one(Image::<Linear>::new(1, 1, 4)),
             shadow: None,
             added: None,
+            front: None,
         };
         let error = Composite::run(&Composite { backdrop: None }, inputs, &context()).err().expect("sizes");
         assert!(error.message().contains("1x1"), "{error}");
