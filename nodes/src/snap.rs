@@ -94,7 +94,7 @@ impl Kind for Snap {
         let normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
         let mut moved = DMat4::from_translation(up * level.height) * pose;
         if params.align {
-            let about = DVec3::from(moved.w_axis.truncate());
+            let about = moved.w_axis.truncate();
             let turn = DMat4::from_quat(DQuat::from_rotation_arc(up, normal));
             moved = DMat4::from_translation(about) * turn * DMat4::from_translation(-about) * moved;
         }
@@ -236,7 +236,7 @@ mod tests {
             let pose = run(Some(plane(0.75, 0.0)), None, z, false).unwrap_or_else(|e| panic!("{e}"));
             assert!((pose.w_axis.truncate() - DVec3::new(0.3, 0.1, 0.75)).length() < 1e-6, "{pose}");
         }
-        let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).err().expect("too far");
+        let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
         assert!(error.message().contains("0.5 m"), "{error}");
         assert!(run(None, None, 0.0, false).is_err());
     }

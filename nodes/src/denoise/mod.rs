@@ -208,7 +208,7 @@ impl Kind for Denoise {
         let sizes = inputs.without.0.iter().map(|view| view.picture.size());
         let pixels: usize = sizes.map(|(width, height, _)| width * height).sum();
         // Copies of three layers of every view; fields, averages and their copies of one at a time.
-        Cost { bytes: (pixels * (10 * 4 + 200)) as u64, work: pixels as f64 * 10.0 }
+        Cost { bytes: (pixels * (10 * 4 + 200)) as u64 }
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
