@@ -60,7 +60,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
         bounce: Bounce::Solid,
         object_specular_sees: SpecularSees::Receiver,
         clamp_indirect: 0.0,
-        contact_metres: 0.0,
+        contact_metres: Some(0.0),
     };
     let inputs = path_trace::In {
         receiver: Arc::new(floor),

@@ -106,10 +106,10 @@ fn lamps_light_what_is_around_them() {
     let black = constant(Up::PlusZ, [0.0; 3], 8);
     let lamp = Material { emissive: [7.0, 7.0, 7.0], ..matte(0.0) };
     let (radius, height) = (0.1, 1.0);
-    let object = ball(radius, lamp.clone(), DVec3::new(0.0, 0.0, height));
+    let object = ball(radius, lamp, DVec3::new(0.0, 0.0, height));
     let below = rig(DVec3::new(0.0, 0.0, 0.8), DVec3::new(0.0, 0.001, 0.0), 8, 40.0);
     let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Solid) };
-    let (out, _) = render(&p, &plane(50.0), &[object.clone()], &below, &black);
+    let (out, _) = render(&p, &plane(50.0), std::slice::from_ref(&object), &below, &black);
     // A mesh of 24 rings inside of the sphere has less of a disc: its outline is smaller by a third of 1 %.
     let expected = 0.5 * 7.0 * f64::from(radius * radius) / (height * height);
     let got = mean(&out.with);
