@@ -107,6 +107,8 @@ impl Diff {
         let graph = GraphArgs {
             graph: path.to_owned(),
             set: set.to_vec(),
+            preset: Vec::new(),
+            overlay: Vec::new(),
             only: Vec::new(),
             origin: self.origin.clone(),
         };
