@@ -239,7 +239,7 @@ impl PathTrace {
             },
             specular_env: match self.object_specular_sees {
                 _ if printed => true,
-                SpecularSees::Auto => !solid,
+                SpecularSees::Auto => !solid || stage.inputs.env.origin.is_some(),
                 SpecularSees::Env => true,
                 SpecularSees::Receiver => false,
             },

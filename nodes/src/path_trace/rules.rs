@@ -71,7 +71,8 @@ engine::choices! {
 engine::choices! {
     /// What a reflection in an object shows where it meets the receiver.
     pub enum SpecularSees {
-        /// `Receiver` where the receiver blocks like a solid body, else `Env`.
+        /// `Env` where the environment was captured in the place or the receiver lets it through, else
+        /// `Receiver`.
         Auto,
         /// The environment, which is sharper than a mesh of vertex colours.
         Env,
