@@ -19,7 +19,7 @@ engine::params! {
     /// mesh is met in the middle. Wire the new pose where the old one went: to `place` and the probe.
     pub struct Snap {
         /// How far the ground may lie above or below the object's foot.
-        reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.001");
+        reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
         /// Turns the object's up to the normal of the ground, about its foot.
         align: bool = false, other("true");
     }
