@@ -1,6 +1,7 @@
 //! Packing: a graph, the files it reads, its lock and chosen results become one file.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use super::container::{BundleError, Parts};
 use super::names::wrong_name;
@@ -10,6 +11,7 @@ use crate::context::ReadSource;
 use crate::edit::replace_strings;
 use crate::error::NodeError;
 use crate::graph::Graph;
+use crate::include::folder_of;
 use crate::param::Role;
 use crate::plan::{Fate, Outlook};
 use crate::record::{Record, Spent};
@@ -180,6 +182,14 @@ impl Places {
                     edits.push((span, replace_strings(&text, |path| self.name(index, path))));
                 }
             });
+        }
+        // Paths in an included file are relative to it, and where that lies nothing can lead to `inputs`.
+        let below = |span: &Range<usize>| !folder_of(&graph.source.piece(span.start)).is_empty();
+        if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
+            let (field, file) = (&graph.source.text[span.clone()], graph.source.piece(span.start).name);
+            let what =
+                format!("`{field}` in `{file}` lies where a bundle cannot hold it; put it beside the graph");
+            return Err(BundleError::Refused(what));
         }
         // A field stands once in the text, however many nodes axes make of it.
         edits.sort_by_key(|(span, _)| std::cmp::Reverse(span.start));

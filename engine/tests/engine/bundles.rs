@@ -255,3 +255,40 @@ fn graphs_and_results_are_told_apart() {
     assert!(engine::graph_differences(&a, &a).is_empty());
     assert_eq!(engine::result_differences((&engine, &a), (&engine, &a)).unequal, []);
 }
+
+#[test]
+fn a_bundle_holds_what_a_graph_includes() {
+    let outer = tempfile::tempdir().unwrap();
+    let at = |name: &str| outer.path().join(name);
+    for folder in ["project/parts", "shared"] {
+        std::fs::create_dir_all(at(folder)).unwrap();
+        std::fs::write(at(folder).join("n.txt"), folder).unwrap();
+        let text = "Graph(version: 1, nodes: (x: LoadNumber(path: \"n.txt\")))";
+        std::fs::write(at(folder).join("part.ron"), text).unwrap();
+    }
+    std::fs::write(at("project/parts/n.txt"), "4").unwrap();
+    std::fs::write(at("shared/n.txt"), "5").unwrap();
+    let lab = Lab::on_disk();
+    let graph = |include: &str| {
+        let text = format!(
+            "Graph(version: 1, include: [\"{include}\"], scene: (up: \"+z\"), nodes: (\n\
+            w: WriteNumber(number: \"x\", path: \"w.txt\"), y: Scale(value: \"x\")))"
+        );
+        let root = SourceRoot::new(at("project"));
+        let (source, _) = Source::new("graph.ron", text).including(&root);
+        let source = engine::apply(&source, &["y.by=7.5".parse().unwrap()]);
+        Graph::parse(source, &lab.registry, root).unwrap()
+    };
+    let inside = graph("parts/part.ron");
+    run(&lab, &inside, "out");
+    let (bytes, packed) = pack(&lab, &inside, Results::All);
+    assert_eq!((packed.inputs, packed.unknown.len()), (1, 1), "y is wanted by nobody");
+    let verified = checked(&lab, &bytes, 9, 0);
+    assert!(verified.is_good() && verified.known == 2, "{verified:?}");
+    let text = String::from_utf8_lossy(&bytes).into_owned();
+    assert!(text.contains("by: 7.5") && text.contains("parts/n.txt"), "settings go along");
+
+    let away = lab.engine().pack(&graph("../shared/part.ron"), &[], Results::All, &mut Vec::new());
+    let error = away.unwrap_err().to_string();
+    assert!(error.contains("`\"n.txt\"` in `../shared/part.ron`"), "{error}");
+}
