@@ -5,6 +5,7 @@
 //! each point; see [`crate::expand`].
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use ron::value::RawValue;
@@ -20,6 +21,8 @@ pub(crate) struct Axis<'t> {
     pub name: &'t str,
     /// RON texts.
     pub values: Vec<String>,
+    /// The digits of the longest value, where all of them are whole numbers without a sign.
+    pub digits: Option<usize>,
 }
 
 /// An axis may have so many values.
@@ -59,10 +62,18 @@ impl<'t> Axis<'t> {
         if values.is_empty() || values.len() > MOST_VALUES {
             return Err(wrong(format!("`{}` has {} values", field.name, values.len())));
         }
-        if let Some(twice) = (1..values.len()).find(|&index| values[..index].contains(&values[index])) {
-            return Err(wrong(format!("`{}` has the value {} twice", field.name, shown(&values[twice]))));
+        let mut seen = BTreeSet::new();
+        if let Some(twice) = values.iter().find(|value| !seen.insert(value.as_str())) {
+            return Err(wrong(format!("`{}` has the value {} twice", field.name, shown(twice))));
         }
-        Ok(Self { name: field.name, values })
+        Ok(Self::new(field.name, values))
+    }
+
+    fn new(name: &'t str, values: Vec<String>) -> Self {
+        let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        let longest = values.iter().map(String::len).max();
+        let digits = longest.filter(|_| values.iter().all(is_whole));
+        Self { name, values, digits }
     }
 }
 
@@ -245,8 +256,7 @@ mod tests {
     }
 
     fn axes() -> Vec<Axis<'static>> {
-        let axis =
-            |name, values: &[&str]| Axis { name, values: values.iter().map(|&v| v.to_owned()).collect() };
+        let axis = |name, values: &[&str]| Axis::new(name, values.iter().map(|&v| v.to_owned()).collect());
         vec![axis("yaw", &["0.0", "15.0"]), axis("frame", &["0", "1", "2"]), axis("file", &["\"a.hdr\""])]
     }
 

@@ -279,10 +279,8 @@ fn wires(
 /// The value of an axis as part of a file name: whole numbers with zeros in front, so that names sort.
 fn file_text(axis: &Axis<'_>, value: usize) -> String {
     let text = axis.values[value].trim_matches('"');
-    let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    if axis.values.iter().all(is_whole) {
-        let width = axis.values.iter().map(String::len).max().unwrap_or_default();
-        return format!("{text:0>width$}");
+    if let Some(digits) = axis.digits {
+        return format!("{text:0>digits$}");
     }
     plain_name(text.strip_suffix(".0").unwrap_or(text))
 }

@@ -6,6 +6,7 @@ mod incremental;
 mod kill;
 mod messages;
 mod share;
+mod turntable;
 mod watch;
 
 use std::collections::BTreeMap;

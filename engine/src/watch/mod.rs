@@ -344,6 +344,7 @@ impl<L: FnMut() -> Load, T: FnMut(Event)> Session<'_, L, T> {
             _ => false,
         };
         if same && only_texts {
+            self.doubted = false;
             return None;
         }
         if load.graph.is_err() && !std::mem::replace(&mut self.doubted, true) {

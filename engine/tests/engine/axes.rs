@@ -156,3 +156,16 @@ fn mistakes_of_axes_have_their_place() {
         assert!(text.contains("graph.ron:"), "{text}");
     }
 }
+
+#[test]
+fn a_long_axis_is_one_node_a_value() {
+    let lab = Lab::in_memory();
+    let text = graph(
+        "n: Range(0, 20000)",
+        r#"a: Number(value: Axis("n")), s: WriteNumber(number: "a", path: "{n}.txt"),
+        g: Gather(input: "a", over: "n"), sum: Add(terms: "g"),"#,
+    );
+    let graph = lab.parse(&text).unwrap();
+    assert_eq!(graph.nodes.len(), 40_001);
+    assert_eq!(graph.nodes[20_007].sink_path.as_deref(), Some("00007.txt"));
+}
