@@ -251,15 +251,9 @@ fn names(kind: &KindEntry) -> impl Iterator<Item = &'static str> {
 /// The parameters that are not as by default: number and canonical text of each.
 fn texts(node: &Node) -> Vec<u8> {
     let mut to = Encoder::default();
-    let mut params = node.kind.params.iter().enumerate();
-    node.step.visit(&mut |_, value| {
-        // A value that is not canonical was refused when the graph was checked.
-        if let (Some((index, spec)), Ok(text)) = (params.next(), value.text())
-            && spec.default.as_deref() != Some(text.as_str())
-        {
-            to.u32(index as u32);
-            to.str(&text);
-        }
+    node.step.changed(&node.kind, &mut |index, text| {
+        to.u32(index as u32);
+        to.str(text);
     });
     to.finish()
 }
@@ -309,6 +303,22 @@ impl LazyStep {
         Self { step: OnceLock::new(), stored: Some(stored) }
     }
 
+    /// Visits number and canonical text of each parameter that is not as by default, without reading them.
+    pub fn changed(&self, kind: &KindEntry, visit: &mut dyn FnMut(usize, &str)) {
+        if let Some(stored) = &self.stored {
+            return stored.texts().for_each(|(index, text)| visit(index, text));
+        }
+        let mut params = kind.params.iter().enumerate();
+        self.visit(&mut |_, value| {
+            // A value that is not canonical was refused when the graph was checked.
+            if let (Some((index, spec)), Ok(text)) = (params.next(), value.text())
+                && spec.default.as_deref() != Some(text.as_str())
+            {
+                visit(index, &text);
+            }
+        });
+    }
+
     /// Writes the parameters into a key.
     pub fn write_key(&self, to: &mut KeyWriter) {
         match &self.stored {
@@ -334,14 +344,21 @@ impl Deref for LazyStep {
 }
 
 impl Stored {
-    fn read(&self) -> Option<Arc<dyn Step>> {
+    /// Number and text of each stored parameter, as far as they make sense.
+    fn texts(&self) -> impl Iterator<Item = (usize, &str)> {
         let mut from = Decoder::new(&self.bytes[self.texts.clone()]);
-        let mut fields = Vec::new();
-        while from.end().is_err() {
-            let name = self.kind.params.get(from.u32().ok()? as usize)?.name;
-            let text = str::from_utf8(from.raw().ok()?).ok()?;
-            fields.push(RawField { name, name_span: 0..0, text, span: 0..0 });
-        }
+        std::iter::from_fn(move || {
+            let index = from.u32().ok()? as usize;
+            Some((index, str::from_utf8(from.raw().ok()?).ok()?))
+        })
+    }
+
+    fn read(&self) -> Option<Arc<dyn Step>> {
+        let field = |(index, text)| {
+            let name = self.kind.params.get(index)?.name;
+            Some(RawField { name, name_span: 0..0, text, span: 0..0 })
+        };
+        let fields: Vec<_> = self.texts().map(field).collect::<Option<_>>()?;
         let mut diagnostics = Vec::new();
         (self.kind.read)(&mut Fields {
             fields: &fields,

@@ -46,15 +46,13 @@ pub(crate) fn recipe<'s>(
     for &index in &order {
         let node = &graph.nodes[index];
         let mut fields: Vec<String> = Vec::new();
-        let mut params = node.kind.params.iter();
-        node.step.visit(&mut |name, value| {
-            let (Some(spec), Ok(value)) = (params.next(), value.text()) else { return };
-            let value = match spec.role {
-                Role::Value => value,
-                Role::Input => replace_strings(&value, |path| last(path).to_owned()),
-                Role::Output => replace_strings(&value, output_name),
-            };
-            fields.push(format!("{name}:{value}"));
+        node.step.texts(&node.kind, &mut |index, text| {
+            let Some(spec) = node.kind.params.get(index) else { return };
+            fields.push(match spec.role {
+                Role::Value => format!("{}:{text}", spec.name),
+                Role::Input => format!("{}:{}", spec.name, replace_strings(text, |path| last(path).to_owned())),
+                Role::Output => format!("{}:{}", spec.name, replace_strings(text, output_name)),
+            });
         });
         for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
             let names: Vec<String> = wires
