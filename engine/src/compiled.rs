@@ -6,7 +6,6 @@
 //! folder, the table of kinds, the program, or a file that it names is another one.
 
 use std::ops::{Deref, Range};
-use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use cache::{Digest, FileStamp, KeyWriter, Store};
@@ -43,7 +42,7 @@ impl Graph {
         if source.text.len() < Self::WORTH_COMPILING {
             return Self::parse(source, registry, root);
         }
-        let key = key(&source.text, registry, root.folder());
+        let key = key(&source.text, registry, &root);
         if let Some(bytes) = load(store, &key)
             && let Ok(parts) = decode(&Arc::new(bytes), &source.text, registry, &root)
         {
@@ -65,7 +64,7 @@ fn load(store: &Store, key: &Digest) -> Option<Vec<u8>> {
 }
 
 /// Everything that what was checked depends on, but for the files it names.
-fn key(text: &str, registry: &Registry, folder: &Path) -> Digest {
+fn key(text: &str, registry: &Registry, root: &SourceRoot) -> Digest {
     let mut table = Encoder::default();
     for kind in registry.iter() {
         table.str(kind.name);
@@ -85,7 +84,8 @@ fn key(text: &str, registry: &Registry, folder: &Path) -> Digest {
     }
     table.str(env!("CARGO_PKG_VERSION"));
     table.str(FORMAT);
-    table.u8s(folder.as_os_str().as_encoded_bytes());
+    // With the folders that a stranger's graph may read: what was checked for one is not for the other.
+    table.str(&format!("{root:?}"));
     table.u8s(Digest::of(text.as_bytes()).as_bytes());
     Digest::of(&table.finish())
 }
@@ -248,10 +248,10 @@ fn names(kind: &KindEntry) -> impl Iterator<Item = &'static str> {
     kind.params.iter().map(|param| param.name).chain(kind.inputs.iter().map(|port| port.name))
 }
 
-/// The parameters that are not as by default: number and canonical text of each.
+/// Number and canonical text of each parameter.
 fn texts(node: &Node) -> Vec<u8> {
     let mut to = Encoder::default();
-    node.step.changed(&node.kind, &mut |index, text| {
+    node.step.texts(&node.kind, &mut |index, text| {
         to.u32(index as u32);
         to.str(text);
     });
@@ -303,17 +303,15 @@ impl LazyStep {
         Self { step: OnceLock::new(), stored: Some(stored) }
     }
 
-    /// Visits number and canonical text of each parameter that is not as by default, without reading them.
-    pub fn changed(&self, kind: &KindEntry, visit: &mut dyn FnMut(usize, &str)) {
+    /// Visits number and canonical text of each parameter; those that are text are not read for that.
+    pub fn texts(&self, kind: &KindEntry, visit: &mut dyn FnMut(usize, &str)) {
         if let Some(stored) = &self.stored {
             return stored.texts().for_each(|(index, text)| visit(index, text));
         }
         let mut params = kind.params.iter().enumerate();
         self.visit(&mut |_, value| {
             // A value that is not canonical was refused when the graph was checked.
-            if let (Some((index, spec)), Ok(text)) = (params.next(), value.text())
-                && spec.default.as_deref() != Some(text.as_str())
-            {
+            if let (Some((index, _)), Ok(text)) = (params.next(), value.text()) {
                 visit(index, &text);
             }
         });
@@ -354,11 +352,11 @@ impl Stored {
     }
 
     fn read(&self) -> Option<Arc<dyn Step>> {
-        let field = |(index, text)| {
+        let mut fields = Vec::new();
+        for (index, text) in self.texts() {
             let name = self.kind.params.get(index)?.name;
-            Some(RawField { name, name_span: 0..0, text, span: 0..0 })
-        };
-        let fields: Vec<_> = self.texts().map(field).collect::<Option<_>>()?;
+            fields.push(RawField { name, name_span: 0..0, text, span: 0..0 });
+        }
         let mut diagnostics = Vec::new();
         (self.kind.read)(&mut Fields {
             fields: &fields,

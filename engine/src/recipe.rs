@@ -50,7 +50,9 @@ pub(crate) fn recipe<'s>(
             let Some(spec) = node.kind.params.get(index) else { return };
             fields.push(match spec.role {
                 Role::Value => format!("{}:{text}", spec.name),
-                Role::Input => format!("{}:{}", spec.name, replace_strings(text, |path| last(path).to_owned())),
+                Role::Input => {
+                    format!("{}:{}", spec.name, replace_strings(text, |path| last(path).to_owned()))
+                }
                 Role::Output => format!("{}:{}", spec.name, replace_strings(text, output_name)),
             });
         });

@@ -28,7 +28,10 @@ fn said(place: &Place, arguments: &[&str]) -> (i32, String) {
 
 fn large_blobs(place: &Place) -> Vec<PathBuf> {
     let folders = std::fs::read_dir(place.path("cache/v1/blobs")).into_iter().flatten().flatten();
-    folders.flat_map(|folder| std::fs::read_dir(folder.path()).unwrap()).map(|file| file.unwrap().path()).collect()
+    folders
+        .flat_map(|folder| std::fs::read_dir(folder.path()).unwrap())
+        .map(|file| file.unwrap().path())
+        .collect()
 }
 
 #[test]

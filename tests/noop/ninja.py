@@ -35,7 +35,8 @@ def graph(shape, n):
     for i, reads in enumerate(wires(shape, n)):
         if shape == "fan" and i == n - 1:
             layers = ", ".join(f'"n{j}"' for j in reads)
-            lines.append(f'    n{i}: WriteExr(layers: [{layers}], path: "out.exr"),')
+            names = ", ".join(f'"l{j}"' for j in reads)
+            lines.append(f'    n{i}: WriteExr(layers: [{layers}], names: [{names}], path: "out.exr"),')
             continue
         names = [f"n{j}" for j in reads] + ["in", "in"]
         lines.append(f'    n{i}: Composite(background: "{names[0]}", object: "{names[1]}", backdrop: ({i}.0, 0.5, 0.25)),'
