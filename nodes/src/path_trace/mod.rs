@@ -1,5 +1,6 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
+mod aim;
 pub mod bsdf;
 pub mod contact;
 pub mod emitters;
@@ -160,14 +161,24 @@ impl Stage<'_> {
 struct Lens<'a> {
     camera: &'a Camera,
     eye: Vec3,
-    forward: DVec3,
+    /// Right, down and forward of the camera in the world.
+    axes: [DVec3; 3],
     seed: u64,
     ground: &'a Ground,
 }
 
-impl Lens<'_> {
+impl<'a> Lens<'a> {
+    fn new(camera: &'a Camera, origin: DVec3, seed: u64, ground: &'a Ground) -> Self {
+        let pose = camera.world_from_camera();
+        let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
+        Self { camera, eye: rules::framed(camera.eye(), origin), axes, seed, ground }
+    }
+
     fn through(&self, x: f64, y: f64) -> Ray {
-        Ray::new(self.eye, self.camera.direction(x, y).as_vec3())
+        let Camera { fx, fy, cx, cy, .. } = *self.camera;
+        let [right, down, forward] = self.axes;
+        let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
+        Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
     /// The points, hash key and camera ray of a sample: uniform over the pixel, a box filter.
@@ -295,7 +306,7 @@ fn trace_r0(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32)], range: (u3
             let mut walk = Walk::new(world, points, key, false);
             let light = match receiver_hit(&world, ray) {
                 Some(hit) => walk.radiance::<false>(Vertex::Receiver(hit), ray.direction),
-                None => world.sky.lookup(ray.direction).radiance,
+                None => world.sky.seen(ray.direction),
             };
             tile.rays += walk.rays + 1;
             if add(&mut sums, light, &mut tile.broken) {
@@ -307,8 +318,9 @@ fn trace_r0(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32)], range: (u3
     tile
 }
 
-/// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same
-/// samples without objects.
+/// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples
+/// without objects: a sample none of whose rays meets an object is in them already, bit for bit, so only
+/// the others are traced, with and without the objects, for what these change.
 fn trace_pair(
     world: World<'_>,
     lens: &Lens<'_>,
@@ -318,60 +330,58 @@ fn trace_pair(
 ) -> TileSums {
     let mut tile = TileSums::default();
     let objects = world.objects;
-    let mut landings = Vec::with_capacity((range.1 - range.0) as usize);
     for &pixel in pixels {
         let mut sums = [0.0; PAIR];
-        let mut touched = false;
-        landings.clear();
-        for sample in range.0..range.1 {
+        let at = (pixel.1 as usize * lens.camera.width_px as usize + pixel.0 as usize) * R0;
+        let known: [f64; R0] = std::array::from_fn(|k| f64::from(r0.sums[at + k]));
+        let (mut with, mut without) = ([0.0; R0], [0.0; R0]);
+        let mut touched = 0;
+        let samples = if objects.is_empty() { range.0..range.0 } else { range.0..range.1 };
+        for sample in samples {
             let (points, key, ray) = lens.sample(pixel, sample);
             tile.rays += 2;
             let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, key, true));
             let landed = receiver_hit(&world, ray).map(|hit| (hit, shift(&world, lens, &hit, ray)));
-            landings.push(landed);
             if let Some(front) = front
                 && landed.is_none_or(|(hit, shift)| front.t <= hit.t + shift)
             {
                 let mut walk = Walk::new(world, points, key, true);
                 let light = walk.radiance::<false>(Vertex::Object(front), ray.direction);
                 tile.rays += walk.rays;
-                if add(&mut sums[4..7], light, &mut tile.broken) {
+                if add(&mut sums[4..], light, &mut tile.broken) {
                     sums[7] += 1.0;
                     sums[8] += squared_luminance(light);
                 }
             }
-            if let (Some((hit, shift)), false) = (landed, touched) {
-                let mut probe = Walk::new(world, points, key, true);
-                probe.lift = ray.direction * shift;
-                probe.radiance::<true>(Vertex::Receiver(hit), ray.direction);
-                tile.rays += probe.rays;
-                touched = probe.touched;
+            let Some((hit, shift)) = landed else { continue };
+            let lift = ray.direction * shift;
+            let mut probe = Walk::new(world, points, key, true);
+            probe.lift = lift;
+            probe.radiance::<true>(Vertex::Receiver(hit), ray.direction);
+            tile.rays += probe.rays;
+            if !probe.touched {
+                continue;
             }
-        }
-        if touched {
-            for (sample, landed) in (range.0..range.1).zip(&landings) {
-                let (points, key, ray) = lens.sample(pixel, sample);
-                let mut walk = Walk::new(world, points, key, true);
-                let light = match *landed {
-                    Some((hit, shift)) => {
-                        walk.lift = ray.direction * shift;
-                        walk.radiance::<false>(Vertex::Receiver(hit), ray.direction)
-                    }
-                    None => world.sky.lookup(ray.direction).radiance,
-                };
+            touched += 1;
+            for (there, sums) in [(true, &mut with), (false, &mut without)] {
+                let mut walk = Walk::new(world, points, key, there);
+                walk.lift = lift;
+                let light = walk.radiance::<false>(Vertex::Receiver(hit), ray.direction);
                 tile.rays += walk.rays;
-                if add(&mut sums[..3], light, &mut tile.broken) {
+                let mut counted = 0;
+                if add(sums, light, &mut counted) {
                     sums[3] += squared_luminance(light);
                 }
-            }
-        } else {
-            // No ray of these samples meets an object: the sums without objects, bit for bit.
-            tile.untouched += 1;
-            let at = (pixel.1 as usize * lens.camera.width_px as usize + pixel.0 as usize) * R0;
-            for (sum, known) in sums.iter_mut().zip(&r0.sums[at..at + R0]) {
-                *sum = f64::from(*known);
+                // Without the objects it was counted before.
+                tile.broken += if there { counted } else { 0 };
             }
         }
+        // Where every sample is touched nothing of the sums without objects is left, nor of their rounding.
+        let all = touched == range.1 - range.0;
+        for k in 0..R0 {
+            sums[k] = if all { with[k] } else { (known[k] + (with[k] - without[k])).max(0.0) };
+        }
+        tile.untouched += u64::from(touched == 0);
         tile.push(&sums);
     }
     tile
@@ -401,7 +411,7 @@ fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32)]) -> Tile
             _ => (f32::INFINITY, Vec3::ZERO),
         };
         let depth = if t.is_finite() {
-            f64::from(t) * ray.direction.as_dvec3().dot(lens.forward)
+            f64::from(t) * ray.direction.as_dvec3().dot(lens.axes[2])
         } else {
             f64::INFINITY
         };
@@ -417,7 +427,7 @@ fn columns(names: &[&str]) -> Vec<String> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     type Params = Self;
@@ -489,9 +499,7 @@ impl Kind for PathTrace {
             || World { receiver: stage.receiver(), objects: &objects, sky: stage.sky(), rules: &rules };
         let mut shots = Vec::with_capacity(inputs.rig.cameras.len());
         for camera in &inputs.rig.cameras {
-            let forward = camera.world_from_camera().z_axis.truncate();
-            let lens =
-                Lens { camera, eye: rules::framed(camera.eye(), origin), forward, seed, ground: &ground };
+            let lens = Lens::new(camera, origin, seed, &ground);
             let extra = |range, contact| Extra {
                 view: View::of(camera),
                 rules: &rules,
@@ -502,7 +510,7 @@ impl Kind for PathTrace {
             };
             let mut running = Running::new(camera);
             for &range in &chunks {
-                let part = Part { name: "r0", version: 1, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 2, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(range, None), || {
                     let world = world();
                     let sums = Sums::trace(cx, camera, R0, step, |tile| trace_r0(world, &lens, tile, range))?;
@@ -510,7 +518,7 @@ impl Kind for PathTrace {
                     Ok(sums)
                 })?;
                 expect_size(&r0, camera, R0)?;
-                let part = Part { name: "pair", version: 3, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 4, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, &r0);

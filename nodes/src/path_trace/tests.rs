@@ -195,7 +195,7 @@ fn passing_box_is_half_lit() {
     for (bounces, block) in
         [(0, EnvBlock::Pass), (8, EnvBlock::Pass), (3, EnvBlock::FrontFace { max_layers: 3 })]
     {
-        let p = PathTrace { max_bounces: bounces, ..params(16, block) };
+        let p = PathTrace { max_bounces: bounces, ..params(64, block) };
         let (out, _) = render(&p, &room(), &[], &inside(), &white());
         assert!((mean(&out.without) - 0.5).abs() < 5e-4, "{bounces} bounces: {}", mean(&out.without));
     }
@@ -314,7 +314,7 @@ fn pass_beyond_blocks_only_what_is_near() {
     let mut env = white();
     env.origin = Some(DVec3::new(0.0, 0.0, 2.0));
     let lit = |metres| {
-        let p = PathTrace { bounce: Bounce::Env, ..params(16, EnvBlock::PassBeyond { metres }) };
+        let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::PassBeyond { metres }) };
         mean(&render(&p, &room(), &[], &inside(), &env).0.without)
     };
     assert!((lit(0.5) - 0.5).abs() < 5e-4);
@@ -338,6 +338,28 @@ fn without_objects_both_renders_are_equal() {
             assert!(samples(&out.object).iter().all(|&v| v == 0.0));
         }
     }
+}
+
+// Work is counted, and guarded: objects that are not there cost nothing, and for those that are only the
+// samples that they touch are traced again.
+#[test]
+fn rays_are_only_cast_where_they_may_matter() {
+    let (plane, objects, rig) = shadowed();
+    let rays = |objects: &[Arc<Placed>], block| {
+        let cx = context();
+        render_in(&cx, &params(16, block), &plane, objects, &rig, &sunny());
+        cx.counts()["rays"]
+    };
+    let samples = 16 * 32 * 32;
+    // A camera ray; where it lands up to four to the sky and, where the plane is solid, one scattered.
+    let (solid, pass) = (rays(&[], EnvBlock::Solid), rays(&[], EnvBlock::Pass));
+    assert!(solid <= samples * 6 && pass == samples, "{solid} {pass} for {samples} samples");
+    // Again a camera ray, and another to the object; up to four to the sky, and two scattered.
+    let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
+    let there = rays(&far, EnvBlock::Solid);
+    assert!(there <= solid + samples * 8, "{there} over {solid}");
+    let near = rays(&objects, EnvBlock::Solid);
+    assert!(near < solid + samples * 11, "{near} over {solid}");
 }
 
 #[test]
@@ -377,13 +399,8 @@ fn skipping_untouched_paths_changes_nothing() {
         };
         let world = World { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
         let camera = &stage_inputs.rig.cameras[0];
-        let lens = Lens {
-            camera,
-            eye: camera.eye().as_vec3(),
-            forward: DVec3::Y,
-            seed: cx.seed(),
-            ground: &Ground::default(),
-        };
+        let ground = Ground::default();
+        let lens = Lens::new(camera, DVec3::ZERO, cx.seed(), &ground);
         let (mut same, mut other) = (0, 0);
         for pixel in (0..32).flat_map(|y| (0..32).map(move |x| (x, y))) {
             let (points, key, ray) = lens.sample(pixel, 3);

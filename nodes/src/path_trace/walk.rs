@@ -14,6 +14,9 @@ use crate::sampling::{Points, hash, unit};
 const PAIRS: u32 = 4;
 /// First of the pairs for light of the objects: choice and place, for each vertex.
 const LAMPS: u32 = 1 << 16;
+/// Light samples at the first vertex of a path: they cost less than another path, and what the picture
+/// shows of their noise is not blurred by anything. Later vertices take one.
+const LIGHTS: u32 = 4;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 
@@ -167,6 +170,52 @@ impl<'a> Walk<'a> {
         block.passes(self.world.receiver, ray)
     }
 
+    /// What one of `lights` light samples brings to a surface.
+    fn light_sample<const PROBE: bool>(
+        &mut self,
+        surface: &Surface,
+        lift: Vec3,
+        lights: u32,
+        point: [u32; 2],
+        key: u32,
+    ) -> Vec3 {
+        let from_sky = self.world.sky.sample(surface.bsdf.lit_side(), point);
+        let lobes = surface.bsdf.eval(from_sky.direction);
+        let useful = |s: &Scatter| s.value != Vec3::ZERO;
+        if from_sky.radiance == Vec3::ZERO || !lobes.iter().any(useful) {
+            return Vec3::ZERO;
+        }
+        let ray = surface.leave(from_sky.direction);
+        let unshaded = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
+        if unshaded == [Vec3::ZERO; 2] || PROBE {
+            return Vec3::ZERO;
+        }
+        let mut arrived = Vec3::ZERO;
+        // Lobes that see the receiver alike share one ray.
+        let mut seen: Option<(Block, bool)> = None;
+        for ((lobe, scatter), unshaded) in
+            [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded)
+        {
+            if !useful(scatter) || unshaded == Vec3::ZERO {
+                continue;
+            }
+            let block = self.world.rules.sight(lobe).shadow;
+            let passes = match seen {
+                Some((b, passes)) if b == block => passes,
+                _ => self.passes(block, ray),
+            };
+            seen = Some((block, passes));
+            if passes {
+                let share = match surface.bsdf.is_matte() {
+                    true => 1.0,
+                    false => power(lights as f32 * from_sky.pdf, scatter.pdf),
+                };
+                arrived += unshaded * scatter.value * share;
+            }
+        }
+        arrived * from_sky.radiance / from_sky.pdf
+    }
+
     /// Radiance that leaves a vertex against the unit direction of the ray that found it.
     ///
     /// With `PROBE` nothing is summed: the walk takes the same turns, skips what cannot meet an object,
@@ -190,37 +239,16 @@ impl<'a> Walk<'a> {
             let lifted = |ray: Ray| Ray { origin: ray.origin + lift, ..ray };
 
             // Light sampling.
-            let from_sky = sky.sample(self.points.bits(pair));
-            let lobes = surface.bsdf.eval(from_sky.direction);
-            let useful = |s: &Scatter| s.value != Vec3::ZERO;
-            if from_sky.radiance != Vec3::ZERO && lobes.iter().any(useful) {
-                let ray = surface.leave(from_sky.direction);
-                let unshaded = self.unshaded(lifted(ray), key, None);
-                if unshaded != [Vec3::ZERO; 2] && !PROBE {
-                    let mut arrived = Vec3::ZERO;
-                    // Lobes that see the receiver alike share one ray.
-                    let mut seen: Option<(Block, bool)> = None;
-                    let lobes = [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded);
-                    for ((lobe, scatter), unshaded) in lobes {
-                        if !useful(scatter) || unshaded == Vec3::ZERO {
-                            continue;
-                        }
-                        let block = rules.sight(lobe).shadow;
-                        let passes = match seen {
-                            Some((b, passes)) if b == block => passes,
-                            _ => self.passes(block, ray),
-                        };
-                        seen = Some((block, passes));
-                        if passes {
-                            arrived += unshaded * scatter.value * power(from_sky.pdf, scatter.pdf);
-                        }
-                    }
-                    light += rules.clamped(bounce, weight * arrived * from_sky.radiance / from_sky.pdf);
-                }
+            let lights = if bounce == 0 { LIGHTS } else { 1 };
+            let mut lit = Vec3::ZERO;
+            for number in 0..lights {
+                let point = self.points.twig(number, lights).bits(pair);
+                lit += self.light_sample::<PROBE>(&surface, lift, lights, point, key.wrapping_add(number));
                 if PROBE && self.touched {
-                    break;
+                    return Vec3::ZERO;
                 }
             }
+            light += rules.clamped(bounce, weight * lit / lights as f32);
 
             let lamps = self.lamps::<PROBE>(&surface, key ^ 2, bounce);
             light += rules.clamped(bounce, weight * lamps);
@@ -228,7 +256,12 @@ impl<'a> Walk<'a> {
                 break;
             }
 
-            // Scattering.
+            // Scattering. Light samples bring a matte surface all light of the sky, so from there a ray looks for
+            // surfaces only.
+            let go_on = bounce < rules.max_bounces;
+            if surface.bsdf.is_matte() && !self.objects && !(go_on && rules.sight(Lobe::Diffuse).lands) {
+                break;
+            }
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let sight = rules.sight(lobe);
             let ray = surface.leave(direction);
@@ -237,22 +270,22 @@ impl<'a> Walk<'a> {
             if PROBE && self.touched {
                 break;
             }
-            let go_on = bounce < rules.max_bounces;
-            let landed = if sight.lands && (go_on || (!PROBE && sight.block == Block::Solid)) {
+            let to_sky = !PROBE && !surface.bsdf.is_matte();
+            let landed = if sight.lands && (go_on || (to_sky && sight.block == Block::Solid)) {
                 self.rays += 1;
                 self.world.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
             } else {
                 None
             };
-            if object.is_none() && !PROBE {
-                let found = sky.lookup(direction);
+            if object.is_none() && to_sky {
+                let found = sky.lookup(surface.bsdf.lit_side(), direction);
                 if found.radiance != Vec3::ZERO {
                     let passes = match (sight.block, sight.lands) {
                         (Block::Solid, true) => landed.is_none(),
                         (block, _) => self.passes(block, ray),
                     };
                     if passes {
-                        let arrived = found.radiance * power(scatter.pdf, found.pdf);
+                        let arrived = found.radiance * power(scatter.pdf, lights as f32 * found.pdf);
                         light += rules.clamped(bounce, weight * throughput * arrived);
                     }
                 }

@@ -80,6 +80,12 @@ pub struct Layers {
 }
 
 impl Layers {
+    /// See [`Bsdf::lit_side`](super::Bsdf::lit_side).
+    pub fn lit_side(&self) -> Option<Vec3> {
+        let passes = self.glass.is_some() || self.through != Vec3::ZERO;
+        (!passes).then(|| self.frame.normal())
+    }
+
     /// A material around the frames of the base and of its coat, whose normals lie on the side of the unit
     /// direction `out`, and so does the geometric normal.
     pub fn new([frame, coated]: [Frame; 2], geometric: Vec3, out: Vec3, look: &Look) -> Self {

@@ -173,6 +173,19 @@ impl Bsdf {
         Self::Matte { frame: Frame::around(normal), albedo }
     }
 
+    /// The unit normal of the side that all its light comes from, if it comes from one.
+    pub fn lit_side(&self) -> Option<Vec3> {
+        match self {
+            Self::Matte { frame, .. } => Some(frame.normal()),
+            Self::Layers(layers) => layers.lit_side(),
+        }
+    }
+
+    /// Whether it is matte and nothing passes it, so that light samples alone find all its light.
+    pub fn is_matte(&self) -> bool {
+        matches!(self, Self::Matte { .. })
+    }
+
     /// Diffuse and specular lobes for light from the unit direction `incident`.
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         match self {

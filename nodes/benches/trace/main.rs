@@ -1,0 +1,36 @@
+//! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [error|rays]`, where DATA holds `render-refs` and
+//! `gltf`. `rays` compares with Embree where that is installed.
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+
+mod case;
+mod error;
+mod rays;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// CPU time of this thread, so that others on the machine do not enter; wall time where Linux does not
+/// tell it.
+fn cpu_seconds() -> f64 {
+    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
+    nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed().as_secs_f64(), |ns| ns * 1e-9)
+}
+
+fn main() {
+    let mut words = std::env::args().skip(1).filter(|arg| !arg.starts_with("--"));
+    let data = PathBuf::from(words.next().expect("the folder of data"));
+    let wanted: Vec<String> = words.collect();
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let asked = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
+    one.install(|| {
+        if asked("error") {
+            error::table(&data);
+        }
+        if asked("rays") {
+            rays::table(&data);
+        }
+    });
+}

@@ -1,0 +1,168 @@
+//! Hits against a reference, at edges and for extremes.
+
+use super::build::{Fold, balanced};
+use super::*;
+use crate::sampling::{mix, unit};
+
+struct Random(u32);
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(1);
+        unit(mix(self.0))
+    }
+    fn point(&mut self) -> Vec3 {
+        Vec3::new(self.next(), self.next(), self.next()) * 2.0 - Vec3::ONE
+    }
+}
+
+/// Nearest hit in f64 by testing every triangle; the honest reference.
+fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
+    let mut best: Option<(f64, usize)> = None;
+    for (i, t) in corners.iter().enumerate() {
+        let [a, b, c] = t.map(|p| p.as_dvec3());
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let (ab, ac) = (b - a, c - a);
+        let p = d.cross(ac);
+        let det = ab.dot(p);
+        if det == 0.0 {
+            continue;
+        }
+        let s = o - a;
+        let (u, q) = (s.dot(p) / det, s.cross(ab));
+        let (v, t) = (d.dot(q) / det, ac.dot(q) / det);
+        if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && best.is_none_or(|b| t < b.0) {
+            best = Some((t, i));
+        }
+    }
+    best
+}
+
+fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
+    let mut random = Random(seed);
+    (0..n)
+        .map(|_| {
+            let p = random.point();
+            [p, p + random.point() * size, p + random.point() * size]
+        })
+        .collect()
+}
+
+// Row 44 of the table of extremes: also rays along the axes, with components 0 and -0.
+#[test]
+fn tree_agrees_with_brute_force() {
+    for (n, size) in [(1, 1.0), (2, 1.0), (5, 0.7), (500, 0.15)] {
+        let corners = soup(n, size, n as u32);
+        let bvh = Bvh::build(&corners);
+        let mut random = Random(99);
+        let mut unequal = 0;
+        for i in 0..4_000 {
+            let mut direction = random.point();
+            match i % 8 {
+                0 => direction = Vec3::new(0.0, -0.0, direction.z),
+                1 => direction = Vec3::new(direction.x, -0.0, 0.0),
+                2 => direction.y = 0.0,
+                _ => {}
+            }
+            let ray = Ray::new(random.point() * 1.5, direction);
+            let found = bvh.closest(ray, |_| true);
+            assert_eq!(found.is_some(), bvh.any(ray, |_| true));
+            match (found, brute(&corners, ray)) {
+                (Some(hit), Some((t, id))) if hit.triangle as usize == id => {
+                    assert!((f64::from(hit.t) - t).abs() < 1e-3 * t.max(1e-2), "{hit:?} {t}");
+                }
+                (None, None) => {}
+                // A ray within rounding of an edge may go either way.
+                _ => unequal += 1,
+            }
+        }
+        assert!(unequal <= 3, "{unequal} of 4000 for {n} triangles");
+    }
+}
+
+/// A closed, subdivided sphere.
+fn sphere(rings: usize) -> Vec<[Vec3; 3]> {
+    let point = |i: usize, j: usize| {
+        let theta = std::f64::consts::PI * i as f64 / rings as f64;
+        let phi = std::f64::consts::PI * (j % (2 * rings)) as f64 / rings as f64;
+        let ((st, ct), (sp, cp)) = (crate::num::sin_cos(theta), crate::num::sin_cos(phi));
+        let st = if i == 0 || i == rings { 0.0 } else { st };
+        Vec3::new((st * cp) as f32, (st * sp) as f32, ct as f32)
+    };
+    let mut out = Vec::new();
+    for i in 0..rings {
+        for j in 0..2 * rings {
+            let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)];
+            out.push([a, b, c]);
+            out.push([a, c, d]);
+        }
+    }
+    out
+}
+
+// Rays from the inside through every edge and corner of a closed mesh, where leaks would be.
+#[test]
+fn closed_meshes_do_not_leak() {
+    let corners = sphere(24);
+    let bvh = Bvh::build(&corners);
+    assert_eq!(bvh.degenerate, 96, "the poles of this sphere");
+    let mut random = Random(5);
+    for &[a, b, c] in &corners {
+        for _ in 0..40 {
+            let origin = random.point() * 0.3;
+            let s = random.next();
+            for target in [a, a + (b - a) * s, b + (c - b) * s, c + (a - c) * s, (a + b) * 0.5] {
+                let direction = target - origin;
+                assert!(bvh.any(Ray::new(origin, direction), |_| true), "leak at {target}");
+                assert!(bvh.any(Ray::new(origin, direction.normalize()), |_| true), "leak at {target}");
+            }
+        }
+    }
+}
+
+// Row 41.
+#[test]
+fn broken_triangles_are_left_out_and_counted() {
+    let good = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    let line = [Vec3::ZERO, Vec3::X, Vec3::X * 2.0];
+    let corners = [[Vec3::NAN, Vec3::X, Vec3::Y], line, good, good, [Vec3::ONE; 3]];
+    let bvh = Bvh::build(&corners);
+    assert_eq!((bvh.broken, bvh.degenerate), (1, 2));
+    let hit = bvh.closest(Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z), |_| true).expect("hit");
+    assert_eq!((hit.triangle, hit.back), (2, false), "the smaller of two equal ones");
+    let behind = bvh.closest(Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z), |h| h.triangle != 2);
+    assert_eq!(behind.map(|h| (h.triangle, h.back)), Some((3, true)));
+    assert!(!Bvh::build(&[]).any(Ray::new(Vec3::ZERO, Vec3::X), |_| true));
+}
+
+// Row 45: equal centroids make no deep tree.
+#[test]
+fn identical_triangles_stay_shallow() {
+    let corners = vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 3_000];
+    let bvh = Bvh::build(&corners);
+    let hit = bvh.closest(Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z), |_| true).expect("hit");
+    assert_eq!(hit.triangle, 0);
+    let mut order: Vec<u32> = (0..5_000).collect();
+    let boxes = vec![(Vec3::ZERO, Vec3::ONE); 5_000];
+    let mut tree = Vec::new();
+    balanced(&boxes, &mut order, 0, &mut tree);
+    assert!(tree.len() < 5_000);
+}
+
+// The folded tree gives the same hits as a differently shaped one: results do not hang on the tree.
+#[test]
+fn hits_do_not_depend_on_the_tree() {
+    let corners = soup(3_000, 0.2, 3);
+    let quality = Bvh::build(&corners);
+    let kept: Vec<u32> = (0..3_000).collect();
+    let boxes: Vec<_> = corners.iter().map(|[a, b, c]| (a.min(*b).min(*c), a.max(*b).max(*c))).collect();
+    let mut order = kept.clone();
+    let mut tree = Vec::new();
+    balanced(&boxes, &mut order, 0, &mut tree);
+    let mut fold = Fold { corners: &corners, kept: &kept, boxes: &boxes, out: Bvh::default() };
+    fold.fold(&tree, &order);
+    let mut random = Random(4);
+    for _ in 0..20_000 {
+        let ray = Ray::new(random.point(), random.point());
+        assert_eq!(quality.closest(ray, |_| true), fold.out.closest(ray, |_| true));
+    }
+}

@@ -1,0 +1,94 @@
+//! The ray and triangle test, four triangles at once.
+
+use glam::Vec4;
+
+use super::{Hit, Ray};
+
+/// Four triangles, one a lane. Unused lanes are a point at the origin, which nothing hits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Packet {
+    pub(super) corners: [[Vec4; 3]; 3],
+    pub(super) ids: [u32; 4],
+}
+
+/// A ray as the triangle test wants it: axes permuted so that the last is the longest of the direction,
+/// and the shear that turns the direction into that axis (Woop, Benthin and Wald 2013, Watertight
+/// Ray/Triangle Intersection).
+pub(super) struct Sheared {
+    axes: [usize; 3],
+    origin: [Vec4; 3],
+    shear: [Vec4; 3],
+}
+
+impl Sheared {
+    #[inline(always)]
+    pub(super) fn new(ray: &Ray) -> Self {
+        let z = ray.direction.abs().max_position();
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        let d = ray.direction.to_array();
+        // Swapping keeps the winding.
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        let axes = [x, y, z];
+        let shear = [d[x] / d[z], d[y] / d[z], 1.0 / d[z]].map(Vec4::splat);
+        Self { axes, origin: axes.map(|axis| Vec4::splat(ray.origin.to_array()[axis])), shear }
+    }
+}
+
+impl Packet {
+    /// Tests four triangles. Corners are projected along the ray one by one, so that neighbours see the
+    /// same projected corners; the sign of an edge function of two of them is exact, for rounding is
+    /// monotone and a 0 is decided in f64. So no ray slips between neighbours, at corners neither.
+    #[inline(always)]
+    pub(super) fn intersect(&self, ray: &Sheared, limit: f32, mut hit: impl FnMut(Hit) -> bool) -> bool {
+        let [kx, ky, kz] = ray.axes;
+        let [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = self.corners.map(|corner| {
+            let z = corner[kz] - ray.origin[2];
+            let x = corner[kx] - ray.origin[0] - ray.shear[0] * z;
+            let y = corner[ky] - ray.origin[1] - ray.shear[1] * z;
+            [x, y, z * ray.shear[2]]
+        });
+        let mut u = cx * by - cy * bx;
+        let mut v = ax * cy - ay * cx;
+        let mut w = bx * ay - by * ax;
+        let edge = u.cmpeq(Vec4::ZERO) | v.cmpeq(Vec4::ZERO) | w.cmpeq(Vec4::ZERO);
+        if edge.any() {
+            let exact = |px: Vec4, qy: Vec4, py: Vec4, qx: Vec4, lane: usize| {
+                (f64::from(px[lane]) * f64::from(qy[lane]) - f64::from(py[lane]) * f64::from(qx[lane])) as f32
+            };
+            for lane in 0..4 {
+                if edge.test(lane) {
+                    u[lane] = exact(cx, by, cy, bx, lane);
+                    v[lane] = exact(ax, cy, ay, cx, lane);
+                    w[lane] = exact(bx, ay, by, ax, lane);
+                }
+            }
+        }
+        let (least, most) = (u.min(v).min(w), u.max(v).max(w));
+        let inside = least.cmpge(Vec4::ZERO) | most.cmple(Vec4::ZERO);
+        if !inside.any() {
+            return true;
+        }
+        let det = u + v + w;
+        let t = (u * az + v * bz + w * cz) / det;
+        // Comparisons are false for the NaN of a ray in the plane of a triangle.
+        let ahead = t.cmpgt(Vec4::ZERO) & t.cmple(Vec4::splat(limit));
+        let mut lanes = (inside & ahead & det.cmpne(Vec4::ZERO)).bitmask();
+        if lanes == 0 {
+            return true;
+        }
+        let (t, v, w, det) = (t.to_array(), v.to_array(), w.to_array(), det.to_array());
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let b1 = (v[lane] / det[lane]).clamp(0.0, 1.0);
+            let b2 = (w[lane] / det[lane]).clamp(0.0, 1.0 - b1);
+            let found = Hit { t: t[lane], triangle: self.ids[lane], b1, b2, back: det[lane] < 0.0 };
+            if !hit(found) {
+                return false;
+            }
+        }
+        true
+    }
+}
