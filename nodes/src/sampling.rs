@@ -1,4 +1,4 @@
-//! Counter-based random numbers.
+//! Counter-based random numbers and distributions.
 //!
 //! Every number is a function of (seed, pixel, sample, dimension), so that no order of work can change
 //! it. Points come in pairs, each pair of dimensions a (0, 2)-sequence of its own: Sobol' points with
@@ -111,6 +111,67 @@ pub fn circle(turns: f32) -> (f32, f32) {
     }
 }
 
+/// A discrete distribution over indices, sampled by inversion in O(1) expected time.
+#[derive(Debug, Clone)]
+pub struct Discrete {
+    /// Cumulative probability before each index, from 0; and for each of as many equal steps of
+    /// probability the index that its start falls into. The last entry holds 1. Side by side, since
+    /// both are read for one sample.
+    cells: Vec<(f64, u32)>,
+}
+
+impl Discrete {
+    /// The distribution in proportion to `weights`, finite and not negative, and their sum. When all are
+    /// 0 the distribution is uniform and the sum 0.
+    pub fn new(weights: &[f64]) -> (Self, f64) {
+        let n = weights.len().max(1);
+        let mut cumulative = Vec::with_capacity(n + 1);
+        cumulative.push(0.0);
+        let mut sum = 0.0_f64;
+        for &weight in weights {
+            sum += weight;
+            cumulative.push(sum);
+        }
+        cumulative.resize(n + 1, sum);
+        if sum > 0.0 && sum.is_finite() {
+            cumulative.iter_mut().for_each(|c| *c /= sum);
+        } else {
+            cumulative.iter_mut().enumerate().for_each(|(i, c)| *c = i as f64 / n as f64);
+        }
+        cumulative[n] = 1.0;
+        let mut guide = Vec::with_capacity(n);
+        let mut index = 0;
+        for step in 0..n {
+            while cumulative[index + 1] <= step as f64 / n as f64 {
+                index += 1;
+            }
+            guide.push(index as u32);
+        }
+        guide.push(n as u32);
+        (Self { cells: cumulative.into_iter().zip(guide).collect() }, sum)
+    }
+
+    /// The index at a point of [0, 1), and where in its interval the point lies, in [0, 1).
+    #[inline]
+    pub fn sample(&self, u: f64) -> (usize, f64) {
+        let n = self.cells.len() - 1;
+        let mut index = self.cells[((u * n as f64) as usize).min(n - 1)].1 as usize;
+        while index + 1 < n && self.cells[index + 1].0 <= u {
+            index += 1;
+        }
+        let low = self.cells[index].0;
+        let width = self.cells[index + 1].0 - low;
+        let within = if width > 0.0 { (u - low) / width } else { 0.5 };
+        (index, within.clamp(0.0, 1.0 - f64::EPSILON))
+    }
+
+    /// Probability of an index.
+    #[inline]
+    pub fn probability(&self, index: usize) -> f64 {
+        self.cells[index + 1].0 - self.cells[index].0
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -172,5 +233,27 @@ mod tests {
     fn numbers_lie_below_one() {
         assert!(unit(u32::MAX) < 1.0);
         assert_eq!(unit(0), 0.0);
+    }
+
+    // Row 37 of the table of extremes, in one dimension.
+    #[test]
+    fn inversion_follows_the_weights() {
+        let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];
+        let (distribution, sum) = Discrete::new(&weights);
+        assert!((sum - 1.3e9).abs() < 1e-6);
+        let total: f64 = (0..5).map(|i| distribution.probability(i)).sum();
+        assert!((total - 1.0).abs() < 1e-15);
+        let n = 1_000_000;
+        let mut counts = [0_u32; 5];
+        for i in 0..n {
+            counts[distribution.sample((f64::from(i) + 0.5) / f64::from(n)).0] += 1;
+        }
+        assert_eq!(counts[2], 0);
+        for (count, weight) in counts.iter().zip(weights) {
+            assert!((f64::from(*count) - f64::from(n) * weight / sum).abs() <= 1.0);
+        }
+        let (uniform, sum) = Discrete::new(&[0.0; 4]);
+        assert_eq!((sum, uniform.probability(2), uniform.sample(0.6).0), (0.0, 0.25, 2));
+        assert_eq!(uniform.sample(1.0 - 1e-17).0, 3);
     }
 }
