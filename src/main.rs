@@ -14,11 +14,14 @@ use clap::Parser;
 
 fn main() -> ExitCode {
     let command = commands::Command::parse();
+    let json = command.tells_json();
     match command.run() {
-        Ok(code) => ExitCode::from(code),
-        Err(error) => {
-            report::error(&error.to_string());
-            ExitCode::from(2)
+        Ok(code) => return ExitCode::from(code),
+        Err(session::Error::Graph(mistakes)) => report::mistakes(&mistakes, json),
+        Err(error) if json => {
+            report::json_line(&serde_json::json!({"event": "error", "message": error.to_string()}));
         }
+        Err(error) => report::error(&error.to_string()),
     }
+    ExitCode::from(2)
 }

@@ -4,13 +4,42 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use engine::{Counts, Event, Forecast, Level, State, Totals};
+use engine::{Counts, Diagnostics, Event, Forecast, Graph, Level, State, Totals};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
 
 /// Says what stopped a verb, once, on standard error.
 pub fn error(message: &str) {
     let styled = message.starts_with("error") || message.starts_with('\u{1b}');
     let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
+}
+
+/// Tells mistakes with their places: as a line of JSON on standard output, or underlined on standard error.
+pub fn mistakes(found: &Diagnostics, json: bool) {
+    if json {
+        return json_line(&Event::Mistakes { list: found.mistakes(), text: String::new() });
+    }
+    error(&found.render(colours()));
+}
+
+/// What to say of a graph of which no file would come, though no node was asked for by name.
+pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
+    if !only.is_empty() || graph.nodes.iter().any(|node| node.sink_path.is_some()) {
+        return None;
+    }
+    let ends: Vec<&str> = graph.targets().iter().map(|&node| graph.nodes[node].id.as_str()).collect();
+    Some(format!(
+        "no node writes a file: what nothing reads is computed for the cache only ({}); \
+         add `save: WriteImage(image: \"..\", path: \"final.png\")`",
+        ends.join(", ")
+    ))
+}
+
+/// One line of JSON on standard output. A reader that went away is no reason to stop.
+pub fn json_line(value: &impl Serialize) {
+    if let Ok(line) = serde_json::to_string(value) {
+        let _ = writeln!(std::io::stdout().lock(), "{line}");
+    }
 }
 
 /// Says something that stops nothing, on standard error.
@@ -66,15 +95,9 @@ impl Report {
     /// Tells one event. A closed standard output is no reason to stop a run.
     pub fn tell(&mut self, event: &Event) {
         match self {
-            Report::Json => {
-                // Threads are for traces.
-                if matches!(event, Event::Span { .. }) {
-                    return;
-                }
-                if let Ok(line) = serde_json::to_string(event) {
-                    let _ = writeln!(std::io::stdout().lock(), "{line}");
-                }
-            }
+            // Threads are for traces.
+            Report::Json if matches!(event, Event::Span { .. }) => {}
+            Report::Json => json_line(event),
             Report::Lines(lines) => lines.tell(event),
         }
     }

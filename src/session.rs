@@ -20,11 +20,11 @@ pub enum Error {
     #[error("{0}")]
     Graph(Diagnostics),
     /// A `--set` does not fit.
-    #[error("{0}")]
-    Edit(EditError),
+    #[error("{}", .0.join("\n"))]
+    Edit(Vec<String>),
     /// A node that is not there.
-    #[error("the graph has no node `{name}`; its nodes are {known}")]
-    Node { name: String, known: String },
+    #[error("the graph has no node `{name}`{hint}; its nodes are {known}")]
+    Node { name: String, hint: String, known: String },
     /// A node that axes multiply, where one is wanted.
     #[error("`{name}` is several nodes; name one of {known}")]
     Several { name: String, known: String },
@@ -32,6 +32,12 @@ pub enum Error {
     #[error("no kind is named `{name}`{hint}")]
     Kind { name: String, hint: String },
     /// The cache folder cannot be used.
+    #[error(
+        "cannot open the cache `{}`: {why}; name another folder with `--cache` or LIGHTHARMONY_CACHE",
+        folder.display()
+    )]
+    OpenCache { folder: PathBuf, why: String },
+    /// A file cannot be written, or the cache not be cared for.
     #[error(transparent)]
     Cache(#[from] cache::Error),
     /// The machine gives no home folder to keep a cache in.
@@ -127,7 +133,7 @@ pub struct EngineArgs {
     /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Threads; default: one for each core
+    /// Threads; default, and 0: one for each core
     #[arg(long, short, value_name = "N")]
     pub jobs: Option<usize>,
     /// Memory for values and running nodes, such as 4G; default: three quarters of what is free. Nodes wait
@@ -205,8 +211,18 @@ impl GraphArgs {
             source =
                 source.overlaid(&path.display().to_string(), &std::fs::read_to_string(path).map_err(failed)?);
         }
-        let settings: Vec<Setting> =
-            self.set.iter().map(|text| text.parse()).collect::<Result<_, _>>().map_err(Error::Edit)?;
+        let (mut settings, mut wrong) = (Vec::<Setting>::new(), Vec::new());
+        for text in &self.set {
+            match text.parse() {
+                Ok(setting) => settings.push(setting),
+                Err(EditError::Form(_)) => {
+                    wrong.push(format!("`--set {text}` is no setting; write --set node.field=value"));
+                }
+            }
+        }
+        if !wrong.is_empty() {
+            return Err(Error::Edit(wrong));
+        }
         let source = engine::apply(&source, &settings);
         let graph = parse(source, &nodes::registry(), root)?;
         let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
@@ -233,7 +249,11 @@ pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
 fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     let found = graph.find_all(name);
     match found.as_slice() {
-        [] => Err(Error::Node { name: name.to_owned(), known: names(graph, 0..graph.nodes.len()) }),
+        [] => {
+            let near = engine::nearest(name, graph.nodes.iter().map(|node| node.id.as_str()));
+            let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
+            Err(Error::Node { name: name.to_owned(), hint, known: names(graph, 0..graph.nodes.len()) })
+        }
         _ => Ok(found),
     }
 }
@@ -272,13 +292,19 @@ impl EngineArgs {
             When::Off => Fsync::Off,
         };
         let options = cache::Options { fsync, ..cache::Options::default() };
-        let store = Store::open(&cache_folder(self.cache.as_deref())?, options)?;
+        let folder = cache_folder(self.cache.as_deref())?;
+        let store = Store::open(&folder, options).map_err(|error| {
+            // The chain of causes: what was tried on which path, and what the system said.
+            let why = engine::NodeError::from(error).to_string();
+            Error::OpenCache { folder: folder.clone(), why }
+        })?;
         Ok(Engine::new(store, self.jobs(), memory)?)
     }
 
     /// How many threads.
     pub fn jobs(&self) -> usize {
-        self.jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        self.jobs.filter(|jobs| *jobs > 0).unwrap_or_else(cores)
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use crate::axis::{Axis, at_point, axes_read};
 use crate::context::{Scene, Up};
-use crate::diag::{Diagnostic, nearest, shown};
+use crate::diag::{Code, Diagnostic, nearest, shown};
 use crate::expand::{GATHER, Gather, Template};
 use crate::graph::{Node, Wire};
 use crate::kind::{KindEntry, Registry, Step};
@@ -89,7 +89,8 @@ impl<'t, 'a> Check<'t, 'a> {
         let whole = 0..self.text.len().min(1);
         match &document.version {
             Some(field) if field.text.trim() != "1" => self.report(
-                Diagnostic::new(
+                Diagnostic::of(
+                    Code::Version,
                     field.span.clone(),
                     format!("version {} of graph files is unknown", field.text),
                 )
@@ -97,7 +98,7 @@ impl<'t, 'a> Check<'t, 'a> {
             ),
             None if document.whole => {
                 self.report(
-                    Diagnostic::new(whole.clone(), "the graph does not state its version")
+                    Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
                         .hint("begin it with `version: 1,`"),
                 );
             }
@@ -106,9 +107,14 @@ impl<'t, 'a> Check<'t, 'a> {
         let axes: Vec<_> = document.axes.iter().map(Axis::read).collect();
         self.axes =
             axes.into_iter().filter_map(|axis| axis.map_err(|mistake| self.report(mistake)).ok()).collect();
+        if document.whole && document.nodes.is_empty() {
+            self.report(Diagnostic::of(Code::Missing, whole.clone(), "the graph has no nodes").hint(
+                "add `nodes: (name: Kind(field: value, ..), ..)`; `lightharmony nodes` lists the kinds",
+            ));
+        }
         let Some(RawScene { span, fields, .. }) = &document.scene else {
             if document.whole {
-                self.report(Diagnostic::new(whole, "the graph has no `scene`").hint(
+                self.report(Diagnostic::of(Code::Missing, whole, "the graph has no `scene`").hint(
                     "add `scene: (up: \"+z\"),` with the axis of your capture that points up: +y, -y or +z",
                 ));
             }
@@ -119,7 +125,8 @@ impl<'t, 'a> Check<'t, 'a> {
             let known = SCENE_FIELDS;
             if !known.contains(&field.name) {
                 self.report(
-                    Diagnostic::new(
+                    Diagnostic::of(
+                        Code::UnknownField,
                         field.name_span.clone(),
                         format!("`scene` has no field `{}`", field.name),
                     )
@@ -144,7 +151,8 @@ impl<'t, 'a> Check<'t, 'a> {
         for (index, node) in raw.iter().enumerate() {
             if let Some(&first) = self.ids.get(node.id) {
                 self.report(
-                    Diagnostic::new(
+                    Diagnostic::of(
+                        Code::Duplicate,
                         node.id_span.clone(),
                         format!("two nodes are named `{}`", shown(node.id)),
                     )
@@ -175,7 +183,8 @@ impl<'t, 'a> Check<'t, 'a> {
         if found.is_none() && node.kind != GATHER {
             let names: Vec<String> = self.registry.iter().map(|kind| kind.camel_name()).collect();
             self.report(
-                Diagnostic::new(
+                Diagnostic::of(
+                    Code::UnknownKind,
                     node.kind_span.clone(),
                     format!("no kind of node is named `{}`", shown(node.kind)),
                 )
@@ -198,7 +207,8 @@ impl<'t, 'a> Check<'t, 'a> {
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
             if !names().any(|name| name == field.name) {
                 let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
-                let mistake = Diagnostic::new(field.name_span.clone(), message).suggest(field.name, names());
+                let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
+                    .suggest(field.name, names());
                 let node =
                     field.text.starts_with(|c: char| c.is_ascii_uppercase()) && field.text.ends_with(')');
                 self.report(if node {
@@ -301,16 +311,22 @@ impl<'t, 'a> Check<'t, 'a> {
                 );
             } else if !file.path.exists() {
                 self.report(
-                    Diagnostic::new(place(name), format!("`{path}` does not exist"))
+                    Diagnostic::of(Code::MissingFile, place(name), format!("`{path}` does not exist"))
                         .label(format!("looked for {}", file.path.display()))
                         .hint("paths are relative to the folder of the graph file"),
                 );
+            } else if !kind.folders && file.path.is_dir() {
+                let what = format!("`{path}` is a folder; `{}` reads a file", kind.camel_name());
+                self.report(Diagnostic::of(Code::MissingFile, place(name), what));
             }
             self.files.push(file.path);
         }
         if let Err(error) = step.check() {
-            let mut diagnostic =
-                Diagnostic::new(error.field.map_or(raw.kind_span.clone(), place), error.message());
+            let mut diagnostic = Diagnostic::of(
+                Code::Parameters,
+                error.field.map_or(raw.kind_span.clone(), place),
+                error.message(),
+            );
             diagnostic.hints.extend(error.hint);
             self.report(diagnostic);
         }
@@ -329,7 +345,8 @@ impl<'t, 'a> Check<'t, 'a> {
         let Some(field) = raw.fields.iter().find(|field| field.name == port.name) else {
             if port.arity == Arity::One {
                 self.report(
-                    Diagnostic::new(
+                    Diagnostic::of(
+                        Code::Missing,
                         raw.kind_span.clone(),
                         format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
                     )
@@ -346,7 +363,8 @@ impl<'t, 'a> Check<'t, 'a> {
             }
         };
         if port.arity != Arity::Many && names.len() != 1 {
-            self.report(Diagnostic::new(
+            self.report(Diagnostic::of(
+                Code::Wiring,
                 field.span.clone(),
                 format!("`{}` takes one wire, not {}", port.name, names.len()),
             ));
@@ -386,7 +404,8 @@ impl<'t, 'a> Check<'t, 'a> {
             return Some(node);
         }
         if !self.broken.contains(id) {
-            let mistake = Diagnostic::new(span.clone(), format!("no node is named `{}`", shown(id)));
+            let mistake =
+                Diagnostic::of(Code::UnknownNode, span.clone(), format!("no node is named `{}`", shown(id)));
             // One node that was renamed may be read by thousands, and each look through all names costs.
             self.strangers += 1;
             let near = (self.strangers <= MOST_SUGGESTIONS).then(|| nearest(id, self.names.iter().copied()));
@@ -425,7 +444,7 @@ impl<'t, 'a> Check<'t, 'a> {
             };
             let list: Vec<&str> = names().collect();
             self.report(
-                Diagnostic::new(span, message)
+                Diagnostic::of(Code::UnknownOutput, span, message)
                     .suggest(output.unwrap_or_default(), names())
                     .hint(format!("its outputs are {}", list.join(", "))),
             );
@@ -438,9 +457,12 @@ impl<'t, 'a> Check<'t, 'a> {
                 .filter(|o| o.artifact.name == wanted)
                 .map(|o| format!("\"{id}.{}\"", o.name))
                 .collect();
-            let mut diagnostic =
-                Diagnostic::new(span, format!("`{}` takes values of type `{wanted}`", port.name))
-                    .label(format!("this is of type `{given}`"));
+            let mut diagnostic = Diagnostic::of(
+                Code::WrongType,
+                span,
+                format!("`{}` takes values of type `{wanted}`", port.name),
+            )
+            .label(format!("this is of type `{given}`"));
             if !fitting.is_empty() {
                 diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
             }
@@ -455,7 +477,8 @@ impl<'t, 'a> Check<'t, 'a> {
         for Template { node, .. } in templates.iter().flatten() {
             let Some(path) = &node.sink_path else { continue };
             if let Err(why) = check_sink_path(path, &self.axes) {
-                self.report(Diagnostic::new(
+                self.report(Diagnostic::of(
+                    Code::OutputPath,
                     node.place(Some("path")),
                     format!("cannot write to `{path}`: {why}"),
                 ));
@@ -465,9 +488,13 @@ impl<'t, 'a> Check<'t, 'a> {
                 path.split('/').filter(|part| !matches!(*part, "" | ".")).collect::<Vec<_>>().join("/");
             if let Some(first) = seen.get(&plain) {
                 self.report(
-                    Diagnostic::new(node.place(Some("path")), format!("two sinks write to `{path}`"))
-                        .label(format!("`{}`", node.id))
-                        .related(first.place(Some("path")), format!("`{}`", first.id)),
+                    Diagnostic::of(
+                        Code::OutputPath,
+                        node.place(Some("path")),
+                        format!("two sinks write to `{path}`"),
+                    )
+                    .label(format!("`{}`", node.id))
+                    .related(first.place(Some("path")), format!("`{}`", first.id)),
                 );
             } else {
                 seen.insert(plain, node);
@@ -564,7 +591,8 @@ pub(crate) fn wire_names<'t>(field: &RawField<'t>) -> Result<Vec<Named<'t>>, Dia
         let name = match text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
             Some(plain) if !plain.contains('\\') => Cow::Borrowed(plain),
             _ => parse_value::<String>(text).map(Cow::Owned).map_err(|_| {
-                let mistake = Diagnostic::new(span.clone(), format!("`{}` is not a wire", shown(text)));
+                let mistake =
+                    Diagnostic::of(Code::Wiring, span.clone(), format!("`{}` is not a wire", shown(text)));
                 match sort_of(text) {
                     "a word" if !text.is_empty() => mistake.label(format!("write \"{}\"", shown(text))),
                     _ => mistake.label(how()),

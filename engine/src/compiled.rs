@@ -15,10 +15,10 @@ use crate::context::{Context, Scene, Up};
 use crate::diag::{Diagnostics, Source};
 use crate::error::NodeError;
 use crate::graph::{Graph, Node, Wire};
-use crate::kind::{Cost, KindEntry, Registry, Sizes, Step};
+use crate::kind::{Cost, KindEntry, Registry, Sizes, Step, ViewCount};
 use crate::note::Notes;
 use crate::param::{InputFile, ParamValue, Role};
-use crate::port::{Arity, PortSpec};
+use crate::port::{Arity, PortSpec, Wired};
 use crate::root::{SourceFile, SourceRoot};
 use crate::syntax::{Fields, RawField};
 
@@ -384,6 +384,12 @@ impl Step for Unreadable {
     }
     fn sources(&self, _: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Err(Self::error())
+    }
+    fn check_wires(&self, _: &Wired) -> Result<(), NodeError> {
+        Err(Self::error())
+    }
+    fn views(&self, _: &SourceRoot) -> ViewCount {
+        ViewCount::Unknown
     }
     fn work(&self, _: &Sizes) -> f64 {
         0.0

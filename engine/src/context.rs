@@ -14,6 +14,7 @@ use crate::artifact::{Artifact, decode_all, encode_to_vec};
 use crate::error::NodeError;
 use crate::graph::Graph;
 use crate::param::{InputFile, ParamType, canonical};
+use crate::port::Wired;
 use crate::root::{SourceFile, SourceRoot};
 
 /// Which axis of the world points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
@@ -122,7 +123,7 @@ pub struct Context {
     pub(crate) scene: Scene,
     pub(crate) reads: &'static [ContextField],
     pub(crate) recipe: Option<Arc<str>>,
-    pub(crate) wired: Vec<(&'static str, Vec<&'static str>)>,
+    pub(crate) wired: Wired,
     pub(crate) points: Vec<(&'static str, Vec<Point>)>,
     pub(crate) root: SourceRoot,
     pub(crate) sources: Vec<ReadSource>,
@@ -142,7 +143,7 @@ impl Context {
             scene,
             reads: &[ContextField::Up, ContextField::MetresPerUnit, ContextField::Seed],
             recipe: None,
-            wired: Vec::new(),
+            wired: Wired::default(),
             points: Vec::new(),
             root: SourceRoot::new(folder),
             sources: Vec::new(),
@@ -202,7 +203,7 @@ impl Context {
     /// For each wire of an input, the name of the output it comes from: `["colour", "depth"]`. The kind
     /// must declare [`ContextField::Wired`]. Empty in a detached context.
     pub fn wired(&self, input: &str) -> &[&'static str] {
-        self.wired.iter().find(|(port, _)| *port == input).map_or(&[], |(_, names)| names)
+        self.wired.of(input)
     }
 
     /// For each wire of an input, the axes that its node runs along with its values there:

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use serde::Serialize;
 
 use crate::event::Mistake;
 use crate::include::Piece;
@@ -26,15 +27,60 @@ impl Source {
 
     /// Line and column, both from 1, of a byte offset in the file it lies in; columns count characters.
     pub fn position(&self, offset: usize) -> (usize, usize) {
-        let before = &self.text[self.piece(offset).span.start..self.text.floor_char_boundary(offset)];
+        let before = &self.text
+            [self.piece(offset).span.start..self.text.floor_char_boundary(offset.min(self.text.len()))];
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
     }
 }
 
+/// What sort of mistake it is; a stable name in JSON.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Code {
+    /// The text is no RON, or not what a graph file is made of.
+    Syntax,
+    /// The file is of a version that this program does not read.
+    Version,
+    /// Something must be given.
+    Missing,
+    /// Something is given twice.
+    Duplicate,
+    /// No kind has this name.
+    UnknownKind,
+    /// Nothing of this name can be set there.
+    UnknownField,
+    /// No node has this name.
+    UnknownNode,
+    /// The node has no such output.
+    UnknownOutput,
+    /// The input takes another type.
+    WrongType,
+    /// The parameter takes other values.
+    WrongValue,
+    /// The number lies outside of its range.
+    OutOfRange,
+    /// Parameters that do not go together.
+    Parameters,
+    /// Wires that do not go together.
+    Wiring,
+    /// Nodes that read each other.
+    Cycle,
+    /// A file to read is missing, or is none.
+    MissingFile,
+    /// A file cannot be written under this name.
+    OutputPath,
+    /// `--set` was given something that is no setting.
+    Setting,
+    /// The node failed when it ran.
+    Failed,
+}
+
 /// One mistake.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnostic {
+    /// Its sort, for programs.
+    pub code: Code,
     /// Bytes of the text that are underlined.
     pub span: Range<usize>,
     /// What is wrong.
@@ -48,10 +94,15 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
-    /// A mistake at `span`.
+    /// A mistake of the notation at `span`.
     pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
+        Self::of(Code::Syntax, span, message)
+    }
+
+    /// A mistake of a sort that has a name.
+    pub fn of(code: Code, span: Range<usize>, message: impl Into<String>) -> Self {
         let message = bounded(message.into());
-        Self { span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
+        Self { code, span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
     }
 
     /// Adds the text under the underline.
@@ -111,7 +162,8 @@ impl Diagnostics {
             let length = text.lines().next().unwrap_or_default().chars().count();
             let file = self.source.piece(one.span.start).name.to_owned();
             let (message, label) = (one.message.clone(), one.label.clone());
-            Mistake { file, line, column, length, message, label, hints: one.hints.clone() }
+            let (span, code, hints) = ([one.span.start, one.span.end], one.code, one.hints.clone());
+            Mistake { file, line, column, length, span, code, message, label, hints }
         };
         self.list.iter().map(mistake).collect()
     }

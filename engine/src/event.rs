@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use cache::Digest;
 use serde::{Serialize, Serializer};
 
+use crate::diag::Code;
 use crate::note::Note;
 use crate::plan::Forecast;
 
@@ -167,6 +168,10 @@ pub struct Mistake {
     pub column: usize,
     /// How many characters of the line it is about.
     pub length: usize,
+    /// First byte in the file and the one behind the last.
+    pub span: [usize; 2],
+    /// What sort of mistake it is.
+    pub code: Code,
     /// What is wrong.
     pub message: String,
     /// More about the place.

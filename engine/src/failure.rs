@@ -1,6 +1,6 @@
 //! What becomes of a run when a node fails, is skipped, or loses its values.
 
-use crate::diag::Diagnostic;
+use crate::diag::{Code, Diagnostic};
 use crate::error::NodeError;
 use crate::event::{Counts, Event, State};
 use crate::run::{Run, Task};
@@ -69,7 +69,7 @@ impl Run<'_> {
     pub fn report(&mut self, index: usize, error: &NodeError) {
         let node = &self.graph.nodes[index];
         let message = format!("`{}` failed: {error}", node.id);
-        let mut diagnostic = Diagnostic::new(node.place(error.field), message);
+        let mut diagnostic = Diagnostic::of(Code::Failed, node.place(error.field), message);
         diagnostic.hints.extend(error.hint.clone());
         self.failures.push(diagnostic);
         let slot = &self.slots[index];

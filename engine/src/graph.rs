@@ -7,11 +7,13 @@ use std::sync::Arc;
 use crate::check::Check;
 use crate::compiled::{LazyStep, Parts};
 use crate::context::{Point, Scene};
-use crate::diag::{Diagnostics, Source};
+use crate::diag::{Code, Diagnostic, Diagnostics, Source};
+use crate::error::NodeError;
 use crate::include::parse_all;
-use crate::kind::{KindEntry, Registry, Step};
+use crate::kind::{KindEntry, Registry, Step, ViewCount};
 use crate::order::{describe_cycle, order_of};
 use crate::param::{InputFile, Role};
+use crate::port::Wired;
 use crate::root::SourceRoot;
 use crate::syntax::{Fields, RawField};
 
@@ -184,7 +186,11 @@ impl Graph {
         let files = check.files;
         match (scene, order) {
             (Some(scene), Ok(order)) if diagnostics.is_empty() => {
-                Ok(Self::assemble(source, root, Parts { scene, nodes, order }))
+                let graph = Self::assemble(source, root, Parts { scene, nodes, order });
+                match graph.check_between() {
+                    mistakes if mistakes.is_empty() => Ok(graph),
+                    mistakes => Err(Diagnostics { files, ..Diagnostics::new(graph.source, mistakes) }),
+                }
             }
             _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
         }
@@ -204,6 +210,29 @@ impl Graph {
         Self { source, scene, nodes, root, order, reads, consumers }
     }
 
+    /// Finds the files that nodes read, as far as their headers tell, and what is wrong with them. A run finds
+    /// it, too, but only when it comes to the node.
+    ///
+    /// # Errors
+    /// Every file that is missing or of no known format.
+    pub fn check_sources(&self) -> Result<(), Diagnostics> {
+        let mut mistakes = Vec::new();
+        for node in &self.nodes {
+            let error = match node.step.sources(&self.root) {
+                Err(error) => error,
+                Ok(sources) => match sources.iter().find(|source| !source.path.is_file()) {
+                    Some(source) => NodeError::new(format!("`{}` is no file", source.path.display())),
+                    None => continue,
+                },
+            };
+            let field = error.field.or(node.kind.source_param());
+            let mut mistake = Diagnostic::of(Code::MissingFile, node.place(field), error.message());
+            mistake.hints.extend(error.hint);
+            mistakes.push(mistake);
+        }
+        if mistakes.is_empty() { Ok(()) } else { Err(Diagnostics::new(self.source.clone(), mistakes)) }
+    }
+
     /// Every node, inputs before what reads them.
     pub fn order(&self) -> &[usize] {
         &self.order
@@ -220,11 +249,49 @@ impl Graph {
     }
 
     /// For each input port of a node, the names of the outputs its wires come from.
-    pub(crate) fn wired(&self, node: usize) -> Vec<(&'static str, Vec<&'static str>)> {
+    pub(crate) fn wired(&self, node: usize) -> Wired {
         let node = &self.nodes[node];
         let name = |wire: &Wire| self.nodes[wire.node].kind.outputs[wire.port].name;
         let ports = node.kind.inputs.iter().zip(&node.inputs);
-        ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect()
+        Wired(ports.map(|(port, wires)| (port.name, wires.iter().map(name).collect())).collect())
+    }
+
+    /// What can be wrong only between nodes that are right each: wires that do not go together, and sinks
+    /// with one path for many views, as far as their number is known before anything runs.
+    fn check_between(&self) -> Vec<Diagnostic> {
+        let mut mistakes = Vec::new();
+        for (index, node) in self.nodes.iter().enumerate() {
+            if let Err(error) = node.step.check_wires(&self.wired(index)) {
+                let mut mistake = Diagnostic::of(Code::Wiring, node.place(error.field), error.message());
+                mistake.hints.extend(error.hint);
+                mistakes.push(mistake);
+            }
+        }
+        let one_file = |node: &Node| node.sink_path.as_ref().is_some_and(|path| !path.contains("{view}"));
+        let sinks: Vec<usize> = (0..self.nodes.len()).filter(|&n| one_file(&self.nodes[n])).collect();
+        let above = self.above(&sinks);
+        let mut views = vec![None; self.nodes.len()];
+        for &index in self.order.iter().filter(|&&index| above[index]) {
+            let node = &self.nodes[index];
+            let of_input = |name: &&str| {
+                let port = node.kind.inputs.iter().position(|port| port.name == *name)?;
+                node.inputs[port].first().and_then(|wire| views[wire.node])
+            };
+            views[index] = match node.step.views(&self.root) {
+                ViewCount::Unknown => None,
+                ViewCount::Known(count) => Some(count),
+                ViewCount::As(inputs) => inputs.iter().find_map(of_input),
+            };
+        }
+        for index in sinks {
+            let node = &self.nodes[index];
+            if let (Some(views @ 2..), Some(path)) = (views[index], &node.sink_path) {
+                let what = format!("`{path}` names one file, but {views} views come to it");
+                let hint = format!("put `{{view}}` into the path: \"{}\"", with_view(path));
+                mistakes.push(Diagnostic::of(Code::OutputPath, node.place(Some("path")), what).hint(hint));
+            }
+        }
+        mistakes
     }
 
     /// For each input port of a node, the points of the nodes that its wires come from.
@@ -315,4 +382,11 @@ impl Graph {
         }
         wanted
     }
+}
+
+/// `out/final.png` to `out/final_{view}.png`.
+fn with_view(path: &str) -> String {
+    let name = path.rfind('/').map_or(0, |slash| slash + 1);
+    let end = path[name..].rfind('.').map_or(path.len(), |dot| name + dot);
+    format!("{}_{{view}}{}", &path[..end], &path[end..])
 }

@@ -8,7 +8,7 @@ use crate::context::{Context, ContextField};
 use crate::error::NodeError;
 use crate::note::Notes;
 use crate::param::{ParamSpec, ParamValue, Params, Role};
-use crate::port::{Inputs, Outputs, PortSpec};
+use crate::port::{Inputs, Outputs, PortSpec, Wired};
 use crate::root::{SourceFile, SourceRoot};
 use crate::syntax::Fields;
 
@@ -47,6 +47,17 @@ pub enum Keep {
     Cheap,
 }
 
+/// How many views a node makes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ViewCount {
+    /// Only its run tells.
+    Unknown,
+    /// So many.
+    Known(usize),
+    /// As many as the first of these inputs that is wired and known has.
+    As(&'static [&'static str]),
+}
+
 /// One kind of node: its name, parameters, ports and code.
 pub trait Kind: 'static {
     /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
@@ -57,6 +68,8 @@ pub trait Kind: 'static {
     const READS: &'static [ContextField] = &[];
     /// Whether outputs are stored.
     const STORE: Keep = Keep::Always;
+    /// Whether the paths it reads may be folders.
+    const FOLDERS: bool = false;
     /// What may change the bits: `portable`, or the profile of a library that promises none.
     const PROFILE: &'static str = "portable";
 
@@ -92,6 +105,17 @@ pub trait Kind: 'static {
         Ok(())
     }
 
+    /// Checks that need to know what is wired, before anything runs.
+    fn check_wires(_params: &Self::Params, _wired: &Wired) -> Result<(), NodeError> {
+        Ok(())
+    }
+
+    /// How many views its pictures or cameras hold, as far as that is known before anything runs. A sink of
+    /// more than one needs `{view}` in its path.
+    fn views(_params: &Self::Params, _root: &SourceRoot) -> ViewCount {
+        ViewCount::Unknown
+    }
+
     /// Computes the outputs.
     fn run(params: &Self::Params, inputs: Self::In, cx: &Context) -> Result<(Self::Out, Notes), NodeError>;
 }
@@ -100,6 +124,8 @@ pub trait Kind: 'static {
 pub(crate) trait Step: Send + Sync {
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
     fn check(&self) -> Result<(), NodeError>;
+    fn check_wires(&self, wired: &Wired) -> Result<(), NodeError>;
+    fn views(&self, root: &SourceRoot) -> ViewCount;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
     fn work(&self, sizes: &Sizes) -> f64;
@@ -118,6 +144,12 @@ impl<K: Kind> Step for StepOf<K> {
     }
     fn check(&self) -> Result<(), NodeError> {
         K::check(&self.0)
+    }
+    fn check_wires(&self, wired: &Wired) -> Result<(), NodeError> {
+        K::check_wires(&self.0, wired)
+    }
+    fn views(&self, root: &SourceRoot) -> ViewCount {
+        K::views(&self.0, root)
     }
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         K::sources(&self.0, root)
@@ -160,6 +192,8 @@ pub struct KindEntry {
     pub profile: &'static str,
     /// [`Kind::INSTANT`].
     pub instant: bool,
+    /// [`Kind::FOLDERS`].
+    pub(crate) folders: bool,
     /// Whether a parameter names a file to read.
     pub(crate) reads_files: bool,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
@@ -181,6 +215,7 @@ impl KindEntry {
             store: K::STORE,
             profile: K::PROFILE,
             instant: K::INSTANT,
+            folders: K::FOLDERS,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)
@@ -191,6 +226,11 @@ impl KindEntry {
     /// The name in graph files: `SplatRender`.
     pub fn camel_name(&self) -> String {
         camel(self.name)
+    }
+
+    /// The first parameter that names a file to read.
+    pub(crate) fn source_param(&self) -> Option<&'static str> {
+        self.params.iter().find(|param| param.role == Role::Input).map(|param| param.name)
     }
 
     /// The parameter that names the file to write, for sinks.

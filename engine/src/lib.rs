@@ -134,21 +134,21 @@ pub use bundle::{
 };
 pub use cache::{Change, Digest, Manifest, Store};
 pub use context::{Context, ContextField, Part, Point, Scene, Up};
-pub use diag::{Diagnostic, Diagnostics, Source, nearest};
+pub use diag::{Code, Diagnostic, Diagnostics, Source, nearest};
 pub use diff::{NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences};
 pub use edit::{EditError, Setting, apply};
 pub use error::NodeError;
 pub use event::{Counts, Event, Mistake, State, Totals};
 pub use files::{FileBytes, Files};
 pub use graph::{Graph, Node, Wire};
-pub use kind::{Cost, Keep, Kind, KindEntry, Registry, Sizes};
+pub use kind::{Cost, Keep, Kind, KindEntry, Registry, Sizes, ViewCount};
 pub use lock::{Lock, LockDifferences, LockError};
 pub use note::{Level, Note, Notes};
 pub use param::{
     InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, ParamValue, Params, Role, canonical,
 };
 pub use plan::{Fate, Forecast, Past, Planned, Why};
-pub use port::{Arity, InPort, Inputs, Outputs, PortSpec};
+pub use port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
 pub use record::{Spent, blobs_of};
 pub use rerun::{Recipe, RecipeError};
 pub use root::{SourceFile, SourceRoot};

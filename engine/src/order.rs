@@ -8,7 +8,7 @@ use std::ops::Range;
 use petgraph::algo::{kosaraju_scc, toposort};
 use petgraph::graph::{DiGraph, NodeIndex};
 
-use crate::diag::Diagnostic;
+use crate::diag::{Code, Diagnostic};
 use crate::syntax::RawNode;
 
 /// For each node the nodes it reads, with the span of the wire.
@@ -60,8 +60,9 @@ pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usiz
     }
     names.push(raw[cycle[0]].id);
     let place = |node: usize| inside(node).map_or(raw[node].id_span.clone(), |(_, span)| span.clone());
-    let mut diagnostic = Diagnostic::new(place(cycle[0]), format!("a cycle: {}", names.join(" -> ")))
-        .label(format!("`{}` reads what is made from it", raw[cycle[0]].id));
+    let mut diagnostic =
+        Diagnostic::of(Code::Cycle, place(cycle[0]), format!("a cycle: {}", names.join(" -> ")))
+            .label(format!("`{}` reads what is made from it", raw[cycle[0]].id));
     for &node in cycle.iter().skip(1).take(shown) {
         diagnostic = diagnostic.related(place(node), format!("by way of `{}`", raw[node].id));
     }

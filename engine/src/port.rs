@@ -28,6 +28,17 @@ pub struct PortSpec {
     pub artifact: ArtifactType,
 }
 
+/// What is wired to the inputs of a node: for each port the names of the outputs that its wires come from.
+#[derive(Debug, Clone, Default)]
+pub struct Wired(pub(crate) Vec<(&'static str, Vec<&'static str>)>);
+
+impl Wired {
+    /// The names of the outputs wired to `input`, one for each wire: `["colour", "depth"]`.
+    pub fn of(&self, input: &str) -> &[&'static str] {
+        self.0.iter().find(|(port, _)| *port == input).map_or(&[], |(_, names)| names)
+    }
+}
+
 /// A field of an input struct: `Arc<T>`, `Option<Arc<T>>` or `Vec<Arc<T>>`.
 pub trait InPort: Sized {
     /// How many wires it takes.

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use ron::extensions::Extensions;
 
-use crate::diag::{Diagnostic, shown};
+use crate::diag::{Code, Diagnostic, shown};
 use crate::param::ParamType;
 use crate::scan::Scanner;
 
@@ -170,9 +170,13 @@ impl<'t> Parser<'t> {
                 }
                 other => {
                     parser.scan.report(
-                        Diagnostic::new(span, format!("a graph has no field `{}`", shown(other)))
-                            .suggest(other, TOP)
-                            .hint("a graph has the fields `version`, `include`, `scene`, `axes`, `presets` and `nodes`"),
+                        Diagnostic::of(
+                            Code::UnknownField,
+                            span,
+                            format!("a graph has no field `{}`", shown(other)),
+                        )
+                        .suggest(other, TOP)
+                        .hint("a graph has the fields `version`, `include`, `scene`, `axes`, `presets` and `nodes`"),
                     );
                     parser.scan.value();
                 }
@@ -357,7 +361,7 @@ impl<'t> Parser<'t> {
 }
 
 pub(crate) fn twice(name: &str, second: Range<usize>, first: Range<usize>) -> Diagnostic {
-    Diagnostic::new(second, format!("`{}` is given twice", shown(name)))
+    Diagnostic::of(Code::Duplicate, second, format!("`{}` is given twice", shown(name)))
         .label("second")
         .related(first, "first")
 }
@@ -381,8 +385,12 @@ impl Fields<'_, '_> {
         let Some(field) = self.fields.iter().find(|field| field.name == name) else {
             if default.is_none() {
                 self.diagnostics.push(
-                    Diagnostic::new(self.node_span.clone(), format!("`{}` needs `{name}`", self.kind))
-                        .label(format!("expected {}", with_article(&T::describe()))),
+                    Diagnostic::of(
+                        Code::Missing,
+                        self.node_span.clone(),
+                        format!("`{}` needs `{name}`", self.kind),
+                    )
+                    .label(format!("expected {}", with_article(&T::describe()))),
                 );
             }
             return default;
@@ -398,14 +406,15 @@ impl Fields<'_, '_> {
         };
         if let Err(error) = value.key_text() {
             let message = format!("`{name}`: {error}");
-            self.diagnostics.push(Diagnostic::new(field.span.clone(), message));
+            self.diagnostics.push(Diagnostic::of(Code::WrongValue, field.span.clone(), message));
             return None;
         }
         match range {
             Some((low, high)) if !value.within(low, high) => {
                 let message = format!("`{name}` is out of range: {}", shown(field.text));
-                self.diagnostics
-                    .push(Diagnostic::new(field.span.clone(), message).label(between((low, high))));
+                self.diagnostics.push(
+                    Diagnostic::of(Code::OutOfRange, field.span.clone(), message).label(between((low, high))),
+                );
                 None
             }
             _ => Some(value),
@@ -446,6 +455,39 @@ fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
+/// What is wrong inside of a group or list of numbers that is right from outside: their count, or one of them.
+fn wrong_items(described: &str, text: &str) -> Option<String> {
+    let (numbers, sort) = (described.contains("number"), sort_of(text));
+    let wanted: Option<usize> =
+        described.split_once(" numbers in ( )").and_then(|(count, _)| count.parse().ok());
+    if !numbers || sort != if wanted.is_some() { "a group in ( )" } else { "a list" } {
+        return None;
+    }
+    let mut scan = Scanner::new(&text[..text.len() - 1]);
+    scan.at = 1;
+    let mut items = Vec::new();
+    loop {
+        scan.skip_space();
+        if scan.is_at_end() {
+            break;
+        }
+        items.push(&scan.text[scan.value()?]);
+        scan.skip_space();
+        if !scan.eat(b',') && !scan.is_at_end() {
+            return None;
+        }
+    }
+    if let Some(item) = items.iter().find(|item| parse_value::<f64>(item).is_err()) {
+        return Some(format!("and `{}` is none", shown(item)));
+    }
+    let wanted = wanted.filter(|wanted| *wanted != items.len())?;
+    Some(match items.len() {
+        0 => "not none".to_owned(),
+        found if found < wanted => format!("not only {found}"),
+        found => format!("not {found}"),
+    })
+}
+
 /// What is wrong with the text of a parameter. `range` is what is said where it has one.
 fn value_mistake<T: ParamType>(
     name: &str,
@@ -455,8 +497,9 @@ fn value_mistake<T: ParamType>(
     range: Option<String>,
 ) -> Diagnostic {
     let described = T::describe();
-    let wanted = with_article(&described);
-    let mistake = |message: String| Diagnostic::new(span.clone(), message);
+    let described = described.strip_suffix(" (optional)").unwrap_or(&described);
+    let wanted = with_article(described);
+    let mistake = |message: String| Diagnostic::of(Code::WrongValue, span.clone(), message);
     match error {
         ron::Error::NoSuchEnumVariant { found, expected, .. } => {
             mistake(format!("`{name}` has no choice `{}`", shown(found)))
@@ -477,6 +520,9 @@ fn value_mistake<T: ParamType>(
         ron::Error::Message(why) => mistake(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
         ron::Error::IntegerOutOfBounds => mistake(format!("`{name}` is out of range: {}", shown(text)))
             .label(range.unwrap_or_else(|| format!("expected {wanted}"))),
+        _ if let Some(what) = wrong_items(described, text) => {
+            mistake(format!("`{name}` takes {wanted}, {what}"))
+        }
         _ => {
             let sort = sort_of(text);
             let is_number = sort == "a number";

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Kind, NodeError, Notes};
+use engine::{Context, Kind, NodeError, Notes, ViewCount};
 
 use crate::color::{linear_from_srgb, luminance};
 use crate::layers::{linear, matching};
@@ -44,6 +44,10 @@ impl Kind for AlphaShadow {
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["without"])
+    }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut views = Vec::with_capacity(inputs.without.0.len());

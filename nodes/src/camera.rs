@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
+use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, ViewCount};
 use glam::{DMat4, DVec3};
 
 use crate::equirect::axes;
@@ -61,6 +61,10 @@ impl Kind for Camera {
             return Err(NodeError::new("`eye` and `target` are one point").at("target"));
         }
         view_name(&p.name)
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::Known(1)
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use engine::{Context, Kind, NodeError, Notes};
+use engine::{Context, Kind, NodeError, Notes, ViewCount};
 
 use crate::layers::{linear, matching};
 use crate::types::{Image, Images, Linear, NamedImage, Picture};
@@ -103,6 +103,10 @@ impl Kind for Composite {
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["background"])
+    }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut broken = 0;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
+use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, ViewCount};
 use glam::{DMat4, DVec3};
 
 use crate::types::{Camera, Pose, Rig};
@@ -105,6 +105,10 @@ impl Kind for CubeRig {
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::Known(6)
+    }
 
     fn run(params: &Self, In { at }: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let axes = equirect::axes(cx.up());

@@ -22,8 +22,9 @@ pub fn matching<'a>(
     };
     let (width, height, _) = picture.size();
     if (width, height) != size {
+        let [w, h] = [size.0, size.1];
         let what =
-            format!("view `{name}` of `{port}` is {width}x{height}, the others are {}x{}", size.0, size.1);
+            format!("`{port}` is {width}x{height}, but the view `{name}` that it belongs to is {w}x{h}");
         return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
     }
     Ok(picture)

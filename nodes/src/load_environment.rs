@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
+use glam::DVec3;
+
 use crate::Error;
 use crate::io::{exr, hdr};
 use crate::types::{Environment, Image, Images};
@@ -21,6 +23,9 @@ engine::params! {
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Multiplies the radiance.
         scale: f64 = 1.0, range(0, 1e9), other("2.0");
+        /// The point that the light was captured at. `path-trace` measures from it which surfaces lie behind
+        /// the light and let it pass; none: it takes the first camera's place and says so.
+        origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
     }
 }
 engine::inputs! {
@@ -68,7 +73,7 @@ impl Kind for LoadEnvironment {
         let turned = turn(&rgb, width, p.rotation_deg, cx)?;
         let image = Image::from_samples(width, height, 3, turned);
         let picture = Arc::new(Images::single("env", image.clone()));
-        let env = Arc::new(Environment { image, up: cx.up(), origin: None });
+        let env = Arc::new(Environment { image, up: cx.up(), origin: p.origin.map(DVec3::from_array) });
         Ok((Out { env, image: picture }, notes))
     }
 }
@@ -174,7 +179,6 @@ mod tests {
     use crate::equirect;
     use crate::pose::yaw;
     use engine::{Scene, Up};
-    use glam::DVec3;
 
     fn detached(up: Up) -> Context {
         Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".")

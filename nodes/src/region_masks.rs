@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Kind, NodeError, Notes};
+use engine::{Context, Kind, NodeError, Notes, ViewCount, Wired};
 
 use crate::color::srgb_from_linear;
 use crate::layers::{linear, matching};
@@ -68,16 +68,18 @@ impl Kind for RegionMasks {
         Ok(())
     }
 
+    fn check_wires(_: &Self, wired: &Wired) -> Result<(), NodeError> {
+        check_shadow(["shadow", "with", "without"].map(|input| !wired.of(input).is_empty()))
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["object"])
+    }
+
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
-        if inputs.with.is_some() != inputs.without.is_some() {
-            return Err(NodeError::new("`with` and `without` belong together").at("with"));
-        }
-        if inputs.shadow.is_some() && inputs.with.is_some() {
-            return Err(
-                NodeError::new("the shadow comes from `shadow`, or from `with` and `without`").at("shadow")
-            );
-        }
+        let given = [inputs.shadow.is_some(), inputs.with.is_some(), inputs.without.is_some()];
+        check_shadow(given)?;
         if inputs.shadow.is_none() && inputs.with.is_none() {
             notes.decision(
                 "no-shadow-known",
@@ -121,6 +123,22 @@ impl Kind for RegionMasks {
         let [object, shadow, rest, contact] = masks.map(|list| Arc::new(Images(list)));
         Ok((Out { object, shadow, rest, contact }, notes))
     }
+}
+
+/// The shadow comes from one of two places, or from none.
+fn check_shadow([shadow, with, without]: [bool; 3]) -> Result<(), NodeError> {
+    if with != without {
+        return Err(NodeError::new("`with` and `without` belong together").at(if with {
+            "with"
+        } else {
+            "without"
+        }));
+    }
+    if shadow && with {
+        let what = "the shadow comes from `shadow`, or from `with` and `without`";
+        return Err(NodeError::new(what).at("shadow"));
+    }
+    Ok(())
 }
 
 /// The largest change of a channel of a factor.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Kind, NodeError, Notes};
+use engine::{Context, Kind, NodeError, Notes, ViewCount};
 
 use crate::color::luminance;
 use crate::layers::{linear, matching};
@@ -194,6 +194,10 @@ impl Kind for ShadowRatio {
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["without"])
+    }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut tally = Tally::default();

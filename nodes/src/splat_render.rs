@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes, Sizes};
+use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
 
 use crate::splat::{Drawing, MAX_PIXELS, Sort, Work, render_all};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
@@ -79,6 +79,10 @@ impl Kind for SplatRender {
     // Splats are read once a view; a view of a megapixel makes up for its share of them.
     fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
         sizes.of("splats") * (sizes.of("rig") / 1e6).max(1.0) + sizes.of("rig") * 5.0
+    }
+
+    fn views(_: &Self::Params, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["rig"])
     }
 
     fn run(

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
+use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount, Wired};
 
 use crate::io::exr::{self, Channel, Depth};
 use crate::types::{Images, Picture};
@@ -70,41 +70,20 @@ impl Kind for WriteExr {
         Ok(())
     }
 
+    fn check_wires(p: &Self, wired: &Wired) -> Result<(), NodeError> {
+        let layers = wired.of("layers");
+        layer_names(p, wired.of("image").len(), layers.len(), layers).map(drop)
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["image", "layers"])
+    }
+
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let layers: Vec<(&str, &Images)> = match (&inputs.image, inputs.layers.as_slice()) {
-            (Some(image), []) => match p.names.as_slice() {
-                [] => vec![("", image)],
-                [name] => vec![(name, image)],
-                _ => {
-                    return Err(NodeError::new("`image` is one layer")
-                        .at("names")
-                        .hint("wire the others to `layers`"));
-                }
-            },
-            (None, []) => {
-                return Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`"));
-            }
-            (Some(_), _) => {
-                return Err(NodeError::new("`image` and `layers` exclude each other").at("layers"));
-            }
-            (None, layers) if layers.len() == p.names.len() => {
-                p.names.iter().map(String::as_str).zip(layers.iter().map(Arc::as_ref)).collect()
-            }
-            (None, layers) if p.names.is_empty() && layers.len() == cx.wired("layers").len() => {
-                let names = cx.wired("layers");
-                if let Some(twice) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-                    return Err(NodeError::new(format!("two layers come from outputs named `{}`", twice.1))
-                        .at("layers")
-                        .hint("tell them apart with `names`"));
-                }
-                names.iter().copied().zip(layers.iter().map(Arc::as_ref)).collect()
-            }
-            (None, layers) => {
-                return Err(NodeError::new(format!("{} layers but {} names", layers.len(), p.names.len()))
-                    .at("names")
-                    .hint("name every layer, in the order of the wires"));
-            }
-        };
+        let wired: Vec<&Images> = inputs.image.iter().chain(&inputs.layers).map(Arc::as_ref).collect();
+        let outputs = cx.wired("layers");
+        let names = layer_names(p, usize::from(inputs.image.is_some()), inputs.layers.len(), outputs)?;
+        let layers: Vec<(&str, &Images)> = names.into_iter().zip(wired).collect();
         let mut notes = Notes::none();
         let mut files = Vec::new();
         let views: &[_] =
@@ -143,6 +122,40 @@ impl Kind for WriteExr {
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
         Ok((Out { files: Arc::new(Files(files)) }, notes))
+    }
+}
+
+/// The name of each layer: as `names` says, or as the outputs that they come from are called. One picture
+/// needs none.
+fn layer_names<'a>(
+    p: &'a WriteExr,
+    images: usize,
+    layers: usize,
+    outputs: &[&'a str],
+) -> Result<Vec<&'a str>, NodeError> {
+    let given = || p.names.iter().map(String::as_str).collect();
+    match (images, layers, p.names.len()) {
+        (0, 0, _) => Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`")),
+        (1, 0, 0) => Ok(vec![""]),
+        (1, 0, 1) => Ok(given()),
+        (_, 0, _) => {
+            Err(NodeError::new("`image` is one layer").at("names").hint("wire the others to `layers`"))
+        }
+        (0, layers, names) if layers == names => Ok(given()),
+        (0, layers, 0) if layers == outputs.len() => {
+            match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
+                Some((_, twice)) => {
+                    Err(NodeError::new(format!("two layers come from outputs named `{twice}`"))
+                        .at("layers")
+                        .hint("tell them apart with `names`"))
+                }
+                None => Ok(outputs.to_vec()),
+            }
+        }
+        (0, layers, names) => Err(NodeError::new(format!("{layers} layers but {names} names"))
+            .at("names")
+            .hint("name every layer, in the order of the wires")),
+        _ => Err(NodeError::new("`image` and `layers` exclude each other").at("layers")),
     }
 }
 

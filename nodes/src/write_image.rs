@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
+use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
 
 use crate::color::srgb_from_linear;
 use crate::io::png::Raster;
@@ -82,6 +82,10 @@ impl Kind for WriteImage {
             return Err(NodeError::new("a JPEG has no alpha").at("alpha").hint("end the path in `.png`"));
         }
         Ok(())
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["image"])
     }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

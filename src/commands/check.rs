@@ -2,13 +2,19 @@
 
 use clap::Args;
 
+use crate::report;
 use crate::session::{Error, GraphArgs};
 
 /// Reads a graph and reports every mistake in it.
+///
+/// Files that loaders read are looked into as far as their headers.
 #[derive(Debug, Args)]
 pub struct Check {
     #[command(flatten)]
     graph: GraphArgs,
+    /// One JSON object a line on standard output: the mistakes, or that there is none
+    #[arg(long)]
+    pub json: bool,
 }
 
 impl Check {
@@ -16,12 +22,19 @@ impl Check {
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
+        graph.check_sources().map_err(Error::Graph)?;
         let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
-        super::print(&format!(
-            "{}: {} nodes, {sinks} sinks, no mistakes\n",
-            graph.source.name,
-            graph.nodes.len()
-        ))?;
+        let (name, nodes) = (&graph.source.name, graph.nodes.len());
+        if self.json {
+            report::json_line(
+                &serde_json::json!({"event": "checked", "file": name, "nodes": nodes, "sinks": sinks}),
+            );
+            return Ok(0);
+        }
+        super::print(&format!("{name}: {nodes} nodes, {sinks} sinks, no mistakes\n"))?;
+        if let Some(remark) = report::no_file(graph, &loaded.only) {
+            super::print(&format!("{remark}\n"))?;
+        }
         Ok(0)
     }
 }

@@ -72,6 +72,17 @@ enum Verb {
 }
 
 impl Command {
+    /// True where standard output belongs to a program, which is told mistakes there, too.
+    pub fn tells_json(&self) -> bool {
+        match &self.verb {
+            Verb::Run(verb) => verb.json,
+            Verb::Check(verb) => verb.json,
+            Verb::Inspect(verb) => verb.json,
+            Verb::Watch(verb) => verb.json,
+            _ => false,
+        }
+    }
+
     /// Runs the verb; gives the exit code.
     pub fn run(self) -> Result<u8, Error> {
         match self.verb {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use engine::RunOptions;
+use engine::{Event, RunOptions};
 
 use super::lock;
 use crate::report::{self, Report};
@@ -28,7 +28,7 @@ pub struct Run {
     trace: Option<PathBuf>,
     /// One JSON object a line on standard output
     #[arg(long)]
-    json: bool,
+    pub json: bool,
     /// Also tell nodes whose result was known
     #[arg(long, short)]
     verbose: bool,
@@ -48,7 +48,10 @@ impl Run {
         if engine.store().is_read_only() {
             let text =
                 "the cache cannot be written: known results are used, new ones are not kept".to_owned();
-            report.tell(&engine::Event::Warning { id: "cache-read-only", text });
+            report.tell(&Event::Warning { id: "cache-read-only", text });
+        }
+        if let Some(text) = report::no_file(graph, only) {
+            report.tell(&Event::Warning { id: "no-file", text });
         }
         let options = RunOptions {
             out: self.out,
@@ -58,18 +61,22 @@ impl Run {
             ..RunOptions::default()
         };
         let mut trace = Trace::default();
+        // What failed comes before the end, which is the last line of JSON.
+        let mut end = None;
         let outcome = engine.run(graph, &options, |event| {
             trace.tell(&event);
-            report.tell(&event);
+            match event {
+                Event::Done(_) if self.json => end = Some(event),
+                event => report.tell(&event),
+            }
         });
         if let Some(path) = &self.trace {
             cache::publish_file(path, &trace.finish())?;
         }
-        if let Some(failures) = &outcome.failures
-            && !self.json
-        {
-            report::error(&failures.render(report::colours()));
+        if let Some(failures) = &outcome.failures {
+            report::mistakes(failures, self.json);
         }
+        end.iter().for_each(|end| report.tell(end));
         if let Some(lock) = &locked {
             let now = engine.lock(graph, only).map_err(Error::Sources)?;
             let results = lock.differences(&now).results;

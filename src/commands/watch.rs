@@ -24,7 +24,7 @@ pub struct Watch {
     out: PathBuf,
     /// One JSON object a line on standard output
     #[arg(long)]
-    json: bool,
+    pub json: bool,
     /// Also tell nodes whose result was known
     #[arg(long, short)]
     verbose: bool,

@@ -39,29 +39,37 @@ fn killed_runs_leave_nothing_wrong_behind() {
     }
 }
 
-/// A report, a picture, a few blobs: every sort of write, in milliseconds.
+/// A picture, a report, a few blobs: every sort of write, in milliseconds.
 const TINY: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),
     nodes: (
-        demo:   DemoScene(place: Courtyard, splats: 2000, width_px: 32, height_px: 18, truth_width_px: 16),
-        view:   SplatRender(splats: "demo.splats", rig: "demo.rig"),
-        save:   WriteImage(image: "view.colour", path: "view.png"),
-        score:  Compare(image: "view.colour", reference: "view.colour"),
+        light:  LoadEnvironment(path: "light.hdr"),
+        double: LoadEnvironment(path: "light.hdr", scale: 2.0),
+        score:  Compare(image: "light.image", reference: "double.image"),
+        save:   WriteExr(image: "score.difference", path: "difference.exr"),
         report: WriteReport(report: "score.report", path: "score.md"),
     ),
 )
 "#;
 
+fn tiny() -> Place {
+    let place = Place::new(TINY);
+    let mut light = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n".to_vec();
+    light.extend((0..16 * 32).flat_map(|n: u32| [40 + (n % 97) as u8, 90, 60 + (n / 4) as u8, 128]));
+    std::fs::write(place.path("light.hdr"), light).unwrap();
+    place
+}
+
 #[test]
 fn runs_stopped_at_every_failpoint_leave_nothing_wrong_behind() {
-    let undisturbed = Place::new(TINY);
+    let undisturbed = tiny();
     undisturbed.run(&[]).good();
     let bytes = undisturbed.outputs();
     let mut stopped = 0;
     for name in cache::failpoint::NAMES {
         for count in [1, 3] {
-            let place = Place::new(TINY);
+            let place = tiny();
             let status = place
                 .command(&["run", "graph.ron"])
                 .env("LIGHTHARMONY_FAILPOINT", format!("{name}:{count}"))

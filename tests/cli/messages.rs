@@ -102,3 +102,90 @@ fn drawings_name_every_node() {
         }
     }
 }
+
+#[test]
+fn what_is_wired_wrong_is_told_before_anything_runs() {
+    let place = Place::new(
+        r#"Graph(version: 1, scene: (up: "+z"), nodes: (
+        demo:  DemoScene(), pose: Pose(), probe: CubeRig(at: "pose"), cameras: LoadCameras(path: "cameras.json"),
+        faces: SplatRender(splats: "demo.splats", rig: "probe"),
+        two:   SplatRender(splats: "demo.splats", rig: "cameras"),
+        a:     WriteImage(image: "faces.colour", path: "faces.png"),
+        b:     WriteImage(image: "two.colour", path: "out/two.png"),
+        c:     WriteImage(image: "two.colour", path: "{view}.png"),
+        d:     WriteExr(layers: ["two.colour", "faces.colour"], path: "{view}.exr"),
+        e:     WriteExr(layers: ["two.colour", "two.alpha"], names: ["x"], path: "e/{view}.exr"),
+        f:     WriteExr(path: "f/{view}.exr"),
+        g:     Compare(image: "two.colour", reference: "two.colour", names: ["object"]),
+        h:     RegionMasks(object: "two.colour", with: "two.colour"),
+        ))"#,
+    );
+    let camera = r#"{"w": 8, "h": 8, "fx": 9, "fy": 9, "cx": 4, "cy": 4, "c2w_opencv": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"#;
+    let cameras = format!(r#"{{"views": [{camera}, "name": "a"}}, {camera}, "name": "b"}}]}}"#);
+    std::fs::write(place.path("cameras.json"), cameras).unwrap();
+    let check = || -> Vec<serde_json::Value> {
+        let output = place.call(&["check", "graph.ron", "--json"]);
+        assert_eq!(output.status.code(), Some(2));
+        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        told["list"].as_array().unwrap().clone()
+    };
+    let told = check();
+    let found: Vec<(u64, &str)> =
+        told.iter().map(|one| (one["line"].as_u64().unwrap(), one["code"].as_str().unwrap())).collect();
+    let (path, wiring) = ("output-path", "wiring");
+    let expected = [(5, path), (6, path), (8, wiring), (9, wiring), (10, wiring), (11, wiring), (12, wiring)];
+    assert_eq!(found, expected, "{told:#?}");
+    assert!(told[0]["message"].as_str().unwrap().contains("6 views come to it"));
+    assert_eq!(told[1]["hints"][0], "put `{view}` into the path: \"out/two_{view}.png\"");
+}
+
+#[test]
+fn every_setting_that_is_wrong_is_told_at_once() {
+    let place = Place::new(INSERT);
+    let errors = |settings: &[&str]| {
+        let sets = settings.iter().flat_map(|setting| ["--set", setting]);
+        let output = place.call(&["run", "graph.ron"].into_iter().chain(sets).collect::<Vec<_>>());
+        assert_eq!(output.status.code(), Some(2));
+        text(&output.stderr)
+    };
+    let told = errors(&["pose.yaw_deg=abc", "poose.x=1", "camera.eye=(1, 2)", "trace.samples=64"]);
+    for part in [
+        "`yaw_deg` takes a number, not text",
+        "--> --set:1:",
+        "did you mean `pose`?",
+        "`eye` takes 3 numbers in ( ), not only 2",
+    ] {
+        assert!(told.contains(part), "{part} is missing in\n{told}");
+    }
+    assert_eq!(told.matches("error: ").count(), 3, "{told}");
+    let told = errors(&["bad", "pose.yaw_deg=1", "worse="]);
+    assert!(told.contains("`--set bad` is no setting") && told.contains("`--set worse=`"), "{told}");
+}
+
+#[test]
+fn programs_are_told_mistakes_as_json() {
+    let place = Place::new(&INSERT.replace("gamma: 0.8", "gama: 0.8"));
+    for verb in ["check", "run"] {
+        let output = place.call(&[verb, "graph.ron", "--json"]);
+        assert_eq!((output.status.code(), text(&output.stderr)), (Some(2), String::new()));
+        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(told["event"], "mistakes");
+        let told = &told["list"][0];
+        assert_eq!(told["code"], "unknown-field");
+        assert_eq!((&told["file"], &told["line"]), (&"graph.ron".into(), &16.into()));
+        assert_eq!(told["hints"][0], "did you mean `gamma`?");
+    }
+    let output = place.call(&["run", "graph.ron", "--json", "--set", "shadow.gama="]);
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["event"], "error");
+    place.write("Graph(version: 1, scene: (up: \"+z\"), nodes: ())");
+    assert!(text(&place.call(&["run", "graph.ron"]).stderr).contains("the graph has no nodes"));
+    place.write("Graph(version: 1, scene: (up: \"+z\"), nodes: (a: Pose()))");
+    let told = place.run(&["--jobs", "0"]).good();
+    assert!(told.events.iter().any(|event| event["id"] == "no-file"), "{:?}", told.events);
+    assert_eq!(told.events.last().map(|event| &event["event"]), Some(&"done".into()));
+    let wrong = place.call(&["run", "graph.ron", "--cache", "graph.ron"]);
+    let errors = text(&wrong.stderr);
+    assert!(errors.contains("`graph.ron`: cannot create") && errors.contains("os error"), "{errors}");
+    assert!(errors.contains("--cache"), "{errors}");
+}

@@ -4,7 +4,7 @@ mod pair;
 
 use std::sync::Arc;
 
-use engine::{Context, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{Context, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, ViewCount, Wired};
 
 use crate::layers::matching;
 use crate::metrics::{Lpips, PIXELS_PER_DEGREE};
@@ -111,13 +111,16 @@ impl Kind for Compare {
         Ok(p.lpips.iter().map(|path| root.file(path)).collect())
     }
 
+    fn check_wires(p: &Self, wired: &Wired) -> Result<(), NodeError> {
+        check_names(p, wired.of("regions").len())
+    }
+
+    fn views(_: &Self, _: &SourceRoot) -> ViewCount {
+        ViewCount::As(&["image"])
+    }
+
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        if !p.names.is_empty() && p.names.len() != inputs.regions.len() {
-            let what = format!("{} regions but {} names", inputs.regions.len(), p.names.len());
-            return Err(NodeError::new(what)
-                .at("names")
-                .hint("name every region, in the order of the wires"));
-        }
+        check_names(p, inputs.regions.len())?;
         let lpips = match &p.lpips {
             Some(path) => {
                 Some(Lpips::parse(&path.0, &cx.read(path)?).map_err(|e| NodeError::from(e).at("lpips"))?)
@@ -197,6 +200,14 @@ impl Kind for Compare {
         let report = Arc::new(Report { title, tables });
         Ok((Out { report, difference: Arc::new(Images(differences)), flip: Arc::new(Images(flips)) }, notes))
     }
+}
+
+fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
+    if p.names.is_empty() || p.names.len() == regions {
+        return Ok(());
+    }
+    let what = format!("{regions} regions but {} names", p.names.len());
+    Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
 }
 
 fn inside(mask: &Picture) -> Vec<bool> {

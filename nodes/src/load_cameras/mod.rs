@@ -8,7 +8,9 @@ mod tests;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use engine::{Context, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{
+    Context, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up, ViewCount,
+};
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::Error;
@@ -80,6 +82,7 @@ impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
     const VERSION: u32 = 1;
     const STORE: Keep = Keep::Cheap;
+    const FOLDERS: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -95,6 +98,20 @@ impl Kind for LoadCameras {
             }
         }
         Err(unknown(&p.path))
+    }
+
+    fn views(p: &Self, root: &SourceRoot) -> ViewCount {
+        // A large model takes longer to read than a check of the graph may.
+        const MOST_BYTES: u64 = 4 << 20;
+        let size = |file: &SourceFile| std::fs::metadata(&file.path).map_or(u64::MAX, |data| data.len());
+        let small =
+            Self::sources(p, root).is_ok_and(|files| files.iter().all(|file| size(file) <= MOST_BYTES));
+        let scene = Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 0 };
+        let read = || Self::run(p, In {}, &Context::detached(scene, root.folder())).ok();
+        match small.then(read).flatten() {
+            Some((Out { rig }, _)) => ViewCount::Known(rig.cameras.len()),
+            None => ViewCount::Unknown,
+        }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

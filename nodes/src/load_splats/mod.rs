@@ -224,6 +224,7 @@ impl Kind for LoadSplats {
     const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
+    const FOLDERS: bool = true;
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -16,7 +16,7 @@ pub mod walk;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Part, Sizes};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Part, Sizes, ViewCount};
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
@@ -456,6 +456,10 @@ impl Kind for PathTrace {
         }
         let hint = "max_layers lies between 1 and 16; metres is at least 0";
         Err(NodeError::new("env_block is out of range").at("env_block").hint(hint))
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["rig"])
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -61,7 +61,7 @@ fn case(name: &str) -> Case {
     };
     let (object, _) =
         OverrideMaterial::run(&material, override_material::In { object: object.object }, &cx).unwrap();
-    let env = LoadEnvironment { path: file("env.exr"), rotation_deg: 0.0, scale: 1.0 };
+    let env = LoadEnvironment { path: file("env.exr"), rotation_deg: 0.0, scale: 1.0, origin: None };
     let (env, _) = LoadEnvironment::run(&env, load_environment::In {}, &cx).unwrap();
     let camera = &scene["camera"];
     let number = |key: &str| camera[key].as_f64().unwrap();

@@ -6,7 +6,7 @@ mod files;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
 use engine::{
     Digest, Engine, Event, Graph, ParamSpec, Registry, Role, RunOptions, Setting, Source, SourceRoot, State,
@@ -21,8 +21,13 @@ struct Fixture {
     folder: PathBuf,
 }
 
-/// One fixture serves all tests: its cold run is the dear part.
-static SHARED: LazyLock<Fixture> = LazyLock::new(Fixture::new);
+/// One fixture serves all tests: its cold run is the dear part. One test at a time, since the digests of a node
+/// are those of its last run, whoever ran it.
+static SHARED: LazyLock<Mutex<Fixture>> = LazyLock::new(|| Mutex::new(Fixture::new()));
+
+fn shared() -> MutexGuard<'static, Fixture> {
+    SHARED.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 impl Fixture {
     fn new() -> Self {
@@ -113,7 +118,7 @@ fn every_kind_is_documented_and_its_parameters_are_complete() {
 
 #[test]
 fn fixture_holds_every_kind_and_runs() {
-    let fixture = &*SHARED;
+    let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
     let used: BTreeSet<&str> = graph.nodes.iter().map(|node| node.kind.name).collect();
     let missing: Vec<&str> =
@@ -125,7 +130,7 @@ fn fixture_holds_every_kind_and_runs() {
 
 #[test]
 fn a_compiled_graph_gives_what_its_text_gives() {
-    let fixture = &*SHARED;
+    let fixture = shared();
     let text = format!("// {}\n{FIXTURE}", "long enough to be compiled ".repeat(1000));
     let store = engine::Store::in_memory();
     let load = || {
@@ -147,7 +152,7 @@ fn a_compiled_graph_gives_what_its_text_gives() {
 
 #[test]
 fn values_outside_their_range_are_refused() {
-    let fixture = &*SHARED;
+    let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
     for node in &graph.nodes {
         for spec in &node.kind.params {
@@ -173,7 +178,7 @@ fn values_outside_their_range_are_refused() {
 
 #[test]
 fn every_parameter_changes_the_key_and_the_output() {
-    let fixture = &*SHARED;
+    let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (before, _) = fixture.run(&graph);
     // A parameter is right when one node of its kind shows it.
@@ -227,7 +232,7 @@ fn every_parameter_changes_the_key_and_the_output() {
 
 #[test]
 fn decoding_then_encoding_gives_the_same_bytes() {
-    let fixture = &*SHARED;
+    let fixture = shared();
     let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
     let (results, _) = fixture.run(&graph);
     let mut types = BTreeSet::new();
@@ -244,4 +249,48 @@ fn decoding_then_encoding_gives_the_same_bytes() {
         }
     }
     assert!(types.len() >= 6, "only {types:?} are stored");
+}
+
+/// A line for each node: its kind, key and the digests of its outputs. A key holds the kind's VERSION and the
+/// content of everything that the node reads, so equal keys with unequal outputs are a VERSION that was
+/// forgotten. A key that is not in the file is no mistake: something above it, or its VERSION, changed.
+#[test]
+fn equal_keys_give_the_outputs_they_have_always_given() {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/table/golden.txt");
+    let fixture = shared();
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    let (results, _) = fixture.run(&graph);
+    let now: Vec<[String; 3]> = graph
+        .nodes
+        .iter()
+        .filter_map(|node| {
+            let (key, outputs) = results.get(&node.id)?;
+            // Half of a digest tells as well, and keeps the lines short.
+            let half = |digest: &Digest| digest.to_string()[..32].to_owned();
+            let outputs: Vec<String> = outputs.iter().map(half).collect();
+            Some([node.kind.name.to_owned(), half(key), outputs.join(" ")])
+        })
+        .collect();
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        let lines: String = now.iter().map(|line| line.join(" ") + "\n").collect();
+        return std::fs::write(path, lines).unwrap();
+    }
+    let golden = std::fs::read_to_string(path).unwrap();
+    let golden: Vec<(&str, &str, &str)> = golden
+        .lines()
+        .filter_map(|line| {
+            let (kind, rest) = line.split_once(' ')?;
+            rest.split_once(' ').map(|(key, outputs)| (kind, key, outputs))
+        })
+        .collect();
+    let mut wrong = Vec::new();
+    for [kind, key, outputs] in &now {
+        if !golden.iter().any(|line| line.0 == kind) {
+            wrong.push(format!("`{kind}` has no line in golden.txt: run with UPDATE_GOLDEN=1"));
+        }
+        if golden.iter().any(|line| line.1 == key && line.2 != outputs) {
+            wrong.push(format!("`{kind}`: output changed, VERSION did not; raise it, then UPDATE_GOLDEN=1"));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -21,7 +21,7 @@ pub struct Inspect {
     file: PathBuf,
     /// One JSON object on standard output
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 /// The answer, as JSON has it.
