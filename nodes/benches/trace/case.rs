@@ -58,7 +58,7 @@ impl Case {
         };
         let object =
             OverrideMaterial::run(&material, override_material::In { object }, &cx).unwrap().0.object;
-        let env = LoadEnvironment { path: file("env.exr"), rotation_deg: 0.0, scale: 1.0 };
+        let env = LoadEnvironment { path: file("env.exr"), rotation_deg: 0.0, scale: 1.0, origin: None };
         let env = LoadEnvironment::run(&env, load_environment::In {}, &cx).unwrap().0.env;
         let camera = &scene["camera"];
         let number = |key: &str| camera[key].as_f64().unwrap();
@@ -86,7 +86,7 @@ impl Case {
             bounce,
             object_specular_sees: SpecularSees::Auto,
             clamp_indirect: 0.0,
-            contact_metres: 0.0,
+            contact_metres: Some(0.0),
         };
         let run = |rig: Arc<Rig>| {
             let inputs = path_trace::In {
