@@ -59,7 +59,8 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
     // What the white pane does not pass, either pane mirrors.
     let mirrored = 1.0 - over_cosines(|c| straight(&Look { base: Vec3::ONE, ..look }, c).x);
     let expected = 0.5 * (passing + mirrored);
-    assert!((lit(&tinted) / expected - 1.0).abs() < 0.01, "{} for {expected}", lit(&tinted));
+    // What passes is chosen at random: 16384 samples have a standard error of about 0.7 %.
+    assert!((lit(&tinted) / expected - 1.0).abs() < 0.03, "{} for {expected}", lit(&tinted));
 }
 
 // Absorption: a slab of one metre halves what is seen through it, also when it is made twice as large, and
