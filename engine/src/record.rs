@@ -100,12 +100,10 @@ impl Record {
         }
         let mut outputs = Vec::with_capacity(ports.len());
         for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {
-            let (found, number) = (from.raw()?, from.u32()?);
-            if found != name.as_bytes() || number != format {
+            let Stored { type_name, number, digest, size, stored } = Stored::read(&mut from)?;
+            if type_name != name.as_bytes() || number != format {
                 return Err(Corrupt(format!("holds another type than {name} {format}")));
             }
-            let digest = read_digest(&mut from)?;
-            let (size, stored) = (from.u64()?, from.bool()?);
             outputs.push(Output { type_name: name, format, digest, size, stored });
         }
         let files = (0..from.length(40)?)
@@ -128,12 +126,10 @@ impl Record {
     fn stored_blobs(bytes: &[u8]) -> Result<Vec<Digest>, Corrupt> {
         let mut from = Decoder::new(Decoder::new(bytes).raw()?);
         let mut blobs = Vec::new();
-        for _ in 0..from.length(45)? {
-            from.raw()?;
-            from.u32()?;
-            let digest = read_digest(&mut from)?;
-            if from.bool()? {
-                blobs.push(digest);
+        for _ in 0..from.length(53)? {
+            let output = Stored::read(&mut from)?;
+            if output.stored {
+                blobs.push(output.digest);
             }
         }
         Ok(blobs)
@@ -144,6 +140,22 @@ impl Record {
         let mut from = Decoder::new(bytes);
         from.raw().ok()?;
         Manifest::from_bytes(from.raw().ok()?)
+    }
+}
+
+/// One output as it is stored, of whatever type.
+struct Stored<'a> {
+    type_name: &'a [u8],
+    number: u32,
+    digest: Digest,
+    size: u64,
+    stored: bool,
+}
+
+impl<'a> Stored<'a> {
+    fn read(from: &mut Decoder<'a>) -> Result<Self, Corrupt> {
+        let (type_name, number, digest) = (from.raw()?, from.u32()?, read_digest(from)?);
+        Ok(Self { type_name, number, digest, size: from.u64()?, stored: from.bool()? })
     }
 }
 

@@ -208,3 +208,19 @@ fn collections_beside_runs_take_nothing_that_a_run_needs() {
     assert!(collected > 0);
     recover(&warm, "after it all");
 }
+
+#[test]
+fn what_records_name_is_what_a_collection_leaves() {
+    use cache::{Limits, Options, Store};
+    let warm = warm();
+    let store = Store::open(&warm.lab.cache(), Options::default()).unwrap();
+    let check = || store.check(false, &engine::blobs_of, &mut |_| true).unwrap();
+    let before = check();
+    assert!(before.is_whole() && before.blobs > 5);
+    let collected = store.collect(&Limits::default(), &engine::blobs_of, std::time::Duration::ZERO).unwrap();
+    assert_eq!((collected.records, collected.blobs, check()), (0, 0, before));
+    fs::remove_file(&warm.lab.blob_files()[0]).unwrap();
+    assert_eq!(check().incomplete.len(), 1);
+    drop(store);
+    recover(&warm, "one value gone");
+}
