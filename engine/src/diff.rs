@@ -90,7 +90,7 @@ pub struct ResultDifference {
     pub first: bool,
 }
 
-/// What came of two graphs, node by node of one name and kind, in the order of the first graph.
+/// What came of two graphs, node by node of one name and kind, what is read before what reads it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ResultDifferences {
     /// How many nodes are known on both sides.
