@@ -123,8 +123,13 @@ pub struct GraphArgs {
     /// Only these nodes and what they need, separated by commas; default: every sink
     #[arg(long, value_name = "NODES", value_delimiter = ',')]
     pub only: Vec<String>,
-    #[command(flatten)]
-    pub origin: OriginArgs,
+    // Not flattened from `OriginArgs`: an optional `GraphArgs` is there only if clap sees an argument of its own.
+    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Vec<PathBuf>,
+    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    #[arg(long)]
+    pub other_versions: bool,
 }
 
 /// Where results are kept and what may be used.
@@ -200,7 +205,8 @@ impl GraphArgs {
     ) -> Result<Loaded, Error> {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());
-        let Origin { source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &self.origin)?;
+        let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
+        let Origin { source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
         let (mut source, included) = source.including(&root);
         texts.extend(included);
         for preset in &self.preset {

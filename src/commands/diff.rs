@@ -110,7 +110,8 @@ impl Diff {
             preset: Vec::new(),
             overlay: Vec::new(),
             only: Vec::new(),
-            origin: self.origin.clone(),
+            inputs: self.origin.inputs.clone(),
+            other_versions: self.origin.other_versions,
         };
         let loaded = graph.load()?;
         let bundle = File::open(path).ok().and_then(|file| Bundle::open(file).ok());

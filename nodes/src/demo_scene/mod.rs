@@ -163,7 +163,7 @@ impl View {
 
 impl Kind for DemoScene {
     const NAME: &'static str = "demo-scene";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] =
         &[ContextField::Seed, ContextField::Up, ContextField::MetresPerUnit];
     type Params = Self;
