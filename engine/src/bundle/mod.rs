@@ -1,7 +1,7 @@
 //! Bundles: a graph with everything it needs and what came of it, as one file for somebody else.
 //!
 //! [`Engine::pack`](crate::Engine::pack) writes one, [`Bundle::open`] reads it, [`Bundle::unpack`] makes a folder
-//! of it and [`verify`] computes some of it anew. The format is told in `container`. A stranger's bundle is
+//! of it and [`verify()`] computes some of it anew. The format is told in `container`. A stranger's bundle is
 //! taken for hostile: names that lead elsewhere are refused before anything is written, nothing is written that
 //! is not whole, and a graph that came out of one runs confined ([`SourceRoot::confined`](crate::SourceRoot)).
 

@@ -26,7 +26,7 @@ pub struct FromSky {
 const CELLS: [usize; 2] = [32, 16];
 
 /// An environment ready for lookup and sampling. Radiance is constant over each texel. A sample chooses a
-/// cell by the surface's normal (see [`Aim`]), then a texel of it by luminance, then a point of the texel
+/// cell by the surface's normal (see `aim`), then a texel of it by luminance, then a point of the texel
 /// by solid angle; texels are weighed by their exact solid angle, so no light is lost or won.
 #[derive(Debug)]
 pub struct Sky {

@@ -96,7 +96,7 @@ pub fn reflection(cosine: f32, roughness: f32) -> [f32; 2] {
 }
 
 /// Twice the integral of E(c) c dc over the hemisphere for an interface with f90 = 1, where E is
-/// [`Interface::albedo`](super::Interface::albedo).
+/// `albedo` of an interface.
 pub fn mean_reflection(f0: f32, roughness: f32) -> f32 {
     static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
         Table::new([26, 32], |[f0, roughness]| {
