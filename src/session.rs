@@ -139,8 +139,8 @@ pub struct EngineArgs {
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
     /// Threads; default, and 0: one for each core
-    #[arg(long, short, value_name = "N")]
-    pub jobs: Option<usize>,
+    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
+    pub jobs: Option<u16>,
     /// Memory for values and running nodes, such as 4G; default: three quarters of what is free. Nodes wait
     /// for their share, and one that would need more than all of it fails before it starts
     #[arg(long, value_name = "SIZE")]
@@ -310,7 +310,7 @@ impl EngineArgs {
     /// How many threads.
     pub fn jobs(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.jobs.filter(|jobs| *jobs > 0).unwrap_or_else(cores)
+        self.jobs.filter(|jobs| *jobs > 0).map_or_else(cores, usize::from)
     }
 }
 

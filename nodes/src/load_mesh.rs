@@ -313,7 +313,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     if mesh.colours.is_empty() {
         notes.warning(
             "no-vertex-colours",
-            "the mesh has no vertex colours: the receiver will bounce white light",
+            "the mesh has no vertex colours: as a receiver it is grey, albedo 0.5",
         );
     }
     Ok(mesh)

@@ -114,7 +114,7 @@ fn score(
     let angle = |a: DVec3, b: DVec3| num::atan2(a.cross(b).length(), a.dot(b)).to_degrees();
     let off = light.zip(found).map(|(a, b)| angle(a, b));
     let above = axes(truth.up)[2];
-    let contrasts = light.map(|light| {
+    let contrasts = light.zip(found).map(|(light, _)| {
         let of = |cells: &[measure::Cell]| num::f64::log2(contrast(cells, light, above).max(1e-4));
         of(&fine) - of(&fine_truth)
     });

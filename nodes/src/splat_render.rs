@@ -49,7 +49,10 @@ engine::outputs! {
 
 /// The surface in front of each camera.
 fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, NodeError> {
-    let of = |camera: &Camera| match limits.view(&camera.name) {
+    // One depth stands for the only camera, but not for each of several.
+    let known =
+        |camera: &Camera| rig.cameras.len() == 1 || limits.0.iter().any(|one| one.name == camera.name);
+    let of = |camera: &Camera| match limits.view(&camera.name).filter(|_| known(camera)) {
         Some(Picture::Data(limit)) => Ok(limit),
         Some(_) => Err(NodeError::new("a depth is no colour").at("limit")),
         None => Err(NodeError::new(format!("no depth of view `{}`", camera.name)).at("limit")),
@@ -96,6 +99,13 @@ impl Kind for SplatRender {
         }
         let settings = drawing.settings(params.sort, &splats, &mut notes);
         let limits = limit.as_deref().map(|limits| limits_of(&rig, limits)).transpose()?;
+        if let (Some(limits), [camera]) = (&limit, rig.cameras.as_slice())
+            && let [one] = limits.0.as_slice()
+            && one.name != camera.name
+        {
+            let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
+            notes.decision("limit-view", text);
+        }
         let seen = render_all(&splats, &rig.cameras, limits.as_deref(), &settings, cx)?;
         let mut views = Vec::with_capacity(rig.cameras.len());
         let (mut alphas, mut depths, mut colours) = (Vec::new(), Vec::new(), Vec::new());
@@ -122,9 +132,11 @@ impl Kind for SplatRender {
             notes.warning(
                 "few-splats-seen",
                 format!(
-                    "the cameras see {} of {} splats; do the rig and the splats share a frame and a scale?",
+                    "the cameras see {} of {} splats; do the rig and the splats share a frame and a scale, and is `near` \
+                     ({} units) not too far?",
                     total.projected,
-                    splats.len()
+                    splats.len(),
+                    settings.near
                 ),
             );
         }

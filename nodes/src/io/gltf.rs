@@ -2,6 +2,8 @@
 //! is the business of `load-object`.
 
 use std::collections::BTreeSet;
+use std::io::Read;
+use std::path::Path;
 
 use gltf::accessor::{DataType, Dimensions};
 use gltf::{Accessor, Document};
@@ -107,6 +109,27 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let document =
         Document::from_json(root).map_err(|e| Error::format(name, format!("not valid glTF: {e}")))?;
     Ok(File { name: name.to_owned(), document, json, blob })
+}
+
+/// The JSON of a file that is glTF by its first bytes, and whether it is binary (GLB), of which nothing else
+/// is read; `None` for any other file.
+pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
+    let mut file = std::fs::File::open(path)?;
+    let mut head = Vec::new();
+    file.by_ref().take(20).read_to_end(&mut head)?;
+    if head.starts_with(b"glTF") {
+        // A header of 12 bytes, then length and type of the first chunk, which is the JSON.
+        let Some(length) = head.get(12..).and_then(|rest| rest.first_chunk()) else { return Ok(None) };
+        let mut json = Vec::new();
+        file.take(u32::from_le_bytes(*length).into()).read_to_end(&mut json)?;
+        return Ok(Some((json, true)));
+    }
+    let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head);
+    if !text.trim_ascii_start().starts_with(b"{") {
+        return Ok(None);
+    }
+    file.read_to_end(&mut head)?;
+    Ok(Some((head, false)))
 }
 
 /// The crate's own checks index the accessors of primitives before they look whether these exist.

@@ -66,16 +66,18 @@ impl Kind for LoadObject {
     }
 }
 
-/// The file and all that it names.
+/// The file and all that it names, by its content as it is read. What is wrong with a GLB is told when it
+/// runs, with all of its bytes at hand.
 pub(crate) fn sources(path: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let file = root.file(path);
     let mut sources = vec![file.clone()];
-    if path.0.to_lowercase().ends_with(".gltf") {
-        let bytes = std::fs::read(&file.path)
-            .map_err(|e| NodeError::new(format!("cannot read `{}`: {e}", path.0)).at("path"))?;
-        let parsed = gltf::parse(&path.0, &bytes).map_err(|e| NodeError::from(e).at("path"))?;
-        let names = parsed.beside(Want::Everything).map_err(|e| NodeError::from(e).at("path"))?;
-        sources.extend(names.iter().map(|name| root.beside(&file, name)));
+    let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", path.0)).at("path");
+    let Some((json, binary)) = gltf::json_of(&file.path).map_err(failed)? else { return Ok(sources) };
+    let names = gltf::parse(&path.0, &json).and_then(|parsed| parsed.beside(Want::Everything));
+    match names {
+        Ok(names) => sources.extend(names.iter().map(|name| root.beside(&file, name))),
+        Err(_) if binary => {}
+        Err(error) => return Err(NodeError::from(error).at("path")),
     }
     Ok(sources)
 }

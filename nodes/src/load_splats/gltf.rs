@@ -306,9 +306,19 @@ fn primitive(
     if one.primitive.mode != Some(0) {
         return Err(Error::format(file, format!("{NAME} needs points (mode 0)")).into());
     }
-    if one.splatting.sorting_method.as_deref() == Some("cameraDistance") && first == 0 {
-        let text = format!("`{file}` was made for sorting by distance: `SplatRender(sort: Distance)`");
-        notes.decision("sorting-method", text);
+    if first == 0 {
+        match one.splatting.sorting_method.as_deref() {
+            // What the extension means where nothing is written.
+            None | Some("cameraDistance") => {
+                let text =
+                    format!("`{file}` was made for sorting by distance: `SplatRender(sort: Distance)`");
+                notes.decision("sorting-method", text);
+            }
+            Some(other) => {
+                let text = format!("`{file}` asks for the sorting method `{other}`, which is not known here");
+                notes.warning("sorting-method", text);
+            }
+        }
     }
     if let Some(packed) = SPZ.iter().find_map(|name| one.splatting.extensions.get(*name)) {
         let view = packed.get("bufferView").and_then(serde_json::Value::as_u64);

@@ -545,6 +545,17 @@ impl Kind for PathTrace {
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
         }
+        for (camera, shot) in inputs.rig.cameras.iter().zip(&shots) {
+            let object = &shot.images[2];
+            let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
+            if !inputs.objects.is_empty() && !seen {
+                let text = format!(
+                    "`{}` sees no object; do pose, rig and mesh share a frame and a scale?",
+                    camera.name
+                );
+                notes.warning("objects-not-seen", text);
+            }
+        }
         Ok((assemble(&inputs.rig, shots, &rules, probe, centre), notes))
     }
 }

@@ -60,7 +60,11 @@ pub fn encode(
             let turn = up.map(|up| from_y_up(up).transpose()).filter(|m| *m != glam::DMat3::IDENTITY);
             match turn {
                 Some(matrix) => {
-                    notes.decision("frame", "turned so that +y is up, as SPZ says of its files");
+                    let from = up.map_or("", Up::name);
+                    let text = format!(
+                        "taken to have {from} up, and turned so that +y is, as SPZ says of its files"
+                    );
+                    notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
                     spz::encode(&turned(splats, &turn, cx)?, cx, &mut notes)?
                 }

@@ -45,6 +45,16 @@ pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result
         let text = format!("the scene is so wide that its centres are rounded to {step} units");
         notes.warning("coarse-centres", text);
     }
+    // Scales begin at e^-10: what is smaller grows, and shows where the whole scene is small.
+    let smallest = num::f64::exp(-10.0);
+    let grown = splats.scales.iter().filter(|s| s.iter().all(|v| f64::from(*v) < 0.9 * smallest)).count();
+    if grown > 0 {
+        let text = format!(
+            "{grown} splats are smaller than {smallest:.1e} units, the least that SPZ holds, and grow to it; \
+             scale the scene up where that is to be seen"
+        );
+        notes.warning("splats-grown", text);
+    }
     let rest = sh_rest(splats.sh_degree);
     let parts = chunks(splats.len(), cx, |range| {
         let mut part = Part::default();
@@ -61,7 +71,7 @@ pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result
                 colours.push(byte(unit * 255.0, &mut part.colours));
             }
             for scale in splats.scales[i] {
-                // Nothing is seen of what is smaller than e^-10, so only what is too large counts as cut.
+                // What is smaller was told of above; only what is too large counts as cut.
                 let log = num::f64::ln(scale.into()).max(-10.0);
                 scales.push(byte((log + 10.0) * 16.0, &mut part.scales));
             }
