@@ -49,7 +49,7 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
     let floor = rig(DVec3::new(0.0, 0.0, 0.4), DVec3::new(0.0, 0.01, 0.0), 8, 4.0);
     let pane = placed(&plane(400.0), clear(1.0, None, 1.5), DVec3::new(0.0, 0.0, 0.5));
     let tinted = placed(&plane(400.0), clear(0.25, None, 1.5), DVec3::new(0.0, 0.0, 0.5));
-    let p = PathTrace { bounce: Bounce::Env, ..params(256, EnvBlock::Pass) };
+    let p = PathTrace { bounce: Bounce::Env, ..params(4096, EnvBlock::Pass) };
     let lit = |object: &Arc<Placed>| {
         mean(&render(&p, &plane(400.0), std::slice::from_ref(object), &floor, &white()).0.with)
     };
@@ -59,8 +59,9 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
     // What the white pane does not pass, either pane mirrors.
     let mirrored = 1.0 - over_cosines(|c| straight(&Look { base: Vec3::ONE, ..look }, c).x);
     let expected = 0.5 * (passing + mirrored);
-    // What passes is chosen at random: 16384 samples have a standard error of about 0.7 %.
-    assert!((lit(&tinted) / expected - 1.0).abs() < 0.03, "{} for {expected}", lit(&tinted));
+    // What passes is chosen at random: with 262144 samples the standard error is about 0.2 %.
+    let found = lit(&tinted);
+    assert!((found / expected - 1.0).abs() < 0.01, "{found} for {expected}");
 }
 
 // Absorption: a slab of one metre halves what is seen through it, also when it is made twice as large, and
