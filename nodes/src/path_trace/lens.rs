@@ -1,0 +1,62 @@
+//! The camera's rays.
+
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+
+use super::contact::Ground;
+use super::rules;
+use crate::bvh::Ray;
+use crate::sampling::{Points, hash, stream};
+use crate::types::Camera;
+
+/// A camera without its name, which changes no pixel.
+#[derive(Serialize)]
+pub(super) struct View<'a> {
+    size: (u32, u32),
+    intrinsics: [f64; 4],
+    world_from_camera: &'a [f64; 16],
+}
+
+impl<'a> View<'a> {
+    pub(super) fn of(camera: &'a Camera) -> Self {
+        Self {
+            size: (camera.width_px, camera.height_px),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            world_from_camera: &camera.world_from_camera,
+        }
+    }
+}
+
+/// The camera's rays.
+pub(super) struct Lens<'a> {
+    pub(super) camera: &'a Camera,
+    pub(super) eye: Vec3,
+    /// Right, down and forward of the camera in the world.
+    pub(super) axes: [DVec3; 3],
+    pub(super) seed: u64,
+    pub(super) ground: &'a Ground,
+}
+
+impl<'a> Lens<'a> {
+    pub(super) fn new(camera: &'a Camera, origin: DVec3, seed: u64, ground: &'a Ground) -> Self {
+        let pose = camera.world_from_camera();
+        let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
+        Self { camera, eye: rules::framed(camera.eye(), origin), axes, seed, ground }
+    }
+
+    pub(super) fn through(&self, x: f64, y: f64) -> Ray {
+        let Camera { fx, fy, cx, cy, .. } = *self.camera;
+        let [right, down, forward] = self.axes;
+        let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
+        Ray::new(self.eye, direction.normalize().as_vec3())
+    }
+
+    /// The points, hash key and camera ray of a sample: uniform over the pixel, a box filter.
+    pub(super) fn sample(&self, (x, y): (u32, u32), sample: u32) -> (Points, u32, Ray) {
+        let stream = stream(self.seed, x, y);
+        let points = Points::new(stream, sample);
+        let [dx, dy] = points.pair(0);
+        let ray = self.through(f64::from(x) + f64::from(dx), f64::from(y) + f64::from(dy));
+        (points, hash(stream, sample), ray)
+    }
+}

@@ -1,0 +1,83 @@
+//! Objects on the receiver: shadows, contact, holdout, what they give back.
+
+use super::*;
+
+// No object, and an object that no ray meets: S = 1 bit for bit.
+#[test]
+fn without_objects_both_renders_are_equal() {
+    let (plane, _, rig) = shadowed();
+    let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
+    for objects in [&[][..], &far] {
+        for block in [EnvBlock::Solid, EnvBlock::Pass] {
+            let (out, _) = render(&params(20, block), &plane, objects, &rig, &sunny());
+            assert_eq!(samples(&out.without), samples(&out.with));
+            assert!(samples(&out.object).iter().all(|&v| v == 0.0));
+        }
+    }
+}
+
+#[test]
+fn objects_cast_shadows_and_are_hidden_from_the_camera() {
+    let (plane, objects, rig) = shadowed();
+    let (out, _) = render(&params(64, EnvBlock::Auto), &plane, &objects, &rig, &sunny());
+    let (r0, r1) = (samples(&out.without), samples(&out.with));
+    let ratios: Vec<f32> = r0.iter().zip(r1).map(|(a, b)| b / a).collect();
+    let dark = ratios.iter().filter(|&&s| s < 0.4).count();
+    let same = ratios.iter().filter(|&&s| (s - 1.0).abs() < 0.02).count();
+    assert!(dark > 60 && same > ratios.len() / 2, "{dark} {same} of {}", ratios.len());
+    // An object of albedo 0.6 on a plane of 0.5 in this light is neither black nor brighter than the sun.
+    assert!((0.05..3.0).contains(&covered(&out.object)));
+    // A visible object would replace the plane by something of another colour in its own pixels; hidden, no
+    // pixel of the plane becomes sky.
+    assert!(r1.iter().all(|v| v.is_finite()));
+}
+
+// Holdout: where the receiver stands in front the object has no alpha; at the border it is partial.
+#[test]
+fn receiver_in_front_holds_the_object_out() {
+    let wall = box_mesh([-3.0, -1.1, 0.0], [0.013, -1.0, 3.0], false);
+    let object = [ball(0.5, matte(0.5), DVec3::new(0.0, 0.0, 0.5))];
+    let camera = rig(DVec3::new(0.0, -4.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 32, 3.0);
+    let (out, _) = render(&params(32, EnvBlock::Solid), &wall, &object, &camera, &white());
+    let alpha: Vec<f32> = samples(&out.object).chunks(4).map(|p| p[3]).collect();
+    let row = &alpha[16 * 32..17 * 32];
+    assert!(row[..15].iter().all(|&a| a == 0.0), "{row:?}");
+    assert!(row[17..22].iter().all(|&a| a == 1.0), "{row:?}");
+    assert!(row[15..17].iter().any(|&a| a > 0.0 && a < 1.0), "{row:?}");
+    // Depth is planar: the wall at 4 - 1.1 from the camera wherever it is seen.
+    let depth = samples(&out.depth);
+    assert!((depth[16 * 32 + 4] - 2.9).abs() < 1e-4 && (depth[20 * 32 + 10] - 2.9).abs() < 1e-4);
+    assert_eq!(depth[31], f32::INFINITY);
+}
+
+// Alpha modes: a cut-out of alpha below the cut-off is not there; a blend of 0.25 covers a quarter.
+#[test]
+fn alpha_modes_cut_and_blend() {
+    let camera = rig(DVec3::new(0.0, -3.0, 0.5), DVec3::new(0.0, 0.0, 0.5), 8, 6.0);
+    let cube = box_mesh([-0.5, 0.0, 0.0], [0.5, 0.0, 1.0], false);
+    // Only the quad that faces the camera.
+    let quad = Mesh { triangles: cube.triangles[4..6].to_vec(), ..cube };
+    let covers = |mode, alpha| {
+        let material = Material { alpha_mode: mode, base_colour: [0.5, 0.5, 0.5, alpha], ..matte(0.5) };
+        let object = [placed(&quad, material, DVec3::ZERO)];
+        let (out, _) = render(&params(64, EnvBlock::Solid), &Mesh::default(), &object, &camera, &white());
+        samples(&out.object).chunks(4).map(|p| f64::from(p[3])).sum::<f64>() / 64.0
+    };
+    use crate::types::AlphaMode::{Blend, Mask, Opaque};
+    assert_eq!([covers(Opaque, 0.25), covers(Mask(0.5), 0.25), covers(Mask(0.2), 0.25)], [1.0, 0.0, 1.0]);
+    assert!((covers(Blend, 0.25) - 0.25).abs() < 0.03);
+}
+
+// An emissive object lights the receiver.
+#[test]
+fn emission_reaches_the_receiver() {
+    let black = constant(Up::PlusZ, [0.0; 3], 16);
+    let lamp = Material { emissive: [5.0, 5.0, 5.0], ..matte(0.0) };
+    let (plane, _, camera) = shadowed();
+    let object = [ball(0.4, lamp, DVec3::new(0.0, 0.0, 0.8))];
+    let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Solid) };
+    let (out, _) = render(&p, &plane, &object, &camera, &black);
+    assert_eq!(mean(&out.without), 0.0);
+    assert!(mean(&out.with) > 0.02, "{}", mean(&out.with));
+    assert!((covered(&out.object) - 5.0).abs() < 1e-4);
+}

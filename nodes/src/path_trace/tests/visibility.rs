@@ -1,0 +1,145 @@
+//! What blocks the environment, and how light adds up in rooms.
+
+use super::*;
+
+// Notes, section 2: nothing reaches the inside of a solid box.
+#[test]
+fn solid_box_is_black() {
+    let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
+    let (out, _) = render(&params(16, EnvBlock::Solid), &room(), &object, &inside(), &sunny());
+    assert!(samples(&out.without).iter().chain(samples(&out.with)).all(|&v| v == 0.0));
+    assert_eq!(covered(&out.object), 0.0);
+    assert!(samples(&out.depth).iter().all(|d| d.is_finite()));
+}
+
+// Notes, section 2: constant environment 1, albedo 0.5, receiver passes: 0.5 at any number of bounces.
+#[test]
+fn passing_box_is_half_lit() {
+    for (bounces, block) in
+        [(0, EnvBlock::Pass), (8, EnvBlock::Pass), (3, EnvBlock::FrontFace { max_layers: 3 })]
+    {
+        let p = PathTrace { max_bounces: bounces, ..params(64, block) };
+        let (out, _) = render(&p, &room(), &[], &inside(), &white());
+        assert!((mean(&out.without) - 0.5).abs() < 5e-4, "{bounces} bounces: {}", mean(&out.without));
+    }
+    // Direct 0.5; with every bounce off solid walls 0.5 / (1 - 0.5); with b bounces 1 - 0.5^(b + 1).
+    for (bounces, expected) in [(0, 0.5), (1, 0.75), (2, 0.875), (24, 1.0)] {
+        let p = PathTrace { max_bounces: bounces, bounce: Bounce::Solid, ..params(64, EnvBlock::Pass) };
+        let (out, _) = render(&p, &room(), &[], &inside(), &white());
+        assert!((mean(&out.without) - expected).abs() < 4e-3, "{bounces}: {}", mean(&out.without));
+    }
+}
+
+// Notes, section 1: the printed indicator gives a closed room the environment itself, no shadow, and a black
+// matte object; only what is glossy sees light.
+#[test]
+fn printed_visibility_lights_nothing() {
+    let at = DVec3::new(0.5, 0.5, 1.0);
+    let shiny = Material { roughness: 0.0, double_sided: true, ..Material::default() };
+    for (material, lit) in [(matte(0.5), false), (shiny, true)] {
+        let object = [ball(0.5, material, at)];
+        let (out, _) = render(&params(16, EnvBlock::Paper), &room(), &object, &inside(), &white());
+        assert!(samples(&out.without).iter().chain(samples(&out.with)).all(|&v| v == 1.0));
+        assert_eq!(covered(&out.object) > 0.2, lit, "{}", covered(&out.object));
+    }
+}
+
+// What counts twice is told, with its size.
+#[test]
+fn double_counting_is_told() {
+    let told = |bounce| {
+        let p = PathTrace { bounce, max_bounces: 0, ..params(1, EnvBlock::Pass) };
+        let (_, notes) = render(&p, &room(), &[], &inside(), &white());
+        notes.iter().find(|n| n.id == "double-count").map(|n| n.text.clone())
+    };
+    assert_eq!(told(Bounce::Auto), None);
+    assert!(told(Bounce::Solid).expect("a warning").contains("100 %"));
+}
+
+// Notes, section 1: light samples and scattered rays share one visibility, so the estimate does not lose
+// what one of them cannot reach. Reference: cosine integral of the texels at each wall, by the exact sum.
+#[test]
+fn both_strategies_together_are_exact_for_any_sky() {
+    let env = sunny();
+    let up = plane(50.0);
+    let top = rig(DVec3::new(0.0, 0.1, 5.0), DVec3::ZERO, 8, 4.0);
+    let mut expected = 0.0_f64;
+    let sub = 8;
+    for y in 0..32 {
+        for x in 0..64 {
+            for k in 0..sub * sub {
+                let (u, v) = (
+                    (x as f64 + (f64::from(k % sub) + 0.5) / f64::from(sub)) / 64.0,
+                    (y as f64 + (f64::from(k / sub) + 0.5) / f64::from(sub)) / 32.0,
+                );
+                let cosine = crate::equirect::direction(Up::PlusZ, u, v).z.max(0.0);
+                let area = crate::equirect::pixel_solid_angle(64, 32, y) / f64::from(sub * sub);
+                expected += f64::from(luminance(env.image.rgb(x, y))) * cosine * area;
+            }
+        }
+    }
+    expected *= 0.5 / std::f64::consts::PI;
+    for block in [EnvBlock::Solid, EnvBlock::Pass, EnvBlock::FrontFace { max_layers: 3 }] {
+        let (out, _) = render(&params(64, block), &up, &[], &top, &env);
+        let s = samples(&out.without);
+        let got =
+            s.chunks(3).map(|p| f64::from(luminance([p[0], p[1], p[2]]))).sum::<f64>() / (s.len() / 3) as f64;
+        assert!((got / expected - 1.0).abs() < 2e-3, "{block:?}: {got} against {expected}");
+    }
+}
+
+// Notes, section 1: a slab over the floor is seen but casts nothing when the receiver passes; with FrontFace
+// it shades as a solid body would, while the walls stay open.
+#[test]
+fn only_the_shell_is_open_to_front_faces() {
+    let slab = box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false);
+    let furnished = merge(room(), slab);
+    let floor = rig(DVec3::new(0.0, 0.0, 0.8), DVec3::new(0.0, 0.01, 0.0), 8, 3.0);
+    let lit = |mesh: &Mesh, block| mean(&render(&params(64, block), mesh, &[], &floor, &sunny()).0.without);
+    let front = EnvBlock::FrontFace { max_layers: 3 };
+    let open = lit(&room(), EnvBlock::Pass);
+    assert!((lit(&room(), front) / open - 1.0).abs() < 1e-6);
+    assert!((lit(&furnished, EnvBlock::Pass) / open - 1.0).abs() < 1e-6);
+    let shaded = lit(&furnished, front);
+    // The same slab over a floor in the open, without bounces between the two.
+    let open_slab = merge(plane(2.0), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
+    let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::Solid) };
+    let reference = mean(&render(&p, &open_slab, &[], &floor, &sunny()).0.without);
+    assert!(shaded < 0.9 * open && (shaded / reference - 1.0).abs() < 0.02, "{shaded} {reference} {open}");
+    // One layer: a ray that has passed one front face counts as outside, so a slab seen from below, whose
+    // front is met first, no longer shades.
+    assert!((lit(&furnished, EnvBlock::FrontFace { max_layers: 1 }) / open - 1.0).abs() < 1e-6);
+}
+
+#[test]
+fn auto_finds_out_what_the_receiver_is() {
+    let decided = |mesh: &Mesh, rig: &Arc<Rig>| {
+        let p = PathTrace { max_bounces: 0, ..params(1, EnvBlock::Auto) };
+        let (_, notes) = render(&p, mesh, &[], rig, &white());
+        let note = notes.iter().find(|n| n.id == "env-block").expect("a decision");
+        note.text.split(':').next().unwrap_or_default().to_owned()
+    };
+    assert_eq!(decided(&room(), &inside()), "FrontFace");
+    let outward = box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false);
+    assert_eq!(decided(&outward, &inside()), "FrontFace with normals turned round");
+    assert_eq!(decided(&plane(4.0), &rig(DVec3::new(0.0, -3.0, 2.0), DVec3::ZERO, 8, 1.0)), "Solid");
+    let mut mixed = room();
+    for triangle in mixed.triangles.iter_mut().step_by(2) {
+        triangle.swap(0, 1);
+    }
+    assert_eq!(decided(&mixed, &inside()), "Pass");
+}
+
+// What lies farther than the radius does not block: with the room's own radius nothing is left of the
+// shell, with a large one the box is solid.
+#[test]
+fn pass_beyond_blocks_only_what_is_near() {
+    let mut env = white();
+    env.origin = Some(DVec3::new(0.0, 0.0, 2.0));
+    let lit = |metres| {
+        let p = PathTrace { bounce: Bounce::Env, ..params(64, EnvBlock::PassBeyond { metres }) };
+        mean(&render(&p, &room(), &[], &inside(), &env).0.without)
+    };
+    assert!((lit(0.5) - 0.5).abs() < 5e-4);
+    assert_eq!(lit(100.0), 0.0);
+}

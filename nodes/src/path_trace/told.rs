@@ -1,0 +1,121 @@
+//! What is told beside the pictures: notes and the report.
+
+use std::sync::Arc;
+
+use engine::Notes;
+use glam::DVec3;
+
+use super::Out;
+use super::objects::Objects;
+use super::rules::{Probe, Rules};
+use super::shot::Shot;
+use super::stage::Stage;
+use crate::support::Level;
+use crate::types::{Cell, Images, NamedImage, Report, Rig, Table};
+
+pub(super) fn columns(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
+/// Tells what the inputs made the node leave out or assume.
+pub(super) fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
+    let mesh = &stage.inputs.receiver;
+    if mesh.colours.is_empty() && !mesh.triangles.is_empty() {
+        notes.decision("grey-receiver", "the receiver has no vertex colours and is grey, albedo 0.5");
+    }
+    let receiver = stage.receiver();
+    let counts = [
+        ("clamped-albedo", receiver.clamped, "vertex colours outside of 0 to 1 were clamped"),
+        ("receiver-not-finite", receiver.bvh.broken, "triangles of the receiver are not finite"),
+        ("receiver-degenerate", receiver.bvh.degenerate, "triangles of the receiver have no area"),
+        ("object-not-finite", objects.bvh.broken, "triangles of the objects are not finite"),
+        ("object-degenerate", objects.bvh.degenerate, "triangles of the objects have no area"),
+        ("dark-texels", stage.sky().broken, "samples of the environment were negative or not finite"),
+    ];
+    for (id, n, text) in counts {
+        if n > 0 {
+            notes.count(id, n, text);
+        }
+    }
+}
+
+/// Tells how far the mesh misses the bases of objects that stand on it.
+pub(super) fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Notes) {
+    let millimetres = |v: f64| v * metres_per_unit * 1e3;
+    let each = felt.iter().enumerate().filter_map(|(index, felt)| {
+        let level = (*felt)?;
+        let (offset, roughness) = (millimetres(level.height), millimetres(level.roughness));
+        Some(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"))
+    });
+    let each: Vec<String> = each.collect();
+    if !each.is_empty() {
+        notes.decision("contact", format!("the receiver is {}", each.join("; ")));
+    }
+}
+
+pub(super) fn assemble(
+    rig: &Rig,
+    shots: Vec<Shot>,
+    rules: &Rules,
+    probe: Option<Probe>,
+    centre: DVec3,
+) -> Out {
+    let mut sets: [Vec<NamedImage>; 6] = Default::default();
+    let mut rows = Vec::with_capacity(shots.len());
+    let mut rays = 0;
+    for (camera, shot) in rig.cameras.iter().zip(shots) {
+        let [without, with, object] = shot.images;
+        let pictures = [
+            without.into(),
+            with.into(),
+            object.into(),
+            shot.depth.into(),
+            shot.normal.into(),
+            shot.variance.into(),
+        ];
+        for (set, picture) in sets.iter_mut().zip(pictures) {
+            set.push(NamedImage { name: camera.name.clone(), picture });
+        }
+        rows.push(shot.row);
+        rays += shot.rays;
+    }
+    let text = |value: String| Cell::Text(value);
+    let mut decisions = vec![
+        vec![text("env_block".to_owned()), text(format!("{:?}", rules.block))],
+        vec![text("bounce".to_owned()), text(if rules.bounce_solid { "Solid" } else { "Env" }.to_owned())],
+        vec![
+            text("object_specular_sees".to_owned()),
+            text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
+        ],
+        vec![text("point of capture".to_owned()), text(format!("{:?}", centre.to_array()))],
+        vec![text("rays".to_owned()), Cell::Count(rays)],
+    ];
+    if let Some(probe) = probe {
+        decisions.push(vec![text("probe rays that leave".to_owned()), Cell::Number(probe.escaped_share())]);
+        decisions
+            .push(vec![text("front faces among the others".to_owned()), Cell::Number(probe.front_share())]);
+    }
+    let report = Report {
+        title: "Path tracing".to_owned(),
+        tables: vec![
+            Table { name: "decisions".to_owned(), columns: columns(&["what", "value"]), rows: decisions },
+            Table {
+                name: "views".to_owned(),
+                columns: columns(&[
+                    "view",
+                    "mean luminance of without",
+                    "standard error of a pixel of without",
+                    "mean luminance of with",
+                    "standard error of a pixel of with",
+                    "mean luminance of object",
+                    "standard error of a pixel of object",
+                    "rays",
+                    "share of chunks that no object touches",
+                ]),
+                rows,
+            },
+        ],
+    };
+    let [without, with, object, depth, normal, variance] = sets.map(|set| Arc::new(Images(set)));
+    Out { without, with, object, depth, normal, variance, report: Arc::new(report) }
+}
