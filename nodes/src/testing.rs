@@ -4,6 +4,11 @@ use engine::{Context, Scene, Up};
 
 use crate::types::{SplatEncoding, Splats};
 
+#[path = "../../tests/extremes/row.rs"]
+mod row;
+
+pub use row::row;
+
 /// A context outside of any run: z up, metres, seed 7.
 pub fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")

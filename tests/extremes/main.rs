@@ -1,0 +1,154 @@
+//! `docs/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
+//!
+//! A test belongs to a row by its name, `row_07_short_name`, and names in its doc comment the changed line
+//! that turns it red (`Mutation:`). The page is made by `tests/extremes/page`; here is checked that it tells
+//! of the tests that there are.
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Node, extreme and expectation of each row.
+const ROWS: &str = include_str!("rows.tsv");
+
+/// A test of a row.
+#[derive(Debug)]
+struct Test {
+    name: String,
+    /// Relative to the workspace.
+    file: String,
+    mutation: String,
+}
+
+fn workspace() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The sources below a folder, in order of path.
+fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            sources(&path, into);
+        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            into.push(path);
+        }
+    }
+}
+
+/// The row and name of a test, from the line `fn row_07_short_name() {`.
+fn named_row(line: &str) -> Option<(usize, &str)> {
+    let name = line.strip_prefix("fn ")?.split('(').next()?;
+    let number = name.strip_prefix("row_")?.split('_').next()?;
+    Some((number.parse().ok()?, name))
+}
+
+/// Every test that is named after a row, by row and then by name.
+fn tests() -> BTreeMap<usize, Vec<Test>> {
+    let mut files = Vec::new();
+    for folder in ["cache", "engine", "learned", "nodes", "src", "tests"] {
+        sources(&workspace().join(folder), &mut files);
+    }
+    let mut rows: BTreeMap<usize, Vec<Test>> = BTreeMap::new();
+    for path in files {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let file = path.strip_prefix(workspace()).unwrap().to_string_lossy().into_owned();
+        let mut doc = String::new();
+        for line in text.lines().map(str::trim) {
+            if let Some(words) = line.strip_prefix("///") {
+                let _ = write!(doc, " {}", words.trim());
+            } else if let Some((number, name)) = named_row(line) {
+                let mutation = doc.split_once("Mutation:").map(|(_, rest)| rest.trim().to_owned());
+                rows.entry(number).or_default().push(Test {
+                    name: name.to_owned(),
+                    file: file.clone(),
+                    mutation: mutation.unwrap_or_default(),
+                });
+                doc.clear();
+            } else if !line.starts_with("#[") {
+                doc.clear();
+            }
+        }
+    }
+    rows
+}
+
+/// What the tests of a row measured: what, value, bound. The last value of each counts.
+fn measured(folder: &Path, row: usize) -> BTreeMap<String, (f64, f64)> {
+    let text = std::fs::read_to_string(folder.join(format!("{row:02}.tsv"))).unwrap_or_default();
+    let value = |line: &str| {
+        let mut cells = line.split('\t');
+        let what = cells.next()?.to_owned();
+        Some((what, (cells.next()?.parse().ok()?, cells.next()?.parse().ok()?)))
+    };
+    text.lines().filter_map(value).collect()
+}
+
+fn number(value: f64) -> String {
+    match value.abs() {
+        v if v == 0.0 || (1e-3..1e6).contains(&v) => {
+            let text = format!("{value:.4}");
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        }
+        _ => format!("{value:.2e}"),
+    }
+}
+
+fn page(folder: &Path) -> String {
+    let mut text = "# Numbers at the extremes\n\n\
+        Made by `tests/extremes/page`, which runs the tests and writes down what they measured. A value lies within\n\
+        its bound or the test fails; a row whose values stand in no column asserts bits, counts or errors. The\n\
+        mutation is one changed line with which the test was seen, or is meant, to fail.\n\n\
+        | row | node | extreme | what holds | tests | measured, bound | mutation |\n|---|---|---|---|---|---|---|\n"
+        .to_owned();
+    let tests = tests();
+    let cell = |text: &str| text.replace('|', "\\|");
+    for (index, row) in ROWS.lines().enumerate() {
+        let mut cells = row.split('\t');
+        let mut next = || cells.next().unwrap_or_default();
+        let (node, extreme, expected) = (next(), next(), next());
+        let of_row = tests.get(&(index + 1)).map(Vec::as_slice).unwrap_or_default();
+        let names: Vec<String> = of_row.iter().map(|t| format!("[`{}`](../{})", t.name, t.file)).collect();
+        let values: Vec<String> = measured(folder, index + 1)
+            .iter()
+            .map(|(what, (value, bound))| format!("{}: {}, {}", cell(what), number(*value), number(*bound)))
+            .collect();
+        let mutations: Vec<String> =
+            of_row.iter().map(|t| cell(&t.mutation)).filter(|text| !text.is_empty()).collect();
+        let names = if names.is_empty() { "none".to_owned() } else { names.join("<br>") };
+        let _ = writeln!(
+            text,
+            "| {} | {node} | {} | {} | {names} | {} | {} |",
+            index + 1,
+            cell(extreme),
+            cell(expected),
+            values.join("<br>"),
+            mutations.join("<br>")
+        );
+    }
+    text
+}
+
+#[test]
+fn every_test_of_a_row_names_one_that_there_is() {
+    let rows = ROWS.lines().count();
+    assert_eq!(rows, 69);
+    let wrong: Vec<String> = tests().split_off(&(rows + 1)).into_values().flatten().map(|t| t.name).collect();
+    assert!(wrong.is_empty(), "there are {rows} rows, none for {wrong:?}");
+}
+
+/// With `LIGHTHARMONY_ROWS` set the page is written anew instead.
+#[test]
+fn the_page_names_tests_that_there_are() {
+    let path = workspace().join("docs/extremes.md");
+    if let Some(folder) = std::env::var_os("LIGHTHARMONY_ROWS") {
+        return std::fs::write(path, page(Path::new(&folder))).unwrap();
+    }
+    let page = std::fs::read_to_string(path).unwrap();
+    let there: Vec<String> = tests().into_values().flatten().map(|test| test.name).collect();
+    let named = page.split("[`").skip(1).filter_map(|rest| rest.split('`').next());
+    let gone: Vec<&str> = named.filter(|name| !there.iter().any(|known| known == name)).collect();
+    assert!(gone.is_empty(), "docs/extremes.md names tests that are gone: {gone:?}; run tests/extremes/page");
+}
