@@ -206,9 +206,7 @@ impl GraphArgs {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());
         let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
-        let Origin { source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
-        let (mut source, included) = source.including(&root);
-        texts.extend(included);
+        let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
         for preset in &self.preset {
             source = source.with_preset(preset);
         }
@@ -229,7 +227,9 @@ impl GraphArgs {
         if !wrong.is_empty() {
             return Err(Error::Edit(wrong));
         }
-        let source = engine::apply(&source, &settings);
+        // Last, since what is laid over may name other files.
+        let (source, included) = engine::apply(&source, &settings).including(&root);
+        texts.extend(included);
         let graph = parse(source, &nodes::registry(), root)?;
         let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
         if let Some(recipe) = recipe.filter(|_| as_it_was) {

@@ -12,7 +12,7 @@ use ron::value::RawValue;
 use serde::Deserialize;
 
 use crate::diag::{Diagnostic, nearest, shown};
-use crate::scan::Scanner;
+use crate::subgraph::calls;
 use crate::syntax::{RawField, parse_value};
 
 /// A named list of values.
@@ -100,37 +100,21 @@ enum Call<'t> {
     Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
 }
 
-/// Where calls stand in a text; not in quotes.
-fn calls(text: &str) -> Vec<Range<usize>> {
-    if !text.contains("Axis") && !text.contains("Track") {
-        return Vec::new();
-    }
-    let mut scan = Scanner::new(text);
-    let mut found = Vec::new();
-    while !scan.is_at_end() {
-        scan.skip_space();
-        let start = scan.at;
-        if scan.peek() == b'"' {
-            scan.value();
-        } else if let Some(word) = scan.word() {
-            scan.skip_space();
-            if matches!(word, "Axis" | "Track") && scan.peek() == b'(' {
-                scan.value();
-                found.push(start..scan.at);
-            }
-        } else {
-            scan.step();
-        }
-    }
-    found
-}
+/// What reads an axis.
+const CALLS: [&str; 2] = ["Axis", "Track"];
 
-/// The axes that a field reads, by index, or what is wrong with its calls.
-pub(crate) fn axes_read(field: &RawField<'_>, axes: &[Axis<'_>]) -> Result<Vec<usize>, Diagnostic> {
+/// The axes that the text of a field reads, by index, or what is wrong with its calls. The field stands at `span`.
+pub(crate) fn axes_read(
+    text: &str,
+    span: &Range<usize>,
+    axes: &[Axis<'_>],
+) -> Result<Vec<usize>, Diagnostic> {
     let mut read = Vec::new();
-    for span in calls(field.text) {
-        let place = field.span.start + span.start..field.span.start + span.end;
-        let text = &field.text[span];
+    for call in calls(text, &CALLS) {
+        // Where values took the places of parameters, the text stands nowhere as it is.
+        let as_written = text.len() == span.len();
+        let place = if as_written { span.start + call.start..span.start + call.end } else { span.clone() };
+        let text = &text[call];
         let call = parse_value::<Call<'_>>(text).map_err(|_| {
             Diagnostic::new(place.clone(), format!("`{}` is not how an axis is read", shown(text)))
                 .hint("write `Axis(\"yaw\")`, or `Track(\"frame\", [(0, 1.0), (11, 2.5)])`")
@@ -155,7 +139,7 @@ pub(crate) fn axes_read(field: &RawField<'_>, axes: &[Axis<'_>]) -> Result<Vec<u
 
 /// The text of a field where each axis has the value that `at` gives.
 pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) -> usize) -> Cow<'t, str> {
-    let calls = calls(text);
+    let calls = calls(text, &CALLS);
     if calls.is_empty() {
         return Cow::Borrowed(text);
     }
@@ -224,7 +208,7 @@ mod tests {
     use super::*;
 
     fn field(text: &str) -> RawField<'_> {
-        RawField { name: "yaw", name_span: 0..3, text, span: 5..5 + text.len() }
+        RawField { span: 5..5 + text.len(), ..RawField::plain("yaw", text) }
     }
 
     fn values(text: &str) -> Result<Vec<String>, String> {
@@ -274,7 +258,7 @@ mod tests {
 
     #[test]
     fn the_axes_of_a_field_are_found_or_what_is_wrong_is_said_in_its_place() {
-        let read = |text| axes_read(&field(text), &axes());
+        let read = |text: &str| axes_read(text, &(5..5 + text.len()), &axes());
         assert_eq!(read("(Axis(\"frame\"), Axis(\"yaw\"))"), Ok(vec![1, 0]));
         assert_eq!(read("\"plain\""), Ok(vec![]));
         let wrong = |text| read(text).expect_err(text);

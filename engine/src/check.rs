@@ -1,4 +1,4 @@
-//! Checking a graph file: kinds known, wires typed, parameters in range, all mistakes at once.
+//! Checking a graph: kinds known, parameters in range, files there, all mistakes at once. Wires are in `wires`.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -8,61 +8,68 @@ use std::sync::Arc;
 
 use crate::axis::{Axis, at_point, axes_read};
 use crate::context::{Scene, Up};
-use crate::diag::{Code, Diagnostic, nearest, shown};
+use crate::diag::{Code, Diagnostic, Source, shown};
 use crate::expand::{GATHER, Gather, Template};
-use crate::graph::{Node, Wire};
+use crate::graph::Node;
+use crate::include::{Piece, folder_of};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::order::Wiring;
 use crate::param::{InputFile, Role};
-use crate::port::{Arity, PortSpec};
 use crate::root::SourceRoot;
-use crate::scan::Scanner;
-use crate::syntax::{Document, Fields, RawField, RawNode, RawScene, parse_value, sort_of, twice};
+use crate::subgraph::{Scope, in_place, strings};
+use crate::syntax::{Document, Fields, RawField, RawNode, RawScene, twice};
 
 /// What the `scene` block may hold.
 pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
 
-/// The check of one file.
+/// The check of one graph.
 pub(crate) struct Check<'t, 'a> {
     text: &'t str,
+    pieces: Vec<Piece<'t>>,
     registry: &'a Registry,
     root: &'a SourceRoot,
     diagnostics: &'a mut Vec<Diagnostic>,
-    ids: HashMap<&'t str, usize>,
-    names: Vec<&'t str>,
-    broken: HashSet<&'t str>,
+    pub scopes: &'a [Scope<'t>],
+    pub ids: HashMap<&'a str, usize>,
+    pub names: Vec<&'a str>,
+    pub broken: HashSet<&'a str>,
     /// The files that nodes name.
     pub files: Vec<PathBuf>,
     /// What the graph runs along.
     pub axes: Arc<[Axis<'t>]>,
-    gathers: HashMap<usize, Gather>,
+    pub gathers: HashMap<usize, Gather>,
     /// Wires to nodes that do not exist, so far.
-    strangers: usize,
+    pub strangers: usize,
 }
 
-/// How many wires to nodes that do not exist get a suggestion.
-const MOST_SUGGESTIONS: usize = 20;
+/// A field with values in place of the parameters that it reads.
+#[derive(Clone)]
+pub(crate) struct Field<'t> {
+    pub name: &'t str,
+    pub text: Cow<'t, str>,
+    /// Where it stands, or the value that is all of it.
+    pub span: Range<usize>,
+}
 
 impl<'t, 'a> Check<'t, 'a> {
     /// Mistakes go to `diagnostics`.
     pub fn new(
-        text: &'t str,
+        source: &'t Source,
         registry: &'a Registry,
         root: &'a SourceRoot,
-        document: &Document<'t>,
+        document: &'a Document<'t>,
         diagnostics: &'a mut Vec<Diagnostic>,
     ) -> Self {
-        let names = document.nodes.iter().map(|node| node.id).collect();
-        let broken = document.broken.iter().copied().collect();
-        let ids = HashMap::with_capacity(document.nodes.len());
         Self {
-            text,
+            text: &source.text,
+            pieces: source.pieces(),
             registry,
             root,
             diagnostics,
-            ids,
-            names,
-            broken,
+            scopes: &document.scopes,
+            ids: HashMap::with_capacity(document.nodes.len()),
+            names: document.nodes.iter().map(|node| &*node.id).collect(),
+            broken: document.broken.iter().map(|name| &**name).collect(),
             files: Vec::new(),
             axes: Arc::new([]),
             gathers: HashMap::new(),
@@ -85,7 +92,7 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// What stands beside the nodes.
-    pub fn document(&mut self, document: &Document<'t>) -> Option<Scene> {
+    pub fn document(&mut self, document: &'a Document<'t>) -> Option<Scene> {
         let whole = 0..self.text.len().min(1);
         match &document.version {
             Some(field) if field.text.trim() != "1" => self.report(
@@ -147,20 +154,20 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// The nodes that are right, and which reads which, of all of them.
-    pub fn nodes<'r>(&mut self, raw: &'r [RawNode<'t>]) -> (Vec<Option<Template<'r, 't>>>, Wiring) {
+    pub fn nodes(&mut self, raw: &'a [RawNode<'t>]) -> (Vec<Option<Template<'a, 't>>>, Wiring) {
         for (index, node) in raw.iter().enumerate() {
-            if let Some(&first) = self.ids.get(node.id) {
+            if let Some(&first) = self.ids.get(&*node.id) {
                 self.report(
                     Diagnostic::of(
                         Code::Duplicate,
                         node.id_span.clone(),
-                        format!("two nodes are named `{}`", shown(node.id)),
+                        format!("two nodes are named `{}`", shown(&node.id)),
                     )
                     .label("second")
                     .related(raw[first].id_span.clone(), "first"),
                 );
             } else {
-                self.ids.insert(node.id, index);
+                self.ids.insert(&node.id, index);
             }
         }
         for (index, node) in raw.iter().enumerate().filter(|(_, node)| node.kind == GATHER) {
@@ -172,7 +179,9 @@ impl<'t, 'a> Check<'t, 'a> {
         let mut templates = Vec::with_capacity(raw.len());
         let mut wiring = vec![Vec::new(); raw.len()];
         for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
+            let before = self.mistakes();
             templates.push(kind.as_ref().and_then(|kind| self.node(node, kind, &kinds, reads)));
+            self.tell_use(node, before);
         }
         self.sink_paths(&templates);
         (templates, wiring)
@@ -195,13 +204,13 @@ impl<'t, 'a> Check<'t, 'a> {
         found
     }
 
-    fn node<'r>(
+    fn node(
         &mut self,
-        raw: &'r RawNode<'t>,
+        raw: &'a RawNode<'t>,
         kind: &Arc<KindEntry>,
         kinds: &[Option<Arc<KindEntry>>],
         reads: &mut Vec<(usize, Range<usize>)>,
-    ) -> Option<Template<'r, 't>> {
+    ) -> Option<Template<'a, 't>> {
         let before = self.diagnostics.len();
         for (index, field) in raw.fields.iter().enumerate() {
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
@@ -220,13 +229,20 @@ impl<'t, 'a> Check<'t, 'a> {
                 self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));
             }
         }
+        let mut fields = Vec::with_capacity(raw.fields.len());
         let mut own = Vec::new();
         for field in &raw.fields {
-            match axes_read(field, &self.axes) {
-                Ok(axes) if axes.is_empty() || kind.params.iter().any(|p| p.name == field.name) => {
-                    own.extend(axes);
+            let Some(param) = kind.params.iter().find(|param| param.name == field.name) else {
+                if let Ok(1..) = axes_read(field.text, &field.span, &self.axes).map(|axes| axes.len()) {
+                    self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis"));
                 }
-                Ok(_) => self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis")),
+                continue;
+            };
+            match self.field(field, param.role == Role::Input) {
+                Ok((field, axes)) => {
+                    own.extend(axes);
+                    fields.push(field);
+                }
                 Err(mistake) => self.report(mistake),
             }
         }
@@ -236,33 +252,58 @@ impl<'t, 'a> Check<'t, 'a> {
             inputs.push(self.wires(raw, kind, (index, port), kinds, reads, &mut gathers));
         }
         let (step, sink_path) = if own.is_empty() {
-            self.step(raw, kind, &raw.fields)?
-        } else if self.mistakes() == before {
-            let texts: Vec<_> =
-                raw.fields.iter().map(|field| at_point(field.text, &self.axes, |_| 0)).collect();
-            let fields = raw.fields.iter().zip(&texts);
-            let fields: Vec<_> = fields.map(|(field, text)| RawField { text, ..field.clone() }).collect();
             self.step(raw, kind, &fields)?
+        } else if self.mistakes() == before {
+            let first = at_each(&fields, &self.axes, |_| 0);
+            self.step(raw, kind, &first)?
         } else {
             return None;
         };
         let place = |name: &'static str| {
-            let field = raw.fields.iter().find(|field| field.name == name)?;
-            Some((name, field.span.clone()))
+            let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+            let wire = || raw.fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+            Some((name, param.or_else(wire)?))
         };
-        let fields = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
-        let fields = fields.filter_map(place).collect();
+        let names = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+        let places = names.filter_map(place).collect();
         let node = Node {
-            id: raw.id.to_owned(),
+            id: raw.id.clone().into_owned(),
             kind: kind.clone(),
             inputs,
             sink_path,
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
-            fields,
+            fields: places,
             step: step.into(),
         };
-        (self.mistakes() == before).then_some(Template { node, raw, own, gathers })
+        (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
+    }
+
+    /// A parameter as it is read, and the axes that it runs along.
+    fn field(&self, raw: &RawField<'t>, is_path: bool) -> Result<(Field<'t>, Vec<usize>), Diagnostic> {
+        let folder_at = |offset: usize| {
+            let index = self.pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+            folder_of(&self.pieces[index])
+        };
+        let folders: Option<&dyn Fn(usize) -> &'t str> = if is_path { Some(&folder_at) } else { None };
+        let (text, span) = in_place(raw, self.scopes, folders)?;
+        let axes = axes_read(&text, &span, &self.axes)?;
+        Ok((Field { name: raw.name, text, span }, axes))
+    }
+
+    /// Mistakes in a subgraph are said to come of its use, and those in what it is given, where that is read.
+    fn tell_use(&mut self, node: &RawNode<'t>, before: usize) {
+        let scope = &self.scopes[node.scope];
+        let Some((used, _)) = &scope.used else { return };
+        for mistake in &mut self.diagnostics[before..] {
+            let own = (node.span.start..node.span.end).contains(&mistake.span.start);
+            let (place, what) = if own {
+                (used.clone(), format!("in `{}`", scope.prefix.trim_end_matches('.')))
+            } else {
+                (node.id_span.clone(), "read here".to_owned())
+            };
+            mistake.related.push((place, what));
+        }
     }
 
     /// Reads the parameters of a node, the values of axes in place: what it does and where it writes.
@@ -270,206 +311,63 @@ impl<'t, 'a> Check<'t, 'a> {
         &mut self,
         raw: &RawNode<'t>,
         kind: &Arc<KindEntry>,
-        fields: &[RawField<'_>],
+        fields: &[Field<'_>],
     ) -> Option<(Arc<dyn Step>, Option<String>)> {
-        let moved = moved_paths(raw.folder, kind, fields);
-        let moved: Option<Vec<RawField<'_>>> = moved.as_ref().map(|texts| {
-            fields.iter().zip(texts).map(|(field, text)| RawField { text, ..field.clone() }).collect()
-        });
+        for param in kind.params.iter().filter(|param| param.role == Role::Input) {
+            if let Some(field) = fields.iter().find(|field| field.name == param.name) {
+                strings(&field.text).into_iter().for_each(|(path, _)| self.source(kind, field, path));
+            }
+        }
+        let texts: Vec<RawField<'_>> = fields
+            .iter()
+            .map(|field| RawField { span: field.span.clone(), ..RawField::plain(field.name, &field.text) })
+            .collect();
         let step = (kind.read)(&mut Fields {
-            fields: moved.as_deref().unwrap_or(fields),
+            fields: &texts,
             node_span: raw.kind_span.clone(),
             kind: raw.kind,
             diagnostics: self.diagnostics,
         })?;
         let mut sink_path = None;
-        let mut sources = Vec::new();
-        for param in kind.params.iter().filter(|param| param.role != Role::Value) {
+        if let Some(param) = kind.sink_param() {
             step.visit(&mut |name, value| {
-                if name != param.name {
-                    return;
-                }
-                for path in value.paths() {
-                    match param.role {
-                        Role::Output => sink_path = Some(path.to_owned()),
-                        _ => sources.push((param.name, path.to_owned())),
-                    }
+                if name == param.name {
+                    sink_path = value.paths().first().map(|path| (*path).to_owned());
                 }
             });
         }
-        let place = |name: &str| {
-            let field = fields.iter().find(|field| field.name == name);
-            field.map_or(raw.kind_span.clone(), |field| field.span.clone())
-        };
-        for (name, path) in sources {
-            let file = self.root.file(&InputFile(path.clone()));
-            if self.root.is_outside(&file) {
-                self.report(
-                    Diagnostic::new(place(name), format!("`{path}` may not be read"))
-                        .label("outside of the bundle")
-                        .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`"),
-                );
-            } else if !file.path.exists() {
-                self.report(
-                    Diagnostic::of(Code::MissingFile, place(name), format!("`{path}` does not exist"))
-                        .label(format!("looked for {}", file.path.display()))
-                        .hint("paths are relative to the folder of the graph file"),
-                );
-            } else if !kind.folders && file.path.is_dir() {
-                let what = format!("`{path}` is a folder; `{}` reads a file", kind.camel_name());
-                self.report(Diagnostic::of(Code::MissingFile, place(name), what));
-            }
-            self.files.push(file.path);
-        }
         if let Err(error) = step.check() {
-            let mut diagnostic = Diagnostic::of(
-                Code::Parameters,
-                error.field.map_or(raw.kind_span.clone(), place),
-                error.message(),
-            );
+            let place =
+                |name: &str| fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+            let span = error.field.and_then(place).unwrap_or(raw.kind_span.clone());
+            let mut diagnostic = Diagnostic::of(Code::Parameters, span, error.message());
             diagnostic.hints.extend(error.hint);
             self.report(diagnostic);
         }
         Some((step, sink_path))
     }
 
-    fn wires(
-        &mut self,
-        raw: &RawNode<'t>,
-        kind: &KindEntry,
-        (index, port): (usize, &PortSpec),
-        kinds: &[Option<Arc<KindEntry>>],
-        reads: &mut Vec<(usize, Range<usize>)>,
-        gathers: &mut BTreeMap<(usize, usize), Vec<usize>>,
-    ) -> Vec<Wire> {
-        let Some(field) = raw.fields.iter().find(|field| field.name == port.name) else {
-            if port.arity == Arity::One {
-                self.report(
-                    Diagnostic::of(
-                        Code::Missing,
-                        raw.kind_span.clone(),
-                        format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
-                    )
-                    .label(format!("wire it to an output of type `{}`", port.artifact.name)),
-                );
-            }
-            return Vec::new();
-        };
-        let names = match wire_names(field) {
-            Ok(names) => names,
-            Err(mistake) => {
-                self.report(mistake);
-                return Vec::new();
-            }
-        };
-        if port.arity != Arity::Many && names.len() != 1 {
-            self.report(Diagnostic::of(
-                Code::Wiring,
-                field.span.clone(),
-                format!("`{}` takes one wire, not {}", port.name, names.len()),
-            ));
-        }
-        let mut wires = Vec::with_capacity(names.len());
-        for (name, span) in names {
-            let (id, output) = split(&name);
-            let Some(node) = self.read(id, &span) else { continue };
-            let Some(gather) = self.gathers.get(&node) else {
-                reads.push((node, span.clone()));
-                wires.extend(self.wire(id, output, node, span, port, kinds));
-                continue;
-            };
-            let (node, from, over) = (gather.node, gather.output.clone(), gather.over.clone());
-            let wrong = match (output, port.arity) {
-                (Some(output), _) => {
-                    Some(format!("`{id}` is a gather and has no output `{}`", shown(output)))
-                }
-                (None, Arity::One | Arity::Optional) => {
-                    Some(format!("`{}` takes one wire, and `{id}` gathers many", port.name))
-                }
-                (None, Arity::Many) => None,
-            };
-            if let Some(wrong) = wrong {
-                self.report(Diagnostic::new(span.clone(), wrong));
-            }
-            reads.push((node, span.clone()));
-            gathers.insert((index, wires.len()), over);
-            wires.extend(self.wire(id, from.as_deref(), node, span, port, kinds));
-        }
-        wires
-    }
-
-    /// The node that a wire comes from.
-    pub fn read(&mut self, id: &str, span: &Range<usize>) -> Option<usize> {
-        if let Some(&node) = self.ids.get(id) {
-            return Some(node);
-        }
-        if !self.broken.contains(id) {
-            let mistake =
-                Diagnostic::of(Code::UnknownNode, span.clone(), format!("no node is named `{}`", shown(id)));
-            // One node that was renamed may be read by thousands, and each look through all names costs.
-            self.strangers += 1;
-            let near = (self.strangers <= MOST_SUGGESTIONS).then(|| nearest(id, self.names.iter().copied()));
-            self.report(match near.flatten() {
-                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-                None => mistake,
-            });
-        }
-        None
-    }
-
-    fn wire(
-        &mut self,
-        id: &str,
-        output: Option<&str>,
-        node: usize,
-        span: Range<usize>,
-        port: &PortSpec,
-        kinds: &[Option<Arc<KindEntry>>],
-    ) -> Option<Wire> {
-        // A node of unknown kind was reported already.
-        let outputs = &kinds[node].as_ref()?.outputs;
-        let wanted = port.artifact.name;
-        let found = match output {
-            Some(output) => outputs.iter().position(|known| known.name == output),
-            // The first output, or the first of the type that the input takes.
-            None => {
-                outputs.iter().position(|known| known.artifact.name == wanted).or(outputs.first().map(|_| 0))
-            }
-        };
-        let Some(index) = found else {
-            let names = || outputs.iter().map(|known| known.name);
-            let message = match output {
-                Some(output) => format!("`{id}` has no output `{output}`"),
-                None => format!("`{id}` has no output"),
-            };
-            let list: Vec<&str> = names().collect();
+    /// A file that a field names must be there, and be one.
+    fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String) {
+        let file = self.root.file(&InputFile(path.clone()));
+        let place = field.span.clone();
+        if self.root.is_outside(&file) {
             self.report(
-                Diagnostic::of(Code::UnknownOutput, span, message)
-                    .suggest(output.unwrap_or_default(), names())
-                    .hint(format!("its outputs are {}", list.join(", "))),
+                Diagnostic::new(place, format!("`{path}` may not be read"))
+                    .label("outside of the bundle")
+                    .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`"),
             );
-            return None;
-        };
-        let given = outputs[index].artifact.name;
-        if given != wanted {
-            let fitting: Vec<String> = outputs
-                .iter()
-                .filter(|o| o.artifact.name == wanted)
-                .map(|o| format!("\"{id}.{}\"", o.name))
-                .collect();
-            let mut diagnostic = Diagnostic::of(
-                Code::WrongType,
-                span,
-                format!("`{}` takes values of type `{wanted}`", port.name),
-            )
-            .label(format!("this is of type `{given}`"));
-            if !fitting.is_empty() {
-                diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
-            }
-            self.report(diagnostic);
-            return None;
+        } else if !file.path.exists() {
+            self.report(
+                Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
+                    .label(format!("looked for {}", file.path.display()))
+                    .hint("paths are relative to the folder of the graph file"),
+            );
+        } else if !kind.folders && file.path.is_dir() {
+            let what = format!("`{path}` is a folder; `{}` reads a file", kind.camel_name());
+            self.report(Diagnostic::of(Code::MissingFile, place, what));
         }
-        Some(Wire { node, port: index })
+        self.files.push(file.path);
     }
 
     fn sink_paths(&mut self, templates: &[Option<Template<'_, 't>>]) {
@@ -503,6 +401,19 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 }
 
+/// The fields of a node where each axis has the value that `at` gives.
+pub(crate) fn at_each<'f>(
+    fields: &'f [Field<'_>],
+    axes: &[Axis<'_>],
+    at: impl Fn(usize) -> usize,
+) -> Vec<Field<'f>> {
+    let here = |field: &'f Field<'_>| {
+        let text = at_point(&field.text, axes, &at);
+        Field { name: field.name, text, span: field.span.clone() }
+    };
+    fields.iter().map(here).collect()
+}
+
 /// Sinks write under the output folder and nowhere else.
 fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
     use std::path::Component;
@@ -530,83 +441,4 @@ fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
         }
     }
     Ok(())
-}
-
-/// The node and, where it is named, the output of a wire.
-pub(crate) fn split(name: &str) -> (&str, Option<&str>) {
-    name.split_once('.').map_or((name, None), |(id, port)| (id, Some(port)))
-}
-
-/// The texts of the fields, paths of files to read seen from the folder of the graph; `None` for a node that
-/// stands in a file of that folder.
-fn moved_paths(folder: &str, kind: &KindEntry, fields: &[RawField<'_>]) -> Option<Vec<String>> {
-    let is_path = |field: &RawField<'_>| {
-        kind.params.iter().any(|param| param.name == field.name && param.role == Role::Input)
-    };
-    let text =
-        |field: &RawField<'_>| if is_path(field) { moved(folder, field.text) } else { field.text.to_owned() };
-    (!folder.is_empty()).then(|| fields.iter().map(text).collect())
-}
-
-/// Puts the folder in front of every relative path in quotes.
-fn moved(folder: &str, text: &str) -> String {
-    let mut scan = Scanner::new(text);
-    let mut out = String::with_capacity(text.len() + folder.len());
-    let mut end = 0;
-    while !scan.is_at_end() {
-        let start = scan.at;
-        if scan.peek() != b'"' {
-            scan.step();
-            continue;
-        }
-        scan.value();
-        if let Ok(path) = parse_value::<String>(&text[start..scan.at])
-            && !std::path::Path::new(&path).is_absolute()
-        {
-            out.push_str(&text[end..start]);
-            out.push_str(&format!("{:?}", format!("{folder}{path}")));
-            end = scan.at;
-        }
-    }
-    out.push_str(&text[end..]);
-    out
-}
-
-type Named<'t> = (Cow<'t, str>, Range<usize>);
-
-/// The node names in a wire or a list of wires, each with its span.
-pub(crate) fn wire_names<'t>(field: &RawField<'t>) -> Result<Vec<Named<'t>>, Diagnostic> {
-    let how = || "a wire is written \"node\" or \"node.port\"";
-    let mut scan = Scanner::new(field.text);
-    let list = scan.eat(b'[');
-    let mut names = Vec::new();
-    loop {
-        scan.skip_space();
-        if list && scan.eat(b']') {
-            return Ok(names);
-        }
-        let start = scan.at;
-        let text = scan.value().map_or("", |span| &field.text[span]);
-        let span = field.span.start + start..field.span.start + scan.at.max(start + 1);
-        let name = match text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
-            Some(plain) if !plain.contains('\\') => Cow::Borrowed(plain),
-            _ => parse_value::<String>(text).map(Cow::Owned).map_err(|_| {
-                let mistake =
-                    Diagnostic::of(Code::Wiring, span.clone(), format!("`{}` is not a wire", shown(text)));
-                match sort_of(text) {
-                    "a word" if !text.is_empty() => mistake.label(format!("write \"{}\"", shown(text))),
-                    _ => mistake.label(how()),
-                }
-            })?,
-        };
-        names.push((name, span));
-        scan.skip_space();
-        if !list {
-            return Ok(names);
-        }
-        if !scan.eat(b',') && scan.peek() != b']' {
-            let end = names.last().map_or(field.span.end, |(_, span)| span.end);
-            return Err(Diagnostic::new(end..end + 1, "expected a comma here"));
-        }
-    }
 }

@@ -355,7 +355,7 @@ impl Stored {
         let mut fields = Vec::new();
         for (index, text) in self.texts() {
             let name = self.kind.params.get(index)?.name;
-            fields.push(RawField { name, name_span: 0..0, text, span: 0..0 });
+            fields.push(RawField::plain(name, text));
         }
         let mut diagnostics = Vec::new();
         (self.kind.read)(&mut Fields {

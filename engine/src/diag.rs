@@ -1,5 +1,6 @@
 //! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -147,10 +148,11 @@ pub struct Diagnostics {
 }
 
 impl Diagnostics {
-    /// Sorted by place; two at one place keep their order.
+    /// Sorted by place; two at one place keep their order. One that several uses of a subgraph meet is told once.
     pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
         list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
-        list.dedup();
+        let mut seen = BTreeSet::new();
+        list.retain(|one| seen.insert((one.span.start, one.span.end, one.message.clone())));
         Self { source, list, files: Vec::new() }
     }
 

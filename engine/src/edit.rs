@@ -3,7 +3,7 @@
 use crate::diag::Source;
 use crate::syntax::parse_value;
 
-/// One `--set node.field=value`.
+/// One `--set node.field=value`; a node of a subgraph is written `left.pose`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Setting {
     /// Name of the node.
@@ -27,11 +27,11 @@ impl std::str::FromStr for Setting {
     fn from_str(text: &str) -> Result<Self, EditError> {
         let form = || EditError::Form(text.to_owned());
         let (place, value) = text.split_once('=').ok_or_else(form)?;
-        let (node, field) = place.split_once('.').ok_or_else(form)?;
+        let (node, field) = place.rsplit_once('.').ok_or_else(form)?;
         let plain = |name: &str| {
             let name = name.trim();
-            (!name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || c == '_'))
-                .then(|| name.to_owned())
+            let word = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || c == '_');
+            name.split('.').all(word).then(|| name.to_owned())
         };
         match (plain(node), plain(field)) {
             (Some(node), Some(field)) if !value.trim().is_empty() => {
@@ -42,11 +42,11 @@ impl std::str::FromStr for Setting {
     }
 }
 
-/// The graph with the settings laid over it: those of `scene` and `axes` set these blocks.
+/// The graph with the settings laid over it: those of `scene`, `axes` and `parameters` set these blocks.
 pub fn apply(source: &Source, settings: &[Setting]) -> Source {
     settings.iter().fold(source.clone(), |source, setting| {
         let Setting { node, field, value } = setting;
-        source.overlaid("--set", &format!("Overlay(nodes: ({node}: ({field}: {})))", ron_text(value)))
+        source.set(&format!("{node}.{field}={}", ron_text(value)))
     })
 }
 
@@ -96,14 +96,13 @@ mod tests {
         let set = |setting: &str| {
             let settings: Vec<Setting> = setting.parse().into_iter().collect();
             let text = apply(&Source::new("a.ron", "Graph()"), &settings).text;
-            text.rsplit_once("((").map(|(_, end)| end.to_owned()).unwrap_or(text.to_string())
+            text.rsplit_once('\n').map(|(_, end)| end.to_owned()).unwrap_or_default()
         };
-        let end =
-            |text: &str| set(text).rsplit_once(": (").map(|(_, end)| end.to_owned()).unwrap_or_default();
-        assert_eq!(end("a.yaw_deg=35"), "yaw_deg: 35)))");
-        assert_eq!(end("a.path=out/x.png"), "path: \"out/x.png\")))", "what is no RON is text");
-        assert_eq!(end("a.m = Hard"), "m: Hard)))");
-        assert_eq!(end("axes.frame=Range(0, 3)"), "frame: Range(0, 3))))");
+        assert_eq!(set("a.yaw_deg=35"), "a.yaw_deg=35");
+        assert_eq!(set("a.path=out/x.png"), "a.path=\"out/x.png\"", "what is no RON is text");
+        assert_eq!(set("a.m = Hard"), "a.m=Hard");
+        assert_eq!(set("left.a.m=Hard"), "left.a.m=Hard");
+        assert_eq!(set("axes.frame=Range(0, 3)"), "axes.frame=Range(0, 3)");
     }
 
     #[test]

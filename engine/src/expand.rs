@@ -5,18 +5,21 @@
 
 use std::collections::BTreeMap;
 
-use crate::axis::{Axis, at_point};
-use crate::check::{Check, split, wire_names};
+use crate::axis::Axis;
+use crate::check::{Check, Field, at_each};
 use crate::diag::{Diagnostic, shown};
 use crate::graph::{Node, Wire};
 use crate::sink::plain_name;
-use crate::syntax::{RawField, RawNode};
+use crate::syntax::RawNode;
+use crate::wires::{End, wire_names};
 
 /// A node as written, read at the first value of each axis.
 pub(crate) struct Template<'r, 't> {
     /// Its wires lead to templates, by the index of their node in the file.
     pub node: Node,
     pub raw: &'r RawNode<'t>,
+    /// Its parameters as they are read.
+    pub fields: Vec<Field<'t>>,
     /// The axes that its own fields read.
     pub own: Vec<usize>,
     /// The axes that a wire gathers, by its port and its place there.
@@ -93,7 +96,7 @@ impl<'t> Check<'t, '_> {
             );
         }
         let mut named = |name: &str| match raw.fields.iter().find(|field| field.name == name) {
-            Some(field) => match wire_names(field) {
+            Some(field) => match wire_names(field, self.scopes) {
                 Ok(names) => names,
                 Err(mistake) => {
                     self.report(mistake);
@@ -109,7 +112,8 @@ impl<'t> Check<'t, '_> {
         };
         let (inputs, names) = (named("input"), named("over"));
         let mut over = Vec::with_capacity(names.len());
-        for (name, span) in names {
+        for named in names {
+            let (name, span) = (named.name, named.span);
             match self.axes.iter().position(|axis| axis.name == name) {
                 Some(axis) if !over.contains(&axis) => over.push(axis),
                 Some(_) => self.report(Diagnostic::new(span, format!("`{name}` is gathered twice"))),
@@ -124,13 +128,13 @@ impl<'t> Check<'t, '_> {
             let what = format!("`input` takes one wire, not {}", inputs.len());
             self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("write a `Gather` for each"));
         }
-        let (name, span) = inputs.into_iter().next()?;
-        let (id, output) = split(&name);
-        let node = self.read(id, &span)?;
+        let named = inputs.into_iter().next()?;
+        let End { node, output } = self.end(&named)?;
         if all[node].kind == GATHER {
-            let what = format!("`{}` is a gather itself", shown(id));
+            let what = format!("`{}` is a gather itself", shown(&named.name));
             self.report(
-                Diagnostic::new(span, what).hint("gather along both at once: `over: [\"yaw\", \"frame\"]`"),
+                Diagnostic::new(named.span.clone(), what)
+                    .hint("gather along both at once: `over: [\"yaw\", \"frame\"]`"),
             );
         }
         (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
@@ -184,7 +188,7 @@ impl<'t> Check<'t, '_> {
                         above.axes.iter().map(|(axis, _)| *axis).filter(|axis| !gathered.contains(axis)),
                     );
                     if let Some(&axis) = gathered.iter().find(|axis| !above.has(**axis)) {
-                        let name = templates[wire.node].as_ref().map_or("", |t| t.raw.id);
+                        let name = templates[wire.node].as_ref().map_or("", |t| &*t.raw.id);
                         let what = format!("`{}` is the same along `{}`", shown(name), self.axes[axis].name);
                         let span = template.node.place(Some(template.node.kind.inputs[port].name));
                         self.report(Diagnostic::new(span, what).label("there is nothing to gather"));
@@ -222,19 +226,8 @@ impl<'t> Check<'t, '_> {
         }
         let axes = self.axes.clone();
         if !template.own.is_empty() {
-            let raw = template.raw;
-            let texts: Vec<_> = raw
-                .fields
-                .iter()
-                .map(|field| at_point(field.text, &axes, |axis| value_at(point, axis)))
-                .collect();
-            let fields: Vec<RawField<'_>> = raw
-                .fields
-                .iter()
-                .zip(&texts)
-                .map(|(field, text)| RawField { text, ..field.clone() })
-                .collect();
-            let (step, sink_path) = self.step(raw, &template.node.kind, &fields)?;
+            let fields = at_each(&template.fields, &axes, |axis| value_at(point, axis));
+            let (step, sink_path) = self.step(template.raw, &template.node.kind, &fields)?;
             (node.step, node.sink_path) = (step.into(), sink_path);
         }
         for &(axis, value) in point {

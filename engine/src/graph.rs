@@ -64,9 +64,8 @@ impl Node {
     fn with(&self, parameter: &str, text: &str) -> Option<Arc<dyn Step>> {
         let mut values = self.values();
         values.iter_mut().find(|(name, _)| *name == parameter)?.1 = text.to_owned();
-        let field = |(name, text)| RawField { name, name_span: 0..0, text, span: 0..0 };
         let fields: Vec<RawField<'_>> =
-            values.iter().map(|(name, text)| field((*name, text.as_str()))).collect();
+            values.iter().map(|(name, text)| RawField::plain(name, text.as_str())).collect();
         let mut diagnostics = Vec::new();
         let kind = self.kind.name;
         let step = (self.kind.read)(&mut Fields {
@@ -167,7 +166,7 @@ impl Graph {
         let joined = source.clone();
         let mut diagnostics = Vec::new();
         let document = parse_all(&joined, &mut diagnostics);
-        let mut check = Check::new(&joined.text, registry, &root, &document, &mut diagnostics);
+        let mut check = Check::new(&joined, registry, &root, &document, &mut diagnostics);
         let scene = check.document(&document);
         let (templates, mut wiring) = check.nodes(&document.nodes);
         let mut order = order_of(&wiring);
@@ -345,12 +344,12 @@ impl Graph {
         (!capped.is_empty()).then_some((graph, capped))
     }
 
-    /// The nodes of a name: one, or every instance of a node that axes multiply.
+    /// The nodes of a name: one, every instance of a node that axes multiply, or all of a subgraph.
     pub fn find_all(&self, id: &str) -> Vec<usize> {
         let is = |node: &Node| {
-            node.id
-                .strip_prefix(id)
-                .is_some_and(|rest| rest.is_empty() || (rest.starts_with('/') && !node.point.is_empty()))
+            node.id.strip_prefix(id).is_some_and(|rest| {
+                rest.is_empty() || rest.starts_with('.') || (rest.starts_with('/') && !node.point.is_empty())
+            })
         };
         (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }

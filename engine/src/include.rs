@@ -1,26 +1,32 @@
-//! One text of several files: a graph, what it includes, and what is laid over it.
+//! One text of several files: a graph, what it includes, its subgraphs, and what is laid over it.
 //!
 //! The files are joined, each behind a line `//@@ role name`, which is a comment in RON. So whatever knows
 //! a graph by its text (its place in diagnostics, its digest, a bundle) knows all of it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
 
-use crate::diag::{Diagnostic, Source, nearest, shown};
+use crate::diag::{Code, Diagnostic, Source, shown};
+use crate::overlay::Overlays;
 use crate::param::InputFile;
 use crate::root::SourceRoot;
-use crate::syntax::{Document, RawField, RawNode, RawScene, Sort, parse_part, parse_preset, parse_value};
+use crate::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
+use crate::syntax::{Document, RawField, Sort, parse_part, parse_preset, parse_setting, parse_value};
 
 /// What a part of a joined text is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Role {
     /// The graph itself, which comes first.
     Graph,
     /// A file that it includes.
     Include,
+    /// A file that it uses as a subgraph.
+    Subgraph,
     /// Values in place of others.
     Overlay,
+    /// One value in place of another: `node.field=value`.
+    Setting,
     /// The name of a preset.
     Preset,
 }
@@ -50,26 +56,33 @@ impl Source {
         self.joined("preset", "--preset", preset)
     }
 
+    /// Lays one value over the graph: `trace.samples=16`.
+    pub(crate) fn set(self, setting: &str) -> Self {
+        self.joined("set", "--set", setting)
+    }
+
     fn joined(self, role: &str, name: &str, text: &str) -> Self {
         let text = format!("{}{MARK}{role} {name}\n{text}", self.text);
         Self::new(self.name, text)
     }
 
-    /// Reads the files that the graph includes, and those that these include, each once; those that a bundle
-    /// has joined already stay. What cannot be read, or may not be, is a mistake of the graph when it is
-    /// parsed. Gives the paths of the files as well, found or not.
+    /// Reads the files that the graph includes or uses as subgraphs, and those that these name, each once; those
+    /// that a bundle has joined already stay. What cannot be read, or may not be, is a mistake of the graph when
+    /// it is parsed. Gives the paths of the files as well, found or not.
     pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
         let mut paths = Vec::new();
-        let joined = self.pieces().into_iter().filter(|piece| piece.role == Role::Include);
-        let mut seen: BTreeSet<String> = joined.map(|piece| piece.name.to_owned()).collect();
+        let known = |piece: Piece<'_>| {
+            matches!(piece.role, Role::Include | Role::Subgraph).then(|| (piece.role, piece.name.to_owned()))
+        };
+        let mut seen: BTreeSet<(Role, String)> = self.pieces().into_iter().filter_map(known).collect();
         let mut bytes = 0;
         loop {
-            let wanted: Vec<String> =
-                included(&self).into_iter().filter(|name| seen.insert(name.clone())).collect();
+            let wanted: Vec<(Role, String)> =
+                named(&self).into_iter().filter(|name| seen.insert(name.clone())).collect();
             if wanted.is_empty() || seen.len() > MOST_FILES {
                 return (self, paths);
             }
-            for name in wanted {
+            for (role, name) in wanted {
                 let file = root.file(&InputFile(name));
                 let text =
                     if root.is_outside(&file) { None } else { std::fs::read_to_string(&file.path).ok() };
@@ -78,7 +91,8 @@ impl Source {
                     if bytes > MOST_BYTES {
                         return (self, paths);
                     }
-                    self = self.joined("include", &file.name, &text);
+                    let role = if role == Role::Include { "include" } else { "subgraph" };
+                    self = self.joined(role, &file.name, &text);
                 }
                 paths.push(file.path);
             }
@@ -96,6 +110,8 @@ impl Source {
             at = mark + MARK.len() + line.len();
             let role = match line.split_once(' ') {
                 Some(("include", name)) => (Role::Include, name),
+                Some(("subgraph", name)) => (Role::Subgraph, name),
+                Some(("set", name)) => (Role::Setting, name),
                 Some(("overlay", name)) => (Role::Overlay, name),
                 Some(("preset", name)) => (Role::Preset, name),
                 // A comment that only looks alike.
@@ -118,14 +134,41 @@ impl Source {
     }
 }
 
-/// The names of the files that the pieces include, relative to the folder of the graph.
-fn included(source: &Source) -> Vec<String> {
-    let mut names = Vec::new();
-    for piece in source.pieces().iter().filter(|piece| matches!(piece.role, Role::Graph | Role::Include)) {
-        let document = parse_part(&source.text, piece.span.clone(), Sort::Graph, &mut Vec::new());
-        names.extend(document.include.iter().flat_map(|field| files(field, piece)).map(|(name, _)| name));
+/// The names of the files that the pieces name, relative to the folder of the graph.
+fn named(source: &Source) -> BTreeSet<(Role, String)> {
+    let mut names = BTreeSet::new();
+    // Most graphs are one file, and a large one takes long to look through.
+    if !["include", SUBGRAPH, FILE].iter().any(|word| source.text.contains(word)) {
+        return names;
+    }
+    for piece in source.pieces() {
+        let document = read(source, &piece, &mut Vec::new());
+        names.extend(
+            document
+                .include
+                .iter()
+                .flat_map(|field| files(field, &piece))
+                .map(|(name, _)| (Role::Include, name)),
+        );
+        let laid_over = matches!(piece.role, Role::Overlay | Role::Setting);
+        let uses = document.nodes.iter().filter(|node| node.kind == SUBGRAPH || laid_over);
+        let fields = uses.flat_map(|node| &node.fields).filter(|field| field.name == FILE);
+        let paths = fields.filter_map(|field| parse_value::<String>(field.text).ok());
+        names.extend(paths.map(|path| (Role::Subgraph, plain(folder_of(&piece), &path))));
     }
     names
+}
+
+/// The document in one piece of the text; none for a preset, which is a name.
+fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
+    match piece.role {
+        Role::Graph | Role::Include | Role::Subgraph => {
+            parse_part(&source.text, piece.span.clone(), Sort::Graph, diagnostics)
+        }
+        Role::Overlay => parse_part(&source.text, piece.span.clone(), Sort::Overlay, diagnostics),
+        Role::Setting => parse_setting(&source.text, piece.span.clone(), diagnostics),
+        Role::Preset => Document::default(),
+    }
 }
 
 /// What an `include` names, relative to the folder of the graph, each with its place.
@@ -141,16 +184,16 @@ fn files(field: &RawField<'_>, piece: &Piece<'_>) -> Vec<(String, Range<usize>)>
     list.unwrap_or_default().into_iter().map(|name| (plain(folder, &name), place(&name))).collect()
 }
 
-/// The folder of an included file, relative to that of the graph; empty or with a `/` at its end.
+/// The folder of an included file or subgraph, relative to that of the graph; empty or with a `/` at its end.
 pub(crate) fn folder_of<'t>(piece: &Piece<'t>) -> &'t str {
     match piece.role {
-        Role::Include => piece.name.rfind('/').map_or("", |end| &piece.name[..=end]),
+        Role::Include | Role::Subgraph => piece.name.rfind('/').map_or("", |end| &piece.name[..=end]),
         _ => "",
     }
 }
 
 /// A path from a folder, without the detours that would give one file two names.
-fn plain(folder: &str, path: &str) -> String {
+pub(crate) fn plain(folder: &str, path: &str) -> String {
     if path.starts_with('/') {
         return path.to_owned();
     }
@@ -168,18 +211,10 @@ fn plain(folder: &str, path: &str) -> String {
 /// Reads all pieces as one document.
 pub(crate) fn parse_all<'t>(source: &'t Source, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
     let pieces = source.pieces();
-    let sort = |role: Role| if role == Role::Overlay { Sort::Overlay } else { Sort::Graph };
-    let mut read =
-        |piece: &Piece<'_>| parse_part(&source.text, piece.span.clone(), sort(piece.role), diagnostics);
-    let mut document = read(&pieces[0]);
-    let mut others: Vec<(&Piece<'t>, Document<'t>)> = Vec::new();
-    for piece in &pieces[1..] {
-        let other = if piece.role == Role::Preset { Document::default() } else { read(piece) };
-        others.push((piece, other));
-    }
-    for (piece, other) in std::iter::once((&pieces[0], &document)).chain(others.iter().map(|(p, d)| (*p, d)))
-    {
-        let Some(field) = &other.include else { continue };
+    let mut documents: Vec<Document<'t>> =
+        pieces.iter().map(|piece| read(source, piece, diagnostics)).collect();
+    for (piece, document) in pieces.iter().zip(&documents) {
+        let Some(field) = &document.include else { continue };
         let names = files(field, piece);
         if names.is_empty() && field.text.trim() != "[]" {
             diagnostics.push(
@@ -190,34 +225,75 @@ pub(crate) fn parse_all<'t>(source: &'t Source, diagnostics: &mut Vec<Diagnostic
         for (name, place) in names {
             if !pieces.iter().any(|known| known.role == Role::Include && known.name == name) {
                 diagnostics.push(
-                    Diagnostic::new(place, format!("`{}` cannot be read", shown(&name)))
+                    Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read", shown(&name)))
                         .hint("paths are relative to the folder of the file that names them"),
                 );
             }
         }
     }
-    let mut overlays = Vec::new();
-    for (piece, other) in others {
+    let included = |role| pieces.iter().enumerate().filter(move |(_, piece)| piece.role == role);
+    let includes: BTreeMap<&str, usize> =
+        included(Role::Include).map(|(at, piece)| (piece.name, at)).collect();
+    let subgraphs: SubgraphFiles<'t> = included(Role::Subgraph)
+        .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
+        .collect();
+    let mut document = with_includes(0, &pieces, &includes, &mut documents);
+    document.whole &= subgraphs.values().all(|subgraph| subgraph.whole);
+    let mut overlays = Overlays::default();
+    for (piece, other) in pieces.iter().zip(documents) {
         match piece.role {
-            Role::Include => merge(&mut document, other, folder_of(piece)),
-            Role::Preset => overlays.extend(preset(&document, source, piece, diagnostics)),
-            Role::Graph | Role::Overlay => overlays.push(other),
+            Role::Preset => {
+                if let Some(over) = preset(&document, source, piece, diagnostics) {
+                    overlays.push(over);
+                }
+            }
+            Role::Overlay | Role::Setting => overlays.push(other),
+            Role::Graph | Role::Include | Role::Subgraph => {}
         }
     }
-    for overlay in overlays {
-        lay_over(&mut document, overlay, diagnostics);
-    }
+    let folder_at = |offset: usize| {
+        let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+        folder_of(&pieces[index])
+    };
+    expand(&mut document, &subgraphs, overlays, &folder_at, diagnostics);
     document
 }
 
-/// Adds what an included file holds. The graph's own scene wins, then that of the first file that has one.
-fn merge<'t>(document: &mut Document<'t>, other: Document<'t>, folder: &'t str) {
-    document.nodes.extend(other.nodes.into_iter().map(|node| RawNode { folder, ..node }));
-    document.broken.extend(other.broken);
-    document.axes.extend(other.axes);
-    document.presets.extend(other.presets);
-    document.scene = document.scene.take().or(other.scene);
-    document.whole &= other.whole;
+/// One document together with those it includes, and those that these include. Its own scene wins, then that of
+/// the first file that has one.
+fn with_includes<'t>(
+    at: usize,
+    pieces: &[Piece<'t>],
+    includes: &BTreeMap<&str, usize>,
+    documents: &mut [Document<'t>],
+) -> Document<'t> {
+    let mut seen = BTreeSet::from([at]);
+    let mut open = vec![at];
+    let mut whole = Document::default();
+    // In the order in which they were found, which is that of the pieces.
+    let mut found = Vec::new();
+    while let Some(index) = open.pop() {
+        let names = documents[index].include.iter().flat_map(|field| files(field, &pieces[index]));
+        let above = names.filter_map(|(name, _)| includes.get(name.as_str()).copied());
+        open.extend(above.filter(|&above| seen.insert(above)).collect::<Vec<_>>());
+        found.push(index);
+    }
+    found.sort_unstable_by_key(|&index| (index != at, index));
+    for index in found {
+        if index == at {
+            whole = std::mem::take(&mut documents[index]);
+            continue;
+        }
+        let other = documents[index].clone();
+        whole.nodes.extend(other.nodes);
+        whole.broken.extend(other.broken);
+        whole.axes.extend(other.axes);
+        whole.parameters.extend(other.parameters);
+        whole.presets.extend(other.presets);
+        whole.scene = whole.scene.take().or(other.scene);
+        whole.whole &= other.whole;
+    }
+    whole
 }
 
 /// The chosen preset of a graph.
@@ -241,47 +317,4 @@ fn preset<'t>(
         }
     });
     None
-}
-
-/// Puts the fields of an overlay in place of those of the document.
-fn lay_over<'t>(document: &mut Document<'t>, overlay: Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
-    for node in overlay.nodes {
-        let block = match node.id {
-            "axes" => Some(&mut document.axes),
-            "scene" => document.scene.as_mut().map(|scene: &mut RawScene<'t>| &mut scene.fields),
-            _ => None,
-        };
-        let own = document.nodes.iter_mut().find(|known| known.id == node.id);
-        let has = |known: &RawNode<'_>| {
-            node.fields.iter().all(|field| known.fields.iter().any(|own| own.name == field.name))
-        };
-        let fields = match (own, block) {
-            // A node may be called `scene`, too; what only the block can have is the block's.
-            (Some(own), Some(block)) => {
-                if has(own) {
-                    &mut own.fields
-                } else {
-                    block
-                }
-            }
-            (Some(own), None) => &mut own.fields,
-            (None, Some(block)) => block,
-            (None, None) => {
-                let mistake =
-                    Diagnostic::new(node.id_span.clone(), format!("no node is named `{}`", shown(node.id)));
-                let near = nearest(node.id, document.nodes.iter().map(|known| known.id));
-                diagnostics.push(match near {
-                    Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-                    None => mistake,
-                });
-                continue;
-            }
-        };
-        for field in node.fields {
-            match fields.iter_mut().find(|known| known.name == field.name) {
-                Some(known) => *known = field,
-                None => fields.push(field),
-            }
-        }
-    }
 }

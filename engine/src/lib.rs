@@ -109,6 +109,7 @@ mod lock;
 mod memory;
 mod note;
 mod order;
+mod overlay;
 mod param;
 mod plan;
 mod port;
@@ -121,10 +122,12 @@ mod scan;
 mod schedule;
 mod sink;
 mod slot;
+mod subgraph;
 mod supply;
 mod syntax;
 mod trace;
 mod watch;
+mod wires;
 
 pub use artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,

@@ -54,11 +54,11 @@ pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usiz
     let first = (0..cycle.len()).min_by_key(|&place| cycle[place]).unwrap_or_default();
     cycle.rotate_left(first);
     let shown = 12;
-    let mut names: Vec<&str> = cycle.iter().take(shown).map(|&node| raw[node].id).collect();
+    let mut names: Vec<&str> = cycle.iter().take(shown).map(|&node| &*raw[node].id).collect();
     if cycle.len() > shown {
         names.push("..");
     }
-    names.push(raw[cycle[0]].id);
+    names.push(&raw[cycle[0]].id);
     let place = |node: usize| inside(node).map_or(raw[node].id_span.clone(), |(_, span)| span.clone());
     let mut diagnostic =
         Diagnostic::of(Code::Cycle, place(cycle[0]), format!("a cycle: {}", names.join(" -> ")))

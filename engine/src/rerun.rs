@@ -119,7 +119,7 @@ impl Recipe {
         for node in &document.nodes {
             let Some(kind) = registry.get(node.kind) else { continue };
             let none = Vec::new();
-            let sources = self.sources.get(node.id).unwrap_or(&none);
+            let sources = self.sources.get(&*node.id).unwrap_or(&none);
             for field in &node.fields {
                 let role = kind.params.iter().find(|spec| spec.name == field.name).map(|spec| spec.role);
                 let with = match role {

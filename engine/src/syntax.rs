@@ -3,6 +3,7 @@
 //! A scan finds the structure, `ron` reads the values. The engine so needs no knowledge of kinds here, sees
 //! duplicates, and can report all mistakes together.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use ron::extensions::Extensions;
@@ -10,6 +11,7 @@ use ron::extensions::Extensions;
 use crate::diag::{Code, Diagnostic, shown};
 use crate::param::ParamType;
 use crate::scan::Scanner;
+use crate::subgraph::Scope;
 
 /// `name: text`, as it stands in the file.
 #[derive(Debug, Clone)]
@@ -18,48 +20,62 @@ pub(crate) struct RawField<'t> {
     pub name_span: Range<usize>,
     pub text: &'t str,
     pub span: Range<usize>,
+    /// Where the names in the text are looked for, by its place in [`Document::scopes`].
+    pub scope: usize,
+}
+
+impl<'t> RawField<'t> {
+    /// A value that stands in no file.
+    pub fn plain(name: &'t str, text: &'t str) -> Self {
+        Self { name, name_span: 0..0, text, span: 0..0, scope: 0 }
+    }
 }
 
 /// `id: Kind(fields)`.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct RawNode<'t> {
-    pub id: &'t str,
+    /// Its name in the whole graph: in a subgraph behind the names of those around it.
+    pub id: Cow<'t, str>,
     pub id_span: Range<usize>,
     pub kind: &'t str,
     pub kind_span: Range<usize>,
     /// The kind and the fields.
     pub span: Range<usize>,
     pub fields: Vec<RawField<'t>>,
-    /// That of the file it stands in, relative to the folder of the graph: empty or with a `/` at its end.
-    pub folder: &'t str,
+    /// The subgraph it is a node of, by its place in [`Document::scopes`].
+    pub scope: usize,
 }
 
 /// The `scene` block.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct RawScene<'t> {
     pub span: Range<usize>,
     pub fields: Vec<RawField<'t>>,
 }
 
 /// A whole graph file, unchecked.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(crate) struct Document<'t> {
     pub version: Option<RawField<'t>>,
     pub scene: Option<RawScene<'t>>,
     /// What stands in `axes`.
     pub axes: Vec<RawField<'t>>,
+    /// What its fields read by `Param("name")`, with the values where nothing else is given.
+    pub parameters: Vec<RawField<'t>>,
     /// The files whose nodes are part of the graph.
     pub include: Option<RawField<'t>>,
     /// Named overlays, unread.
     pub presets: Vec<RawField<'t>>,
     pub nodes: Vec<RawNode<'t>>,
+    /// Where names are looked for: the graph itself, then each use of a subgraph.
+    pub scopes: Vec<Scope<'t>>,
     /// Names of nodes whose text could not be read, so that wires to them are no second mistake.
-    pub broken: Vec<&'t str>,
+    pub broken: Vec<Cow<'t, str>>,
     /// False where something may be missing only because it could not be read.
     pub whole: bool,
 }
 
-const TOP: [&str; 6] = ["version", "include", "scene", "axes", "presets", "nodes"];
+const TOP: [&str; 7] = ["version", "include", "parameters", "scene", "axes", "presets", "nodes"];
 
 /// What a text is to be read as.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,6 +107,15 @@ pub(crate) fn parse_preset<'t>(
         let start = parser.scan.at;
         parser.nodes(start..start + 1);
     })
+}
+
+/// Reads `trace.samples=4`, which is the named part of the text.
+pub(crate) fn parse_setting<'t>(
+    text: &'t str,
+    part: Range<usize>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Document<'t> {
+    Parser::read(text, part, Sort::Overlay, diagnostics, Parser::setting)
 }
 
 struct Parser<'t> {
@@ -146,9 +171,15 @@ impl<'t> Parser<'t> {
             match name {
                 "version" => parser.document.version = parser.value(name, span),
                 // Laid over, all blocks are alike.
-                "scene" | "axes" if parser.sort == Sort::Overlay => parser.add_node(name, span),
+                "scene" | "axes" | "parameters" if parser.sort == Sort::Overlay => {
+                    parser.add_node(name, span);
+                }
                 "scene" => parser.scene(span),
                 "axes" => parser.axes(span),
+                "parameters" => {
+                    let how = "`parameters` is written `parameters: (yaw_deg: 0.0, object: Required)`";
+                    parser.document.parameters = parser.block(span, how).unwrap_or_default();
+                }
                 "include" if parser.sort == Sort::Graph => parser.document.include = parser.value(name, span),
                 "presets" if parser.sort == Sort::Graph => {
                     let how = "`presets` is written `presets: (draft: (trace: (samples: 4)))`";
@@ -176,7 +207,10 @@ impl<'t> Parser<'t> {
                             format!("a graph has no field `{}`", shown(other)),
                         )
                         .suggest(other, TOP)
-                        .hint("a graph has the fields `version`, `include`, `scene`, `axes`, `presets` and `nodes`"),
+                        .hint(format!(
+                            "a graph has the fields {}",
+                            TOP.map(|name| format!("`{name}`")).join(", ")
+                        )),
                     );
                     parser.scan.value();
                 }
@@ -190,6 +224,28 @@ impl<'t> Parser<'t> {
                     .hint("if more nodes were to follow, a `)` too many stands before them"),
             );
         }
+    }
+
+    fn setting(&mut self) {
+        let start = self.scan.at;
+        let rest = &self.scan.text[start..];
+        let Some((place, (id, name))) =
+            rest.split_once('=').and_then(|(place, _)| Some((place, place.rsplit_once('.')?)))
+        else {
+            return self
+                .scan
+                .report(Diagnostic::new(start..start, "a setting is written `node.field=value`"));
+        };
+        let (id_span, equals) = (start..start + id.len(), start + place.len());
+        self.scan.at = equals + 1;
+        let fields = self.value(name, id_span.end + 1..equals).into_iter().collect();
+        if !self.scan.is_at_end() {
+            let rest = self.scan.at..self.scan.text.len();
+            self.scan.report(Diagnostic::of(Code::Setting, rest, "nothing may follow the value"));
+        }
+        let (kind_span, span) = (id_span.clone(), start..self.scan.at);
+        let node = RawNode { id: id.into(), id_span, kind: "", kind_span, span, fields, scope: 0 };
+        self.document.nodes.push(node);
     }
 
     /// Walks over `(name: .., name: ..)`; `each` reads one value. The current place is the parenthesis.
@@ -217,10 +273,11 @@ impl<'t> Parser<'t> {
                 self.after_mistake();
                 continue;
             };
+            let name = self.nested(name, start);
             let span = start..self.scan.at;
             self.scan.skip_space();
             if !self.scan.eat(b':') {
-                self.document.broken.push(name);
+                self.document.broken.push(name.into());
                 self.scan.report(
                     Diagnostic::new(span, format!("`{}` has no value", shown(name)))
                         .label("expected `name: value`"),
@@ -241,6 +298,14 @@ impl<'t> Parser<'t> {
                 self.after_mistake();
             }
         }
+    }
+
+    /// In an overlay, a name goes on to those inside of a subgraph: `left.pose`.
+    fn nested(&mut self, name: &'t str, start: usize) -> &'t str {
+        while self.sort == Sort::Overlay && self.scan.eat(b'.') {
+            self.scan.word();
+        }
+        self.scan.text.get(start..self.scan.at).unwrap_or(name)
     }
 
     /// Goes on with what looks like the next field: a name and a colon, or what follows a comma.
@@ -269,7 +334,9 @@ impl<'t> Parser<'t> {
         match self.scan.value() {
             // What was reported already needs no second report from whoever reads the value.
             Some(_) if self.scan.diagnostics.len() > before => None,
-            Some(span) => Some(RawField { name, name_span, text: &self.scan.text[span.clone()], span }),
+            Some(span) => {
+                Some(RawField { name, name_span, text: &self.scan.text[span.clone()], span, scope: 0 })
+            }
             None => {
                 let what = format!("`{}` has no value", shown(name));
                 self.scan.report(Diagnostic::new(name_span, what).label("expected `name: value`"));
@@ -329,7 +396,7 @@ impl<'t> Parser<'t> {
         let before = self.scan.diagnostics.len();
         match self.node(id, id_span) {
             Some(node) if self.scan.diagnostics.len() == before => self.document.nodes.push(node),
-            _ => self.document.broken.push(id),
+            _ => self.document.broken.push(id.into()),
         }
     }
 
@@ -356,7 +423,7 @@ impl<'t> Parser<'t> {
             self.scan.at = kind_span.end;
         }
         let span = start..self.scan.at;
-        Some(RawNode { id, id_span, kind, kind_span, span, fields, folder: "" })
+        Some(RawNode { id: id.into(), id_span, kind, kind_span, span, fields, scope: 0 })
     }
 }
 

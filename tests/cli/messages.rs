@@ -151,7 +151,8 @@ fn every_setting_that_is_wrong_is_told_at_once() {
     let told = errors(&["pose.yaw_deg=abc", "poose.x=1", "camera.eye=(1, 2)", "trace.samples=64"]);
     for part in [
         "`yaw_deg` takes a number, not text",
-        "--> --set:1:",
+        "--> --set:1:14",
+        "1 | pose.yaw_deg=\"abc\"",
         "did you mean `pose`?",
         "`eye` takes 3 numbers in ( ), not only 2",
     ] {
@@ -160,6 +161,15 @@ fn every_setting_that_is_wrong_is_told_at_once() {
     assert_eq!(told.matches("error: ").count(), 3, "{told}");
     let told = errors(&["bad", "pose.yaw_deg=1", "worse="]);
     assert!(told.contains("`--set bad` is no setting") && told.contains("`--set worse=`"), "{told}");
+}
+
+#[test]
+fn a_missing_file_is_told_beside_what_else_is_wrong_with_its_node() {
+    let place = Place::new(
+        &INSERT.replace("nodes: (", "nodes: (e: LoadEnvironment(path: \"gone.hdr\", scale: -1e99),"),
+    );
+    let told = text(&place.call(&["check", "graph.ron"]).stderr);
+    assert!(told.contains("`gone.hdr` does not exist") && told.contains("`scale` is out of range"), "{told}");
 }
 
 #[test]

@@ -286,7 +286,7 @@ fn a_bundle_holds_what_a_graph_includes() {
     let verified = checked(&lab, &bytes, 9, 0);
     assert!(verified.is_good() && verified.known == 2, "{verified:?}");
     let text = String::from_utf8_lossy(&bytes).into_owned();
-    assert!(text.contains("by: 7.5") && text.contains("parts/n.txt"), "settings go along");
+    assert!(text.contains("y.by=7.5") && text.contains("parts/n.txt"), "settings go along");
 
     let away = lab.engine().pack(&graph("../shared/part.ron"), &[], Results::All, &mut Vec::new());
     let error = away.unwrap_err().to_string();

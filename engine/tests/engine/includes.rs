@@ -153,7 +153,10 @@ fn mistakes_of_overlays_lie_in_them() {
         (source().with_preset("bigg"), &["--preset:1:1\n", "no preset `bigg`", "did you mean `big`?"]),
         (source().with_preset("big"), &["graph.ron:1:63\n", "no node is named `tow`", "did you mean `two`?"]),
         (source().with_preset("small"), &["graph.ron:1:", "is not a node"]),
-        (engine::apply(&source(), &["two.by=\"a\"".parse().unwrap()]), &["--set:1:27\n", "takes a number"]),
+        (
+            engine::apply(&source(), &["two.by=\"a\"".parse().unwrap()]),
+            &["--set:1:8\n", "two.by=\"a\"", "takes a number"],
+        ),
     ] {
         let text = wrong(source);
         for part in wanted {

@@ -18,4 +18,5 @@ mod mistakes;
 mod plans;
 mod running;
 mod shapes;
+mod subgraphs;
 mod watching;

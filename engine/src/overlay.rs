@@ -1,0 +1,89 @@
+//! Overlays: values that take the place of those written, by node and field.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use crate::diag::{Code, Diagnostic, nearest, shown};
+use crate::syntax::{Document, RawField, RawNode, RawScene};
+
+/// What is laid over the nodes of a graph, by name of node; those of one name in their order.
+#[derive(Debug, Default)]
+pub(crate) struct Overlays<'t> {
+    nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
+}
+
+impl<'t> Overlays<'t> {
+    /// Lays one more over those before.
+    pub fn push(&mut self, overlay: Document<'t>) {
+        for node in overlay.nodes {
+            self.nodes.entry(node.id.clone()).or_default().push(node);
+        }
+    }
+
+    /// Lays what is meant for `scene`, `axes` and `parameters` over them.
+    pub fn lay_on_blocks(&mut self, document: &mut Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        let known: Vec<&str> = document.parameters.iter().map(|parameter| parameter.name).collect();
+        for name in ["scene", "axes", "parameters"] {
+            let own = document.nodes.iter().find(|node| node.id == name).map(|node| &node.fields);
+            // A node may be called `scene`, too; what only the block can have is the block's.
+            let is_nodes = |over: &RawNode<'t>| {
+                own.is_some_and(|own| {
+                    over.fields.iter().all(|field| own.iter().any(|o| o.name == field.name))
+                })
+            };
+            let (nodes, block): (Vec<_>, Vec<_>) =
+                self.nodes.remove(name).unwrap_or_default().into_iter().partition(is_nodes);
+            if name == "parameters" {
+                let strangers = block.iter().flat_map(|over| &over.fields);
+                diagnostics.extend(strangers.filter(|field| !known.contains(&field.name)).map(|field| {
+                    let what = format!("the graph has no parameter `{}`", shown(field.name));
+                    Diagnostic::of(Code::UnknownField, field.name_span.clone(), what)
+                        .suggest(field.name, known.iter().copied())
+                }));
+            }
+            let fields = match name {
+                "axes" => Some(&mut document.axes),
+                "parameters" => Some(&mut document.parameters),
+                _ => document.scene.as_mut().map(|scene: &mut RawScene<'t>| &mut scene.fields),
+            };
+            match fields {
+                Some(fields) => block.into_iter().for_each(|over| lay(fields, over.fields)),
+                None => drop(self.nodes.insert(name.into(), block)),
+            }
+            if !nodes.is_empty() {
+                self.nodes.insert(name.into(), nodes);
+            }
+        }
+    }
+
+    /// Lays what is meant for a node over it.
+    pub fn lay_on(&mut self, node: &mut RawNode<'t>) {
+        if !self.nodes.is_empty()
+            && let Some(over) = self.nodes.remove(&node.id)
+        {
+            over.into_iter().for_each(|over| lay(&mut node.fields, over.fields));
+        }
+    }
+
+    /// Reports what is meant for nodes that are not there.
+    pub fn strangers(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        for node in self.nodes.into_values().flatten() {
+            let what = format!("no node is named `{}`", shown(&node.id));
+            let mistake = Diagnostic::of(Code::UnknownNode, node.id_span, what);
+            let near = nearest(&node.id, document.nodes.iter().map(|known| &*known.id));
+            diagnostics.push(match near {
+                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
+                None => mistake,
+            });
+        }
+    }
+}
+
+fn lay<'t>(fields: &mut Vec<RawField<'t>>, over: Vec<RawField<'t>>) {
+    for field in over {
+        match fields.iter_mut().find(|known| known.name == field.name) {
+            Some(known) => *known = field,
+            None => fields.push(field),
+        }
+    }
+}
