@@ -17,8 +17,8 @@ use crate::history::Book;
 use crate::log::Log;
 use crate::store::{Store, kind, lock};
 
-/// The name of the note in a book that says when it was last used: seconds since 1970, 8 bytes.
-pub(crate) const USED: &str = "";
+/// The book that says when each other one was last used: under its key, seconds since 1970, 8 bytes.
+pub(crate) const USED: &str = "used";
 
 /// A collection stops this far below the limit, so that the next run does not need another one.
 const LOW_WATER: f64 = 0.9;
@@ -137,6 +137,7 @@ impl Store {
         if limits.dry_run || (gone.is_empty() && dead.is_empty() && collected.before <= most) {
             return Ok(collected);
         }
+        self.forget_last_runs();
         // Records first: a killed collection leaves blobs that nothing names, and never the reverse.
         let kept = |found: u8, key: &Digest| match found {
             kind::RECORD => !gone.contains(key),
@@ -197,12 +198,12 @@ fn stored_size(payload: u64) -> u64 {
 /// When each key in a book was used last.
 fn last_used(records: &mut Log) -> Result<BTreeMap<Digest, u64>> {
     let mut used = BTreeMap::new();
-    for book in records.keys(kind::HISTORY)? {
-        let Some(bytes) = records.get(kind::HISTORY, &book)? else { continue };
-        let book = Book::open(bytes);
-        let time =
-            book.get(USED).and_then(|time| time.first_chunk()).map_or(0, |time| u64::from_le_bytes(*time));
-        for (_, value) in book.notes() {
+    let times = Book::open(records.get(kind::HISTORY, &Book::key(USED))?.unwrap_or_default());
+    for key in records.keys(kind::HISTORY)? {
+        let Some(bytes) = records.get(kind::HISTORY, &key)? else { continue };
+        let time = times.get(&key.to_string()).and_then(|time| time.first_chunk());
+        let time = time.map_or(0, |time| u64::from_le_bytes(*time));
+        for (_, value) in Book::open(bytes).notes() {
             for key in value.as_chunks::<32>().0 {
                 let known = used.entry(Digest::from_bytes(*key)).or_insert(0);
                 *known = time.max(*known);

@@ -94,6 +94,9 @@ impl Store {
     ) -> Result<Checked> {
         let mut checked = Checked::default();
         let Some(root) = self.folder() else { return Ok(checked) };
+        if repair {
+            self.forget_last_runs();
+        }
         checked.damaged_bytes = lock(self.records()).reread()? + self.blobs().reread_small()?;
         let small = self.blobs().small_sizes()?.into_iter();
         let large = blob_files(root).into_iter().map(|(digest, meta)| (digest, meta.len()));

@@ -50,7 +50,13 @@ pub struct KeyWriter {
 impl KeyWriter {
     /// Starts a walk. `tag` says what kind of key this is; keys of different tags never meet.
     pub fn new(tag: &str) -> KeyWriter {
-        let mut writer = KeyWriter { encoding: Vec::with_capacity(512), refused: false };
+        KeyWriter::in_memory_of(Vec::with_capacity(512), tag)
+    }
+
+    /// The same in memory that another walk had, which is [`Manifest::into_bytes`].
+    pub fn in_memory_of(mut encoding: Vec<u8>, tag: &str) -> KeyWriter {
+        encoding.clear();
+        let mut writer = KeyWriter { encoding, refused: false };
         writer.text(FORMAT);
         writer.text(tag);
         writer

@@ -32,6 +32,7 @@
 //!   blobs/ab/abcd…           every other blob, by the 64 digits of its digest below the first two
 //!   temp/.PID-N.lightharmony-temp   files being written, locked (flock) by their writer
 //!   quarantine/abcd…         bad blobs (the last of each digest) and logs without a head; never read
+//!   last/abcd…               what the last run of a graph looked up, then the BLAKE3 of that; saves time only
 //!   leases/abcd…             by key, locked by the holder, removed by it before it unlocks
 //!   pins/abcd…               what no collection removes: a name, then keys, a line each
 //!   runs.lock                locked shared while a run is at work, and alone by a collection
@@ -87,6 +88,7 @@ mod history;
 mod index;
 mod inspect;
 mod key;
+mod last_run;
 mod lease;
 mod log;
 mod log_head;

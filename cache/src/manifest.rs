@@ -92,6 +92,11 @@ impl Manifest {
         &self.encoding
     }
 
+    /// The same, for [`KeyWriter::in_memory_of`](crate::KeyWriter::in_memory_of).
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.encoding
+    }
+
     /// What [`KeyWriter::new`](crate::KeyWriter::new) was told.
     pub fn tag(&self) -> String {
         let mut reader = Reader { rest: &self.encoding };

@@ -187,11 +187,13 @@ impl Store {
     }
 
     /// Says that a run is at work, until the guard is dropped: no collection removes anything meanwhile. Waits
-    /// for one that is at work, for as long as `cancelled` allows. Notes in `book` when it was used.
+    /// for one that is at work, for as long as `cancelled` allows. Notes when `book` was used.
     pub fn begin_run(&self, book: &str, cancelled: &dyn Fn() -> bool) -> Running {
         let today = gc::seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS;
-        if self.history_get(book, gc::USED).as_deref() != Some(&today.to_le_bytes()) {
-            self.history_put(book, gc::USED, &today.to_le_bytes());
+        // In a book of its own, since that of a large graph takes long to read.
+        let name = Book::key(book).to_string();
+        if self.history_get(gc::USED, &name).as_deref() != Some(&today.to_le_bytes()) {
+            self.history_put(gc::USED, &name, &today.to_le_bytes());
         }
         // Where locks do not work there is no collection either.
         let guard = self.runs().ok().flatten().and_then(|runs| runs.shared_when_free(cancelled));

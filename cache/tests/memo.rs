@@ -91,6 +91,30 @@ fn a_file_from_the_future_is_always_read() {
 }
 
 #[test]
+fn a_clock_that_jumps_costs_reading_and_gives_no_wrong_digest() {
+    const YEAR: i64 = 365 * 24 * 3600 * 1_000_000_000;
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(&folder.path().join("cache"));
+    let path = folder.path().join("source");
+    // When the memo is taken, the clock stands a year back, and files seem to be from the future; or a year ahead.
+    for (jump, trusted) in [(-YEAR, false), (YEAR, true)] {
+        fs::write(&path, b"one").unwrap();
+        let mut stamp = FileStamp::of(&path).unwrap();
+        stamp.taken_ns += jump;
+        store.memo_put(&path, &stamp, &Digest::of(b"one"));
+        assert_eq!(store.memo_get(&path, &stamp).is_some(), trusted, "{jump}");
+        assert_eq!(store.digest_file(&path).unwrap().0, Digest::of(b"one"));
+        // Whatever the clock said then, and whenever the edit claims to be made.
+        for (content, year) in [("three", 0), ("seventh", 1), ("eleventh!", -1)] {
+            fs::write(&path, content).unwrap();
+            let time = SystemTime::UNIX_EPOCH + Duration::from_nanos((stamp.mtime_ns + year * YEAR) as u64);
+            File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+            assert_eq!(store.digest_file(&path).unwrap().0, Digest::of(content.as_bytes()));
+        }
+    }
+}
+
+#[test]
 fn errors_and_long_files() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::in_memory();

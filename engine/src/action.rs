@@ -26,6 +26,11 @@ impl Action {
     pub fn digest(&self) -> Digest {
         self.key.as_ref().expect("a prepared action has a key").digest
     }
+
+    /// Gives up what its key was made of, for the memory in which the next one is written.
+    pub fn take_memory(&mut self) -> Vec<u8> {
+        self.key.take().map(|key| key.manifest.into_bytes()).unwrap_or_default()
+    }
 }
 
 /// Finds the files that a node reads and digests them.
@@ -35,21 +40,22 @@ pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result
     files.into_iter().map(|file| digest_source(store, node, file)).collect()
 }
 
-/// Makes the key of a node. `output` gives what a wire carries, `sources_above` the sources of the nodes
-/// above.
+/// Makes the key of a node, in `memory`. `output` gives what a wire carries, `sources_above` the sources of the
+/// nodes above.
 pub(crate) fn prepare<'s>(
     graph: &Graph,
     index: usize,
     sources: Vec<ReadSource>,
     output: impl Fn(Wire) -> &'s Output,
     sources_above: impl Fn(usize) -> &'s [ReadSource],
+    memory: Vec<u8>,
 ) -> Result<Action, NodeError> {
     let node = &graph.nodes[index];
     let recipe = node.kind.reads.contains(&ContextField::Recipe).then(|| {
         let sources_of = |node: usize| if node == index { sources.as_slice() } else { sources_above(node) };
         Arc::from(recipe(graph, index, sources_of))
     });
-    let key = node_key(graph, index, output, &sources, recipe.as_deref())?;
+    let key = node_key(graph, index, output, &sources, recipe.as_deref(), memory)?;
     Ok(Action { sources, recipe, key: Some(key) })
 }
 

@@ -115,6 +115,11 @@ impl Encoder {
         self.u8s(value.as_bytes());
     }
 
+    /// Appends bytes whose number is known.
+    pub(crate) fn raw(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+    }
+
     /// Appends another artifact in place.
     pub fn artifact<A: Artifact>(&mut self, value: &A) {
         value.encode(self);
@@ -162,6 +167,11 @@ impl<'a> Decoder<'a> {
             Some(bytes) if bytes <= self.rest.len() => Ok(count),
             _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
         }
+    }
+
+    /// How many bytes are left.
+    pub(crate) fn left(&self) -> usize {
+        self.rest.len()
     }
 
     /// Where the bytes of a slice or text lie in the `whole` that this decoder began with.

@@ -13,16 +13,17 @@ use crate::record::Output;
 const FORMAT: &str = "lightharmony action 1";
 const PART_FORMAT: &str = "lightharmony part 1";
 
-/// The key of a node whose inputs are known. `output` gives what a wire carries.
+/// The key of a node whose inputs are known, written in `memory`. `output` gives what a wire carries.
 pub(crate) fn node_key<'s>(
     graph: &Graph,
     index: usize,
     output: impl Fn(Wire) -> &'s Output,
     sources: &[ReadSource],
     recipe: Option<&str>,
+    memory: Vec<u8>,
 ) -> Result<Key, cache::KeyError> {
     let (node, scene) = (&graph.nodes[index], &graph.scene);
-    let mut to = KeyWriter::new(FORMAT);
+    let mut to = KeyWriter::in_memory_of(memory, FORMAT);
     to.str("kind", node.kind.name);
     to.u64("version", node.kind.version.into());
     to.str("profile", node.kind.profile);

@@ -104,6 +104,7 @@ mod include;
 mod job;
 mod key;
 mod kind;
+mod known;
 mod launch;
 mod lock;
 mod memory;

@@ -218,7 +218,14 @@ impl<'a> Outlook<'a> {
                 [wire.port]
         };
         let sources = read_sources(self.graph, index, self.engine.store())?;
-        prepare(self.graph, index, sources, output, |above| self.actions[above].sources.as_slice())
+        prepare(
+            self.graph,
+            index,
+            sources,
+            output,
+            |above| self.actions[above].sources.as_slice(),
+            Vec::new(),
+        )
     }
 
     /// Runs an instant node and what instant nodes it takes its inputs from, in memory only.

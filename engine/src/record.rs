@@ -57,7 +57,8 @@ impl Record {
         whole.finish()
     }
 
-    fn body(&self) -> Vec<u8> {
+    /// The bytes without the manifest.
+    pub fn body(&self) -> Vec<u8> {
         let mut to = Encoder::default();
         to.u64(self.outputs.len() as u64);
         for output in &self.outputs {
@@ -93,7 +94,12 @@ impl Record {
 
     /// Reads a record of a node's kind; a record of other outputs is none of this kind.
     pub fn decode(bytes: &[u8], node: &Node) -> Result<Self, Corrupt> {
-        let mut from = Decoder::new(Decoder::new(bytes).raw()?);
+        Self::decode_body(Decoder::new(bytes).raw()?, node)
+    }
+
+    /// Reads what [`body`](Self::body) wrote.
+    pub fn decode_body(body: &[u8], node: &Node) -> Result<Self, Corrupt> {
+        let mut from = Decoder::new(body);
         let ports = &node.kind.outputs;
         if from.length(53)? != ports.len() {
             return Err(Corrupt("another number of outputs".to_owned()));

@@ -20,6 +20,7 @@ use crate::error::NodeError;
 use crate::event::{Counts, Event, State, Totals};
 use crate::graph::{Graph, Wire};
 use crate::job::{Finished, Message, guarded};
+use crate::known::Known;
 use crate::record::{Output, Record};
 use crate::schedule::{Engine, Outcome, RunOptions};
 use crate::sink;
@@ -58,6 +59,11 @@ pub(crate) struct Run<'a> {
     made: HashMap<Digest, usize>,
     /// Name of the book in which keys are remembered.
     last_keys: String,
+    /// What the last run looked up, and whether this one comes to something else.
+    known: Known,
+    news: bool,
+    /// Memory in which keys are written.
+    scratch: Vec<u8>,
     /// Which sink writes a file.
     claims: BTreeMap<PathBuf, usize>,
     /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
@@ -105,6 +111,8 @@ impl<'a> Run<'a> {
         }
         let ready = graph.order().iter().filter(|&&node| wanted[node] && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
+        let last_keys = last_keys(graph);
+        let known = Known::read(&engine.store, &last_keys, graph.nodes.len());
         Self {
             engine,
             graph,
@@ -119,7 +127,10 @@ impl<'a> Run<'a> {
             parked: Vec::new(),
             in_flight: HashMap::new(),
             made: HashMap::new(),
-            last_keys: last_keys(graph),
+            last_keys,
+            known,
+            news: false,
+            scratch: Vec::new(),
             claims: BTreeMap::new(),
             supplied: 0,
             running: 0,
@@ -255,12 +266,19 @@ impl<'a> Run<'a> {
             &slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
         };
         let sources_above = |above: usize| slots[above].action.sources.as_slice();
-        let action = match prepare(self.graph, index, sources, output, sources_above) {
+        let scratch = std::mem::take(&mut self.scratch);
+        let mut action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
             Ok(action) => action,
             Err(error) => return self.fail(index, &error),
         };
         let key = action.digest();
         self.slots[index].key = Some(key);
+        if let Some(record) = self.known.record(self.graph, index, &key) {
+            self.scratch = action.take_memory();
+            self.slots[index].action = action;
+            return self.settle_known(index, record);
+        }
+        self.news = true;
         self.slots[index].action = action;
         if let Some(&twin) = self.made.get(&key) {
             let record = self.slots[twin].record.clone().expect("what was made has a record");
@@ -301,6 +319,19 @@ impl<'a> Run<'a> {
 
     /// The outputs of a node are known: what waited for that is resolved.
     fn settle(&mut self, index: usize, record: Record, state: State, counts: Counts) {
+        let rough = self.graph.reads(index).iter().any(|&above| self.slots[above].rough);
+        if let Some(key) = self.slots[index].key.filter(|_| !rough && !self.slots[index].rough) {
+            remember(&self.engine.store, &self.last_keys, &self.graph.nodes[index], &key);
+        }
+        self.settle_as(index, record, state, counts);
+    }
+
+    /// Nothing about the node is new.
+    fn settle_known(&mut self, index: usize, record: Record) {
+        self.settle_as(index, record, State::Cached, Counts::new());
+    }
+
+    fn settle_as(&mut self, index: usize, record: Record, state: State, counts: Counts) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
@@ -312,9 +343,6 @@ impl<'a> Run<'a> {
         slot.end = Some(state);
         // What the key was made of is in the record, and a large graph would hold it all.
         slot.action.key = None;
-        if let Some(key) = slot.key.filter(|_| !slot.rough) {
-            remember(&self.engine.store, &self.last_keys, node, &key);
-        }
         for (name, n) in &counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
@@ -423,6 +451,9 @@ impl<'a> Run<'a> {
                 self.slots[index].life = Life::Skipped;
                 self.tell_skipped(index);
             }
+        }
+        if self.news && !self.store_failed {
+            self.known.write(&self.engine.store, &self.last_keys, &self.slots);
         }
         if let Err(error) = self.engine.store.flush() {
             let text = NodeError::from(error).to_string();

@@ -89,7 +89,8 @@ impl Engine {
                 &above.outputs[wire.port]
             };
             let above = |above: usize| sources[above].as_slice();
-            let action = prepare(graph, index, sources[index].clone(), output, above).map_err(refused)?;
+            let action =
+                prepare(graph, index, sources[index].clone(), output, above, Vec::new()).map_err(refused)?;
             let manifest = action.key.as_ref().map(|key| &key.manifest).expect("a prepared action has a key");
             // How long it took is nobody else's.
             let told = Record { spent: Spent::default(), ..record.clone() };

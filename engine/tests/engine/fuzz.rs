@@ -198,6 +198,8 @@ fn logs_blobs_and_indices() {
             if random.below(3) == 0 {
                 mutate(&mut bytes, &mut random, &["LHe1"]);
             }
+            // A repair removes the folder of what last runs looked up.
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, bytes).unwrap();
         }
         let _ = std::fs::remove_dir_all(lab.path("out"));
