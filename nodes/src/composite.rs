@@ -162,7 +162,7 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::context;
+    use crate::testing::{context, row};
     use crate::types::{Data, Srgb};
 
     fn one(picture: impl Into<Picture>) -> Arc<Images> {
@@ -185,24 +185,40 @@ mod tests {
         Image::<Linear>::from_samples(1, 1, 3, c.to_vec()).into()
     }
 
-    // Row 56, and no shadow leaves the background bit for bit.
+    /// And no shadow leaves the background bit for bit.
+    /// Mutation: `1 - alpha` by a rounded alpha.
     #[test]
-    fn full_and_empty_masks_are_exact() {
+    fn row_56_full_and_empty_masks_are_exact() {
         let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], s), [0.1 * 0.25, 0.7 * 0.5, 3.3]);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], [1.0; 3]), b);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 9.0, 1.0], s), [0.2, 0.3, 9.0]);
     }
 
-    // Row 57: light with no coverage (a glow) is added.
+    /// Light with no coverage is a glow.
+    /// Mutation: the object's colour times its alpha.
     #[test]
-    fn glow_is_added() {
+    fn row_57_glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
-    // Row 59: holes show the backdrop or stay open, and the alpha that leaves is that of "over".
+    /// What an object of a colour and a coverage gives, premultiplied or by the formula for straight alpha.
+    /// Mutation: alpha applied twice.
     #[test]
-    fn holes_show_the_backdrop_or_stay_open() {
+    fn row_58_premultiplied_is_straight_times_alpha() {
+        let (b, colour) = (0.4_f32, 0.7_f32);
+        let error = (0..=20).map(|k| {
+            let alpha = k as f32 / 20.0;
+            let ours = run(None, rgb([b; 3]), [colour * alpha, 0.0, 0.0, alpha], [0.5; 3])[0];
+            f64::from((ours - (b * 0.5 * (1.0 - alpha) + colour * alpha)).abs())
+        });
+        row(58, "difference of premultiplied and straight", error.fold(0.0, f64::max), 1e-6);
+    }
+
+    /// Holes show the backdrop or stay open, and the alpha that leaves is that of "over".
+    /// Mutation: the backdrop under all of the background, its covered part too.
+    #[test]
+    fn row_59_holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();
         let over = run(Some([1.0, 0.0, 0.0]), half.clone(), [0.0; 4], [0.5; 3]);
         assert_eq!(over, [0.6, 0.1, 0.1]);

@@ -24,11 +24,18 @@ pub struct Materials<'a> {
 }
 
 /// What a material may say and we do not draw, and what shows instead.
-const NOT_DRAWN: [(&str, &str); 3] = [
+const NOT_DRAWN: [(&str, &str); 4] = [
+    ("KHR_lights_punctual", "its lamps shed no light; emissive surfaces do"),
     ("KHR_materials_dispersion", "light of all colours is bent alike"),
     ("KHR_materials_volume_scatter", "nothing scatters inside"),
     ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are taken"),
 ];
+
+/// What leaving out an extension does.
+fn effect(extension: &str) -> &'static str {
+    let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
+    known.map_or("it is not known here", |(_, effect)| effect)
+}
 
 impl<'a> Materials<'a> {
     /// A reader of the materials in `json`.
@@ -50,11 +57,32 @@ impl<'a> Materials<'a> {
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
+        self.tell_others(notes);
         if self.occluded {
             let text = "occlusion maps are not read: rays find what the shape hides, and would find it twice";
             notes.decision("occlusion-traced", text);
         }
         Ok(materials)
+    }
+
+    /// Names what the file uses, not in a material, and we do not know. Lamps are missed only where one hangs.
+    fn tell_others(&self, notes: &mut Notes) {
+        let lamps = self.json["nodes"].as_array().into_iter().flatten();
+        let lamps = lamps.filter(|node| node["extensions"].get("KHR_lights_punctual").is_some()).count();
+        if lamps > 0 {
+            let text = format!(
+                "KHR_lights_punctual is left out ({lamps} of them): {}",
+                effect("KHR_lights_punctual")
+            );
+            notes.degraded("lights-ignored", text);
+        }
+        let used = self.json["extensionsUsed"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        let told = |name: &str| self.ignored.iter().any(|text| text.split(' ').next() == Some(name));
+        for name in used.filter(|name| !SUPPORTED.contains(name) && *name != "KHR_lights_punctual") {
+            if !told(name) && !name.starts_with("KHR_materials_") {
+                notes.warning("extension-ignored", format!("{name} is left out: {}", effect(name)));
+            }
+        }
     }
 
     fn material(&mut self, m: &Value) -> Result<Material, Error> {
@@ -70,9 +98,7 @@ impl<'a> Materials<'a> {
         let emissive: [f32; 3] = self.factors(&m["emissiveFactor"], 0.0, 1.0);
         for name in m["extensions"].as_object().into_iter().flat_map(|all| all.keys()) {
             if !SUPPORTED.contains(&name.as_str()) {
-                let effect = NOT_DRAWN.iter().find(|(known, _)| known == name);
-                let effect = effect.map_or("it is not known here", |(_, effect)| effect);
-                self.ignored.insert(format!("{name} is left out: {effect}"));
+                self.ignored.insert(format!("{name} is left out: {}", effect(name)));
             }
         }
         self.occluded |= m["occlusionTexture"].get("index").is_some();
@@ -325,6 +351,25 @@ mod tests {
         let ids: Vec<&str> = notes.iter().map(|n| n.id.as_str()).collect();
         assert_eq!(ids, ["factors-clamped", "material-ignored", "occlusion-traced"]);
         assert!(notes.iter().any(|n| n.text.starts_with("KHR_materials_dispersion")));
+    }
+
+    // Whatever a file uses and we do not is named, wherever it stands.
+    #[test]
+    fn what_is_not_known_is_named() {
+        let json = json!({
+            "extensionsUsed": ["KHR_lights_punctual", "MSFT_lod", "KHR_materials_ior", "KHR_materials_dispersion"],
+            "extensions": {"KHR_lights_punctual": {"lights": [{"type": "point"}]}},
+            "nodes": [{"extensions": {"KHR_lights_punctual": {"light": 0}}}, {}]
+        });
+        let mut notes = Notes::none();
+        assert!(Materials::new("a", &json).read(&mut notes).is_ok());
+        let told: Vec<_> = notes.iter().map(|n| (n.id.as_str(), n.text.as_str())).collect();
+        assert_eq!(told[0].0, "lights-ignored");
+        assert!(
+            told[0].1.contains("(1 of them)") && told[1].1.starts_with("MSFT_lod is left out"),
+            "{told:?}"
+        );
+        assert_eq!(told.len(), 2);
     }
 
     #[test]

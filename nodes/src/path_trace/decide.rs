@@ -1,11 +1,24 @@
 //! What `Auto` becomes, and what the user should know of it.
 
 use engine::Notes;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::PathTrace;
-use super::rules::{self, Block, Bounce, EnvBlock, Probe, Rules, SpecularSees};
+use super::objects::Objects;
+use super::rules::{self, Block, Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
 use super::stage::Stage;
+use super::walk::{Vertex, Walk, World};
+use crate::color::luminance;
+use crate::num;
+use crate::sampling::Points;
+
+/// What was decided, and what it was decided by.
+pub(super) struct Decided {
+    pub(super) rules: Rules,
+    pub(super) probe: Option<Probe>,
+    /// What walls counted twice add, or would add; none where the receiver is a solid body anyway.
+    pub(super) twice: Option<f64>,
+}
 
 impl PathTrace {
     /// Decides what was left to `Auto`, and tells.
@@ -15,7 +28,7 @@ impl PathTrace {
         centre: DVec3,
         metres_per_unit: f64,
         notes: &mut Notes,
-    ) -> (Rules, Option<Probe>) {
+    ) -> Decided {
         let from = rules::framed(centre, stage.origin);
         let needs_probe = matches!(self.env_block, EnvBlock::Auto | EnvBlock::FrontFace { .. });
         let probe = needs_probe.then(|| Probe::send(stage.receiver(), from));
@@ -55,6 +68,14 @@ impl PathTrace {
             }
         };
         let solid = block == Block::Solid;
+        let left_to_us = self.env_block == EnvBlock::Auto
+            && self.bounce == Bounce::Auto
+            && self.object_specular_sees == SpecularSees::Auto;
+        let near = match self.near_field {
+            NearField::On => true,
+            NearField::Off => false,
+            NearField::Auto => left_to_us && !solid && stage.inputs.env.origin.is_some(),
+        };
         let printed = self.env_block == EnvBlock::Paper;
         let rules = Rules {
             block,
@@ -71,20 +92,37 @@ impl PathTrace {
                 SpecularSees::Receiver => false,
             },
             printed,
+            near: near.then(|| from.to_array()),
             max_bounces: self.max_bounces,
             // The key takes no infinity.
             clamp: if self.clamp_indirect > 0.0 { self.clamp_indirect as f32 } else { f32::MAX },
         };
-        if rules.bounce_solid && block != Block::Solid {
-            // Each bounce returns the albedo's share of what falls on a wall: in a closed room all of them
-            // together a / (1 - a), at most.
-            let albedo = stage.receiver().mean_albedo();
-            let most = 100.0 * albedo / (1.0 - albedo).max(1e-3);
-            let text = format!(
-                "light of the room counts twice, in the environment and off its walls: up to {most:.0} % too much"
-            );
-            notes.warning("double-count", text);
+        let twice = (!solid).then(|| counted_twice(stage, from, &rules));
+        if rules.near.is_some() {
+            let text = "the receiver is the light that the environment shows of it from its point of capture";
+            notes.decision("near-field", text);
+        } else if let Some(twice) = twice.filter(|_| rules.bounce_solid) {
+            let text = "light of the room counts twice, in the environment and off its walls:";
+            notes.warning("double-count", format!("{text} {:.0} % too much", 100.0 * twice));
         }
-        (rules, probe)
+        Decided { rules, probe, twice }
     }
+}
+
+/// What is added to the light of the receiver, as the point of capture sees it, where its walls reflect the
+/// environment that already shows them: a share of what there is without.
+fn counted_twice(stage: &Stage<'_>, from: Vec3, rules: &Rules) -> f64 {
+    let Ok(objects) = Objects::new(&[], stage.origin) else { return 0.0 };
+    let light = |bounce_solid| {
+        let rules = Rules { bounce_solid, near: None, ..*rules };
+        let world = World { receiver: stage.receiver(), objects: &objects, sky: stage.sky(), rules: &rules };
+        let seen = Probe::rays(from).zip(0..).filter_map(|(ray, i)| {
+            let hit = world.receiver.bvh.closest(ray, |_| true)?;
+            let mut walk = Walk::new(world, Points::new(1, i), i, false);
+            Some(luminance(walk.radiance::<false>(Vertex::Receiver(hit), ray.direction).to_array()))
+        });
+        num::ordered_sum(seen)
+    };
+    let once = light(false);
+    if once > 0.0 { light(true) / once - 1.0 } else { 0.0 }
 }

@@ -33,6 +33,8 @@ pub(super) struct Lens<'a> {
     pub(super) eye: Vec3,
     /// Right, down and forward of the camera in the world.
     pub(super) axes: [DVec3; 3],
+    /// Half the width of a pixel for each unit of distance: the samples of a pixel find what is narrower.
+    pub(super) spread: f32,
     pub(super) seed: u64,
     pub(super) ground: &'a Ground,
 }
@@ -41,7 +43,8 @@ impl<'a> Lens<'a> {
     pub(super) fn new(camera: &'a Camera, origin: DVec3, seed: u64, ground: &'a Ground) -> Self {
         let pose = camera.world_from_camera();
         let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
-        Self { camera, eye: rules::framed(camera.eye(), origin), axes, seed, ground }
+        let spread = (0.5 / (camera.fx * camera.fy).abs().sqrt()) as f32;
+        Self { camera, eye: rules::framed(camera.eye(), origin), axes, spread, seed, ground }
     }
 
     pub(super) fn through(&self, x: f64, y: f64) -> Ray {

@@ -169,6 +169,30 @@ impl Sky {
     /// whole sky is sampled by luminance.
     #[inline]
     pub fn sample(&self, normal: Option<Vec3>, point: [u32; 2]) -> FromSky {
+        let (direction, texel, cell) = self.pick(normal, point);
+        self.from(direction, texel, self.aim.odds(normal, cell.0, cell.1))
+    }
+
+    /// As [`sample`](Self::sample), but half of the samples take no regard of the normal: for light whose
+    /// direction is not quite that of the panorama.
+    pub fn sample_about(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> FromSky {
+        let aimed = if a >> 31 == 0 { normal } else { None };
+        let (direction, texel, cell) = self.pick(aimed, [a << 1, b]);
+        self.from(direction, texel, self.odds_about(normal, cell))
+    }
+
+    fn odds_about(&self, normal: Option<Vec3>, (row, column): (usize, usize)) -> f32 {
+        0.5 * (self.aim.odds(normal, row, column) + self.aim.odds(None, row, column))
+    }
+
+    fn from(&self, direction: Vec3, (x, y): (usize, usize), odds: f32) -> FromSky {
+        let [r, g, b, pdf] = self.texels[y * self.width + x];
+        FromSky { direction, radiance: Vec3::new(r, g, b), pdf: pdf * odds }
+    }
+
+    /// A direction, the column and row of its texel, and the row and column of its cell.
+    #[inline]
+    fn pick(&self, normal: Option<Vec3>, point: [u32; 2]) -> (Vec3, (usize, usize), (usize, usize)) {
         const SCALE: f64 = 1.0 / 4_294_967_296.0;
         let (row, column, [v, u]) = self.aim.choose(normal, point.map(|p| f64::from(p) * SCALE));
         let (rows, columns) = self.texels_of(row, column);
@@ -189,9 +213,7 @@ impl Sky {
             num::sin_cos(2.0 * PI * ((x as f64 + u) / self.width as f64 - 0.5))
         };
         let radius = (1.0 - above * above).max(0.0).sqrt();
-        let direction = self.world([sin * radius, cos * radius, above]);
-        let [r, g, b, pdf] = self.texels[y * self.width + x];
-        FromSky { direction, radiance: Vec3::new(r, g, b), pdf: pdf * self.aim.odds(normal, row, column) }
+        (self.world([sin * radius, cos * radius, above]), (x, y), (row, column))
     }
 
     /// The light from a unit direction.
@@ -224,12 +246,22 @@ impl Sky {
     /// The light from a unit direction, and the density of sampling it for a surface.
     #[inline]
     pub fn lookup(&self, normal: Option<Vec3>, direction: Vec3) -> FromSky {
+        let (texel, cell) = self.find(direction);
+        self.from(direction, texel, self.aim.odds(normal, cell.0, cell.1))
+    }
+
+    /// The light from a unit direction, and the density of [`sample_about`](Self::sample_about).
+    pub fn lookup_about(&self, normal: Option<Vec3>, direction: Vec3) -> FromSky {
+        let (texel, cell) = self.find(direction);
+        self.from(direction, texel, self.odds_about(normal, cell))
+    }
+
+    /// The column and row of the texel that a unit direction shows, and the row and column of its cell.
+    #[inline]
+    fn find(&self, direction: Vec3) -> ((usize, usize), (usize, usize)) {
         let (x, y) = self.texel(direction);
-        let [r, g, b, pdf] = self.texels[y * self.width + x];
         let cell = |starts: &[usize], texel: usize| starts.partition_point(|&first| first <= texel) - 1;
-        let (row, column) = (cell(&self.rows, y), cell(&self.columns, x));
-        let pdf = pdf * self.aim.odds(normal, row, column);
-        FromSky { direction, radiance: Vec3::new(r, g, b), pdf }
+        ((x, y), (cell(&self.rows, y), cell(&self.columns, x)))
     }
 
     /// Column and row of the texel that a unit direction shows.

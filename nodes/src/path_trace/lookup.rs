@@ -1,12 +1,14 @@
 //! Attributes and textures at a point of an object.
 //!
-//! Texels are decoded to linear first and blended bilinearly after. There are no mipmaps: the many samples of
-//! a pixel, each at its own place, are the filter that a smaller copy of the texture would only imitate.
+//! Texels are decoded to linear first and blended bilinearly after. Where a ray stands for a width that covers
+//! many texels they come from smaller copies of the texture, between the two nearest in size. Alpha that cuts
+//! and normals do not: the mean of a cut is no cut, and the mean of normals is a smoother surface.
 
 use glam::{Vec2, Vec3};
 
+use super::pyramid::Pyramid;
 use crate::bvh::Hit;
-use crate::types::{ColourMap, Map, Object, Primitive, TextureRef, Wrap};
+use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap};
 
 /// A point of a primitive, for lookup.
 pub struct Spot<'a> {
@@ -20,6 +22,11 @@ pub struct Spot<'a> {
     pub hit: &'a Hit,
     /// Linear values of sRGB codes.
     pub decode: &'a [f32; 256],
+    /// Smaller copies of the textures of the object.
+    pub pyramids: &'a [Pyramid],
+    /// Width of the ray on the surface, as a share of the square root of twice the triangle's area; 0 for a ray
+    /// without width.
+    pub width: f32,
 }
 
 impl Spot<'_> {
@@ -67,13 +74,34 @@ impl Spot<'_> {
         if !uv.is_finite() {
             uv = Vec2::ZERO;
         }
+        // Texels across the ray's width: the triangle holds as many as its share of the picture.
+        let mut share = (b - a).perp_dot(c - a).abs();
         if let Some(t) = texture.transform {
             // KHR_texture_transform: a positive rotation turns the coordinates counter-clockwise with v down.
             let (sin, cos) = crate::num::sin_cos(f64::from(t.rotation));
             let (sin, cos) = (sin as f32, cos as f32);
             let (u, v) = (uv.x * t.scale[0], uv.y * t.scale[1]);
             uv = Vec2::new(cos * u + sin * v + t.offset[0], cos * v - sin * u + t.offset[1]);
+            share *= (t.scale[0] * t.scale[1]).abs();
         }
+        let texels = self.width * (share * image.width as f32 * image.height as f32).sqrt();
+        let Some(pyramid) = self.pyramids.get(texture.texture as usize).filter(|_| texels > 1.0) else {
+            return self.between(image, texture, uv, colour);
+        };
+        // Between two sizes linearly: all of the one that has a texel across, none at twice that.
+        let (mut level, mut over) = (0, texels);
+        while over >= 2.0 && level < 31 {
+            (level, over) = (level + 1, over * 0.5);
+        }
+        let over = over.min(2.0);
+        let decode = colour.then_some(self.decode);
+        let [fine, coarse] = [level, level + 1]
+            .map(|level| self.between(pyramid.level(image, level, decode), texture, uv, colour));
+        std::array::from_fn(|k| fine[k] * (2.0 - over) + coarse[k] * (over - 1.0))
+    }
+
+    /// A copy of a texture at a place, between its texels.
+    fn between(&self, image: &Texture, texture: TextureRef, uv: Vec2, colour: bool) -> [f32; 4] {
         let fetch = |x: i64, y: i64| -> [f32; 4] {
             let x = wrap(x, i64::from(image.width), texture.sampler.wrap_u);
             let y = wrap(y, i64::from(image.height), texture.sampler.wrap_v);

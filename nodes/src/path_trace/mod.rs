@@ -10,8 +10,10 @@ mod front;
 mod lens;
 pub mod light;
 pub mod lookup;
+pub mod near;
 pub mod objects;
 mod pair;
+pub mod pyramid;
 pub mod rules;
 pub mod scene;
 mod shot;
@@ -33,7 +35,7 @@ use front::trace_front;
 use lens::{Lens, View};
 use objects::Objects;
 use pair::{trace_pair, trace_r0};
-use rules::{Bounce, EnvBlock, Rules, SpecularSees};
+use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 use shot::{Running, finish};
 use stage::{Stage, middle};
 use told::{assemble, remark, tell};
@@ -58,6 +60,9 @@ engine::params! {
         bounce: Bounce = Bounce::Auto, other("Env");
         /// What reflections in objects show where they meet the receiver.
         object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
+        /// Whether the receiver is the light that the environment shows of it, so that a lamp on a wall lights
+        /// each point from where it is.
+        near_field: NearField = NearField::Auto, other("On");
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01");
@@ -128,7 +133,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     type Params = Self;
@@ -168,6 +173,11 @@ impl Kind for PathTrace {
         if inputs.rig.cameras.is_empty() {
             return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
         }
+        if params.near_field == NearField::On && inputs.env.origin.is_none() {
+            let hint = "give `load-environment` its `origin`, or leave `near_field` to `Auto`";
+            let text = "near_field needs an environment with a point of capture";
+            return Err(NodeError::new(text).at("near_field").hint(hint));
+        }
         // Coordinates are taken relative to the middle of the receiver, so that a scene far from the
         // origin of its world keeps its precision.
         let origin = middle(&inputs.receiver).unwrap_or_else(|| inputs.rig.cameras[0].eye());
@@ -182,7 +192,8 @@ impl Kind for PathTrace {
                 inputs.rig.cameras[0].eye()
             }
         };
-        let (rules, probe) = params.decide(&stage, centre, cx.metres_per_unit(), &mut notes);
+        let decided = params.decide(&stage, centre, cx.metres_per_unit(), &mut notes);
+        let rules = decided.rules;
         let objects = Objects::new(&inputs.objects, origin)?;
         remark(&stage, &objects, &mut notes);
 
@@ -257,7 +268,7 @@ impl Kind for PathTrace {
                 notes.warning("objects-not-seen", text);
             }
         }
-        Ok((assemble(&inputs.rig, shots, &rules, probe, centre), notes))
+        Ok((assemble(&inputs.rig, shots, &decided, centre), notes))
     }
 }
 

@@ -12,6 +12,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::bsdf::{Bsdf, Frame, Layers, Look, straight};
 use super::emitters::{Emitters, Lamp, mean_luminance};
 use super::lookup::Spot;
+use super::pyramid::Pyramid;
 use super::scene::{Surface, geometry};
 use crate::bvh::{Bvh, Hit, Ray};
 use crate::color::linear_from_srgb8;
@@ -46,6 +47,8 @@ pub struct Objects {
     parts: Vec<Part>,
     placed: Vec<Arc<Placed>>,
     decode: [f32; 256],
+    /// Smaller copies of the textures of each placed object.
+    pyramids: Vec<Vec<Pyramid>>,
     opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
@@ -79,6 +82,10 @@ impl Objects {
             parts: Vec::new(),
             placed: placed.to_vec(),
             decode: linear_from_srgb8(),
+            pyramids: placed
+                .iter()
+                .map(|one| one.object.textures.iter().map(|_| Pyramid::default()).collect())
+                .collect(),
             opaque: true,
             clear: false,
             emitters: Emitters::new(&[], |_| 0.0),
@@ -140,7 +147,8 @@ impl Objects {
     fn spot<'a>(&'a self, hit: &'a Hit) -> (&'a Part, &'a Material, Spot<'a>) {
         let (part, object, primitive, material) = self.part(hit.triangle);
         let corner = wound(primitive.triangles[(hit.triangle - part.first) as usize], part.mirrored);
-        (part, material, Spot { object, primitive, corner, hit, decode: &self.decode })
+        let pyramids = &self.pyramids[part.placed];
+        (part, material, Spot { object, primitive, corner, hit, decode: &self.decode, pyramids, width: 0.0 })
     }
 
     /// Whether a ray of the given random key meets the surface at a hit or passes through its cut-outs.
@@ -215,9 +223,15 @@ impl Objects {
         (found, weight * body.left(reach))
     }
 
-    /// The surface at a hit, seen from the unit direction `out`; without what passes it where `straight`.
-    pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool) -> Surface {
+    /// The surface at a hit, seen from the unit direction `out` by a ray of some width there; without what passes
+    /// it where `straight`.
+    pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32) -> Surface {
         let (part, material, spot) = self.spot(hit);
+        let [a, b, c] = self.corners[hit.triangle as usize];
+        let area = (b - a).cross(c - a);
+        // Seen aslant a ray is wider one way; the mean of both ways blurs no more than it must.
+        let slant = area.normalize_or_zero().dot(out).abs().max(0.01);
+        let filtered = Spot { width: width / (slant * area.length().max(f32::MIN_POSITIVE)).sqrt(), ..spot };
         let (position, winding, margin) = geometry(&self.corners[hit.triangle as usize], hit);
         let side = if hit.back { -1.0 } else { 1.0 };
         let geometric = winding * side;
@@ -235,7 +249,7 @@ impl Objects {
         };
         let bent =
             |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &spot, &map, smooth)));
-        let mut look = look(&spot, material);
+        let mut look = look(&filtered, material);
         look.inside = look.thick && hit.back && !straight;
         look.blocked = straight;
         let normal = bent(material.normal);
@@ -256,7 +270,7 @@ impl Objects {
             true => Bsdf::matte(geometric, Vec3::ZERO),
             false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &look)),
         };
-        let emission = emission(&spot, material);
+        let emission = emission(&filtered, material);
         Surface { position, normal: geometric, margin, bsdf, emission, way }
     }
 
@@ -419,7 +433,7 @@ mod tests {
         let ray = Ray::new(Vec3::new(-0.2, 0.2, 1.0), Vec3::NEG_Z);
         let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, 0, true)).expect("front");
         assert!(!hit.back);
-        let surface = objects.surface(&hit, Vec3::Z, false);
+        let surface = objects.surface(&hit, Vec3::Z, false, 0.0);
         assert!((surface.normal - Vec3::Z).length() < 1e-6);
         let behind = Ray::new(Vec3::new(-0.2, 0.2, -1.0), Vec3::Z);
         assert!(objects.bvh.closest(behind, |hit| objects.accepts(hit, 0, true)).is_none());

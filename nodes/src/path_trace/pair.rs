@@ -87,6 +87,7 @@ pub(super) fn trace_pair(
                 && landed.is_none_or(|(hit, shift)| front.t <= hit.t + shift)
             {
                 let mut walk = Walk::new(world, points, key, true);
+                walk.spread = lens.spread;
                 let light = walk.radiance::<false>(Vertex::Object(front), ray.direction);
                 tile.rays += walk.rays;
                 if add(&mut sums[4..], light, &mut tile.broken) {

@@ -81,6 +81,20 @@ engine::choices! {
     }
 }
 
+engine::choices! {
+    /// Whether the receiver is the light that the environment shows of it.
+    pub enum NearField {
+        /// `On` where the environment was captured in the place and `env_block`, `bounce` and
+        /// `object_specular_sees` are left to `Auto`.
+        Auto,
+        /// Rays that meet the receiver find what the environment shows in the direction of that place, seen
+        /// from the point of capture. The other rules of visibility have no say then.
+        On,
+        /// The environment is infinitely far.
+        Off,
+    }
+}
+
 /// Most layers of front faces that can be counted.
 pub const MOST_LAYERS: usize = 16;
 
@@ -124,17 +138,24 @@ impl Probe {
     /// Sends rays in all directions.
     pub fn send(receiver: &Receiver, from: Vec3) -> Self {
         let mut probe = Self { rays: Self::RAYS, ..Self::default() };
-        for i in 0..Self::RAYS {
-            let [u, v] = Points::new(0, i).pair(0);
-            let z = 1.0 - 2.0 * v;
-            let r = (1.0 - z * z).max(0.0).sqrt();
-            let (sin, cos) = circle(u);
-            match receiver.bvh.closest(Ray::new(from, Vec3::new(r * cos, r * sin, z)), |_| true) {
+        for ray in Self::rays(from) {
+            match receiver.bvh.closest(ray, |_| true) {
                 None => probe.escaped += 1,
                 Some(hit) => probe.front += u32::from(!hit.back),
             }
         }
         probe
+    }
+
+    /// Rays in all directions.
+    pub fn rays(from: Vec3) -> impl Iterator<Item = Ray> {
+        (0..Self::RAYS).map(move |i| {
+            let [u, v] = Points::new(0, i).pair(0);
+            let z = 1.0 - 2.0 * v;
+            let r = (1.0 - z * z).max(0.0).sqrt();
+            let (sin, cos) = circle(u);
+            Ray::new(from, Vec3::new(r * cos, r * sin, z))
+        })
     }
 
     /// Share of the rays that left.
@@ -174,6 +195,9 @@ pub struct Rules {
     /// Whether the camera sees it, and shadow rays of reflections meet it though reflections do not: the
     /// printed indicator.
     pub printed: bool,
+    /// The point of capture, in the frame of the scene, where the receiver is the light: see
+    /// [`super::near`].
+    pub near: Option<[f32; 3]>,
     /// How many times light may be scattered after the first time.
     pub max_bounces: u32,
     /// Largest channel of one contribution after the first vertex of a path; infinite for no limit.
@@ -208,6 +232,7 @@ impl Rules {
     pub fn sight(&self, lobe: Lobe) -> Sight {
         let alike = |block, lands| Sight { block, shadow: block, lands };
         match lobe {
+            _ if self.near.is_some() => alike(Block::Solid, true),
             Lobe::Diffuse => alike(self.block, self.bounce_solid),
             Lobe::Specular if self.printed => Sight { shadow: Block::Solid, ..alike(Block::Pass, false) },
             Lobe::Specular if self.specular_env => alike(Block::Pass, false),
@@ -282,9 +307,10 @@ mod tests {
         Receiver::new(&mesh, DVec3::ZERO)
     }
 
-    // Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
+    /// Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
+    /// Mutation: any line of `Block::passes`.
     #[test]
-    fn what_lets_the_environment_through() {
+    fn row_46_what_lets_the_environment_through() {
         let nothing = squares(&[]);
         let shell = squares(&[2.0]);
         let furniture = squares(&[1.0, -1.5, 2.0]);
@@ -311,14 +337,16 @@ mod tests {
         }
     }
 
-    // Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
+    /// Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
+    /// Mutation: any line of `Rules::sight`.
     #[test]
-    fn each_ray_sees_the_receiver_by_its_rule() {
+    fn row_46_each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {
             block,
             bounce_solid,
             specular_env,
             printed,
+            near: None,
             max_bounces: 1,
             clamp: f32::MAX,
         };
@@ -331,6 +359,10 @@ mod tests {
                     assert_eq!(rules.sight(Lobe::Specular), sight(specular.0, specular.0, specular.1));
                 }
             }
+        }
+        let near = Rules { near: Some([0.0; 3]), ..rules(Block::Pass, false, true, false) };
+        for lobe in [Lobe::Diffuse, Lobe::Specular] {
+            assert_eq!(near.sight(lobe), sight(Block::Solid, Block::Solid, true));
         }
         let printed = rules(Block::Solid, true, true, true);
         assert_eq!(printed.sight(Lobe::Diffuse), sight(Block::Solid, Block::Solid, true));

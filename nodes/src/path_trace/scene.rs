@@ -79,20 +79,6 @@ impl Receiver {
         Self { bvh: Bvh::build(&corners), corners, colours, clamped }
     }
 
-    /// Mean albedo of the surface over channels; 0 without any.
-    pub fn mean_albedo(&self) -> f64 {
-        let (mut sum, mut total) = (0.0, 0.0);
-        for (index, [a, b, c]) in self.corners.iter().enumerate() {
-            let area = (*b - *a).as_dvec3().cross((*c - *a).as_dvec3()).length();
-            let colour = self.colours.get(index).map_or(Vec3::splat(GREY), |[a, b, c]| (*a + *b + *c) / 3.0);
-            if area.is_finite() {
-                sum += area * f64::from(colour.element_sum() / 3.0);
-                total += area;
-            }
-        }
-        if total > 0.0 { sum / total } else { 0.0 }
-    }
-
     /// Unit normal of a triangle, by its winding.
     pub fn normal(&self, triangle: u32) -> Vec3 {
         let [a, b, c] = self.corners[triangle as usize];

@@ -17,6 +17,7 @@ use crate::types::{Material, Object, Primitive};
 mod extremes;
 mod insertion;
 mod materials;
+mod near;
 mod sampling;
 mod visibility;
 
@@ -120,6 +121,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         env_block,
         bounce: Bounce::Auto,
         object_specular_sees: SpecularSees::Auto,
+        near_field: NearField::Auto,
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
     }

@@ -6,8 +6,8 @@ use engine::Notes;
 use glam::DVec3;
 
 use super::Out;
+use super::decide::Decided;
 use super::objects::Objects;
-use super::rules::{Probe, Rules};
 use super::shot::Shot;
 use super::stage::Stage;
 use crate::support::Level;
@@ -56,8 +56,7 @@ pub(super) fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Not
 pub(super) fn assemble(
     rig: &Rig,
     shots: Vec<Shot>,
-    rules: &Rules,
-    probe: Option<Probe>,
+    Decided { rules, probe, twice }: &Decided,
     centre: DVec3,
 ) -> Out {
     let mut sets: [Vec<NamedImage>; 6] = Default::default();
@@ -87,9 +86,13 @@ pub(super) fn assemble(
             text("object_specular_sees".to_owned()),
             text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
         ],
+        vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
         vec![text("point of capture".to_owned()), text(format!("{:?}", centre.to_array()))],
         vec![text("rays".to_owned()), Cell::Count(rays)],
     ];
+    if let Some(twice) = twice {
+        decisions.push(vec![text("light that walls counted twice add".to_owned()), Cell::Number(*twice)]);
+    }
     if let Some(probe) = probe {
         decisions.push(vec![text("probe rays that leave".to_owned()), Cell::Number(probe.escaped_share())]);
         decisions

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::bsdf::{Lobe, Scatter};
 use super::light::Sky;
+use super::near::{Near, Seen};
 use super::objects::Objects;
 use super::rules::{Block, Rules};
 use super::scene::{Receiver, Surface};
@@ -14,9 +15,13 @@ use crate::sampling::{Points, hash, unit};
 const PAIRS: u32 = 4;
 /// First of the pairs for light of the objects: choice and place, for each vertex.
 const LAMPS: u32 = 1 << 16;
+/// First of the pairs for what objects take from the light of a place, for each vertex.
+const DIMMING: u32 = 1 << 17;
 /// Light samples at the first vertex of a path: they cost less than another path, and what the picture
 /// shows of their noise is not blurred by anything. Later vertices take one.
 const LIGHTS: u32 = 4;
+/// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
+const BLUR: f32 = 0.1;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 
@@ -44,6 +49,15 @@ pub enum Vertex {
     Straight(Hit),
 }
 
+impl Vertex {
+    /// Length of the ray that found it.
+    fn distance(&self) -> f32 {
+        match self {
+            Self::Receiver(hit) | Self::Object(hit) | Self::Straight(hit) => hit.t,
+        }
+    }
+}
+
 /// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
 /// that paths with and without objects stay the same until an object comes in the way.
 #[derive(Debug)]
@@ -55,6 +69,8 @@ pub struct Walk<'a> {
     objects: bool,
     /// Added to the start of rays to objects from the first vertex: see [`super::contact`].
     pub lift: Vec3,
+    /// Width of the camera's ray for each unit of its length, for the textures of objects.
+    pub spread: f32,
     /// Rays cast so far.
     pub rays: u64,
     /// Whether a ray met an object.
@@ -75,18 +91,26 @@ fn power(a: f32, b: f32) -> f32 {
     }
 }
 
+impl<'a> World<'a> {
+    /// The receiver as the light, if it is.
+    fn near(&self) -> Option<Near<'a>> {
+        let near = |eye| Near { receiver: self.receiver, sky: self.sky, eye: Vec3::from_array(eye) };
+        self.rules.near.map(near)
+    }
+}
+
 impl<'a> Walk<'a> {
     /// The paths of a sample, with or without the objects.
     pub fn new(world: World<'a>, points: Points, key: u32, objects: bool) -> Self {
         let objects = objects && !world.objects.is_empty();
-        Self { world, points, key, objects, lift: Vec3::ZERO, rays: 0, touched: false }
+        Self { world, points, key, objects, lift: Vec3::ZERO, spread: 0.0, rays: 0, touched: false }
     }
 
-    fn surface(&self, vertex: &Vertex, out: Vec3) -> Surface {
+    fn surface(&self, vertex: &Vertex, out: Vec3, width: f32) -> Surface {
         match vertex {
             Vertex::Receiver(hit) => self.world.receiver.surface(hit),
-            Vertex::Object(hit) => self.world.objects.surface(hit, out, false),
-            Vertex::Straight(hit) => self.world.objects.surface(hit, out, true),
+            Vertex::Object(hit) => self.world.objects.surface(hit, out, false, width),
+            Vertex::Straight(hit) => self.world.objects.surface(hit, out, true, width),
         }
     }
 
@@ -170,29 +194,61 @@ impl<'a> Walk<'a> {
         block.passes(self.world.receiver, ray)
     }
 
-    /// What one of `lights` light samples brings to a surface.
+    /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
+    /// without them. One light sample for the place decides, in proportion to its light as good as that is;
+    /// the way to it is that of the point of capture.
+    fn dimming(
+        &mut self,
+        near: &Near<'_>,
+        (light, place): &Seen,
+        (points, pair): (Points, u32),
+        key: u32,
+    ) -> Vec3 {
+        let Some(place) = place.filter(|_| self.objects && !near.is_lamp(light.radiance)) else {
+            return Vec3::ONE;
+        };
+        let direction = self.world.sky.sample(Some(place.normal), points.bits(DIMMING + pair)).direction;
+        if direction.dot(place.normal) <= 0.0 {
+            return Vec3::ONE;
+        }
+        let ray = Ray::new(place.position + place.normal * place.margin, direction);
+        self.unshaded(ray, key ^ 4, None)[0]
+    }
+
+    /// What one of `lights` light samples brings to a surface. `twig` are its points.
     fn light_sample<const PROBE: bool>(
         &mut self,
         surface: &Surface,
         lift: Vec3,
         lights: u32,
-        point: [u32; 2],
+        (twig, pair): (Points, u32),
         key: u32,
     ) -> Vec3 {
-        let from_sky = self.world.sky.sample(surface.bsdf.lit_side(), point);
+        let (side, point) = (surface.bsdf.lit_side(), twig.bits(pair));
+        let near = self.world.near();
+        let seen = match &near {
+            Some(near) => near.sample(surface.position, side, point),
+            None => (self.world.sky.sample(side, point), None),
+        };
+        let (from_sky, place) = seen;
+        self.rays += u64::from(near.is_some());
         let lobes = surface.bsdf.eval(from_sky.direction);
         let useful = |s: &Scatter| s.value != Vec3::ZERO;
         if from_sky.radiance == Vec3::ZERO || !lobes.iter().any(useful) {
             return Vec3::ZERO;
         }
-        let ray = surface.leave(from_sky.direction);
-        let unshaded = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
+        let ray = Near::towards(surface.leave(from_sky.direction), place.as_ref());
+        let mut unshaded = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
+        if let Some(near) = &near {
+            let dimming = self.dimming(near, &seen, (twig, pair), key);
+            unshaded = unshaded.map(|passes| passes * dimming);
+        }
         if unshaded == [Vec3::ZERO; 2] || PROBE {
             return Vec3::ZERO;
         }
         let mut arrived = Vec3::ZERO;
         // Lobes that see the receiver alike share one ray.
-        let mut seen: Option<(Block, bool)> = None;
+        let mut told: Option<(Block, bool)> = None;
         for ((lobe, scatter), unshaded) in
             [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded)
         {
@@ -200,13 +256,17 @@ impl<'a> Walk<'a> {
                 continue;
             }
             let block = self.world.rules.sight(lobe).shadow;
-            let passes = match seen {
-                Some((b, passes)) if b == block => passes,
-                _ => self.passes(block, ray),
+            let passes = match (told, &near) {
+                (Some((b, passes)), _) if b == block => passes,
+                (_, None) => self.passes(block, ray),
+                (_, Some(near)) => {
+                    self.rays += 1;
+                    near.reaches(ray, place.as_ref())
+                }
             };
-            seen = Some((block, passes));
+            told = Some((block, passes));
             if passes {
-                let share = match surface.bsdf.is_matte() {
+                let share = match surface.bsdf.is_matte() && near.is_none() {
                     true => 1.0,
                     false => power(lights as f32 * from_sky.pdf, scatter.pdf),
                 };
@@ -222,12 +282,16 @@ impl<'a> Walk<'a> {
     /// and stops as soon as one is met.
     pub fn radiance<const PROBE: bool>(&mut self, first: Vertex, ray_direction: Vec3) -> Vec3 {
         let World { sky, rules, .. } = self.world;
+        let near = self.world.near();
         let (mut vertex, mut out) = (first, -ray_direction);
         let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
+        // How wide the ray is at the vertex, and how fast it widens.
+        let (mut width, mut spread) = (0.0, self.spread);
         // Weight of what the vertex emits, beside light samples of the one before.
         let mut glow = 1.0;
         for bounce in 0..=rules.max_bounces + 1 {
-            let surface = self.surface(&vertex, out);
+            width += spread * vertex.distance();
+            let surface = self.surface(&vertex, out, width);
             weight *= surface.way;
             light += rules.clamped(bounce, weight * surface.emission * glow);
             if bounce > rules.max_bounces {
@@ -242,8 +306,8 @@ impl<'a> Walk<'a> {
             let lights = if bounce == 0 { LIGHTS } else { 1 };
             let mut lit = Vec3::ZERO;
             for number in 0..lights {
-                let point = self.points.twig(number, lights).bits(pair);
-                lit += self.light_sample::<PROBE>(&surface, lift, lights, point, key.wrapping_add(number));
+                let twig = (self.points.twig(number, lights), pair);
+                lit += self.light_sample::<PROBE>(&surface, lift, lights, twig, key.wrapping_add(number));
                 if PROBE && self.touched {
                     return Vec3::ZERO;
                 }
@@ -256,10 +320,11 @@ impl<'a> Walk<'a> {
                 break;
             }
 
-            // Scattering. Light samples bring a matte surface all light of the sky, so from there a ray looks for
-            // surfaces only.
+            // Scattering. Light samples bring a matte surface all light of a sky that is far, so from there a ray
+            // looks for surfaces only.
             let go_on = bounce < rules.max_bounces;
-            if surface.bsdf.is_matte() && !self.objects && !(go_on && rules.sight(Lobe::Diffuse).lands) {
+            let matte = surface.bsdf.is_matte() && near.is_none();
+            if matte && !self.objects && !(go_on && rules.sight(Lobe::Diffuse).lands) {
                 break;
             }
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
@@ -270,14 +335,22 @@ impl<'a> Walk<'a> {
             if PROBE && self.touched {
                 break;
             }
-            let to_sky = !PROBE && !surface.bsdf.is_matte();
+            let to_sky = near.is_some() || !(PROBE || matte);
             let landed = if sight.lands && (go_on || (to_sky && sight.block == Block::Solid)) {
                 self.rays += 1;
                 self.world.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
             } else {
                 None
             };
-            if object.is_none() && to_sky {
+            if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
+                self.rays += 1;
+                if let Some(seen) = near.found(ray, surface.bsdf.lit_side(), landed.as_ref()) {
+                    let dimming = self.dimming(&near, &seen, (self.points, pair + 1), key);
+                    let arrived = seen.0.radiance * power(scatter.pdf, lights as f32 * seen.0.pdf);
+                    light += rules.clamped(bounce, weight * throughput * dimming * arrived);
+                    break;
+                }
+            } else if object.is_none() && to_sky {
                 let found = sky.lookup(surface.bsdf.lit_side(), direction);
                 if found.radiance != Vec3::ZERO {
                     let passes = match (sight.block, sight.lands) {
@@ -301,6 +374,9 @@ impl<'a> Walk<'a> {
             };
             weight *= throughput;
             out = -direction;
+            if lobe == Lobe::Diffuse {
+                spread = f32::max(spread, BLUR);
+            }
             if bounce + 1 >= ROULETTE_FROM {
                 let survival = weight.max_element().clamp(0.05, 0.95);
                 if unit(self.points.bits(pair + 3)[0]) >= survival {

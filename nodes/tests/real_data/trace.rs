@@ -11,7 +11,7 @@ use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::load_object::{self, LoadObject};
 use nodes::override_material::{self, OverrideMaterial, Surface};
-use nodes::path_trace::rules::{Bounce, EnvBlock, SpecularSees};
+use nodes::path_trace::rules::{Bounce, EnvBlock, NearField, SpecularSees};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 
@@ -95,6 +95,7 @@ impl Case {
             env_block,
             bounce,
             object_specular_sees: SpecularSees::Auto,
+            near_field: NearField::Auto,
             clamp_indirect: 0.0,
             contact_metres: Some(0.0),
         };

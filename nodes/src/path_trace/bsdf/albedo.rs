@@ -76,62 +76,109 @@ fn mean<const N: usize>(n: u32, f: impl Fn([f32; 2]) -> [f32; N]) -> [f32; N] {
     sum.map(|sum| (sum / f64::from(n)) as f32)
 }
 
-/// Reflectance of GGX facets is `f0 * a + f90 * b`: gives `[a, b]`.
-pub fn reflection(cosine: f32, roughness: f32) -> [f32; 2] {
-    static TABLE: LazyLock<Table<2, 2>> = LazyLock::new(|| {
-        Table::new([32, 32], |[place, roughness]| {
-            let (ggx, out) = (Ggx::round(roughness), viewer(place));
-            mean(256, |point| {
-                let incident = ggx.reflect(out, point);
-                if incident.z <= 0.0 {
-                    return [0.0; 2];
-                }
-                let mirror = ggx.mirror(out, incident);
-                let (weight, c5) = (mirror.value / mirror.pdf, schlick(mirror.cosine));
-                [weight * (1.0 - c5), weight * c5]
-            })
-        })
-    });
+/// The place of an index of refraction in a table, from no step to an index of 3, and its inverse. An index of
+/// 1.5 stands at 0.4.
+fn step(eta: f32) -> f32 {
+    2.0 * (eta - 1.0) / (eta + 1.0)
+}
+
+fn index(step: f32) -> f32 {
+    (1.0 + 0.5 * step) / (1.0 - 0.5 * step)
+}
+
+/// What GGX facets reflect towards a viewer: `[a, b]` of `f0 * a + f90 * b`, where reflectance has risen from
+/// f0 to f90 by the share `rise` of the cosine to a facet.
+fn facets(place: f32, roughness: f32, rise: impl Fn(f32) -> f32) -> [f32; 2] {
+    let (ggx, out) = (Ggx::round(roughness), viewer(place));
+    mean(256, |point| {
+        let incident = ggx.reflect(out, point);
+        if incident.z <= 0.0 {
+            return [0.0; 2];
+        }
+        let mirror = ggx.mirror(out, incident);
+        let (weight, rise) = (mirror.value / mirror.pdf, rise(mirror.cosine));
+        [weight * (1.0 - rise), weight * rise]
+    })
+}
+
+/// Reflectance of metal facets, by Schlick's formula, is `f0 * a + f90 * b`: gives `[a, b]`.
+pub fn metal(cosine: f32, roughness: f32) -> [f32; 2] {
+    static TABLE: LazyLock<Table<2, 2>> =
+        LazyLock::new(|| Table::new([32, 32], |[place, roughness]| facets(place, roughness, schlick)));
     TABLE.at([place(cosine), roughness])
 }
 
-/// Twice the integral of E(c) c dc over the hemisphere for an interface with f90 = 1, where E is
-/// `albedo` of an interface.
-pub fn mean_reflection(f0: f32, roughness: f32) -> f32 {
-    static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
-        Table::new([26, 32], |[f0, roughness]| {
-            const N: usize = 32;
-            let cosines = (0..N).map(|i| (i as f32 + 0.5) / N as f32);
-            [cosines.map(|c| 2.0 * c * with_gain(f0, c, roughness)).sum::<f32>() / N as f32]
+/// The same for facets of a dielectric of an index, by Fresnel's formula.
+pub fn dielectric(cosine: f32, roughness: f32, eta: f32) -> [f32; 2] {
+    static TABLE: LazyLock<Table<3, 2>> = LazyLock::new(|| {
+        Table::new([32, 24, 6], |[place, roughness, step]| {
+            let eta = index(step);
+            facets(place, roughness, |cosine| glass::rise(cosine, eta))
         })
     });
-    TABLE.at([f0, roughness])[0]
+    TABLE.at([place(cosine), roughness, step(eta)])
+}
+
+/// Twice the integral of E(c) c dc over the hemisphere for an interface with f90 = 1, where E is
+/// [`with_gain`].
+pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
+    // E is linear in f0 for each of its terms, single scattering and what comes after it.
+    static TABLE: LazyLock<Table<2, 4>> = LazyLock::new(|| {
+        Table::new([24, 6], |[roughness, step]| {
+            over_cosines(|c| {
+                let [a, b] = dielectric(c, roughness, index(step));
+                let all = (a + b).clamp(1e-3, 1.0);
+                [a, b, a * (1.0 - all) / all, b * (1.0 - all) / all]
+            })
+        })
+    });
+    let [a, b, c, d] = TABLE.at([roughness, step(eta)]);
+    (f0 * a + b + (f0 * c + d) * again(average(f0, eta), roughness)).min(1.0)
+}
+
+/// Twice the integral of f(c) c dc over the hemisphere.
+fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
+    const STEPS: usize = 32;
+    let mut sum = [0.0; N];
+    for i in 0..STEPS {
+        let c = (i as f32 + 0.5) / STEPS as f32;
+        sum.iter_mut().zip(f(c)).for_each(|(sum, v)| *sum += 2.0 * c * v / STEPS as f32);
+    }
+    sum
+}
+
+/// What facets of mean reflectance `f` give beyond their single scattering, as a share of what a white mirror
+/// loses: light that meets a facet again is dimmed each time (the series of Kulla and Conty 2017).
+fn again(f: f32, roughness: f32) -> f32 {
+    static MEAN: LazyLock<Table<1, 1>> = LazyLock::new(|| {
+        Table::new([32], |[roughness]| over_cosines(|c| [metal(c, roughness).iter().sum()]))
+    });
+    let mean = MEAN.at([roughness])[0];
+    f * mean / (1.0 - f * (1.0 - mean))
 }
 
 /// How much more facets of mean reflectance `f` give than their single scattering, of which a white mirror has
-/// `all`: light that meets a facet again is dimmed each time (the series of Kulla and Conty 2017).
-pub fn again(f: f32, all: f32, roughness: f32) -> f32 {
-    static MEAN: LazyLock<Table<1, 1>> = LazyLock::new(|| {
-        Table::new([32], |[roughness]| {
-            const N: usize = 32;
-            let cosines = (0..N).map(|i| (i as f32 + 0.5) / N as f32);
-            let all = |c: f32| reflection(c, roughness).iter().sum::<f32>();
-            [cosines.map(|c| 2.0 * c * all(c)).sum::<f32>() / N as f32]
-        })
-    });
-    let mean = MEAN.at([roughness])[0];
-    1.0 + (1.0 - all) / all * (f * mean / (1.0 - f * (1.0 - mean)))
+/// `all`.
+pub fn gain(f: f32, all: f32, roughness: f32) -> f32 {
+    1.0 + (1.0 - all) / all * again(f, roughness)
 }
 
-/// Albedo of an interface with f90 = 1, what is lost between facets given back.
-pub fn with_gain(f0: f32, cosine: f32, roughness: f32) -> f32 {
-    let [a, b] = reflection(cosine, roughness);
+/// Albedo of an interface of an index and f90 = 1, what is lost between facets given back.
+pub fn with_gain(f0: f32, eta: f32, cosine: f32, roughness: f32) -> f32 {
+    let [a, b] = dielectric(cosine, roughness, eta);
     let all = (a + b).clamp(1e-3, 1.0);
-    ((f0 * a + b) * again(average(f0), all, roughness)).min(1.0)
+    ((f0 * a + b) * gain(average(f0, eta), all, roughness)).min(1.0)
+}
+
+/// Mean reflectance of a dielectric over the hemisphere.
+pub fn average(f0: f32, eta: f32) -> f32 {
+    static RISE: LazyLock<Table<1, 1>> =
+        LazyLock::new(|| Table::new([41], |[step]| over_cosines(|c| [glass::rise(c, index(step))])));
+    f0 + (1.0 - f0) * RISE.at([step(eta)])[0]
 }
 
 /// Mean of Schlick's reflectance over the hemisphere.
-pub fn average(f0: f32) -> f32 {
+pub fn average_metal(f0: f32) -> f32 {
     f0 + (1.0 - f0) / 21.0
 }
 
@@ -140,18 +187,14 @@ pub fn average(f0: f32) -> f32 {
 pub fn interface(cosine: f32, roughness: f32, eta: f32) -> [f32; 2] {
     static TABLE: LazyLock<[Table<3, 2>; 2]> = LazyLock::new(|| {
         [false, true].map(|inside| {
-            Table::new([24, 12, 8], |[place, roughness, x]| {
-                // From no step to an index of 3.
-                let eta = (1.0 + 0.5 * x) / (1.0 - 0.5 * x);
-                let eta = glass::steep(if inside { 1.0 / eta } else { eta });
+            Table::new([24, 12, 8], |[place, roughness, step]| {
+                let eta = glass::steep(if inside { 1.0 / index(step) } else { index(step) });
                 let (ggx, out) = (Ggx::round(roughness), viewer(place));
                 mean(1024, |point| glass::split(&ggx, out, eta, point))
             })
         })
     });
-    let outer = eta.max(1.0 / eta);
-    let x = 2.0 * (outer - 1.0) / (outer + 1.0);
-    TABLE[usize::from(eta < 1.0)].at([place(cosine), roughness, x])
+    TABLE[usize::from(eta < 1.0)].at([place(cosine), roughness, step(eta.max(1.0 / eta))])
 }
 
 /// Albedo of a white sheen.

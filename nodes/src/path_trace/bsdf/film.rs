@@ -38,9 +38,9 @@ fn wave(path: f32, shift: Vec3) -> Vec3 {
         + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
 }
 
-/// The reflectance at normal incidence by which Schlick's formula gives, at this cosine, what a film of an
-/// index and a thickness in nanometres reflects on a base of reflectance `f0`.
-pub fn normal(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32) -> Vec3 {
+/// The reflectance at normal incidence that, having risen by the share `risen` towards 1 at this cosine, is what a
+/// film of an index and a thickness in nanometres reflects on a base of reflectance `f0`.
+pub fn normal(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
     // A film of less than an atom is none.
     let fade = (thickness_nm / 0.03).min(1.0);
     let eta = 1.0 + (index - 1.0) * (fade * fade * (3.0 - 2.0 * fade));
@@ -66,6 +66,6 @@ pub fn normal(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32) -> Vec3 {
         height *= each(both, f32::sqrt);
         light += height * wave(order * path, shift * order) * 2.0;
     }
-    let c5 = schlick(cosine).min(0.9999);
-    ((light - Vec3::splat(c5)) / (1.0 - c5)).clamp(Vec3::ZERO, Vec3::ONE)
+    let risen = risen.min(0.9999);
+    ((light - Vec3::splat(risen)) / (1.0 - risen)).clamp(Vec3::ZERO, Vec3::ONE)
 }

@@ -6,7 +6,7 @@
 use glam::Vec3;
 
 use super::albedo;
-use super::ggx::{Ggx, schlick};
+use super::ggx::Ggx;
 use super::gloss::Gloss;
 use super::{Look, Scatter};
 
@@ -27,11 +27,19 @@ pub fn other(cosine: f32, eta: f32) -> Option<f32> {
     (squared > 0.0).then(|| squared.sqrt())
 }
 
-/// Reflectance of an interface by Schlick's formula, by the cosine in the thinner medium.
-fn fresnel(cosine: f32, eta: f32) -> f32 {
+/// Fresnel's reflectance of an interface for light without polarisation; `cosine` on this side.
+pub fn fresnel(cosine: f32, eta: f32) -> f32 {
     let Some(across) = other(cosine, eta) else { return 1.0 };
+    let across_plane = (cosine - eta * across) / (cosine + eta * across);
+    let in_plane = (eta * cosine - across) / (eta * cosine + across);
+    0.5 * (across_plane * across_plane + in_plane * in_plane)
+}
+
+/// How far the reflectance has risen from that at normal incidence towards 1, where Schlick has
+/// `(1 - cosine)^5`. The dip that indices of 4 and more have before the rise is left out.
+pub fn rise(cosine: f32, eta: f32) -> f32 {
     let f0 = normal(eta);
-    f0 + (1.0 - f0) * schlick(if eta > 1.0 { cosine } else { across })
+    ((fresnel(cosine, eta) - f0) / (1.0 - f0)).clamp(0.0, 1.0)
 }
 
 /// The direction that a facet bends to `out`; none beyond the critical angle.
@@ -97,7 +105,7 @@ impl Glass {
         let (roughness, cosine) = (gloss.ggx.roughness(out), out.z);
         let kept = match eta {
             Some(eta) => albedo::interface(cosine, roughness, eta)[1],
-            None => albedo::reflection(cosine, roughness).iter().sum(),
+            None => albedo::metal(cosine, roughness).iter().sum(),
         };
         let albedo = tint * share;
         // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.

@@ -11,6 +11,7 @@ use super::{Look, Scatter};
 /// The interface of a dielectric, as far as it covers what lies below; by default there is none.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Interface {
+    index: f32,
     /// Largest channel of the reflectance at normal incidence, for a strength of 1.
     f0: f32,
     strength: f32,
@@ -23,7 +24,7 @@ impl Interface {
         let roughness = Ggx::brushed(look.roughness, look.anisotropy).roughness(out);
         let strength = if look.ior > 1.0 { look.specular.0 } else { 0.0 };
         let f0 = (glass::normal(look.ior) * look.specular.1.max_element()).min(1.0);
-        Self { f0, strength, roughness }
+        Self { index: look.ior, f0, strength, roughness }
     }
 
     /// What it reflects towards a viewer.
@@ -31,7 +32,7 @@ impl Interface {
         if self.strength == 0.0 {
             return 0.0;
         }
-        self.strength * albedo::with_gain(self.f0, cosine, self.roughness)
+        self.strength * albedo::with_gain(self.f0, self.index, cosine, self.roughness)
     }
 
     /// Matte stuff below gets what the interface leaves of the light from a direction, and the viewer what it
@@ -40,7 +41,7 @@ impl Interface {
         if self.strength == 0.0 {
             return 1.0;
         }
-        1.0 / (1.0 - self.strength * albedo::mean_reflection(self.f0, self.roughness)).max(1e-3)
+        1.0 / (1.0 - self.strength * albedo::mean_reflection(self.f0, self.index, self.roughness)).max(1e-3)
     }
 }
 
@@ -49,12 +50,14 @@ impl Interface {
 pub struct Gloss {
     /// The facets.
     pub ggx: Ggx,
-    f0: Vec3,
-    f90: Vec3,
+    /// Relative index of the other side.
+    eta: f32,
+    /// Reflectance of the dielectric, at normal and at grazing incidence, times its share.
+    dielectric: [Vec3; 2],
+    /// That of the metal.
+    metal: [Vec3; 2],
     /// Gives back what is lost between facets.
     gain: Vec3,
-    /// Relative index of the other side, where this is the inner side of a body.
-    inner: Option<f32>,
     /// What it reflects towards the viewer.
     pub albedo: Vec3,
     /// What the dielectric's interface leaves to what lies below.
@@ -73,10 +76,10 @@ impl Gloss {
             let gain = 1.0 / (reflected + passed).max(1e-3);
             return Self {
                 ggx,
-                f0: Vec3::splat(glass::normal(look.ior)).lerp(look.base, m),
-                f90: Vec3::ONE,
+                eta,
+                dielectric: [Vec3::splat(glass::normal(look.ior)).lerp(look.base, m), Vec3::ONE],
+                metal: [Vec3::ZERO; 2],
                 gain: Vec3::splat(gain),
-                inner: Some(eta),
                 albedo: Vec3::splat(reflected * gain).lerp(look.base, m),
                 left: passed * gain,
             };
@@ -85,39 +88,38 @@ impl Gloss {
         let (mut dielectric, mut metal) = (tinted, look.base);
         let (share, index, thickness) = look.film;
         if share > 0.0 {
-            let film = |f0: Vec3| f0.lerp(film::normal(index, thickness, f0, cosine), share);
-            (dielectric, metal) = (film(dielectric), film(metal));
+            let film = |f0: Vec3, rise| f0.lerp(film::normal(index, thickness, f0, cosine, rise), share);
+            dielectric = film(dielectric, glass::rise(cosine, look.ior));
+            metal = film(metal, schlick(cosine));
         }
         let strength = interface.strength;
-        let f0 = (dielectric * strength).lerp(metal, m);
-        // A metal always reflects fully at grazing angles; a dielectric only where it has an interface.
-        let f90 = Vec3::splat(strength + (1.0 - strength) * m);
-        let [a, b] = albedo::reflection(cosine, roughness);
-        let all = (a + b).clamp(1e-3, 1.0);
+        let single = |f0: Vec3, [a, b]: [f32; 2]| f0 * a + Vec3::splat(b);
+        let (of_dielectric, of_metal) =
+            (albedo::dielectric(cosine, roughness, look.ior), albedo::metal(cosine, roughness));
+        let all = of_metal.iter().sum::<f32>().clamp(1e-3, 1.0);
+        let gains = |f0: Vec3, average: &dyn Fn(f32) -> f32| {
+            Vec3::from_array(f0.to_array().map(|f0| albedo::gain(average(f0), all, roughness)))
+        };
+        let covered = single(dielectric, of_dielectric)
+            * gains(dielectric, &|f0| albedo::average(f0, look.ior))
+            * strength;
+        let shiny = single(metal, of_metal) * gains(metal, &albedo::average_metal);
         // The gain of the mix is such that its albedo is the mix of the two albedos.
-        let again = |f0: f32| albedo::again(albedo::average(f0), all, roughness);
-        let full = |f0: Vec3| (f0 * a + Vec3::splat(b)) * Vec3::from_array(f0.to_array().map(again));
-        let covered = full(dielectric) * strength;
-        let albedo = covered.lerp(full(metal), m);
-        let gain = albedo / (f0 * a + f90 * b).max(Vec3::splat(1e-6));
+        let albedo = covered.lerp(shiny, m);
+        let once = (single(dielectric, of_dielectric) * strength).lerp(single(metal, of_metal), m);
+        let gain = albedo / once.max(Vec3::splat(1e-6));
         let left = (1.0 - covered.max_element()).max(0.0);
-        Self { ggx, f0, f90, gain, inner: None, albedo, left }
+        // A metal always reflects fully at grazing angles; a dielectric only where it has an interface.
+        let dielectric = [dielectric, Vec3::ONE].map(|f| f * (strength * (1.0 - m)));
+        Self { ggx, eta: look.ior, dielectric, metal: [metal, Vec3::ONE].map(|f| f * m), gain, albedo, left }
     }
 
     /// Reflection from `incident` to `out`, both above, and the cosine of either to the facet.
     pub fn eval(&self, out: Vec3, incident: Vec3) -> (Scatter, f32) {
         let mirror = self.ggx.mirror(out, incident);
-        let fresnel = match self.inner {
-            None => {
-                let c5 = schlick(mirror.cosine);
-                self.f0 * (1.0 - c5) + self.f90 * c5
-            }
-            // From inside the angle on the outer side counts, and beyond the critical one all is reflected.
-            Some(eta) => {
-                let c5 = glass::other(mirror.cosine, eta).map_or(1.0, schlick);
-                self.f0 * (1.0 - c5) + self.f90 * c5
-            }
-        };
+        let risen = |[f0, f90]: [Vec3; 2], rise: f32| f0 * (1.0 - rise) + f90 * rise;
+        let fresnel = risen(self.dielectric, glass::rise(mirror.cosine, self.eta))
+            + risen(self.metal, schlick(mirror.cosine));
         (Scatter { value: fresnel * self.gain * mirror.value, pdf: mirror.pdf }, mirror.cosine)
     }
 }

@@ -20,8 +20,8 @@ const COAT: usize = 5;
 /// A lobe that is there is chosen at least this often, before the shares are made to sum to 1.
 const LEAST: f32 = 0.1;
 
-/// Reflectance of the clear coat at normal incidence: that of index 1.5.
-const COAT_F0: f32 = 0.04;
+/// Index of the clear coat.
+const COAT_INDEX: f32 = 1.5;
 
 /// A clear layer over all others.
 #[derive(Debug, Clone, Copy)]
@@ -55,7 +55,11 @@ impl Sheen {
 pub fn straight(look: &Look, cosine: f32) -> Vec3 {
     let below = look.transmission * (1.0 - look.metallic);
     let (share, roughness) = look.coat;
-    let coat = if share > 0.0 { share * albedo::with_gain(COAT_F0, cosine, roughness) } else { 0.0 };
+    let coat = if share > 0.0 {
+        share * albedo::with_gain(glass::normal(COAT_INDEX), COAT_INDEX, cosine, roughness)
+    } else {
+        0.0
+    };
     let gloss = Interface::new(look, Vec3::Z).albedo(cosine);
     glass::tint(look) * (below * (1.0 - gloss) * (1.0 - coat))
 }
@@ -108,7 +112,7 @@ impl Layers {
         });
         let coat = (look.coat.0 > 0.0 && !look.inside).then(|| {
             let (share, roughness) = look.coat;
-            let look = Look { roughness, ..Look::default() };
+            let look = Look { roughness, ior: COAT_INDEX, ..Look::default() };
             let out = coated.viewer(out);
             let gloss = Gloss::new(&look, &Interface::new(&look, out), out);
             Coat { frame: coated, out, gloss, share, under: 1.0 - share * (1.0 - gloss.left) }

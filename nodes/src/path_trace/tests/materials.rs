@@ -24,6 +24,38 @@ fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     cosines.map(|c| 2.0 * c * f64::from(f(c as f32))).sum::<f64>() / f64::from(n)
 }
 
+// A fine chequer, of which a pixel sees some hundred squares, is a flat grey with one sample a pixel, and of
+// the mean light of its squares; near by it is black and white.
+#[test]
+fn textures_are_filtered_where_they_are_small() {
+    use crate::types::{Sampler, Texture, TextureRef, Wrap};
+    let side = 256_u32;
+    let square = |i: u32| if (i % side + i / side).is_multiple_of(2) { [255; 4] } else { [0, 0, 0, 255] };
+    let texture = Texture { width: side, height: side, rgba: (0..side * side).flat_map(square).collect() };
+    let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false };
+    let chequer = TextureRef { texture: 0, uv_set: 0, sampler, transform: None };
+    let material = Material { unlit: true, base_colour_texture: Some(chequer), ..matte(1.0) };
+    let primitive = Primitive {
+        positions: vec![[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]],
+        uv0: vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Primitive::default()
+    };
+    let object = Object { primitives: vec![primitive], materials: vec![material], textures: vec![texture] };
+    let object = [Arc::new(Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY })];
+    let spread = |distance: f64| {
+        let camera = rig(DVec3::new(0.0, -distance, 0.0), DVec3::ZERO, 16, 8.0);
+        let (out, _) = render(&params(1, EnvBlock::Solid), &Mesh::default(), &object, &camera, &white());
+        let seen: Vec<f64> =
+            samples(&out.object).chunks(4).filter(|p| p[3] == 1.0).map(|p| f64::from(p[0])).collect();
+        let mean = seen.iter().sum::<f64>() / seen.len() as f64;
+        (mean, seen.iter().map(|v| (v - mean).abs()).fold(0.0, f64::max))
+    };
+    let (mean, far) = spread(14.0);
+    assert!((mean - 0.5).abs() < 0.01 && far < 0.02, "{mean} {far}");
+    assert!(spread(0.1).1 > 0.45);
+}
+
 // A ball that takes nothing shows a white sky, whether it is a bubble or solid.
 #[test]
 fn clear_balls_are_white_in_a_white_sky() {

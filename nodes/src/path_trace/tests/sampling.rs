@@ -34,12 +34,13 @@ fn skipping_untouched_paths_changes_nothing() {
     let receiver = Receiver::new(&stage_inputs.receiver, DVec3::ZERO);
     let sky = Sky::new(&stage_inputs.env);
     let objects = Objects::new(&stage_inputs.objects, DVec3::ZERO).expect("consistent");
-    for bounce_solid in [false, true] {
+    for (bounce_solid, near) in [(false, None), (true, None), (true, Some([0.0, -1.0, 1.0]))] {
         let rules = Rules {
             block: Block::Solid,
             bounce_solid,
             specular_env: false,
             printed: false,
+            near,
             max_bounces: 8,
             clamp: f32::MAX,
         };

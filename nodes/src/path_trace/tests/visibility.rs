@@ -47,13 +47,20 @@ fn printed_visibility_lights_nothing() {
 // What counts twice is told, with its size.
 #[test]
 fn double_counting_is_told() {
-    let told = |bounce| {
-        let p = PathTrace { bounce, max_bounces: 0, ..params(1, EnvBlock::Pass) };
+    let told = |bounce, max_bounces| {
+        let p = PathTrace { bounce, max_bounces, ..params(1, EnvBlock::Pass) };
         let (_, notes) = render(&p, &room(), &[], &inside(), &white());
-        notes.iter().find(|n| n.id == "double-count").map(|n| n.text.clone())
+        let note = notes.iter().find(|n| n.id == "double-count")?;
+        let words: Vec<&str> = note.text.split(' ').collect();
+        let percent = words.iter().position(|word| *word == "%").expect("a size");
+        words[percent - 1].parse::<f64>().ok()
     };
-    assert_eq!(told(Bounce::Auto), None);
-    assert!(told(Bounce::Solid).expect("a warning").contains("100 %"));
+    // An albedo of 0.5 adds half as much again with each bounce.
+    assert_eq!(told(Bounce::Auto, 8), None);
+    for (bounces, expected) in [(0, 0.0), (1, 50.0), (30, 100.0)] {
+        let percent = told(Bounce::Solid, bounces).expect("a warning");
+        assert!((percent - expected).abs() < 6.0, "{bounces} bounces: {percent} %");
+    }
 }
 
 // Notes, section 1: light samples and scattered rays share one visibility, so the estimate does not lose
