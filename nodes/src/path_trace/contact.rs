@@ -21,7 +21,9 @@ const FOUND: f64 = 0.25;
 /// Cosine of the steepest ground.
 const STEEPEST: f32 = 0.7;
 /// The largest error of a mesh that is believed without being told, in metres.
-const LARGEST: f64 = 0.05;
+pub(super) const LARGEST: f64 = 0.05;
+/// How far off the ground is looked for in metres, to tell that an object does not stand on it.
+const FARTHEST: f64 = 0.5;
 /// A mesh smoother than this is taken as it is, in metres.
 const SMOOTHEST: f64 = 1e-4;
 
@@ -45,7 +47,7 @@ pub struct Ground {
 
 impl Ground {
     /// Feels the ground under every object. `metre` is its length in world units; `fixed` an error in metres
-    /// that the user knows better, 0 for a mesh without. Gives what was found for each object.
+    /// that the user knows better, 0 for a mesh without. Gives what was found for each object, be it too far off.
     pub fn feel(
         receiver: &Receiver,
         objects: &[impl AsRef<Placed>],
@@ -63,11 +65,14 @@ impl Ground {
             };
             let felt = match fixed {
                 Some(_) => None,
-                None => under(receiver, &foot, origin, up, LARGEST * metre),
+                None => [LARGEST, FARTHEST]
+                    .into_iter()
+                    .find_map(|largest| under(receiver, &foot, origin, up, largest * metre)),
             };
+            let near = |felt: &Level| felt.height.abs() <= LARGEST * metre;
             let reach = match (fixed, felt) {
                 (Some(metres), _) => metres * metre,
-                (None, Some(felt)) if felt.roughness > SMOOTHEST * metre => {
+                (None, Some(felt)) if near(&felt) && felt.roughness > SMOOTHEST * metre => {
                     (felt.height.abs() + 3.0 * felt.roughness).min(LARGEST * metre)
                 }
                 _ => 0.0,
@@ -184,7 +189,9 @@ mod tests {
             "{found:?}"
         );
         assert!((0.012..0.04).contains(&rough.supports[0].reach));
-        assert_eq!(felt(&ground(|i, _| noise(i)), 0.3).1, None, "nothing under it");
+        let (far, found) = felt(&ground(|i, _| noise(i)), 0.3);
+        assert!(far.supports.is_empty() && (found.expect("ground").height + 0.3).abs() < 0.01);
+        assert_eq!(felt(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
     // A hit of the camera lands at the height of the base, whatever the mesh has there.

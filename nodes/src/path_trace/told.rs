@@ -6,6 +6,7 @@ use engine::Notes;
 use glam::DVec3;
 
 use super::Out;
+use super::contact::LARGEST;
 use super::decide::Decided;
 use super::objects::Objects;
 use super::shot::Shot;
@@ -42,8 +43,20 @@ pub(super) fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
 /// Tells how far the mesh misses the bases of objects that stand on it.
 pub(super) fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| v * metres_per_unit * 1e3;
+    let near = |level: &Level| level.height.abs() * metres_per_unit <= LARGEST;
+    for (index, level) in felt.iter().enumerate().filter_map(|(index, felt)| Some((index, (*felt)?))) {
+        if !near(&level) {
+            let (off, side) =
+                (millimetres(level.height.abs()), if level.height > 0.0 { "below" } else { "above" });
+            let text = format!(
+                "object {index} stands {off:.0} mm {side} the receiver, so its shadow does not meet it"
+            );
+            let hint = "`snap` puts it on the mesh; `contact_metres` tells that the mesh is wrong by as much";
+            notes.warning("off-the-ground", format!("{text}; {hint}"));
+        }
+    }
     let each = felt.iter().enumerate().filter_map(|(index, felt)| {
-        let level = (*felt)?;
+        let level = felt.filter(near)?;
         let (offset, roughness) = (millimetres(level.height), millimetres(level.roughness));
         Some(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"))
     });
