@@ -2,3 +2,5 @@
 //! `predict-exposure`. Nothing here is in a default build; the feature `learned` of `lightharmony` brings it in.
 //!
 //! The crate knows tensors and files of weights, and neither graphs nor images: `nodes` hands it arrays.
+
+pub mod flux;

@@ -1,0 +1,121 @@
+//! Gradients of updates on the blocks, one block at a time.
+//!
+//! Only the input of each block is kept on the way forward; on the way back each block is computed again. So memory
+//! is that of one block: of its intermediate values, and of the gradients of its frozen weights, which the tensor
+//! library makes whether asked or not and which would take 48 GB for the whole model.
+
+use std::collections::HashMap;
+
+use candle_core::backprop::GradStore;
+use candle_core::{Tensor, TensorId, Var};
+
+use super::block::Shared;
+use super::error::Result;
+use super::prompt::Prompt;
+use super::rope::Place;
+use super::transformer::{Begun, Transformer};
+use super::watch::Watch;
+
+/// What the transformer is given.
+pub struct Given<'a> {
+    /// As in [`Transformer::forward`].
+    pub tokens: &'a Tensor,
+    /// As in [`Transformer::forward`].
+    pub places: &'a [Place],
+    /// As in [`Transformer::forward`].
+    pub prompt: &'a Prompt,
+    /// As in [`Transformer::forward`].
+    pub time: f32,
+    /// As in [`Transformer::forward`].
+    pub guidance: f32,
+}
+
+impl Transformer {
+    /// The loss, one number, that `loss` makes of the velocity, and its gradients with respect to `vars`, which
+    /// are in updates of layers of blocks.
+    pub fn gradients(
+        &self,
+        given: &Given<'_>,
+        vars: &[Var],
+        loss: &dyn Fn(&Tensor) -> Result<Tensor>,
+        watch: &mut dyn Watch,
+    ) -> Result<(f32, Vec<Option<Tensor>>)> {
+        let Given { tokens, places, prompt, time, guidance } = *given;
+        let Begun { rotations, mood, txt, img } =
+            self.begin(tokens, places, prompt, time, guidance, watch)?;
+        let shared = Shared { mood: mood.detach(), rotations: &rotations, head: self.config().head() };
+
+        let mut pairs = vec![(txt.detach(), img.detach())];
+        for block in &self.doubles {
+            watch.check()?;
+            let (txt, img) = &pairs[pairs.len() - 1];
+            let (txt, img) = block.forward(txt, img, &shared, watch)?;
+            pairs.push((txt.detach(), img.detach()));
+        }
+        let Some((txt, img)) = pairs.pop() else { unreachable!("one was put in") };
+        let (texts, pictures) = (txt.dim(0)?, img.dim(0)?);
+        let mut wholes = vec![Tensor::cat(&[&txt, &img], 0)?];
+        for block in &self.singles {
+            watch.check()?;
+            wholes.push(block.forward(&wholes[wholes.len() - 1], &shared, watch)?.detach());
+        }
+
+        let mut found = Found { vars, of: HashMap::new() };
+        let Some(last) = wholes.pop() else { unreachable!("one was put in") };
+        let last = Var::from_tensor(&last)?;
+        let lost = loss(&self.end(&last.narrow(0, texts, pictures)?, &shared, watch)?)?;
+        let mut way = found.gradient(&last, &lost.backward()?)?;
+        for (block, whole) in self.singles.iter().zip(&wholes).rev() {
+            watch.check()?;
+            let whole = Var::from_tensor(whole)?;
+            let grads = back(&[(&block.forward(&whole, &shared, watch)?, &way)])?;
+            found.take(&grads)?;
+            way = found.gradient(&whole, &grads)?;
+        }
+        let (mut txt_way, mut img_way) = (way.narrow(0, 0, texts)?, way.narrow(0, texts, pictures)?);
+        for (block, (txt, img)) in self.doubles.iter().zip(&pairs).rev() {
+            watch.check()?;
+            let (txt, img) = (Var::from_tensor(txt)?, Var::from_tensor(img)?);
+            let (new_txt, new_img) = block.forward(&txt, &img, &shared, watch)?;
+            let grads = back(&[(&new_txt, &txt_way), (&new_img, &img_way)])?;
+            found.take(&grads)?;
+            (txt_way, img_way) = (found.gradient(&txt, &grads)?, found.gradient(&img, &grads)?);
+        }
+        let gradients = vars.iter().map(|var| found.of.remove(&var.id())).collect();
+        Ok((lost.to_scalar()?, gradients))
+    }
+}
+
+/// The gradients of what `outputs` were made from, each with its own gradient.
+fn back(outputs: &[(&Tensor, &Tensor)]) -> Result<GradStore> {
+    let mut sum = Tensor::zeros((), outputs[0].0.dtype(), outputs[0].0.device())?;
+    for (output, gradient) in outputs {
+        sum = (sum + (*output * *gradient)?.sum_all()?)?;
+    }
+    Ok(sum.backward()?)
+}
+
+/// Gradients of variables, as blocks give them.
+struct Found<'a> {
+    vars: &'a [Var],
+    of: HashMap<TensorId, Tensor>,
+}
+
+impl Found<'_> {
+    fn take(&mut self, grads: &GradStore) -> Result<()> {
+        for var in self.vars {
+            if let Some(gradient) = grads.get(var) {
+                self.of.insert(var.id(), gradient.clone());
+            }
+        }
+        Ok(())
+    }
+
+    /// The gradient of a block's input, which every block reads.
+    fn gradient(&self, input: &Var, grads: &GradStore) -> Result<Tensor> {
+        Ok(match grads.get(input) {
+            Some(gradient) => gradient.detach(),
+            None => input.zeros_like()?,
+        })
+    }
+}

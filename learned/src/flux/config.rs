@@ -1,0 +1,170 @@
+//! The sizes of the transformer, as its file tells them.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::error::{Error, Result};
+use super::names::Layout;
+use super::source::Source;
+
+/// The sizes of a transformer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Config {
+    /// Length of a token within the network.
+    pub hidden: usize,
+    /// Heads of attention; each has `hidden / heads` numbers.
+    pub heads: usize,
+    /// Width of the hidden layer of each perceptron.
+    pub mlp: usize,
+    /// Length of a token of the picture: four latent pixels.
+    pub in_channels: usize,
+    /// Length of a token of text.
+    pub context: usize,
+    /// Length of the vector that sums the text up.
+    pub pooled: usize,
+    /// Length of the embedding of a time.
+    pub time: usize,
+    /// How a head's numbers are shared among frame, row and column of a token's place; all even.
+    pub axes: [usize; 3],
+    /// Whether the strength of guidance is an input.
+    pub guidance: bool,
+    /// Blocks in which text and picture have weights of their own.
+    pub double_blocks: usize,
+    /// Blocks in which they share them.
+    pub single_blocks: usize,
+}
+
+/// `config.json` of `diffusers`.
+#[derive(Deserialize)]
+struct File {
+    attention_head_dim: usize,
+    axes_dims_rope: [usize; 3],
+    guidance_embeds: bool,
+    in_channels: usize,
+    joint_attention_dim: usize,
+    num_attention_heads: usize,
+    num_layers: usize,
+    num_single_layers: usize,
+    pooled_projection_dim: usize,
+}
+
+/// A model with more blocks than this is taken for damage.
+const MAX_BLOCKS: usize = 1000;
+
+impl Config {
+    /// The published model: 12 billion weights.
+    pub const fn kontext() -> Self {
+        Self {
+            hidden: 3072,
+            heads: 24,
+            mlp: 12288,
+            in_channels: 64,
+            context: 4096,
+            pooled: 768,
+            time: 256,
+            axes: [16, 56, 56],
+            guidance: true,
+            double_blocks: 19,
+            single_blocks: 38,
+        }
+    }
+
+    /// Numbers in a head.
+    pub const fn head(&self) -> usize {
+        self.hidden / self.heads
+    }
+
+    /// The layout and the sizes, from the shapes in the headers. How a head is shared among the axes
+    /// stands in no header: it is taken from `config.json` beside the file if there is one, which must then
+    /// agree with the headers, or is that of the published model if heads are as long as its.
+    pub fn of(source: &Source) -> Result<(Layout, Self)> {
+        let layout = ["", "model.diffusion_model."]
+            .into_iter()
+            .map(|prefix| Layout::Original { prefix })
+            .chain([Layout::Diffusers])
+            .find(|layout| source.shape(&format!("{}.weight", layout.pieces("img_in").modules[0])).is_some())
+            .ok_or_else(|| {
+                source.wrong(
+                    "holds no Flux transformer: neither `img_in.weight` nor `x_embedder.weight` is in it",
+                )
+            })?;
+        let matrix = |module: &str| -> Result<(usize, usize)> {
+            let name = format!("{}.weight", layout.pieces(module).modules[0]);
+            match source.shape(&name) {
+                Some(&[rows, columns]) if rows > 0 && columns > 0 => Ok((rows, columns)),
+                Some(shape) => Err(source.wrong(format!("`{name}` has shape {shape:?}, which is no matrix"))),
+                None => Err(source.wrong(format!("`{name}` is missing"))),
+            }
+        };
+        let blocks = |first: &str, module: &str| {
+            let there = |i: &usize| {
+                let name = format!("{}.weight", layout.pieces(&format!("{first}.{i}.{module}")).modules[0]);
+                source.shape(&name).is_some()
+            };
+            (0..MAX_BLOCKS).take_while(there).count()
+        };
+        let (hidden, in_channels) = matrix("img_in")?;
+        let norm = layout.scale("double_blocks.0.img_attn.norm.query_norm");
+        let head = match source.shape(&norm) {
+            Some(&[head]) if head > 0 && hidden % head == 0 => head,
+            shape => return Err(source.wrong(format!("`{norm}` has shape {shape:?} at a width of {hidden}"))),
+        };
+        let mut config = Self {
+            hidden,
+            heads: hidden / head,
+            mlp: matrix("double_blocks.0.img_mlp.0")?.0,
+            in_channels,
+            context: matrix("txt_in")?.1,
+            pooled: matrix("vector_in.in_layer")?.1,
+            time: matrix("time_in.in_layer")?.1,
+            axes: Self::kontext().axes,
+            guidance: matrix("guidance_in.in_layer").is_ok(),
+            double_blocks: blocks("double_blocks", "img_mlp.0"),
+            single_blocks: blocks("single_blocks", "linear2"),
+        };
+        config.check(source.path())?;
+        if let Some(axes) = config.beside(source.path())? {
+            config.axes = axes;
+        }
+        if config.axes.iter().sum::<usize>() != head || config.axes.iter().any(|axis| axis % 2 != 0) {
+            return Err(source.wrong(format!(
+                "its heads have {head} numbers, which do not divide as {:?}; put the `config.json` of the model \
+                 beside it, which says how they do",
+                config.axes
+            )));
+        }
+        Ok((layout, config))
+    }
+
+    fn check(&self, file: &Path) -> Result<()> {
+        if !self.in_channels.is_multiple_of(4) || !self.time.is_multiple_of(2) {
+            let (channels, time) = (self.in_channels, self.time);
+            return Err(Error::file(file, format!("tokens of {channels} numbers, times of {time}")));
+        }
+        Ok(())
+    }
+
+    /// The axes of `config.json` beside a file, if there is one that speaks of a transformer.
+    fn beside(&self, file: &Path) -> Result<Option<[usize; 3]>> {
+        let path = file.with_file_name("config.json");
+        let Ok(text) = std::fs::read(&path) else { return Ok(None) };
+        let Ok(json) = serde_json::from_slice::<File>(&text) else { return Ok(None) };
+        let said = Self {
+            hidden: json.num_attention_heads * json.attention_head_dim,
+            heads: json.num_attention_heads,
+            in_channels: json.in_channels,
+            context: json.joint_attention_dim,
+            pooled: json.pooled_projection_dim,
+            guidance: json.guidance_embeds,
+            double_blocks: json.num_layers,
+            single_blocks: json.num_single_layers,
+            ..self.clone()
+        };
+        if said != *self {
+            let what = format!("says {said:?}, but `{}` beside it has {self:?}", file.display());
+            return Err(Error::file(&path, what));
+        }
+        Ok(Some(json.axes_dims_rope))
+    }
+}

@@ -1,0 +1,48 @@
+//! What can go wrong between a file of weights and a picture.
+
+use std::path::{Path, PathBuf};
+
+/// An error of the diffusion backend: what is wrong, with which file, and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file that cannot be read, is damaged, or is not what it is taken for.
+    #[error("`{}`: {what}", file.display())]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it, and what to do.
+        what: String,
+    },
+    /// Values that do not belong together: sizes, options.
+    #[error("{0}")]
+    Mismatch(String),
+    /// [`Watch::check`](super::Watch::check) asked to stop.
+    #[error("stopped")]
+    Stopped,
+    /// The tensor library refused: out of memory on a GPU, say.
+    #[error("tensors: {0}")]
+    Tensor(#[from] candle_core::Error),
+}
+
+impl Error {
+    /// An [`Error::File`].
+    pub fn file(file: &Path, what: impl Into<String>) -> Self {
+        Self::File { file: file.to_owned(), what: what.into() }
+    }
+
+    /// The error of a file that the system did not let us read or write.
+    pub(crate) fn io(file: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |error| Self::file(file, error.to_string())
+    }
+}
+
+/// What the functions here give.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// The first few of many names, for a message.
+pub(crate) fn some_of<S: AsRef<str>>(names: &[S]) -> String {
+    const SHOWN: usize = 6;
+    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{}`", name.as_ref())).collect();
+    let more = names.len().saturating_sub(SHOWN);
+    if more == 0 { shown.join(", ") } else { format!("{} and {more} more", shown.join(", ")) }
+}

@@ -1,0 +1,242 @@
+//! Editing a picture: encode it, take noise to a picture beside it step by step, decode that.
+
+use std::path::PathBuf;
+
+use candle_core::{DType, Device, Tensor};
+
+use super::conv::Edge;
+use super::error::{Error, Result};
+use super::latents::{half_turned, pack, unpack};
+use super::lora::Lora;
+use super::noise::normals;
+use super::prompt::Prompt;
+use super::rope::grid;
+use super::schedule::noise_levels;
+use super::source::Source;
+use super::transformer::Transformer;
+use super::vae::Vae;
+use super::watch::Watch;
+
+/// The files of a model.
+#[derive(Debug, Clone)]
+pub struct Files {
+    /// The transformer: safetensors (of the authors or of `diffusers`, or its first shard) or GGUF.
+    pub transformer: PathBuf,
+    /// The autoencoder, safetensors.
+    pub vae: PathBuf,
+    /// The encoded prompt; see [`Prompt::read`].
+    pub prompt: PathBuf,
+    /// LoRAs, each with its strength.
+    pub loras: Vec<(PathBuf, f64)>,
+}
+
+/// How a picture is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Steps from noise to picture.
+    pub steps: usize,
+    /// How strongly the model follows the prompt; it was trained with this number as an input.
+    pub guidance: f32,
+    /// Of the noise.
+    pub seed: u64,
+    /// Left and right edge belong together. Convolutions then go round, and every step is done twice, once on the
+    /// picture turned by half a circle, since attention knows columns as far apart that are neighbours across the
+    /// edge: each half of the picture is taken from the pass in which it is in the middle.
+    pub seamless: bool,
+}
+
+impl Settings {
+    fn edge(&self) -> Edge {
+        if self.seamless { Edge::Wraps } else { Edge::Zeros }
+    }
+}
+
+/// Flux.1 Kontext with its LoRAs and its prompt.
+pub struct Kontext {
+    pub(super) transformer: Transformer,
+    pub(super) vae: Vae,
+    pub(super) prompt: Prompt,
+}
+
+impl Kontext {
+    /// Reads everything. `dtype` is the type of the computation in the transformer.
+    pub fn load(files: &Files, device: &Device, dtype: DType) -> Result<Self> {
+        // Small files first: what is wrong with them is then known before 24 GB are read.
+        let source = Source::open(&files.transformer)?;
+        let (config, _) = Transformer::survey(&source)?;
+        let prompt = Prompt::read(&files.prompt, &config, device)?;
+        let mut loras = Vec::new();
+        for (path, strength) in &files.loras {
+            loras.push((Lora::read(path, &config, device)?, *strength));
+        }
+        let vae = Vae::load(&files.vae, device, DType::F32)?;
+        if vae.config().latents * 4 != config.in_channels {
+            return Err(Error::file(
+                &files.vae,
+                format!(
+                    "makes latents of {} channels; `{}` wants {}",
+                    vae.config().latents,
+                    files.transformer.display(),
+                    config.in_channels / 4
+                ),
+            ));
+        }
+        let mut transformer = Transformer::load(&source, device, dtype)?;
+        for (lora, strength) in &loras {
+            transformer.attach(lora, *strength)?;
+        }
+        Ok(Self { transformer, vae, prompt })
+    }
+
+    /// The noise that a picture of this size starts from; each `stream` of a seed has its own.
+    pub fn noise(&self, width: usize, height: usize, seed: u64, stream: u64) -> Result<Tensor> {
+        let shape = (self.vae.config().latents, height / 8, width / 8);
+        normals(seed, stream, shape, self.transformer.device())
+    }
+
+    /// The edited picture. `picture` is 3 x height x width in 0..1, display-encoded; both sizes are multiples of 16,
+    /// the width of 32 where it is seamless, and are kept. `noise` is as [`Kontext::noise`] gives it. The result is
+    /// of the same size, in 0..1.
+    pub fn edit(
+        &self,
+        picture: &Tensor,
+        noise: &Tensor,
+        settings: &Settings,
+        watch: &mut dyn Watch,
+    ) -> Result<Tensor> {
+        let (_, height, width) = picture.dims3()?;
+        let unit = if settings.seamless { 32 } else { 16 };
+        if height == 0 || width == 0 || height % 16 != 0 || width % unit != 0 {
+            return Err(Error::Mismatch(format!(
+                "a picture of {width} x {height} pixels; the height must be a multiple of 16, the width of {unit}"
+            )));
+        }
+        // Encoding and decoding take about as long as a step.
+        let whole = (settings.steps + 2) as f64;
+        let condition = self.vae.encode(&((picture * 2.0)? - 1.0)?, settings.edge(), watch)?;
+        let latents = self.denoise(
+            &condition,
+            noise,
+            settings,
+            &mut Span { watch, from: 1.0 / whole, to: 1.0 - 1.0 / whole },
+        )?;
+        let made = self.decode(&latents, settings, watch)?;
+        watch.value("image_out", &made);
+        watch.progress(1.0);
+        Ok(made)
+    }
+
+    /// The picture that latents stand for, in 0..1.
+    pub fn decode(&self, latents: &Tensor, settings: &Settings, watch: &mut dyn Watch) -> Result<Tensor> {
+        let made = self.vae.decode(latents, settings.edge(), watch)?;
+        Ok(((made * 0.5)? + 0.5)?.clamp(0.0, 1.0)?)
+    }
+
+    /// From noise to the latents of an edited picture. `condition` are those of the picture it is made from; both
+    /// are channels x height x width.
+    pub fn denoise(
+        &self,
+        condition: &Tensor,
+        noise: &Tensor,
+        settings: &Settings,
+        watch: &mut dyn Watch,
+    ) -> Result<Tensor> {
+        let (_, height, width) = condition.dims3()?;
+        let (rows, columns, made) = (height / 2, width / 2, height / 2 * (width / 2));
+        let (condition, mut tokens) = (pack(condition)?, pack(noise)?);
+        watch.value("cond_packed", &condition);
+        let places: Vec<_> = [0.0, 1.0].into_iter().flat_map(|frame| grid(frame, rows, columns)).collect();
+        let levels = noise_levels(settings.steps, made);
+        for (step, pair) in levels.windows(2).enumerate() {
+            watch.progress(step as f64 / settings.steps as f64);
+            let mut velocity = |tokens: &Tensor, condition: &Tensor| -> Result<Tensor> {
+                let both = Tensor::cat(&[tokens, condition], 0)?;
+                let guidance = settings.guidance;
+                let out = self.transformer.forward(&both, &places, &self.prompt, pair[0], guidance, watch)?;
+                watch.value(&format!("transformer_out_step{step}"), &out);
+                Ok(out.narrow(0, 0, made)?)
+            };
+            let mut way = velocity(&tokens, &condition)?;
+            if settings.seamless {
+                let turned = |t: &Tensor| half_turned(t, rows, columns);
+                let other = turned(&velocity(&turned(&tokens)?, &turned(&condition)?)?)?;
+                let share = middle(rows, columns, way.device())?;
+                way = (&other + (way - &other)?.broadcast_mul(&share)?)?;
+            }
+            // In f32, like the levels.
+            tokens = (tokens + (way * f64::from(pair[1] - pair[0]))?)?;
+            watch.value(&format!("latents_after_step{step}"), &tokens);
+        }
+        unpack(&tokens, rows, columns)
+    }
+
+    /// Ever darker pictures, each made from the one before: `passes` of them.
+    pub fn darker(
+        &self,
+        picture: &Tensor,
+        passes: usize,
+        settings: &Settings,
+        watch: &mut dyn Watch,
+    ) -> Result<Vec<Tensor>> {
+        let (_, height, width) = picture.dims3()?;
+        let mut made: Vec<Tensor> = Vec::new();
+        for pass in 0..passes {
+            let noise = self.noise(width, height, settings.seed, pass as u64)?;
+            let from = made.last().unwrap_or(picture);
+            let share = |pass: usize| pass as f64 / passes as f64;
+            let mut part = Span { watch, from: share(pass), to: share(pass + 1) };
+            let next = self.edit(from, &noise, settings, &mut part)?;
+            made.push(next);
+        }
+        Ok(made)
+    }
+}
+
+/// A part of a computation: its progress is that of the whole from `from` to `to`.
+struct Span<'a> {
+    watch: &'a mut dyn Watch,
+    from: f64,
+    to: f64,
+}
+
+impl Watch for Span<'_> {
+    fn check(&mut self) -> Result<()> {
+        self.watch.check()
+    }
+
+    fn progress(&mut self, done: f64) {
+        self.watch.progress(self.from + (self.to - self.from) * done);
+    }
+
+    fn value(&mut self, name: &str, value: &Tensor) {
+        self.watch.value(name, value);
+    }
+}
+
+/// For each token 1 in the middle half of the columns and 0 in the outer quarters, with a ramp of an eighth of the
+/// columns between: tokens x 1. Turned by half a circle, it is one minus itself.
+fn middle(rows: usize, columns: usize, device: &Device) -> Result<Tensor> {
+    let share = |column: usize| {
+        let from_edge = column.min(columns - 1 - column) as f64 + 0.5;
+        let (quarter, ramp) = (columns as f64 / 4.0, columns as f64 / 8.0);
+        ((from_edge - quarter) / ramp + 0.5).clamp(0.0, 1.0) as f32
+    };
+    let line: Vec<f32> = (0..columns).map(share).collect();
+    Ok(Tensor::from_vec(line.repeat(rows), (rows * columns, 1), device)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_two_halves_complete_each_other() -> Result<()> {
+        for columns in [4, 8, 18, 90] {
+            let share = middle(3, columns, &Device::Cpu)?;
+            let sum = (&share + half_turned(&share, 3, columns)?)?.flatten_all()?.to_vec1::<f32>()?;
+            assert!(sum.iter().all(|sum| (sum - 1.0).abs() < 1e-6), "{columns}: {sum:?}");
+            assert_eq!(share.flatten_all()?.to_vec1::<f32>()?[0], 0.0);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,54 @@
+//! Between latent pixels and tokens: a token is a square of two by two latent pixels.
+
+use candle_core::Tensor;
+
+use super::error::{Error, Result};
+
+/// channels x height x width to (height/2 * width/2) x (4 * channels); both must be even.
+pub fn pack(latents: &Tensor) -> Result<Tensor> {
+    let (channels, height, width) = latents.dims3()?;
+    if height % 2 != 0 || width % 2 != 0 {
+        return Err(Error::Mismatch(format!("{width} x {height} latent pixels do not pair up")));
+    }
+    let squares = latents.reshape((channels, height / 2, 2, width / 2, 2))?.permute((1, 3, 0, 2, 4))?;
+    Ok(squares.reshape((height / 2 * (width / 2), 4 * channels))?)
+}
+
+/// The inverse of [`pack`] for `rows` x `columns` tokens.
+pub fn unpack(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
+    let channels = tokens.dim(1)? / 4;
+    let squares = tokens.reshape((rows, columns, channels, 2, 2))?.permute((2, 0, 3, 1, 4))?;
+    Ok(squares.reshape((channels, rows * 2, columns * 2))?)
+}
+
+/// Tokens of `rows` x `columns` turned by half of the columns, as the panorama turns by half a circle; twice is the
+/// identity. `columns` is even.
+pub fn half_turned(tokens: &Tensor, rows: usize, columns: usize) -> Result<Tensor> {
+    let (count, length) = tokens.dims2()?;
+    let half = columns / 2;
+    let grid = tokens.reshape((rows, columns, length))?;
+    let turned = Tensor::cat(&[grid.narrow(1, half, half)?, grid.narrow(1, 0, half)?], 1)?;
+    Ok(turned.reshape((count, length))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::Device;
+
+    #[test]
+    fn packing_and_turning_undo_themselves() -> Result<()> {
+        let latents = Tensor::arange(0_f32, 3.0 * 4.0 * 8.0, &Device::Cpu)?.reshape((3, 4, 8))?;
+        let tokens = pack(&latents)?;
+        assert_eq!(tokens.dims(), [8, 12]);
+        // The first token: of each channel the corner of two by two.
+        let first = tokens.narrow(0, 0, 1)?.flatten_all()?.to_vec1::<f32>()?;
+        assert_eq!(first[..8], [0.0, 1.0, 8.0, 9.0, 32.0, 33.0, 40.0, 41.0]);
+        assert_eq!(unpack(&tokens, 2, 4)?.to_vec3::<f32>()?, latents.to_vec3::<f32>()?);
+        let turned = half_turned(&tokens, 2, 4)?;
+        assert_eq!(turned.to_vec2::<f32>()?[0], tokens.to_vec2::<f32>()?[2]);
+        assert_eq!(half_turned(&turned, 2, 4)?.to_vec2::<f32>()?, tokens.to_vec2::<f32>()?);
+        assert!(pack(&latents.narrow(1, 0, 3)?).is_err());
+        Ok(())
+    }
+}

@@ -1,0 +1,110 @@
+//! Linear layers, whose weights stay as they are in the file, and the low-rank updates on them.
+
+use candle_core::quantized::QTensor;
+use candle_core::{DType, Tensor};
+
+use super::error::{Error, Result};
+
+/// The weights of a layer, in the type of the file: widened whole for each use, which costs little beside the
+/// product and is exact, where products of quantised numbers are not.
+#[derive(Debug)]
+pub enum Matrix {
+    /// Plain numbers.
+    Plain(Tensor),
+    /// Quantised numbers.
+    Blocks(QTensor),
+}
+
+impl Matrix {
+    /// Rows and columns.
+    fn size(&self) -> Result<(usize, usize)> {
+        Ok(match self {
+            Self::Plain(tensor) => tensor.dims2()?,
+            Self::Blocks(tensor) => tensor.shape().dims2()?,
+        })
+    }
+
+    fn widened(&self, dtype: DType) -> Result<Tensor> {
+        Ok(match self {
+            Self::Plain(tensor) => tensor.to_dtype(dtype)?,
+            Self::Blocks(tensor) => tensor.dequantize(&tensor.device())?.to_dtype(dtype)?,
+        })
+    }
+
+    /// In f32.
+    pub(crate) fn to_f32(&self) -> Result<Tensor> {
+        self.widened(DType::F32)
+    }
+}
+
+/// A low-rank update of some rows of a layer: `scale * up * down` is added to them.
+#[derive(Debug, Clone)]
+pub struct Update {
+    /// The first row it changes.
+    pub start: usize,
+    /// rank x columns, f32.
+    pub down: Tensor,
+    /// rows x rank, f32.
+    pub up: Tensor,
+    /// `strength * alpha / rank`.
+    pub scale: f64,
+}
+
+/// A linear layer, and the low-rank updates on it. They are applied beside the weights rather than merged into
+/// them: it costs `rank / width` more work, loses nothing to the type of the weights, and is the same for quantised
+/// ones and in training.
+#[derive(Debug)]
+pub struct Linear {
+    name: String,
+    weight: Matrix,
+    bias: Tensor,
+    updates: Vec<Update>,
+}
+
+impl Linear {
+    /// `weight` is rows x columns, `bias` has a number a row in f32.
+    pub fn new(name: &str, weight: Matrix, bias: Tensor) -> Self {
+        Self { name: name.to_owned(), weight, bias, updates: Vec::new() }
+    }
+
+    /// Our name of it: `double_blocks.0.img_attn.qkv`.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Adds an update, whose sizes must fit.
+    pub fn update(&mut self, update: Update) -> Result<()> {
+        let (rows, columns) = self.weight.size()?;
+        let ((up, rank), (down_rank, down)) = (update.up.dims2()?, update.down.dims2()?);
+        if update.start + up > rows || rank != down_rank || down != columns {
+            let name = &self.name;
+            return Err(Error::Mismatch(format!(
+                "an update of {up} x {rank} by {down_rank} x {down} does not fit `{name}` of {rows} x {columns}"
+            )));
+        }
+        self.updates.push(update);
+        Ok(())
+    }
+
+    /// tokens x columns to tokens x rows, in the type of `x`.
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        let dtype = x.dtype();
+        let y = x.matmul(&self.weight.widened(dtype)?.t()?)?;
+        let y = y.broadcast_add(&self.bias.to_dtype(dtype)?)?;
+        if self.updates.is_empty() {
+            return Ok(y);
+        }
+        // All updates as one: downs stacked, ups side by side, each at its rows.
+        let rows = y.dim(1)?;
+        let mut downs = Vec::new();
+        let mut ups = Vec::new();
+        for Update { start, down, up, scale } in &self.updates {
+            downs.push(down.clone());
+            let below = rows - start - up.dim(0)?;
+            ups.push((up.pad_with_zeros(0, *start, below)? * *scale)?);
+        }
+        let low = x.to_dtype(DType::F32)?.matmul(&Tensor::cat(&downs, 0)?.t()?)?;
+        let delta = low.matmul(&Tensor::cat(&ups, 1)?.t()?)?;
+        Ok((y + delta.to_dtype(dtype)?)?)
+    }
+}

@@ -1,0 +1,219 @@
+//! LoRA files: low-rank updates of the transformer (Hu et al. 2022), `alpha / rank * up * down`.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+
+use super::config::Config;
+use super::error::{Result, some_of};
+use super::linear::Update;
+use super::loader::swapped;
+use super::names::{Layout, linears, piece_rows};
+use super::source::Source;
+
+/// The updates of one file, by the layers they change.
+#[derive(Debug)]
+pub struct Lora {
+    updates: BTreeMap<String, Vec<Update>>,
+}
+
+/// Where the update of a module of some layout goes.
+#[derive(Clone)]
+struct Target {
+    module: String,
+    start: usize,
+    rows: usize,
+    columns: usize,
+    swapped: bool,
+}
+
+/// The tensors of one module in a file.
+#[derive(Default)]
+struct Found {
+    down: Option<String>,
+    up: Option<String>,
+    alpha: Option<String>,
+}
+
+/// What may stand before the name of a module: `diffusers` and peft, other trainers, kohya.
+const PREFIXES: [&str; 5] =
+    ["transformer.", "base_model.model.", "diffusion_model.", "lora_unet_", "lora_transformer_"];
+
+impl Lora {
+    /// Reads a file in the layout of `diffusers` and peft (`transformer.<module>.lora_A.weight`), of kohya
+    /// (`lora_unet_<module>.lora_down.weight`), or with the authors' names in either spelling. A key that belongs
+    /// to no layer of the model is an error: an update that is silently without effect helps nobody.
+    ///
+    /// alpha is the tensor `<module>.alpha`, else `lora_alpha` of the header, else the rank (which is a scale of 1).
+    pub fn read(path: &Path, config: &Config, device: &Device) -> Result<Self> {
+        let source = Source::open(path)?;
+        let targets = targets(config);
+        let mut found: BTreeMap<&str, Found> = BTreeMap::new();
+        let mut unknown = Vec::new();
+        for key in source.entries().keys() {
+            let Some((stem, ending)) = stem(key).filter(|(stem, _)| targets.contains_key(*stem)) else {
+                unknown.push(key);
+                continue;
+            };
+            let module = found.entry(stem).or_default();
+            let slot = match ending {
+                Ending::Down => &mut module.down,
+                Ending::Up => &mut module.up,
+                Ending::Alpha => &mut module.alpha,
+            };
+            if slot.replace(key.clone()).is_some() {
+                return Err(source.wrong(format!("`{key}` says again what another tensor says")));
+            }
+        }
+        if !unknown.is_empty() {
+            return Err(source.wrong(format!(
+                "{} of its tensors change no layer of this model: {}. Is it a LoRA for Flux.1?",
+                unknown.len(),
+                some_of(&unknown)
+            )));
+        }
+        if found.is_empty() {
+            return Err(source.wrong("holds no update"));
+        }
+        let header = header_alpha(&source)?;
+        let mut updates: BTreeMap<String, Vec<Update>> = BTreeMap::new();
+        for (stem, module) in found {
+            let Some(target) = targets.get(stem) else { continue };
+            let update = target.update(&source, stem, &module, header, device)?;
+            updates.entry(target.module.clone()).or_default().push(update);
+        }
+        Ok(Self { updates })
+    }
+
+    /// The updates of a layer.
+    pub fn updates(&self, module: &str) -> Vec<Update> {
+        self.updates.get(module).cloned().unwrap_or_default()
+    }
+
+    /// How many layers it changes.
+    pub fn layers(&self) -> usize {
+        self.updates.len()
+    }
+}
+
+impl Target {
+    fn update(
+        &self,
+        source: &Source,
+        stem: &str,
+        module: &Found,
+        header: Option<f64>,
+        device: &Device,
+    ) -> Result<Update> {
+        let (Some(down), Some(up)) = (&module.down, &module.up) else {
+            return Err(source.wrong(format!("of `{stem}` one of the two matrices is missing")));
+        };
+        let rank = match (source.shape(down), source.shape(up)) {
+            (Some(&[rank, columns]), Some(&[rows, up_rank]))
+                if rank == up_rank && rank > 0 && columns == self.columns && rows == self.rows =>
+            {
+                rank
+            }
+            (down, up) => {
+                let (rows, columns) = (self.rows, self.columns);
+                return Err(source.wrong(format!(
+                    "the update of `{stem}` has shapes {up:?} and {down:?}; the layer has {rows} x {columns}"
+                )));
+            }
+        };
+        let alpha = match &module.alpha {
+            Some(key) => {
+                let values = source.read_f32(key, &Device::Cpu)?.flatten_all()?.to_vec1::<f32>()?;
+                match values.as_slice() {
+                    [alpha] if alpha.is_finite() => f64::from(*alpha),
+                    _ => return Err(source.wrong(format!("`{key}` is not one number"))),
+                }
+            }
+            None => header.unwrap_or(rank as f64),
+        };
+        let matrix = |key: &str| -> Result<Tensor> {
+            let tensor = source.read_f32(key, device)?;
+            let sum = tensor.abs()?.sum_all()?.to_scalar::<f32>()?;
+            if sum.is_finite() {
+                Ok(tensor)
+            } else {
+                Err(source.wrong(format!("`{key}` holds NaN or infinity")))
+            }
+        };
+        let up = matrix(up)?;
+        Ok(Update {
+            start: self.start,
+            down: matrix(down)?,
+            up: if self.swapped { swapped(&up)? } else { up },
+            scale: alpha / rank as f64,
+        })
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Ending {
+    Down,
+    Up,
+    Alpha,
+}
+
+/// The name of a module without what trainers put around it, and which of its tensors a key is.
+fn stem(key: &str) -> Option<(&str, Ending)> {
+    const ENDINGS: [(&str, Ending); 5] = [
+        (".lora_A.weight", Ending::Down),
+        (".lora_down.weight", Ending::Down),
+        (".lora_B.weight", Ending::Up),
+        (".lora_up.weight", Ending::Up),
+        (".alpha", Ending::Alpha),
+    ];
+    let (mut stem, ending) =
+        ENDINGS.into_iter().find_map(|(text, ending)| Some((key.strip_suffix(text)?, ending)))?;
+    while let Some(rest) = PREFIXES.iter().find_map(|prefix| stem.strip_prefix(prefix)) {
+        stem = rest;
+    }
+    Some((stem, ending))
+}
+
+/// Every name that a file can call a layer by: in both layouts, with dots and with underscores.
+fn targets(config: &Config) -> BTreeMap<String, Target> {
+    let mut targets = BTreeMap::new();
+    for (module, rows, columns) in linears(config) {
+        for layout in [Layout::Original { prefix: "" }, Layout::Diffusers] {
+            let pieces = layout.pieces(&module);
+            let mut start = 0;
+            for (name, rows) in pieces.modules.iter().zip(piece_rows(config, rows, pieces.modules.len())) {
+                let target = Target { module: module.clone(), start, rows, columns, swapped: pieces.swapped };
+                targets.insert(name.replace('.', "_"), target.clone());
+                targets.insert(name.clone(), target);
+                start += rows;
+            }
+        }
+    }
+    targets
+}
+
+/// `lora_alpha` of the header, as peft writes it: within the JSON text `lora_adapter_metadata`.
+fn header_alpha(source: &Source) -> Result<Option<f64>> {
+    let Some(text) = source.metadata().get("lora_adapter_metadata") else { return Ok(None) };
+    let json: serde_json::Value = serde_json::from_str(text).map_err(|error| {
+        source.wrong(format!("`lora_adapter_metadata` in its header is no JSON: {error}"))
+    })?;
+    let field = |name: &str| json.get(format!("transformer.{name}")).or_else(|| json.get(name));
+    for (unsupported, what) in [("use_dora", "DoRA"), ("use_rslora", "a scale of alpha / sqrt(rank)")] {
+        if field(unsupported).and_then(serde_json::Value::as_bool) == Some(true) {
+            return Err(
+                source.wrong(format!("uses {what}, which is not supported; train without `{unsupported}`"))
+            );
+        }
+    }
+    for pattern in ["alpha_pattern", "rank_pattern"] {
+        let listed = field(pattern).and_then(serde_json::Value::as_object).is_some_and(|map| !map.is_empty());
+        if pattern == "alpha_pattern" && listed {
+            return Err(
+                source.wrong("has an alpha for each layer in `alpha_pattern`, which is not supported")
+            );
+        }
+    }
+    Ok(field("lora_alpha").and_then(serde_json::Value::as_f64))
+}

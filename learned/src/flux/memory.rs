@@ -1,0 +1,49 @@
+//! How much memory an edit takes, known before anything is read.
+
+use super::attention::MAX_SCORES;
+use super::config::Config;
+use super::conv::MAX_UNROLLED;
+use super::loader::Tally;
+use super::vae::VaeConfig;
+
+/// Bytes that an edit needs, computing in f32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Memory {
+    /// Weights, as they stay in memory.
+    pub weights: u64,
+    /// The largest matrix while it is widened for use.
+    pub widened: u64,
+    /// What is computed, at its most.
+    pub activations: u64,
+}
+
+impl Memory {
+    /// For a picture of `width` x `height` and `texts` tokens of text.
+    pub fn of(
+        (config, transformer): (&Config, &Tally),
+        (vae_config, vae): (&VaeConfig, &Tally),
+        (width, height): (usize, usize),
+        texts: usize,
+    ) -> Self {
+        const F32: usize = 4;
+        let tokens = texts + 2 * (width / 16) * (height / 16);
+        // A block holds, of each token: itself, its norm, queries, keys and values before and after their rotation,
+        // what attention made, and the hidden layer before and after it bends.
+        let numbers = tokens * (16 * config.hidden + 4 * config.mlp);
+        let blocks = (numbers + 3 * MAX_SCORES) * F32;
+        // The decoder holds the second widest channels at full size, in a residual block: its input, its norm, that
+        // bent, its padded copy, and what comes out.
+        let channels = vae_config.widths.get(1).or(vae_config.widths.first()).copied().unwrap_or(0);
+        let pixels = (6 * channels * width * height + MAX_UNROLLED) * F32;
+        Self {
+            weights: transformer.resident + vae.resident,
+            widened: transformer.largest * F32 as u64,
+            activations: blocks.max(pixels) as u64,
+        }
+    }
+
+    /// All of it.
+    pub fn total(&self) -> u64 {
+        self.weights + self.widened + self.activations
+    }
+}

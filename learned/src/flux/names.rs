@@ -1,0 +1,201 @@
+//! What the parts of the transformer are called in files of weights.
+//!
+//! Inside, a part has the name that the model's authors gave it (`double_blocks.0.img_attn.qkv`), as in their
+//! own files and in GGUF. The layout of `diffusers` calls it otherwise, and cuts some matrices in pieces.
+
+use super::config::Config;
+
+/// The parts of a file's own that make up one part of ours, from the first row down.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Pieces {
+    /// Names of modules, without `.weight` or `.bias`.
+    pub modules: Vec<String>,
+    /// The two halves of the rows change places: `diffusers` has (scale, shift) in the last modulation where the
+    /// authors have (shift, scale).
+    pub swapped: bool,
+}
+
+/// How the tensors of a file of weights are called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layout {
+    /// As the model's authors do, `prefix` before each name (`model.diffusion_model.` in some collections).
+    Original {
+        /// What stands before each name.
+        prefix: &'static str,
+    },
+    /// As `diffusers` does.
+    Diffusers,
+}
+
+impl Layout {
+    /// What stands in a file for a module of ours.
+    pub fn pieces(self, module: &str) -> Pieces {
+        match self {
+            Self::Original { prefix } => {
+                Pieces { modules: vec![format!("{prefix}{module}")], swapped: false }
+            }
+            Self::Diffusers => diffusers(module),
+        }
+    }
+
+    /// The name of the vector of a norm's scales.
+    pub fn scale(self, module: &str) -> String {
+        match self {
+            Self::Original { prefix } => format!("{prefix}{module}.scale"),
+            Self::Diffusers => format!("{}.weight", diffusers(module).modules[0]),
+        }
+    }
+}
+
+/// The modules of `diffusers` that make up one of ours.
+fn diffusers(module: &str) -> Pieces {
+    let whole = |name: String| Pieces { modules: vec![name], swapped: false };
+    let several = |block: &str, parts: &[&str]| Pieces {
+        modules: parts.iter().map(|part| format!("{block}.{part}")).collect(),
+        swapped: false,
+    };
+    let mut levels = module.splitn(3, '.');
+    let (first, second, rest) =
+        (levels.next().unwrap_or(""), levels.next().unwrap_or(""), levels.next().unwrap_or(""));
+    match (first, rest) {
+        ("double_blocks", part) => {
+            let block = format!("transformer_blocks.{second}");
+            match part {
+                "img_attn.qkv" => several(&block, &["attn.to_q", "attn.to_k", "attn.to_v"]),
+                "txt_attn.qkv" => several(&block, &["attn.add_q_proj", "attn.add_k_proj", "attn.add_v_proj"]),
+                _ => whole(format!("{block}.{}", renamed(part, &DOUBLE))),
+            }
+        }
+        ("single_blocks", part) => {
+            let block = format!("single_transformer_blocks.{second}");
+            match part {
+                "linear1" => several(&block, &["attn.to_q", "attn.to_k", "attn.to_v", "proj_mlp"]),
+                _ => whole(format!("{block}.{}", renamed(part, &SINGLE))),
+            }
+        }
+        _ => {
+            let name = renamed(module, &REST);
+            Pieces { modules: vec![name.to_owned()], swapped: name == "norm_out.linear" }
+        }
+    }
+}
+
+type Table<const N: usize> = [(&'static str, &'static str); N];
+
+const DOUBLE: Table<12> = [
+    ("img_mod.lin", "norm1.linear"),
+    ("txt_mod.lin", "norm1_context.linear"),
+    ("img_attn.proj", "attn.to_out.0"),
+    ("txt_attn.proj", "attn.to_add_out"),
+    ("img_attn.norm.query_norm", "attn.norm_q"),
+    ("img_attn.norm.key_norm", "attn.norm_k"),
+    ("txt_attn.norm.query_norm", "attn.norm_added_q"),
+    ("txt_attn.norm.key_norm", "attn.norm_added_k"),
+    ("img_mlp.0", "ff.net.0.proj"),
+    ("img_mlp.2", "ff.net.2"),
+    ("txt_mlp.0", "ff_context.net.0.proj"),
+    ("txt_mlp.2", "ff_context.net.2"),
+];
+
+const SINGLE: Table<4> = [
+    ("modulation.lin", "norm.linear"),
+    ("linear2", "proj_out"),
+    ("norm.query_norm", "attn.norm_q"),
+    ("norm.key_norm", "attn.norm_k"),
+];
+
+const REST: Table<10> = [
+    ("img_in", "x_embedder"),
+    ("txt_in", "context_embedder"),
+    ("time_in.in_layer", "time_text_embed.timestep_embedder.linear_1"),
+    ("time_in.out_layer", "time_text_embed.timestep_embedder.linear_2"),
+    ("guidance_in.in_layer", "time_text_embed.guidance_embedder.linear_1"),
+    ("guidance_in.out_layer", "time_text_embed.guidance_embedder.linear_2"),
+    ("vector_in.in_layer", "time_text_embed.text_embedder.linear_1"),
+    ("vector_in.out_layer", "time_text_embed.text_embedder.linear_2"),
+    ("final_layer.adaLN_modulation.1", "norm_out.linear"),
+    ("final_layer.linear", "proj_out"),
+];
+
+fn renamed<'a, const N: usize>(name: &'a str, table: &Table<N>) -> &'a str {
+    table.iter().find(|(ours, _)| *ours == name).map_or(name, |(_, theirs)| theirs)
+}
+
+/// Every linear layer that a model of this size has, by our name, with its rows and columns.
+pub fn linears(config: &Config) -> Vec<(String, usize, usize)> {
+    let Config { hidden, mlp, .. } = *config;
+    let mut list = vec![
+        ("img_in".to_owned(), hidden, config.in_channels),
+        ("txt_in".to_owned(), hidden, config.context),
+        ("final_layer.adaLN_modulation.1".to_owned(), 2 * hidden, hidden),
+        ("final_layer.linear".to_owned(), config.in_channels, hidden),
+    ];
+    let embedders = [("time_in", config.time), ("vector_in", config.pooled)];
+    let guidance = config.guidance.then_some(("guidance_in", config.time));
+    for (name, columns) in embedders.into_iter().chain(guidance) {
+        list.push((format!("{name}.in_layer"), hidden, columns));
+        list.push((format!("{name}.out_layer"), hidden, hidden));
+    }
+    for block in 0..config.double_blocks {
+        for side in ["img", "txt"] {
+            let name = |part: &str| format!("double_blocks.{block}.{side}_{part}");
+            list.push((name("mod.lin"), 6 * hidden, hidden));
+            list.push((name("attn.qkv"), 3 * hidden, hidden));
+            list.push((name("attn.proj"), hidden, hidden));
+            list.push((name("mlp.0"), mlp, hidden));
+            list.push((name("mlp.2"), hidden, mlp));
+        }
+    }
+    for block in 0..config.single_blocks {
+        let name = |part: &str| format!("single_blocks.{block}.{part}");
+        list.push((name("modulation.lin"), 3 * hidden, hidden));
+        list.push((name("linear1"), 3 * hidden + mlp, hidden));
+        list.push((name("linear2"), hidden, hidden + mlp));
+    }
+    list
+}
+
+/// The rows of each piece of a module whose pieces `diffusers` keeps apart: queries, keys and values have
+/// `hidden` each, what is left is the last one's.
+pub fn piece_rows(config: &Config, rows: usize, pieces: usize) -> Vec<usize> {
+    if pieces == 1 {
+        return vec![rows];
+    }
+    let mut list = vec![config.hidden; 3];
+    if pieces == 4 {
+        list.push(rows - 3 * config.hidden);
+    }
+    list
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_modules_share_a_name_in_either_layout() {
+        let config = Config::kontext();
+        for layout in [Layout::Original { prefix: "" }, Layout::Diffusers] {
+            let all: Vec<String> =
+                linears(&config).iter().flat_map(|(name, ..)| layout.pieces(name).modules).collect();
+            let mut unique = all.clone();
+            unique.sort();
+            unique.dedup();
+            assert_eq!(unique.len(), all.len());
+        }
+    }
+
+    #[test]
+    fn pieces_are_named_and_fill_their_rows() {
+        let config = Config::kontext();
+        let pieces = Layout::Diffusers.pieces("single_blocks.7.linear1");
+        let block = "single_transformer_blocks.7";
+        let parts = ["attn.to_q", "attn.to_k", "attn.to_v", "proj_mlp"];
+        assert_eq!(pieces.modules, parts.map(|part| format!("{block}.{part}")));
+        for (name, rows, _) in linears(&config) {
+            let pieces = Layout::Diffusers.pieces(&name);
+            assert_eq!(piece_rows(&config, rows, pieces.modules.len()).iter().sum::<usize>(), rows, "{name}");
+            assert_eq!(pieces.swapped, name == "final_layer.adaLN_modulation.1");
+        }
+    }
+}

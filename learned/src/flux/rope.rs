@@ -1,0 +1,55 @@
+//! Where tokens are, and the rotations that tell attention so.
+
+use candle_core::{DType, Device, Tensor};
+
+use super::error::Result;
+
+/// The place of a token: frame, row and column. Text stands at (0, 0, 0), the picture that is made at frame 0, the
+/// one it is made from at frame 1.
+pub type Place = [f32; 3];
+
+/// The places of a grid of tokens at a frame, row by row.
+pub fn grid(frame: f32, rows: usize, columns: usize) -> Vec<Place> {
+    (0..rows).flat_map(|row| (0..columns).map(move |column| [frame, row as f32, column as f32])).collect()
+}
+
+/// Cosines and sines, tokens x (half a head), f32. Places stay f32 and angles are made in f64, whatever type
+/// the weights have: eight bits tell only 256 columns apart.
+#[derive(Debug, Clone)]
+pub struct Rotations {
+    /// Of the angle by which each pair of numbers is turned.
+    pub cos: Tensor,
+    /// As [`Rotations::cos`].
+    pub sin: Tensor,
+}
+
+impl Rotations {
+    /// For tokens at these places; `axes` says how many numbers of a head each of the three coordinates turns.
+    pub fn new(places: &[Place], axes: [usize; 3], device: &Device) -> Result<Self> {
+        const BASE: f64 = 10_000.0;
+        let half = axes.iter().sum::<usize>() / 2;
+        let (mut cos, mut sin) = (Vec::new(), Vec::new());
+        for place in places {
+            for (coordinate, width) in place.iter().zip(axes) {
+                for pair in 0..width / 2 {
+                    let frequency = 1.0 / libm::pow(BASE, (2 * pair) as f64 / width as f64);
+                    let (s, c) = libm::sincos(f64::from(*coordinate) * frequency);
+                    cos.push(c as f32);
+                    sin.push(s as f32);
+                }
+            }
+        }
+        let table = |values| Tensor::from_vec(values, (places.len(), half), device);
+        Ok(Self { cos: table(cos)?, sin: table(sin)? })
+    }
+
+    /// Turns neighbouring pairs of numbers of heads x tokens x head.
+    pub fn turn(&self, x: &Tensor) -> Result<Tensor> {
+        let (heads, tokens, head) = x.dims3()?;
+        let pairs = x.to_dtype(DType::F32)?.reshape((heads, tokens, head / 2, 2))?;
+        let (a, b) = (pairs.narrow(3, 0, 1)?.squeeze(3)?, pairs.narrow(3, 1, 1)?.squeeze(3)?);
+        let real = (a.broadcast_mul(&self.cos)? - b.broadcast_mul(&self.sin)?)?;
+        let imaginary = (a.broadcast_mul(&self.sin)? + b.broadcast_mul(&self.cos)?)?;
+        Ok(Tensor::stack(&[real, imaginary], 3)?.reshape((heads, tokens, head))?.to_dtype(x.dtype())?)
+    }
+}

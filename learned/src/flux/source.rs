@@ -1,0 +1,193 @@
+//! Tensors in files, found by their headers and read one at a time.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use candle_core::quantized::{GgmlDType, QTensor, ggml_file::qtensor_from_ggml};
+use candle_core::{DType, Device, Tensor};
+
+use super::error::{Error, Result};
+use super::gguf;
+
+/// How numbers are kept in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Plain numbers.
+    Plain(DType),
+    /// Blocks of quantised numbers.
+    Blocks(GgmlDType),
+}
+
+/// A tensor in a file: its shape, and where its bytes are.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// Outermost axis first, as torch has it.
+    pub shape: Vec<usize>,
+    /// How its numbers are kept.
+    pub format: Format,
+    /// Index into the files of the [`Source`].
+    pub(crate) file: usize,
+    /// Bytes from the start of the file.
+    pub(crate) start: u64,
+    /// Length in bytes.
+    pub bytes: u64,
+}
+
+/// A tensor as read.
+#[derive(Debug)]
+pub enum Stored {
+    /// Plain numbers, in the type of the file.
+    Plain(Tensor),
+    /// Quantised numbers.
+    Blocks(QTensor),
+}
+
+/// The tensors of a safetensors file, of the shards that belong together, or of a GGUF file. Opening
+/// reads headers only: a 24 GB file costs a few milliseconds.
+#[derive(Debug)]
+pub struct Source {
+    files: Vec<PathBuf>,
+    entries: BTreeMap<String, Entry>,
+    metadata: BTreeMap<String, String>,
+}
+
+/// A header longer than this is damage: that of the full-size model has 130 kB.
+const MAX_HEADER: u64 = 1 << 26;
+
+impl Source {
+    /// Reads the headers. `path` is a file, or the first shard (`..-00001-of-00003.safetensors`), whose
+    /// siblings are then read as well.
+    pub fn open(path: &Path) -> Result<Self> {
+        let mut source = Self { files: shards(path), entries: BTreeMap::new(), metadata: BTreeMap::new() };
+        for index in 0..source.files.len() {
+            let path = source.files[index].clone();
+            let mut file = File::open(&path).map_err(Error::io(&path))?;
+            let mut magic = [0; 4];
+            file.read_exact(&mut magic).map_err(|_| Error::file(&path, "is empty or cut off"))?;
+            file.seek(SeekFrom::Start(0)).map_err(Error::io(&path))?;
+            let (entries, metadata) = if &magic == b"GGUF" {
+                (gguf::header(&mut file, &path, index)?, BTreeMap::new())
+            } else {
+                safetensors_header(&mut file, &path, index)?
+            };
+            for (name, entry) in entries {
+                if source.entries.contains_key(&name) {
+                    return Err(Error::file(&path, format!("tensor `{name}` is in another shard too")));
+                }
+                source.entries.insert(name, entry);
+            }
+            source.metadata.extend(metadata);
+        }
+        Ok(source)
+    }
+
+    /// The first file, which stands for all in messages.
+    pub fn path(&self) -> &Path {
+        &self.files[0]
+    }
+
+    /// Every tensor by name.
+    pub fn entries(&self) -> &BTreeMap<String, Entry> {
+        &self.entries
+    }
+
+    /// The free text of a safetensors header.
+    pub fn metadata(&self) -> &BTreeMap<String, String> {
+        &self.metadata
+    }
+
+    /// The shape of a tensor, if there is one of that name.
+    pub fn shape(&self, name: &str) -> Option<&[usize]> {
+        self.entries.get(name).map(|entry| entry.shape.as_slice())
+    }
+
+    /// An [`Error::File`] about these files.
+    pub fn wrong(&self, what: impl Into<String>) -> Error {
+        Error::file(self.path(), what)
+    }
+
+    /// Reads one tensor onto a device.
+    pub fn read(&self, name: &str, device: &Device) -> Result<Stored> {
+        let entry = self.entries.get(name).ok_or_else(|| self.wrong(format!("has no tensor `{name}`")))?;
+        let path = &self.files[entry.file];
+        let mut file = File::open(path).map_err(Error::io(path))?;
+        file.seek(SeekFrom::Start(entry.start)).map_err(Error::io(path))?;
+        // The header was checked against the length of the file, so this much is there.
+        let mut bytes = vec![0; entry.bytes as usize];
+        file.read_exact(&mut bytes).map_err(Error::io(path))?;
+        Ok(match entry.format {
+            Format::Plain(dtype) => {
+                Stored::Plain(Tensor::from_raw_buffer(&bytes, dtype, &entry.shape, device)?)
+            }
+            Format::Blocks(dtype) => {
+                Stored::Blocks(qtensor_from_ggml(dtype, &bytes, entry.shape.clone(), device)?)
+            }
+        })
+    }
+
+    /// Reads one tensor as f32.
+    pub fn read_f32(&self, name: &str, device: &Device) -> Result<Tensor> {
+        Ok(match self.read(name, device)? {
+            Stored::Plain(tensor) => tensor.to_dtype(DType::F32)?,
+            Stored::Blocks(tensor) => tensor.dequantize(device)?,
+        })
+    }
+}
+
+/// The files that belong to a first shard; any other file is alone.
+pub fn shards(path: &Path) -> Vec<PathBuf> {
+    let alone = || vec![path.to_owned()];
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let Some((stem, rest)) = name.split_once("-00001-of-") else { return alone() };
+    let Some((count, ending)) = rest.split_once('.') else { return alone() };
+    match count.parse::<u32>() {
+        Ok(n) if (1..=999).contains(&n) => {
+            (1..=n).map(|i| path.with_file_name(format!("{stem}-{i:05}-of-{count}.{ending}"))).collect()
+        }
+        _ => alone(),
+    }
+}
+
+type Header = (BTreeMap<String, Entry>, BTreeMap<String, String>);
+
+fn safetensors_header(file: &mut File, path: &Path, index: usize) -> Result<Header> {
+    let wrong = |what: String| Error::file(path, format!("is no sound safetensors file: {what}"));
+    let length = file.metadata().map_err(Error::io(path))?.len();
+    let mut size = [0; 8];
+    file.read_exact(&mut size).map_err(|_| wrong("it is cut off".to_owned()))?;
+    let size = u64::from_le_bytes(size);
+    if size > MAX_HEADER || size.saturating_add(8) > length {
+        return Err(wrong(format!("its header claims {size} bytes")));
+    }
+    let mut text = vec![0; size as usize];
+    file.read_exact(&mut text).map_err(Error::io(path))?;
+    // Parsing checks that tensors follow each other without a gap, and that shapes agree with lengths.
+    let header: safetensors::tensor::Metadata =
+        serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))?;
+    let mut entries = BTreeMap::new();
+    let first = 8 + size;
+    let mut end = first;
+    for (name, info) in header.tensors().into_iter().collect::<BTreeMap<_, _>>() {
+        let dtype = match DType::try_from(info.dtype) {
+            Ok(dtype @ (DType::F32 | DType::F16 | DType::BF16 | DType::F8E4M3)) => dtype,
+            _ => return Err(wrong(format!("tensor `{name}` holds {:?}, which is not read", info.dtype))),
+        };
+        let (start, stop) = info.data_offsets;
+        end = end.max(first + stop as u64);
+        let entry = Entry {
+            shape: info.shape.clone(),
+            format: Format::Plain(dtype),
+            file: index,
+            start: first + start as u64,
+            bytes: (stop - start) as u64,
+        };
+        entries.insert(name, entry);
+    }
+    if end != length {
+        return Err(wrong(format!("its tensors end at byte {end}, the file at {length}; copy it anew")));
+    }
+    let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
+    Ok((entries, metadata))
+}

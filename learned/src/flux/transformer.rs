@@ -1,0 +1,227 @@
+//! The network that tells which way a noisy picture should go (Flux.1 Kontext of Black Forest Labs, 2025).
+
+use candle_core::{DType, Device, Tensor};
+
+use super::block::{Double, Shared, Single, modulation, silu};
+use super::config::Config;
+use super::error::{Error, Result};
+use super::linear::Linear;
+use super::loader::{Loader, Tally};
+use super::lora::Lora;
+use super::norm::modulated;
+use super::prompt::Prompt;
+use super::rope::{Place, Rotations};
+use super::source::Source;
+use super::watch::Watch;
+
+/// Two layers with a silu between them, which embed a time or a vector.
+struct Embedder {
+    inward: Linear,
+    outward: Linear,
+}
+
+impl Embedder {
+    fn load(loader: &mut Loader<'_>, name: &str, columns: usize, hidden: usize) -> Result<Self> {
+        Ok(Self {
+            inward: loader.linear(&format!("{name}.in_layer"), hidden, columns)?,
+            outward: loader.linear(&format!("{name}.out_layer"), hidden, hidden)?,
+        })
+    }
+
+    fn linears(&mut self) -> impl Iterator<Item = &mut Linear> {
+        [&mut self.inward, &mut self.outward].into_iter()
+    }
+
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        self.outward.forward(&silu(&self.inward.forward(x)?)?)
+    }
+}
+
+/// The transformer.
+pub struct Transformer {
+    config: Config,
+    device: Device,
+    dtype: DType,
+    img_in: Linear,
+    txt_in: Linear,
+    time_in: Embedder,
+    vector_in: Embedder,
+    guidance_in: Option<Embedder>,
+    pub(super) doubles: Vec<Double>,
+    pub(super) singles: Vec<Single>,
+    last_modulation: Linear,
+    last: Linear,
+}
+
+impl Transformer {
+    /// Checks every key of a file against what the model needs, and counts, without reading any weight.
+    pub fn survey(source: &Source) -> Result<(Config, Tally)> {
+        let (layout, config) = Config::of(source)?;
+        let mut loader = Loader::survey(source, layout);
+        Self::of(&mut loader, config.clone(), &Device::Cpu, DType::F32)?;
+        Ok((config, loader.finish()?))
+    }
+
+    /// Reads the weights, which stay in memory in the type of the file. `dtype` is that of the computation: f32,
+    /// or bf16 on a GPU.
+    pub fn load(source: &Source, device: &Device, dtype: DType) -> Result<Self> {
+        Self::survey(source)?;
+        let (layout, config) = Config::of(source)?;
+        let mut loader = Loader::new(source, layout, device);
+        let transformer = Self::of(&mut loader, config, device, dtype)?;
+        loader.finish()?;
+        Ok(transformer)
+    }
+
+    fn of(loader: &mut Loader<'_>, config: Config, device: &Device, dtype: DType) -> Result<Self> {
+        let Config { hidden, in_channels, .. } = config;
+        let guidance = config.guidance.then(|| Embedder::load(loader, "guidance_in", config.time, hidden));
+        Ok(Self {
+            guidance_in: guidance.transpose()?,
+            img_in: loader.linear("img_in", hidden, in_channels)?,
+            txt_in: loader.linear("txt_in", hidden, config.context)?,
+            time_in: Embedder::load(loader, "time_in", config.time, hidden)?,
+            vector_in: Embedder::load(loader, "vector_in", config.pooled, hidden)?,
+            doubles: (0..config.double_blocks)
+                .map(|i| Double::load(loader, &config, i))
+                .collect::<Result<_>>()?,
+            singles: (0..config.single_blocks)
+                .map(|i| Single::load(loader, &config, i))
+                .collect::<Result<_>>()?,
+            last_modulation: loader.linear("final_layer.adaLN_modulation.1", 2 * hidden, hidden)?,
+            last: loader.linear("final_layer.linear", in_channels, hidden)?,
+            device: device.clone(),
+            dtype,
+            config,
+        })
+    }
+
+    /// Its sizes.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Where its weights are.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// Every linear layer.
+    pub fn linears(&mut self) -> impl Iterator<Item = &mut Linear> {
+        let embedders = [&mut self.time_in, &mut self.vector_in].into_iter().chain(&mut self.guidance_in);
+        [&mut self.img_in, &mut self.txt_in, &mut self.last_modulation, &mut self.last]
+            .into_iter()
+            .chain(embedders.flat_map(Embedder::linears))
+            .chain(self.doubles.iter_mut().flat_map(Double::linears))
+            .chain(self.singles.iter_mut().flat_map(Single::linears))
+    }
+
+    /// Adds a LoRA with a strength; 1 is as it was trained. Several add up.
+    pub fn attach(&mut self, lora: &Lora, strength: f64) -> Result<()> {
+        for layer in self.linears() {
+            for mut update in lora.updates(layer.name()) {
+                update.scale *= strength;
+                layer.update(update)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The velocity of every token of the picture: tokens x in_channels in f32. `tokens` are those that are being
+    /// made and then those of the picture they are made from, `places` where they are, `time` how much
+    /// noise they hold, from 1 to 0.
+    pub fn forward(
+        &self,
+        tokens: &Tensor,
+        places: &[Place],
+        prompt: &Prompt,
+        time: f32,
+        guidance: f32,
+        watch: &mut dyn Watch,
+    ) -> Result<Tensor> {
+        let Begun { rotations, mood, mut txt, mut img } =
+            self.begin(tokens, places, prompt, time, guidance, watch)?;
+        let shared = Shared { mood, rotations: &rotations, head: self.config.head() };
+        for (k, block) in self.doubles.iter().enumerate() {
+            watch.check()?;
+            (txt, img) = block.forward(&txt, &img, &shared, watch)?;
+            watch.value(&format!("step0.transformer_blocks.{k}.txt"), &txt);
+            watch.value(&format!("step0.transformer_blocks.{k}.img"), &img);
+        }
+        let (texts, pictures) = (txt.dim(0)?, img.dim(0)?);
+        let mut both = Tensor::cat(&[&txt, &img], 0)?;
+        for (k, block) in self.singles.iter().enumerate() {
+            watch.check()?;
+            both = block.forward(&both, &shared, watch)?;
+            let name = |part: &str| format!("step0.single_transformer_blocks.{k}.{part}");
+            watch.value(&name("txt"), &both.narrow(0, 0, texts)?);
+            watch.value(&name("img"), &both.narrow(0, texts, pictures)?);
+        }
+        self.end(&both.narrow(0, texts, pictures)?, &shared, watch)
+    }
+
+    /// What comes before the blocks.
+    pub(super) fn begin(
+        &self,
+        tokens: &Tensor,
+        places: &[Place],
+        prompt: &Prompt,
+        time: f32,
+        guidance: f32,
+        watch: &mut dyn Watch,
+    ) -> Result<Begun> {
+        let texts = prompt.text.dim(0)?;
+        if tokens.dim(0)? != places.len() {
+            return Err(Error::Mismatch(format!("{} tokens at {} places", tokens.dim(0)?, places.len())));
+        }
+        let all: Vec<Place> = std::iter::repeat_n([0.0; 3], texts).chain(places.iter().copied()).collect();
+        let rotations = Rotations::new(&all, self.config.axes, &self.device)?;
+        watch.value("step0.pos_embed.cos", &rotations.cos);
+        watch.value("step0.pos_embed.sin", &rotations.sin);
+        let embedded = |t: f32| -> Result<Tensor> {
+            Ok(time_embedding(t, self.config.time, &self.device)?.to_dtype(self.dtype)?)
+        };
+        let mut mood = self.time_in.forward(&embedded(time)?)?;
+        if let Some(layer) = &self.guidance_in {
+            mood = (mood + layer.forward(&embedded(guidance)?)?)?;
+        }
+        mood = (mood + self.vector_in.forward(&prompt.pooled.to_dtype(self.dtype)?)?)?;
+        watch.value("step0.time_text_embed", &mood);
+        let img = self.img_in.forward(&tokens.to_dtype(self.dtype)?)?;
+        let txt = self.txt_in.forward(&prompt.text.to_dtype(self.dtype)?)?;
+        watch.value("step0.x_embedder", &img);
+        watch.value("step0.context_embedder", &txt);
+        Ok(Begun { rotations, mood: silu(&mood)?, txt, img })
+    }
+
+    /// What comes after the blocks.
+    pub(super) fn end(&self, img: &Tensor, shared: &Shared<'_>, watch: &mut dyn Watch) -> Result<Tensor> {
+        let [shift, scale] = modulation(&self.last_modulation, &shared.mood)?;
+        let img = modulated(img, &scale, &shift)?;
+        watch.value("step0.norm_out", &img);
+        Ok(self.last.forward(&img)?.to_dtype(DType::F32)?)
+    }
+}
+
+/// What the blocks start from.
+pub(super) struct Begun {
+    pub rotations: Rotations,
+    pub mood: Tensor,
+    pub txt: Tensor,
+    pub img: Tensor,
+}
+
+/// Cosines, then sines, of 1000 `t` at frequencies from 1 down to 1/10000: 1 x width. Rounded as the reference
+/// rounds, since 1000 radians in f32 are good to 6e-5 only.
+fn time_embedding(t: f32, width: usize, device: &Device) -> Result<Tensor> {
+    let half = width / 2;
+    let ln = libm::log(10_000.0) as f32;
+    let angles = (0..half).map(|i| {
+        let frequency = libm::exp(f64::from(-ln * i as f32 / half as f32)) as f32;
+        f64::from(t * 1000.0 * frequency)
+    });
+    let (mut values, sines): (Vec<f32>, Vec<f32>) =
+        angles.map(|angle| (libm::cos(angle) as f32, libm::sin(angle) as f32)).unzip();
+    values.extend(sines);
+    Ok(Tensor::from_vec(values, (1, width), device)?)
+}
