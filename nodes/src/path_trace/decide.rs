@@ -71,11 +71,17 @@ impl PathTrace {
         let left_to_us = self.env_block == EnvBlock::Auto
             && self.bounce == Bounce::Auto
             && self.object_specular_sees == SpecularSees::Auto;
-        let near = match self.near_field {
-            NearField::On => true,
-            NearField::Off => false,
-            NearField::Auto => left_to_us && !solid && stage.inputs.env.origin.is_some(),
+        let (near, why) = match (self.near_field, stage.inputs.env.origin) {
+            (NearField::On, _) => (true, "as set"),
+            (NearField::Off, _) => (false, "as set"),
+            (_, None) => (false, "the environment has no point of capture"),
+            (_, Some(_)) if !left_to_us => (false, "another rule of visibility is set"),
+            (_, Some(_)) => (true, "the environment was captured in the place"),
         };
+        let found = if near { "what it shows of a place in the panorama" } else { "its rules of visibility" };
+        let text =
+            format!("{}: {why}; rays that meet the receiver find {found}", if near { "On" } else { "Off" });
+        notes.decision("near-field", text);
         let printed = self.env_block == EnvBlock::Paper;
         let rules = Rules {
             block,
@@ -98,10 +104,7 @@ impl PathTrace {
             clamp: if self.clamp_indirect > 0.0 { self.clamp_indirect as f32 } else { f32::MAX },
         };
         let twice = (!solid).then(|| counted_twice(stage, from, &rules));
-        if rules.near.is_some() {
-            let text = "the receiver is the light that the environment shows of it from its point of capture";
-            notes.decision("near-field", text);
-        } else if let Some(twice) = twice.filter(|_| rules.bounce_solid) {
+        if let Some(twice) = twice.filter(|_| rules.bounce_solid && !near) {
             let text = "light of the room counts twice, in the environment and off its walls:";
             notes.warning("double-count", format!("{text} {:.0} % too much", 100.0 * twice));
         }

@@ -173,16 +173,20 @@ impl Sky {
         self.from(direction, texel, self.aim.odds(normal, cell.0, cell.1))
     }
 
-    /// As [`sample`](Self::sample), but half of the samples take no regard of the normal: for light whose
+    /// As [`sample`](Self::sample), but a quarter of the samples takes no regard of the normal: for light whose
     /// direction is not quite that of the panorama.
     pub fn sample_about(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> FromSky {
-        let aimed = if a >> 31 == 0 { normal } else { None };
-        let (direction, texel, cell) = self.pick(aimed, [a << 1, b]);
+        const QUARTER: u32 = 1 << 30;
+        let (aimed, a) = match a.checked_sub(QUARTER) {
+            Some(rest) => (normal, (u64::from(rest) * 4 / 3) as u32),
+            None => (None, a << 2),
+        };
+        let (direction, texel, cell) = self.pick(aimed, [a, b]);
         self.from(direction, texel, self.odds_about(normal, cell))
     }
 
     fn odds_about(&self, normal: Option<Vec3>, (row, column): (usize, usize)) -> f32 {
-        0.5 * (self.aim.odds(normal, row, column) + self.aim.odds(None, row, column))
+        0.75 * self.aim.odds(normal, row, column) + 0.25 * self.aim.odds(None, row, column)
     }
 
     fn from(&self, direction: Vec3, (x, y): (usize, usize), odds: f32) -> FromSky {

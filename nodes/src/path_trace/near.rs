@@ -17,10 +17,11 @@ use super::scene::Receiver;
 use crate::bvh::{Hit, Ray};
 use crate::color::luminance;
 
-/// Relative error of a distance by rounding.
-const ROUNDING: f32 = 1e-4;
+/// Surfaces nearer to each other than this share of their distance are one: a captured mesh is no better than
+/// that, and where a lamp lies on its wall within the mesh's error either may be in front.
+const SAME: f32 = 0.01;
 /// A place that the receiver hides from the point of capture by no more than this share of its distance
-/// counts as seen: so much a captured mesh is in its own way.
+/// counts as seen, unless it would be a lamp, which light samples would not find: so much a mesh is in its own way.
 const NEARLY: f32 = 0.05;
 
 /// The light of a place, seen from where its panorama was taken.
@@ -87,7 +88,7 @@ impl<'a> Near<'a> {
 
     /// The part of a ray that lies before a light.
     pub fn towards(ray: Ray, place: Option<&Place>) -> Ray {
-        let reach = place.map_or(f32::INFINITY, |p| (p.position - ray.origin).length() * (1.0 - ROUNDING));
+        let reach = place.map_or(f32::INFINITY, |p| (p.position - ray.origin).length() * (1.0 - SAME));
         Ray { t_max: reach, ..ray }
     }
 
@@ -117,9 +118,10 @@ impl<'a> Near<'a> {
         let light = self.sky.lookup_about(side, way / distance);
         let first = self.receiver.bvh.closest(Ray::new(self.eye, way / distance), |_| true);
         let gap = first.map_or(0.0, |first| distance - first.t) / distance;
-        let same = first.is_some_and(|first| first.triangle == hit.triangle || gap.abs() <= ROUNDING);
+        let same = first.is_some_and(|first| first.triangle == hit.triangle || gap.abs() <= SAME);
         let pdf = if same { light.pdf * spread } else { 0.0 };
-        (gap <= NEARLY).then_some((FromSky { direction: ray.direction, pdf, ..light }, Some(place)))
+        let seen = same || (gap <= NEARLY && !self.is_lamp(light.radiance));
+        seen.then_some((FromSky { direction: ray.direction, pdf, ..light }, Some(place)))
     }
 
     /// Whether a light is too bright to be light that a surface reflects: brighter than a white wall which all
