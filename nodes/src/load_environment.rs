@@ -78,7 +78,7 @@ impl Kind for LoadEnvironment {
     }
 }
 
-fn decode(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
+pub(crate) fn decode(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
     if bytes.starts_with(b"#?") {
         let picture = hdr::read(name, bytes)?;
         return Ok((picture.width, picture.height, picture.rgb));

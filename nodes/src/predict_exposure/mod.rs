@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes};
+use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
 use crate::color::srgb_from_linear;
 use crate::error::Error;
@@ -10,18 +10,12 @@ use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::num;
 use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Srgb, Table};
 
+mod kontext;
+#[cfg(feature = "learned")]
+pub mod lora;
+mod method;
 mod region;
-
-engine::choices! {
-    /// How hidden light is estimated.
-    pub enum Method {
-        /// For each connected clipped region, its mean brightness by a regression on nine numbers (its
-        /// size, height, surroundings, shape); needs no weights.
-        Region,
-        /// Not at all: what is clipped stays clipped.
-        Skip,
-    }
-}
+pub use method::Method;
 
 engine::params! {
     /// Predicts how bright the clipped parts of a panorama really are.
@@ -81,7 +75,11 @@ impl Kind for PredictExposure {
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
         }
-        Ok(())
+        params.method.kontext().map_or(Ok(()), |kontext| kontext.check())
+    }
+
+    fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        params.method.kontext().map_or(Ok(Vec::new()), |kontext| kontext.sources(root))
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -100,6 +98,9 @@ impl Kind for PredictExposure {
         } else if clipped == 0 {
             notes.decision("nothing-clipped", "no pixel is clipped, so nothing is predicted");
             (vec![0.0; mask.len()], Vec::new())
+        } else if let Some(kontext) = params.method.kontext() {
+            let darkest = params.evs.iter().copied().fold(0.0, f64::min);
+            (kontext.predict(&pixels, &mask, darkest, &mut notes, cx)?, Vec::new())
         } else {
             region::predict(pano.up, &pixels, &mask, &pano.alpha.samples, cx)?
         };
@@ -115,7 +116,7 @@ impl Kind for PredictExposure {
         let exposures: Vec<Image<Srgb>> =
             rows.into_iter().map(|samples| Image::<Srgb>::from_samples(width, height, 3, samples)).collect();
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let report = report(params.method, clipped, mask.len() as u64, &regions);
+        let report = report(&params.method, clipped, mask.len() as u64, &regions);
         let named = evs
             .iter()
             .zip(&exposures)
@@ -170,10 +171,11 @@ fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
     samples
 }
 
-fn report(method: Method, clipped: u64, pixels: u64, regions: &[region::Found]) -> Report {
+fn report(method: &Method, clipped: u64, pixels: u64, regions: &[region::Found]) -> Report {
     let name = match method {
         Method::Region => "region regression",
         Method::Skip => "skip",
+        Method::FluxKontext { .. } => "Flux.1 Kontext",
     };
     let summary = Table {
         name: "prediction".to_owned(),

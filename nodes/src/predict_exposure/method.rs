@@ -1,0 +1,129 @@
+//! How hidden light is estimated, as a graph file says it.
+
+use engine::{InputFile, NotCanonical, ParamType, Role, canonical};
+use serde::{Deserialize, Serialize};
+
+use super::kontext::Kontext;
+
+/// How hidden light is estimated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Method {
+    /// For each connected clipped region, its mean brightness by a regression on nine numbers (its
+    /// size, height, surroundings, shape); needs no weights.
+    Region,
+    /// Not at all: what is clipped stays clipped.
+    Skip,
+    /// As the paper does: by Flux.1 Kontext, a diffusion model, and a LoRA that takes three stops off the exposure,
+    /// again and again. Needs the feature `learned`, and weights that the user supplies.
+    FluxKontext {
+        /// Flux.1 Kontext: safetensors in the layout of its authors or of `diffusers` (or its first shard), or GGUF.
+        transformer: InputFile,
+        /// Its autoencoder: `ae.safetensors`, or that of `diffusers`.
+        vae: InputFile,
+        /// The encoded prompt: tensors `t5` and `clip`.
+        prompt: InputFile,
+        /// The LoRA.
+        lora: InputFile,
+        /// How much of the LoRA, from 0 to 4; 1 is as it was trained.
+        #[serde(default = "strength")]
+        strength: f64,
+        /// Steps from noise to picture, from 1 to 200, for each exposure.
+        #[serde(default = "steps")]
+        steps: u32,
+        /// How strongly the model follows its prompt, from 0 to 20.
+        #[serde(default = "guidance")]
+        guidance: f64,
+        /// The most width at which the model works, from 64 to 4096 pixels, rounded down to a multiple of 32.
+        #[serde(default = "width_px")]
+        width_px: u32,
+        /// Each step is done twice, once on the panorama turned by half, so that no seam shows.
+        #[serde(default = "seamless")]
+        seamless: bool,
+        /// Of the noise that it starts from.
+        #[serde(default)]
+        seed: u64,
+    },
+}
+
+fn strength() -> f64 {
+    1.0
+}
+
+fn steps() -> u32 {
+    28
+}
+
+fn guidance() -> f64 {
+    2.5
+}
+
+fn width_px() -> u32 {
+    1024
+}
+
+fn seamless() -> bool {
+    true
+}
+
+impl Method {
+    /// The diffusion model, if it is that.
+    pub(super) fn kontext(&self) -> Option<Kontext<'_>> {
+        let Self::FluxKontext {
+            transformer,
+            vae,
+            prompt,
+            lora,
+            strength,
+            steps,
+            guidance,
+            width_px,
+            seamless,
+            seed,
+        } = self
+        else {
+            return None;
+        };
+        Some(Kontext {
+            transformer,
+            vae,
+            prompt,
+            lora,
+            strength: *strength,
+            steps: *steps,
+            guidance: *guidance,
+            width_px: *width_px,
+            seamless: *seamless,
+            seed: *seed,
+        })
+    }
+}
+
+impl ParamType for Method {
+    const ROLE: Role = Role::Input;
+
+    fn describe() -> String {
+        "Region | Skip | FluxKontext(transformer: path, vae: path, prompt: path, lora: path, strength: 1.0, \
+         steps: 28, guidance: 2.5, width_px: 1024, seamless: true, seed: 0)"
+            .to_owned()
+    }
+
+    fn within(&self, _low: f64, _high: f64) -> bool {
+        self.kontext().is_none_or(|kontext| kontext.within())
+    }
+
+    /// Files count by their content, which the engine adds. What the tensor library computes is not the same on
+    /// every machine, so its name is part of the method.
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        match self.kontext() {
+            None => canonical(self).map(Some),
+            Some(Kontext { strength, steps, guidance, width_px, seamless, seed, .. }) => {
+                let numbers = canonical(&(strength, steps, guidance, width_px, seamless, seed))?;
+                Ok(Some(format!("FluxKontext{numbers} by candle 0.11 in f32")))
+            }
+        }
+    }
+
+    fn paths(&self) -> Vec<&str> {
+        self.kontext().map_or_else(Vec::new, |kontext| kontext.files().map(|file| file.0.as_str()).to_vec())
+    }
+}
