@@ -5,9 +5,9 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
 
 use crate::equirect;
-use crate::splat::{self, Drawing, MAX_PIXELS, Rendered, Sort};
+use crate::splat::{self, Around, Drawing, MAX_PIXELS, Rendered, Sort, Surface};
 use crate::stitch::{self, Found, Holes};
-use crate::types::{Data, Image, Images, Panorama, Pose, SplatEncoding, Splats};
+use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
 
 engine::params! {
     /// Renders a splat scene straight into an equirectangular panorama.
@@ -37,6 +37,8 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// Where the object stands; only its translation enters.
         at: Arc<Pose>,
+        /// A surface in front: in each sample, splats at or beyond it are left out.
+        limit: Option<Arc<Mesh>>,
     }
 }
 engine::outputs! {
@@ -101,7 +103,7 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
@@ -111,9 +113,9 @@ impl Kind for SplatPanorama {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let samples = pixels * u64::from(params.supersample) * u64::from(params.supersample);
         let splats = inputs.splats.len() as u64;
-        // A sample: the belt's tiles and picture, the caps', their union. Every splat is seen: a footprint, its
-        // key, its place in the order and in the tiles.
-        Cost { bytes: pixels * 120 + samples * 72 + splats * 240 }
+        // A sample: its tile or its row, the picture of the belt and of the caps, their union. A splat, of which
+        // nearly all are seen: a footprint, its key, its place in the order and in the tiles.
+        Cost { bytes: pixels * 80 + samples * 60 + splats * 110 }
     }
 
     fn work((params, _): &Self::Params, sizes: &Sizes) -> f64 {
@@ -133,7 +135,7 @@ impl Kind for SplatPanorama {
 
     fn run(
         both @ (params, drawing): &Self::Params,
-        In { splats, at }: In,
+        In { splats, at, limit }: In,
         cx: &Context,
     ) -> Result<(Out, Notes), NodeError> {
         Self::check(both)?;
@@ -144,9 +146,11 @@ impl Kind for SplatPanorama {
             return Err(NodeError::new("the point of the panorama is not finite").at("at"));
         }
         let settings = drawing.settings(Sort::Distance, &splats, &mut notes);
-        let seen = splat::panorama(&splats, origin, up, params.width_px * params.supersample, &settings, cx)?;
+        let around = Around { eye: origin, up, width_px: params.width_px * params.supersample };
+        let limit = limit.map(|mesh| Surface::new(&mesh, origin));
+        let seen = splat::panorama(&splats, &around, limit.as_ref(), &settings, cx)?;
         cx.progress(0.8);
-        seen.work.report(cx, &mut notes);
+        seen.work.report(splats.len(), settings.near, cx, &mut notes);
         let (width, height) = (params.width_px as usize, params.width_px as usize / 2);
         let encoded = splats.encoding == SplatEncoding::Srgb;
         let per = params.supersample as usize;
@@ -215,7 +219,9 @@ mod tests {
 
     fn run(params: &(SplatPanorama, Drawing), splats: &Arc<Splats>, eye: DVec3) -> Out {
         let at = Arc::new(Pose { world_from_local: DMat4::from_translation(eye) });
-        SplatPanorama::run(params, In { splats: splats.clone(), at }, &context()).expect("runs").0
+        SplatPanorama::run(params, In { splats: splats.clone(), at, limit: None }, &context())
+            .expect("runs")
+            .0
     }
 
     // Two ways to one panorama, which share the blend and nothing that says where a direction goes.
@@ -254,7 +260,7 @@ mod tests {
         let mut half = Arc::unwrap_or_clone(sky(eye));
         half.opacities.iter_mut().zip(&half.means).for_each(|(o, m)| *o = if m[1] > 0.0 { *o } else { 0.0 });
         let at = Arc::new(Pose { world_from_local: DMat4::IDENTITY });
-        let input = In { splats: Arc::new(half), at };
+        let input = In { splats: Arc::new(half), at, limit: None };
         let (out, notes) = SplatPanorama::run(&params(48, 2), input, &context()).expect("runs");
         assert!(notes.iter().any(|note| note.id == "holes"));
         assert!(out.pano.image.samples().iter().all(|v| v.is_finite()));

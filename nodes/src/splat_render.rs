@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
 
-use crate::splat::{Drawing, MAX_PIXELS, Sort, Work, render_all};
+use crate::splat::{Drawing, MAX_PIXELS, Sort, Work, render};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
@@ -62,7 +62,7 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -72,11 +72,9 @@ impl Kind for SplatRender {
         let all: u64 = inputs.rig.cameras.iter().map(pixels).sum();
         let largest = inputs.rig.cameras.iter().map(pixels).max().unwrap_or(0);
         let splats = inputs.splats.len() as u64;
-        // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand. Per splat: a footprint,
-        // its key, its place in the order and in the tiles; the faces of a cube, which share a pass, see some
-        // splats twice.
-        let per_splat = if inputs.rig.cameras.len() > 1 { 240 } else { 160 };
-        Cost { bytes: all * 44 + largest * 24 + splats * per_splat }
+        // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand. Per splat: a footprint, its
+        // key, its place in the order and in the tiles.
+        Cost { bytes: all * 44 + largest * 24 + splats * 160 }
     }
 
     // Splats are read once a view; a view of a megapixel makes up for its share of them.
@@ -106,12 +104,14 @@ impl Kind for SplatRender {
             let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
             notes.decision("limit-view", text);
         }
-        let seen = render_all(&splats, &rig.cameras, limits.as_deref(), &settings, cx)?;
         let mut views = Vec::with_capacity(rig.cameras.len());
         let (mut alphas, mut depths, mut colours) = (Vec::new(), Vec::new(), Vec::new());
         let mut blends = Vec::new();
         let mut total = Work::default();
-        for (camera, seen) in rig.cameras.iter().zip(seen) {
+        for (index, camera) in rig.cameras.iter().enumerate() {
+            cx.progress(index as f32 / rig.cameras.len() as f32);
+            let limit = limits.as_ref().and_then(|limits| limits.get(index).copied());
+            let seen = render(&splats, camera, limit, &settings, cx)?;
             total += seen.work;
             let (width, height) = (camera.width_px as usize, camera.height_px as usize);
             let alpha = seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
@@ -126,20 +126,7 @@ impl Kind for SplatRender {
             }
             views.push(View { camera: camera.clone(), colour, depth });
         }
-        total.report(cx, &mut notes);
-        // A scene and a camera in different frames give an empty picture, not an error.
-        if total.projected * 100 < splats.len() as u64 {
-            notes.warning(
-                "few-splats-seen",
-                format!(
-                    "the cameras see {} of {} splats; do the rig and the splats share a frame and a scale, and is `near` \
-                     ({} units) not too far?",
-                    total.projected,
-                    splats.len(),
-                    settings.near
-                ),
-            );
-        }
+        total.report(splats.len(), settings.near, cx, &mut notes);
         let out = Out {
             views: Arc::new(Views(views)),
             colour: Arc::new(Images(colours)),

@@ -4,8 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use engine::{Context, NodeError, Notes, Up};
 use nodes::load_splats::Frame;
 use nodes::save_splats::{SaveFormat, encode};
+use nodes::types::Splats;
 
 use super::splats::{self, UpArg};
 use crate::report;
@@ -16,14 +18,18 @@ use crate::session::Error;
 pub struct Convert {
     /// A file or folder of splats: PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF
     input: PathBuf,
-    /// The file to write; its ending names the format: .ply (INRIA) or .spz (version 3)
+    /// The file to write; its ending names the format: .ply (INRIA) or .spz
     output: PathBuf,
-    /// Up in the PLY: SPZ and glTF have +y up and are turned between it and this axis
-    #[arg(long, value_enum, default_value = "-y", allow_hyphen_values = true)]
-    up: UpArg,
+    /// Up in files that do not say, such as PLY: SPZ and glTF have +y up and are turned between it and this axis
+    /// [default: -y, as INRIA's files mostly have]
+    #[arg(long, value_enum, allow_hyphen_values = true)]
+    up: Option<UpArg>,
     /// Turn nothing, whatever the formats say
-    #[arg(long)]
+    #[arg(long, conflicts_with = "up")]
     as_stored: bool,
+    /// SPZ of version 4; otherwise it is 3, which every reader knows, unless harmonics of degree 4 ask for 4
+    #[arg(long)]
+    spz4: bool,
 }
 
 impl Convert {
@@ -33,13 +39,29 @@ impl Convert {
             report::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
             return Ok(2);
         };
-        let up = self.up.into();
+        let format = match (format, self.spz4) {
+            (SaveFormat::Ply, true) => {
+                report::error("`--spz4` is for files that end in .spz");
+                return Ok(2);
+            }
+            (_, true) => SaveFormat::Spz4,
+            (format, false) => format,
+        };
+        let up = self.up.unwrap_or(UpArg::MinusY).into();
         let cx = splats::context(up);
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
-        let converted = splats::load(&self.input, frame, &cx).and_then(|(scene, notes)| {
-            let (bytes, lost) = encode(&scene, format, (!self.as_stored).then_some(up), &cx)?;
+        let convert = || {
+            splats::check(&self.input)?;
+            let (scene, notes) = splats::load(&self.input, frame, &cx)?;
+            let (bytes, mut lost) = encode(&scene, format, (!self.as_stored).then_some(up), &cx)?;
+            // Which way is up was our word alone, and it mattered.
+            let ours = self.up.is_none() && !notes.iter().any(|note| note.id == "frame");
+            if ours && lost.iter().any(|note| note.id == "frame") {
+                warn_of_floor(&scene, up, &mut lost, &cx)?;
+            }
             Ok((scene.len(), bytes, notes, lost))
-        });
+        };
+        let converted: Result<_, NodeError> = convert();
         let (count, bytes, notes, lost) = match converted {
             Ok(converted) => converted,
             Err(error) => return Ok(splats::failed(&error)),
@@ -53,4 +75,18 @@ impl Convert {
         super::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
         Ok(0)
     }
+}
+
+/// Warns where the floor of a scene says that another axis points up than the one that was taken for it.
+fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
+    let floor = nodes::inspect::splats::inspect(scene, cx)?.floor;
+    if let Some(floor) = floor.filter(|floor| floor.is_clear() && floor.up != up.name()) {
+        let text = format!(
+            "{} was taken to be up, but the floor of the scene says {}; name the axis with `--up`",
+            up.name(),
+            floor.up
+        );
+        notes.warning("up-unlikely", text);
+    }
+    Ok(())
 }

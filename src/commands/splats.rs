@@ -39,6 +39,16 @@ pub fn context(up: Up) -> Context {
     Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, "")
 }
 
+/// An error for what is neither a file nor a folder: a device or a pipe may never end.
+pub fn check(path: &Path) -> Result<(), NodeError> {
+    let name = path.display();
+    let found = std::fs::metadata(path).map_err(|e| NodeError::new(format!("cannot read `{name}`: {e}")))?;
+    let usable = found.is_file() || found.is_dir();
+    usable
+        .then_some(())
+        .ok_or_else(|| NodeError::new(format!("`{name}` is neither a regular file nor a folder")))
+}
+
 /// Reads a scene of any format.
 pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Notes), NodeError> {
     let path = InputFile(path.display().to_string());

@@ -7,6 +7,7 @@ mod incremental;
 mod kill;
 mod messages;
 mod share;
+mod splats;
 mod stop;
 mod turntable;
 mod watch;

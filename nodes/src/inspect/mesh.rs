@@ -78,7 +78,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         ),
         (
             "floor-unclear",
-            found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| floor.confidence < 0.25),
+            found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
             "which way is up cannot be told from the surface".to_owned(),
         ),
     ] {

@@ -37,6 +37,13 @@ pub struct FloorGuess {
     pub second: &'static str,
 }
 
+impl FloorGuess {
+    /// True where the runner-up is far enough behind for the guess to be relied on.
+    pub fn is_clear(&self) -> bool {
+        self.confidence >= 0.25
+    }
+}
+
 /// Something a person should look at.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {

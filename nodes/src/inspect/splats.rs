@@ -258,7 +258,7 @@ fn findings(
         ),
         (
             "floor-unclear",
-            found.floor.as_ref().is_none_or(|floor| floor.confidence < 0.25),
+            found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
             "which way is up cannot be told from the splats; look at a render".to_owned(),
         ),
     ];

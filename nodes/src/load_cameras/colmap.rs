@@ -93,23 +93,33 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
         lenses.insert(whole(id)?, lens(model, whole(width)?, whole(height)?, &params).ok_or_else(odd)?);
     }
     let mut found = Vec::new();
-    let mut lines = as_text(images)?.lines().enumerate().filter(|(_, line)| !line.starts_with('#'));
-    while let Some((number, line)) = lines.next() {
-        if line.trim().is_empty() {
+    for (number, line) in as_text(images)?.lines().enumerate() {
+        // Between the cameras lie lines with the points they see, where no writer left them out: threes of
+        // numbers, or nothing.
+        if line.trim().is_empty() || line.starts_with('#') || is_points(line) {
             continue;
         }
         let odd = || Error::format(file, format!("line {} of images.txt is not understood", number + 1));
         // The name comes last and may hold spaces.
         let words: Vec<&str> = line.trim().splitn(10, ' ').collect();
-        let [_, pose @ .., id, name] = words.as_slice() else { return Err(odd()) };
+        let [image, pose @ .., id, name] = words.as_slice() else { return Err(odd()) };
+        image.parse::<u64>().map_err(|_| odd())?;
         let pose = pose.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
         let [w, x, y, z, t0, t1, t2] = pose[..] else { return Err(odd()) };
         let id = id.parse().map_err(|_| odd())?;
         found.push(camera(file, &lenses, id, (*name).trim().to_owned(), [w, x, y, z], [t0, t1, t2])?);
-        // The next line holds the points seen, maybe none.
-        lines.next();
     }
     Ok(sorted(found))
+}
+
+/// True for points of images.txt: x, y and the number of a point in space, -1 where it has none, over and over.
+fn is_points(line: &str) -> bool {
+    let words: Vec<&str> = line.split_ascii_whitespace().collect();
+    words.len().is_multiple_of(3)
+        && words.chunks(3).all(|point| match point {
+            [x, y, id] => x.parse::<f64>().is_ok() && y.parse::<f64>().is_ok() && id.parse::<i64>().is_ok(),
+            _ => false,
+        })
 }
 
 /// Takes numbers off the front of a binary file.

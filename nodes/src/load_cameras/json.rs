@@ -115,14 +115,22 @@ fn nerfstudio(top: &Value, frame: &Value) -> Result<Raw, String> {
         .into_iter()
         .filter_map(|key| holder(key)[key].as_f64().filter(|k| *k != 0.0).map(|k| format!("{key} {k}")))
         .collect();
-    let pinhole = matches!(model, "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective");
+    // Fisheye models bend rays even when all their coefficients are 0.
+    let bent = match model {
+        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => !bends.is_empty(),
+        "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV" => true,
+        model if model.contains("FISHEYE") => true,
+        other => {
+            return Err(format!("has the camera model `{other}`, which no pinhole camera stands in for"));
+        }
+    };
     let picture = frame["file_path"].as_str().ok_or("has no `file_path`")?.to_owned();
     Ok(Raw {
         picture,
         width,
         height,
         lens: [fx, fy, middle("cx", width), middle("cy", height)],
-        distortion: (!pinhole || !bends.is_empty()).then(|| format!("{model} {}", bends.join(" "))),
+        distortion: bent.then(|| [vec![model.to_owned()], bends].concat().join(" ")),
         world_from_camera: pose(matrix(frame, "transform_matrix", 4)?, true),
     })
 }

@@ -80,7 +80,7 @@ const CAMERA_LIMIT: usize = 1_000_000;
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;

@@ -108,6 +108,36 @@ fn distortion_is_refused_or_told() {
     assert!(colmap(straight).is_ok());
     assert!(colmap(&fish).is_err(), "a fisheye bends even with zeros");
     assert!(colmap("7 SIMPLE_RADIAL 40 30 50 20 15 0.01\n").is_err());
+    // A model that is no perspective view at all is refused by name, whatever is to be ignored.
+    let model = |name: &str, p: &LoadCameras| {
+        let text = STUDIO.replace("\"k1\": 0.0", &format!("\"camera_model\": \"{name}\""));
+        load(&[("t.json", text.as_bytes())], p)
+    };
+    let refused = model("EQUIRECTANGULAR", &ignore).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(refused.contains("`EQUIRECTANGULAR`"), "{refused}");
+    let fish = model("OPENCV_FISHEYE", &node("t.json")).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(fish.contains("distortion (OPENCV_FISHEYE)"), "{fish}");
+    assert!(model("OPENCV_FISHEYE", &ignore).is_ok_and(|(_, notes)| notes.is_degraded()));
+}
+
+// COLMAP writes a line of points behind each camera, also where it is empty; others leave such lines out.
+#[test]
+fn cameras_without_lines_of_points_are_all_there() {
+    let pose = "1 0 0 0 0 0 0 7";
+    for text in [
+        format!("1 {pose} a.png\n2 {pose} b.png\n3 {pose} c d.png\n"),
+        format!("1 {pose} a.png\n\n2 {pose} b.png\n10.5 20 -1\n3 {pose} c d.png\n\n"),
+        format!("# x\n1 {pose} a.png\n1 2 3 4 5 -1 7 8 9\n2 {pose} b.png\n3 {pose} c d.png\n1 2 3"),
+    ] {
+        let files = [("m/cameras.txt", CAMERAS.as_bytes()), ("m/images.txt", text.as_bytes())];
+        let (found, _) = load(&files, &node("m")).unwrap_or_else(|e| panic!("{e}"));
+        let names: Vec<&str> = found.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["a", "b", "c d"], "{text}");
+    }
+    for text in [format!("1 {pose} a.png\n1 2\n"), format!("x {pose} a.png\n"), "1 2 3 4\n".to_owned()] {
+        let files = [("m/cameras.txt", CAMERAS.as_bytes()), ("m/images.txt", text.as_bytes())];
+        assert!(load(&files, &node("m")).is_err(), "{text}");
+    }
 }
 
 #[test]

@@ -116,6 +116,12 @@ pub(super) fn load(
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
     let vertex = header.find("vertex");
+    let faces = header.find("face").map_or(0, |face| face.count);
+    if faces > 0 && vertex.is_none_or(|vertex| vertex.find("f_dc_0").is_none()) {
+        let what = format!("`{file}` is a mesh of {faces} faces; it holds no splats");
+        return Err(NodeError::new(what).hint("`LoadMesh` reads meshes"));
+    }
+    header.check_binary(file)?;
     let vertex = vertex.ok_or_else(|| Error::format(file, "the PLY file has no element `vertex`"))?;
     let layout = Layout::of(file, vertex)?;
     let rows = vertex.rows(file, bytes)?;

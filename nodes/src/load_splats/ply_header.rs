@@ -1,4 +1,4 @@
-//! Headers of binary PLY files: which elements there are and where their fields lie.
+//! Headers of PLY files: which elements there are and where their fields lie.
 
 use super::bytes::{f32_at, f64_at, u8_at, u16_at, u32_at};
 use crate::Error;
@@ -117,6 +117,8 @@ impl Element {
 pub struct Header {
     /// Its elements, in order.
     pub elements: Vec<Element>,
+    /// How its rows are written, where it is another way than ours.
+    foreign: Option<String>,
 }
 
 /// Bytes of a header beyond which a file is refused: 128 KiB hold thousands of fields.
@@ -138,16 +140,16 @@ impl Header {
         if next_line()?.trim() != "ply" {
             return Err(wrong("not a PLY file".to_owned()));
         }
-        let mut elements: Vec<Element> = Vec::new();
+        let (mut elements, mut foreign) = (Vec::<Element>::new(), None);
         loop {
             let line = next_line()?;
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
             match words[..] {
                 ["end_header"] => break,
                 ["format", "binary_little_endian", _] | ["comment" | "obj_info", ..] | [] => {}
-                ["format", other, ..] => {
-                    let feature = format!("PLY format `{other}`; write it as binary_little_endian");
-                    return Err(Error::unsupported(file, feature));
+                ["format", other, ..] => foreign = Some(other.to_owned()),
+                ["element", name, _] if elements.iter().any(|known| known.name == name) => {
+                    return Err(wrong(format!("there are two elements `{name}`")));
                 }
                 ["element", name, count] => {
                     let count: u64 =
@@ -172,6 +174,12 @@ impl Header {
                     };
                     let number = Number::parse(kind)
                         .ok_or_else(|| wrong(format!("property type `{kind}` is none")))?;
+                    if last.find(name).is_some() {
+                        return Err(wrong(format!(
+                            "the element `{}` has two properties `{name}`",
+                            last.name
+                        )));
+                    }
                     last.fields.push((name.to_owned(), Field { at: last.stride, number }));
                     last.stride += number.size();
                 }
@@ -184,7 +192,13 @@ impl Header {
             let length = element.count.checked_mul(element.stride).filter(|_| !element.varies);
             start = start.and_then(|start| length.and_then(|length| start.checked_add(length)));
         }
-        Ok(Self { elements })
+        Ok(Self { elements, foreign })
+    }
+
+    /// An error where the rows are not binary and little-endian, as every program writes splats.
+    pub fn check_binary(&self, file: &str) -> Result<(), Error> {
+        let Some(format) = &self.foreign else { return Ok(()) };
+        Err(Error::unsupported(file, format!("PLY format `{format}`; write it as binary_little_endian")))
     }
 
     /// The element of a name.

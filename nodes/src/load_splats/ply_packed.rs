@@ -69,6 +69,7 @@ pub(super) fn load(
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
+    header.check_binary(file)?;
     let need = |name: &str| {
         header.find(name).ok_or_else(|| Error::format(file, format!("the PLY file has no element `{name}`")))
     };

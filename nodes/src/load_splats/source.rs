@@ -130,6 +130,9 @@ pub fn expand(file: &InputFile, path: &Path) -> Result<Vec<InputFile>, NodeError
 pub fn with_companions(file: &InputFile, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
     let source = root.file(file);
     let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", source.path.display()));
+    if !std::fs::metadata(&source.path).map_err(failed)?.is_file() {
+        return Err(NodeError::new(format!("`{}` is not a regular file", source.path.display())));
+    }
     let mut head = Vec::new();
     std::fs::File::open(&source.path).map_err(failed)?.take(64).read_to_end(&mut head).map_err(failed)?;
     let mut sources = vec![source.clone()];

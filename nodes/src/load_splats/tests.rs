@@ -27,9 +27,8 @@ fn near(a: &[f32], b: &[f32], bar: f32) {
     }
 }
 
-// users-metrics.md, section 5, row 1.
 #[test]
-fn zero_quaternions_are_dropped_and_counted() {
+fn row_01_zero_quaternions_are_dropped_and_counted() {
     let mut rows = vec![PlyRow::default(); 5];
     rows[1].rotation = [0.0; 4];
     rows[4].rotation = [0.0; 4];
@@ -39,9 +38,8 @@ fn zero_quaternions_are_dropped_and_counted() {
     assert_eq!(splats, others);
 }
 
-// Row 2.
 #[test]
-fn quaternions_of_any_length_become_units() {
+fn row_02_quaternions_of_any_length_become_units() {
     let rows = [1e-20, 1e20, 3e38, 1e-44].map(|length| PlyRow {
         rotation: [0.5 * length, -0.5 * length, 0.5 * length, 0.5 * length],
         ..PlyRow::default()
@@ -53,9 +51,9 @@ fn quaternions_of_any_length_become_units() {
     }
 }
 
-// Row 3: every field of its own, dropped, or named when strict.
+// Every field of its own, dropped, or named when strict.
 #[test]
-fn what_is_not_finite_is_dropped_or_named() {
+fn row_03_what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
     for field in 0..fields / 4 {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -87,27 +85,35 @@ fn what_is_not_finite_is_dropped_or_named() {
     assert_eq!(LoadSplats::run(&params, In {}, &cx).unwrap().0.splats.len(), 39_999);
 }
 
-// Rows 4, 5 and 6.
+// Beyond `max_extent`, 1e6, a scale is no scale; what is within goes on to the renderer, whose rows 4 bound its work.
 #[test]
-fn scales_and_opacities_at_the_ends() {
-    let row = |scale: f32, opacity: f32| PlyRow { scale: [scale, -1.0, -1.0], opacity, ..PlyRow::default() };
-    let rows = [
-        row(88.0, 0.0),
-        row(200.0, 0.0),
-        row(1e30, 0.0),
-        row(-40.0, 0.0),
-        row(0.0, 1000.0),
-        row(0.0, -1000.0),
-    ];
-    let (splats, notes) = read(&build::ply(&rows, 0)).unwrap();
+fn row_04_scales_that_overflow_are_dropped_and_counted() {
+    let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
+    let (splats, notes) = read(&build::ply(&[88.0, 200.0, 1e30, 13.8].map(row), 0)).unwrap();
     assert_eq!(counts(&notes), [("too-large".to_owned(), "3".to_owned())]);
-    assert!(splats.scales[0][0] > 0.0 && splats.scales[0][0] < 1e-17);
-    assert_eq!(splats.opacities, [0.5, 1.0, 0.0]);
+    assert!(notes.iter().any(|note| note.id == "mostly-dropped"));
+    assert!((splats.scales[0][1] / 984_609.1 - 1.0).abs() < 1e-6);
 }
 
-// Row 7.
 #[test]
-fn headers_that_lie_are_told_with_numbers() {
+fn row_05_scales_far_below_a_pixel_are_kept() {
+    let row = PlyRow { scale: [-40.0; 3], ..PlyRow::default() };
+    let (splats, notes) = read(&build::ply(&[row], 0)).unwrap();
+    assert_eq!(notes.iter().count(), 0);
+    for scale in splats.scales[0] {
+        assert!((f64::from(scale) / 1.0_f64.exp_ref().powi_ref(-40) - 1.0).abs() < 1e-6, "{scale}");
+    }
+}
+
+#[test]
+fn row_06_logits_at_both_ends_are_1_and_0() {
+    let row = |opacity: f32| PlyRow { opacity, ..PlyRow::default() };
+    let (splats, _) = read(&build::ply(&[0.0, 1000.0, -1000.0, f32::MAX, f32::MIN].map(row), 0)).unwrap();
+    assert_eq!(splats.opacities, [0.5, 1.0, 0.0, 1.0, 0.0]);
+}
+
+#[test]
+fn row_07_headers_that_lie_are_told_with_numbers() {
     let bytes = build::ply(&vec![PlyRow::default(); 3], 0);
     let text = String::from_utf8_lossy(&bytes).into_owned();
     let promise = |n: &str| {
@@ -126,9 +132,8 @@ fn headers_that_lie_are_told_with_numbers() {
     assert_eq!(none.len(), 0);
 }
 
-// Row 8.
 #[test]
-fn degrees_extra_fields_and_filters() {
+fn row_08_degrees_extra_fields_and_filters() {
     for degree in 0..=4 {
         let rest = (0..sh_rest(degree) * 3).map(|i| i as f32 / 64.0).collect();
         let row = PlyRow { rest, ..PlyRow::default() };
@@ -154,6 +159,7 @@ fn degrees_extra_fields_and_filters() {
 
 trait ExpRef {
     fn exp_ref(self) -> f64;
+    fn powi_ref(self, n: i32) -> f64;
 }
 impl ExpRef for f64 {
     /// The series of e^x, of 40 terms: a reference that shares nothing with the code.
@@ -161,6 +167,10 @@ impl ExpRef for f64 {
         (1..40)
             .fold((1.0, 1.0), |(sum, term), n| (sum + term * self / f64::from(n), term * self / f64::from(n)))
             .0
+    }
+    fn powi_ref(self, n: i32) -> f64 {
+        let power = (0..n.unsigned_abs()).fold(1.0, |power, _| power * self);
+        if n < 0 { 1.0 / power } else { power }
     }
 }
 
@@ -339,6 +349,24 @@ fn unknown_content_is_refused_in_words() {
         ),
         (b"{\"version\": 7, \"means\": {}}", "SOG version 7"),
         (b"{\"asset\": {\"version\": \"2.0\"}}", "is it a mesh"),
+        (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty half x\nend_header\n",
+            "property type `half`",
+        ),
+        (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nproperty int x\nend_header\n",
+            "two properties `x`",
+        ),
+        (
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nelement vertex 1\nend_header\n",
+            "two elements `vertex`",
+        ),
+        // A mesh is told as one, whatever way it is written.
+        (
+            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+              element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "a mesh of 1 faces",
+        ),
         (b"NGSP\x05\0\0\0\0\0\0\0\0\0\0\0", "version 5"),
     ] {
         let error = read(bytes).err().unwrap();

@@ -19,8 +19,11 @@ use crate::types::{SplatEncoding, Splats};
 pub enum SaveFormat {
     /// INRIA PLY: 32-bit floats, as stored by the optimiser (logarithms and logits).
     Ply,
-    /// SPZ version 3: about a tenth of the size, quantised.
+    /// SPZ: about a tenth of the size, quantised. Version 3, which every reader knows; version 4 where the
+    /// harmonics are of degree 4, which no older one has.
     Spz,
+    /// SPZ version 4 in any case.
+    Spz4,
 }
 
 impl SaveFormat {
@@ -56,7 +59,12 @@ pub fn encode(
             }
             ply::encode(splats, cx, &mut notes)?
         }
-        SaveFormat::Spz => {
+        SaveFormat::Spz | SaveFormat::Spz4 => {
+            let version = if format == SaveFormat::Spz4 || splats.sh_degree == 4 { 4 } else { 3 };
+            if version == 4 && format == SaveFormat::Spz {
+                let text = "written as SPZ version 4, since older ones hold no harmonics of degree 4";
+                notes.decision("spz-version", text);
+            }
             let turn = up.map(|up| from_y_up(up).transpose()).filter(|m| *m != glam::DMat3::IDENTITY);
             match turn {
                 Some(matrix) => {
@@ -66,9 +74,9 @@ pub fn encode(
                     );
                     notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
-                    spz::encode(&turned(splats, &turn, cx)?, cx, &mut notes)?
+                    spz::encode(&turned(splats, &turn, cx)?, version, cx, &mut notes)?
                 }
-                None => spz::encode(splats, cx, &mut notes)?,
+                None => spz::encode(splats, version, cx, &mut notes)?,
             }
         }
     };

@@ -1,9 +1,11 @@
-//! SPZ version 3 (nianticlabs/spz): one gzip stream, which every reader of the format knows; version 4 saves
-//! a little more space and is read by few. Harmonics keep their 8 bits, where the reference rounds to 5 and 4.
+//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format knows, or version 4, a
+//! Zstandard stream for each attribute, which unpacks in parallel and alone knows harmonics of degree 4.
+//! Harmonics keep their 8 bits, where the reference rounds to 5 and 4.
 
 use std::io::Write;
 
 use engine::{Context, NodeError, Notes};
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 use super::chunks;
 use crate::load_splats::{SPZ_COLOUR_SCALE, sh_rest};
@@ -12,8 +14,13 @@ use crate::types::Splats;
 
 /// Bits behind the point where the scene allows: 1/65536 of a unit. The reference always writes 12.
 const FRACTION_BITS: u32 = 16;
+/// Bits for a scene of small splats: the smallest axis that the format holds, e^-10, is 24 steps then.
+const MOST_FRACTION_BITS: u32 = 19;
 /// What fits into 24 bits with sign.
 const LARGEST: f64 = 8_388_607.0;
+/// Length of the header, which version 4 extends by where its table begins.
+const HEADER: usize = 16;
+const HEADER_4: usize = 32;
 
 /// The attributes of some splats, each in its own stream, and how many numbers were cut to their range.
 #[derive(Default)]
@@ -31,20 +38,49 @@ fn byte(value: f64, cut: &mut u64) -> u8 {
     rounded.clamp(0.0, 255.0) as u8
 }
 
-/// The bytes of a file.
-pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result<Vec<u8>, NodeError> {
-    let count = u32::try_from(splats.len())
-        .map_err(|_| NodeError::new(format!("SPZ holds no {} splats", splats.len())))?;
+/// Median of the longest axes, in world units; 0 without splats.
+fn median_size(splats: &Splats) -> f64 {
+    let mut longest: Vec<f32> = splats.scales.iter().map(|s| s[0].max(s[1]).max(s[2])).collect();
+    let middle = longest.len() / 2;
+    if longest.is_empty() {
+        return 0.0;
+    }
+    f64::from(*longest.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Bits behind the point of the centres.
+fn fraction_bits(splats: &Splats, notes: &mut Notes) -> Result<u32, NodeError> {
     let widest = splats.means.as_flattened().iter().fold(0.0_f64, |m, v| m.max(f64::from(v.abs())));
-    let fits = |bits: &u32| widest * f64::from(1_u32 << bits) <= LARGEST - 1.0;
-    let bits = (0..=FRACTION_BITS).rev().find(fits).ok_or_else(|| {
+    let step = |bits: u32| 1.0 / f64::from(1_u32 << bits);
+    let size = median_size(splats);
+    let fine = |bits: &u32| 16.0 * step(*bits) <= size;
+    let wanted = (FRACTION_BITS..MOST_FRACTION_BITS).find(fine).unwrap_or(MOST_FRACTION_BITS);
+    let fits = |bits: &u32| widest <= (LARGEST - 1.0) * step(*bits);
+    let bits = (0..=wanted).rev().find(fits).ok_or_else(|| {
         NodeError::new(format!("SPZ holds no coordinate of {widest}; the largest is about 8 million"))
     })?;
-    if bits < 12 {
-        let step = 1.0 / f64::from(1_u32 << bits);
-        let text = format!("the scene is so wide that its centres are rounded to {step} units");
+    // Half a step is how far a centre moves.
+    if 4.0 * step(bits) > size && !splats.is_empty() {
+        let text = format!(
+            "centres are rounded to {:.1e} units, and half of the splats are smaller than {size:.1e}: the scene is \
+             too wide, or its splats are too small, for 24 bits",
+            step(bits)
+        );
         notes.warning("coarse-centres", text);
     }
+    Ok(bits)
+}
+
+/// The bytes of a file of version 3 or 4.
+pub(super) fn encode(
+    splats: &Splats,
+    version: u32,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<Vec<u8>, NodeError> {
+    let count = u32::try_from(splats.len())
+        .map_err(|_| NodeError::new(format!("SPZ holds no {} splats", splats.len())))?;
+    let bits = fraction_bits(splats, notes)?;
     // Scales begin at e^-10: what is smaller grows, and shows where the whole scene is small.
     let smallest = num::f64::exp(-10.0);
     let grown = splats.scales.iter().filter(|s| s.iter().all(|v| f64::from(*v) < 0.9 * smallest)).count();
@@ -95,23 +131,51 @@ pub(super) fn encode(splats: &Splats, cx: &Context, notes: &mut Notes) -> Result
             notes.count(id, cut, what);
         }
     }
-    let mut plain = Vec::with_capacity(16 + splats.len() * (20 + rest * 3));
-    plain.extend_from_slice(b"NGSP");
-    plain.extend_from_slice(&3_u32.to_le_bytes());
-    plain.extend_from_slice(&count.to_le_bytes());
-    plain.extend_from_slice(&[splats.sh_degree as u8, bits as u8, u8::from(splats.antialiased), 0]);
-    for stream in 0..6 {
-        parts.iter().for_each(|part| plain.extend_from_slice(&part.streams[stream]));
+    let mut header = b"NGSP".to_vec();
+    header.extend_from_slice(&version.to_le_bytes());
+    header.extend_from_slice(&count.to_le_bytes());
+    header.extend_from_slice(&[splats.sh_degree as u8, bits as u8, u8::from(splats.antialiased), 0]);
+    let stream = |which: usize| parts.iter().flat_map(move |part| &part.streams[which]).copied();
+    match version {
+        4 => streams_apart(header, |which| stream(which).collect(), cx),
+        _ => one_stream(header.into_iter().chain((0..6).flat_map(stream)).collect(), cx),
     }
-    // Neither name nor time goes into the header, so equal scenes give equal files.
-    let mut packed = flate2::GzBuilder::new()
-        .operating_system(255)
-        .write(Vec::with_capacity(plain.len() / 2), flate2::Compression::default());
+}
+
+/// Version 3: header and attributes in one gzip stream. Neither name nor time goes into its own header, so equal
+/// scenes give equal files.
+fn one_stream(plain: Vec<u8>, cx: &Context) -> Result<Vec<u8>, NodeError> {
+    let room = Vec::with_capacity(plain.len() / 2);
+    let mut packed =
+        flate2::GzBuilder::new().operating_system(255).write(room, flate2::Compression::default());
     for piece in plain.chunks(1 << 20) {
         cx.check()?;
         packed.write_all(piece)?;
     }
     Ok(packed.finish()?)
+}
+
+/// Version 4: the header as it is, packed and plain length of each stream, the streams. Attributes without bytes
+/// have none.
+fn streams_apart(
+    mut header: Vec<u8>,
+    stream: impl Fn(usize) -> Vec<u8> + Send + Sync,
+    cx: &Context,
+) -> Result<Vec<u8>, NodeError> {
+    let packed = cx.for_each_tile(6, |which| {
+        let plain = stream(which);
+        (compress_to_vec(&*plain, CompressionLevel::Fastest), plain.len())
+    })?;
+    let packed: Vec<_> = packed.into_iter().filter(|(_, length)| *length > 0).collect();
+    header[HEADER - 1] = packed.len() as u8;
+    header.extend_from_slice(&(HEADER_4 as u32).to_le_bytes());
+    header.resize(HEADER_4, 0);
+    for (bytes, length) in &packed {
+        header.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+        header.extend_from_slice(&(*length as u64).to_le_bytes());
+    }
+    packed.iter().for_each(|(bytes, _)| header.extend_from_slice(bytes));
+    Ok(header)
 }
 
 /// The index of the largest component in the order x, y, z, w, then sign and 9 bits of each of the others.

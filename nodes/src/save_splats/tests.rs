@@ -74,8 +74,15 @@ fn spz_gives_back_within_its_steps() {
         scene.antialiased = degree == 3;
         let cx = Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".");
         let (bytes, notes) = encode(&scene, SaveFormat::Spz, Some(up), &cx).unwrap();
-        assert!(notes.iter().all(|note| note.id == "frame"), "{notes:?}");
+        assert!(notes.iter().all(|note| ["frame", "spz-version"].contains(&&*note.id)), "{notes:?}");
+        // Only version 4 knows harmonics of degree 4; what it holds is the same.
+        assert_eq!(bytes.starts_with(b"NGSP"), degree == 4);
+        assert_eq!(notes.iter().any(|note| note.id == "spz-version"), degree == 4);
+        let (four, _) = encode(&scene, SaveFormat::Spz4, Some(up), &cx).unwrap();
+        assert!(four.starts_with(b"NGSP\x04"));
+        let (from_four, _) = from_bytes("a.spz", &four, Frame::ByFormat, &cx).unwrap();
         let (back, _) = from_bytes("a.spz", &bytes, Frame::ByFormat, &cx).unwrap();
+        assert_eq!(back, from_four);
         assert_eq!((back.sh_degree, back.antialiased), (degree, scene.antialiased));
         let low = back.means_low.as_flattened().iter().fold(0.0_f32, |m, v| m.max(v.abs()));
         assert!(low < 1e-5);
@@ -102,7 +109,7 @@ fn what_does_not_fit_is_counted() {
     scene.scales[3] = [1000.0; 3];
     scene.sh[1] = [5.0, -5.0, 0.0];
     scene.sh[4] = [9.0, 0.0, 0.0];
-    scene.means[7] = [1e5, 0.0, 0.0];
+    scene.means[7] = [1e6, 0.0, 0.0];
     scene.encoding = SplatEncoding::Linear;
     let (_, notes) = encode(&scene, SaveFormat::Spz, None, &context()).unwrap();
     let ids: Vec<&str> = notes.iter().map(|note| note.id.as_str()).collect();
@@ -111,6 +118,30 @@ fn what_does_not_fit_is_counted() {
     assert!(notes.iter().nth(4).unwrap().text.starts_with("2 "));
     scene.means[7] = [1e9, 0.0, 0.0];
     assert!(encode(&scene, SaveFormat::Spz, None, &context()).is_err());
+}
+
+// Centres move by no more than a 32nd of the median splat as long as 24 bits allow, and say so where they do not.
+#[test]
+fn centres_are_as_fine_as_the_splats_ask_for() {
+    let coarse = |width: f32, size: f32| {
+        let mut scene = scene(300, 0);
+        scene.means.iter_mut().flatten().for_each(|v| *v *= width / 30.0);
+        scene.scales.fill([size; 3]);
+        let (bytes, notes) = encode(&scene, SaveFormat::Spz, None, &context()).unwrap();
+        let (back, _) = from_bytes("a.spz", &bytes, Frame::AsStored, &context()).unwrap();
+        let told = notes.iter().any(|note| note.id == "coarse-centres");
+        (off(back.means.as_flattened(), scene.means.as_flattened()) / size, told)
+    };
+    for (width, size, bar) in
+        [(30.0, 0.01, 0.001), (1.0, 1e-3, 0.01), (1.0, 1e-4, 0.032), (1000.0, 0.01, 0.01)]
+    {
+        let (moved, told) = coarse(width, size);
+        assert!(moved < bar && !told, "{width} {size}: {moved}");
+    }
+    for (width, size) in [(1e4, 1e-3), (1e6, 0.1)] {
+        let (moved, told) = coarse(width, size);
+        assert!(moved > 0.12 && told, "{width} {size}: {moved}");
+    }
 }
 
 #[test]

@@ -13,7 +13,7 @@ use fearless_simd::Level;
 use glam::{DMat4, DVec3};
 
 use super::lens::{Pinhole, Sphere};
-use super::{Rendered, Settings, Sort, Work, alone, draw};
+use super::{Clock, Rendered, Settings, Sort, Surface, Work, draw};
 use crate::types::{Camera, Splats};
 use crate::{equirect, num};
 
@@ -26,41 +26,66 @@ const FADE: f64 = 5.0 / 6.0 * CAP;
 /// pixel centres blurs by about a pixel.
 const DENSITY: f64 = 1.5;
 
-/// Everything around `eye` as an equirectangular picture (see [`crate::equirect`]), `width_px` wide, even,
-/// and half as high. Splats are ordered by distance, which is also what `near` and the depth mean.
+/// What a panorama is of.
+#[derive(Debug, Clone, Copy)]
+pub struct Around {
+    /// Where it is taken, in world units.
+    pub eye: DVec3,
+    /// The axis whose end is row 0.
+    pub up: Up,
+    /// Columns, an even number; there are half as many rows.
+    pub width_px: u32,
+}
+
+/// Everything around a point as an equirectangular picture (see [`crate::equirect`]). Splats are ordered by
+/// distance, which is also what `near` and the depth mean. What lies at or beyond `limit`, a surface seen from the
+/// same point, is left out.
 pub fn panorama(
     splats: &Splats,
-    eye: DVec3,
-    up: Up,
-    width_px: u32,
+    around: &Around,
+    limit: Option<&Surface>,
     settings: &Settings,
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
-    panorama_clocked(splats, (eye, up, width_px), settings, cx, Level::new(), &|| 0.0)
+    panorama_at(splats, around, limit, settings, cx, Level::new())
 }
 
-/// [`panorama`] at a given instruction set, its stages timed as [`super::render_clocked`] does.
-#[doc(hidden)]
-pub fn panorama_clocked(
+/// [`panorama`] at a given instruction set, which never changes the result.
+pub fn panorama_at(
     splats: &Splats,
-    (eye, up, width_px): (DVec3, Up, u32),
+    &Around { eye, up, width_px }: &Around,
+    limit: Option<&Surface>,
     settings: &Settings,
     cx: &Context,
     level: Level,
-    clock: &dyn Fn() -> f64,
 ) -> Result<Rendered, NodeError> {
     let settings = Settings { sort: Sort::Distance, ..*settings };
+    let how = (level, &(|| 0.0) as Clock<'_>);
     let height = width_px / 2;
     // Rows that the caps alone show, at either end.
     let left_out = (FADE / (TAU / f64::from(width_px))) as u32;
     let left_out = left_out.min(height.saturating_sub(1) / 2);
+    let seen_from_belt = |surface: &Surface| {
+        let direction = |x: usize, y: usize| {
+            let (u, v) = (x as f64 + 0.5, (y + left_out as usize) as f64 + 0.5);
+            equirect::direction(up, u / f64::from(width_px), v / f64::from(height))
+        };
+        surface.distances(width_px as usize, (height - 2 * left_out) as usize, direction, cx)
+    };
+    let before = limit.map(seen_from_belt).transpose()?;
     let belt = Sphere::new(eye, up, width_px, left_out..height - left_out);
-    let belt = alone(draw(splats, &[belt], None, &settings, cx, (level, clock))?)?;
+    let belt = draw(splats, &belt, before.as_ref(), &settings, cx, how)?;
+    drop(before);
     cx.progress(0.5);
 
+    let seen_by = |camera: &Camera| {
+        let side = camera.width_px as usize;
+        let direction = |x: usize, y: usize| camera.direction(x as f64 + 0.5, y as f64 + 0.5);
+        let before = limit.map(|surface| surface.distances(side, side, direction, cx)).transpose()?;
+        draw(splats, &Pinhole::by_distance(camera), before.as_ref(), &settings, cx, how)
+    };
     let cameras = [cap(eye, up, 1.0, width_px), cap(eye, up, -1.0, width_px)];
-    let lenses = cameras.each_ref().map(Pinhole::by_distance);
-    let caps = draw(splats, &lenses, None, &settings, cx, (level, clock))?;
+    let caps = [seen_by(&cameras[0])?, seen_by(&cameras[1])?];
     let caps: Vec<Cap<'_>> = cameras.iter().zip(&caps).map(|(camera, seen)| Cap { camera, seen }).collect();
 
     let (width, first) = (width_px as usize, left_out as usize);
@@ -104,10 +129,7 @@ pub fn panorama_clocked(
         all.depth.extend(row.depth);
         all.blends.extend(row.blends);
     }
-    for part in [&belt, caps[0].seen, caps[1].seen] {
-        all.work += part.work;
-        all.seconds.iter_mut().zip(part.seconds).for_each(|(sum, s)| *sum += s);
-    }
+    [&belt, caps[0].seen, caps[1].seen].into_iter().for_each(|part| all.work += part.work);
     Ok(all)
 }
 

@@ -41,22 +41,16 @@ pub(super) fn order(mut from: Vec<(u64, u32)>) -> Vec<u32> {
     from.into_iter().map(|(_, index)| index).collect()
 }
 
-/// The tiles of one view; its rows come after those of the views before it.
-struct Grid {
-    first_row: usize,
+/// The footprints of every tile, front to back.
+pub(super) struct Lists {
     columns: usize,
     rows: usize,
-}
-
-/// The footprints of every tile of every view, front to back.
-pub(super) struct Lists {
-    grids: Vec<Grid>,
     of: ListsOf,
 }
 
 enum ListsOf {
-    /// Every tile of a view has all of its footprints; one list a view.
-    Views(Vec<Vec<u32>>),
+    /// Every tile has all footprints.
+    All(Vec<u32>),
     /// One entry a row of tiles.
     Bands(Vec<Band>),
 }
@@ -68,74 +62,55 @@ struct Band {
 }
 
 impl Lists {
-    /// Number of tiles of a view.
-    pub(super) fn tiles(&self, view: usize) -> usize {
-        self.grids[view].columns * self.grids[view].rows
+    /// Number of tiles.
+    pub(super) fn tiles(&self) -> usize {
+        self.columns * self.rows
     }
 
     /// The list of a tile, and the pixel at its top left.
-    pub(super) fn tile(&self, view: usize, tile: usize) -> (&[u32], usize, usize) {
-        let grid = &self.grids[view];
-        let (row, column) = (tile / grid.columns, tile % grid.columns);
+    pub(super) fn tile(&self, tile: usize) -> (&[u32], usize, usize) {
+        let (row, column) = (tile / self.columns, tile % self.columns);
         let list = match &self.of {
-            ListsOf::Views(views) => &views[view],
+            ListsOf::All(list) => list.as_slice(),
             ListsOf::Bands(bands) => {
-                let band = &bands[grid.first_row + row];
-                &band.list[band.starts[column] as usize..band.starts[column + 1] as usize]
+                let Band { starts, list } = &bands[row];
+                &list[starts[column] as usize..starts[column + 1] as usize]
             }
         };
         (list, column * TILE, row * TILE)
     }
 
-    /// Pairs of a splat and a tile of a view.
-    pub(super) fn pairs(&self, view: usize) -> u64 {
-        let grid = &self.grids[view];
+    /// Pairs of a splat and a tile.
+    pub(super) fn pairs(&self) -> u64 {
         match &self.of {
-            ListsOf::Views(views) => (views[view].len() * grid.columns * grid.rows) as u64,
-            ListsOf::Bands(bands) => {
-                let bands = &bands[grid.first_row..grid.first_row + grid.rows];
-                bands.iter().map(|band| band.list.len() as u64).sum()
-            }
+            ListsOf::All(list) => (list.len() * self.tiles()) as u64,
+            ListsOf::Bands(bands) => bands.iter().map(|band| band.list.len() as u64).sum(),
         }
     }
 }
 
-/// Lists the footprints by tile, each list in the given order, for views of these widths and heights in pixels.
+/// Lists the footprints by tile, each list in the given order, of a picture of this width and height in pixels.
 pub(super) fn bin(
     projected: &Projected,
     order: Vec<u32>,
-    sizes: &[(usize, usize)],
+    (width, height): (usize, usize),
     settings: &Settings,
     cx: &Context,
 ) -> Result<Lists, NodeError> {
-    let mut grids: Vec<Grid> = Vec::with_capacity(sizes.len());
-    let mut all_rows = 0;
-    for (width, height) in sizes {
-        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        grids.push(Grid { first_row: all_rows, columns, rows });
-        all_rows += rows;
-    }
+    let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     if settings.bounds == Bounds::None || settings.alpha_cut == 0.0 {
-        let mut views = vec![Vec::new(); grids.len()];
-        for index in order {
-            views[projected.reach(index).0].push(index);
-        }
-        return Ok(Lists { grids, of: ListsOf::Views(views) });
+        return Ok(Lists { columns, rows, of: ListsOf::All(order) });
     }
     // (footprint, first column, end of columns) of every row, so that a footprint is looked up once.
-    let mut by_row: Vec<Vec<(u32, u16, u16)>> = vec![Vec::new(); all_rows];
+    let mut by_row: Vec<Vec<(u32, u16, u16)>> = vec![Vec::new(); rows];
     for index in order {
-        let (view, reach) = projected.reach(index);
-        let first = grids[view].first_row;
-        for list in &mut by_row[first + usize::from(reach.y0)..first + usize::from(reach.y1)] {
+        let reach = projected.reach(index);
+        for list in &mut by_row[usize::from(reach.y0)..usize::from(reach.y1)] {
             list.push((index, reach.x0, reach.x1));
         }
     }
     let exact = settings.bounds == Bounds::Exact;
-    let bands = cx.for_each_tile(all_rows, |row| {
-        let grid = &grids[grids.partition_point(|grid| grid.first_row <= row) - 1];
-        let columns = grid.columns;
-        let top = (row - grid.first_row) * TILE;
+    let bands = cx.for_each_tile(rows, |row| {
         let mut starts = vec![0_u32; columns + 2];
         let entries: Vec<(u32, u16, u16)> = by_row[row]
             .iter()
@@ -143,7 +118,7 @@ pub(super) fn bin(
                 // Below four columns the blend's own row test is as cheap as this one.
                 if exact && end - first > 3 {
                     let footprint = projected.footprint(index);
-                    let (left, right) = footprint.extent_in(top, projected.log2_cut);
+                    let (left, right) = footprint.extent_in(row * TILE, projected.log2_cut);
                     (first, end) = lens::columns(left, right, (first, end), projected.period);
                 }
                 for part in around(first, end, columns) {
@@ -169,7 +144,7 @@ pub(super) fn bin(
         starts.pop();
         Band { starts, list }
     })?;
-    Ok(Lists { grids, of: ListsOf::Bands(bands) })
+    Ok(Lists { columns, rows, of: ListsOf::Bands(bands) })
 }
 
 /// The columns `first..end`, of which those beyond the last are the first ones again.

@@ -44,6 +44,16 @@ pub(super) struct Seen {
     pub depth: f64,
 }
 
+/// What a lens makes of a point.
+pub(super) enum Sight {
+    /// At or below the near depth.
+    Behind,
+    /// So far beside the picture that nothing around it is seen.
+    Aside,
+    /// Maybe in the picture.
+    Seen(Seen),
+}
+
 /// How the world lands on a picture.
 pub(super) trait Lens: Sync {
     /// Where it stands, in world units.
@@ -52,10 +62,9 @@ pub(super) trait Lens: Sync {
     fn size(&self) -> (usize, usize);
     /// Columns after which the picture repeats.
     fn period(&self) -> Option<u32>;
-    /// The point at `d` from the eye; `None` at or below the near depth.
-    fn see(&self, d: DVec3, near: f64) -> Option<Seen>;
-    /// True where a disc cannot touch the picture.
-    fn misses(&self, u: f64, v: f64, radius: f64) -> bool;
+    /// The point at `d` from the eye. `reach` says how far a splat there may spread at most: in world units,
+    /// and in pixels beyond that; it is asked where it can spare work.
+    fn see(&self, d: DVec3, near: f64, reach: impl Fn() -> (f64, f64)) -> Sight;
     /// Tiles with a pixel centre inside a box, its edge included.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<Reach>;
     /// Tiles as the INRIA rasterizer counts them: a square of 3 standard deviations of the longer axis
@@ -129,6 +138,8 @@ pub(super) struct Pinhole {
     /// Slopes x/z and y/z at which the projection's derivative is held.
     slope_x: [f64; 2],
     slope_y: [f64; 2],
+    /// Most pixels that a world unit at a depth of 1 spans.
+    steepest: f64,
     columns: u16,
     rows: u16,
     /// Of a picture that is part of a panorama: near and depth are distances from the eye, and splats at more
@@ -150,6 +161,9 @@ impl Pinhole {
         let m = camera.world_from_camera();
         let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
         let (guard_x, guard_y) = (GUARD * 0.5 * width / camera.fx, GUARD * 0.5 * height / camera.fy);
+        let slope_x = [-camera.cx / camera.fx - guard_x, (width - camera.cx) / camera.fx + guard_x];
+        let slope_y = [-camera.cy / camera.fy - guard_y, (height - camera.cy) / camera.fy + guard_y];
+        let squared = |f: f64, [low, high]: [f64; 2]| f * f * (1.0 + (low * low).max(high * high));
         Self {
             eye: camera.eye(),
             right: m.x_axis.truncate(),
@@ -161,8 +175,9 @@ impl Pinhole {
             cy: camera.cy,
             width,
             height,
-            slope_x: [-camera.cx / camera.fx - guard_x, (width - camera.cx) / camera.fx + guard_x],
-            slope_y: [-camera.cy / camera.fy - guard_y, (height - camera.cy) / camera.fy + guard_y],
+            slope_x,
+            slope_y,
+            steepest: (squared(camera.fx, slope_x) + squared(camera.fy, slope_y)).sqrt(),
             columns: (camera.width_px as usize).div_ceil(TILE) as u16,
             rows: (camera.height_px as usize).div_ceil(TILE) as u16,
             by_distance: false,
@@ -184,17 +199,30 @@ impl Lens for Pinhole {
     }
 
     #[inline(always)]
-    fn see(&self, d: DVec3, near: f64) -> Option<Seen> {
+    fn see(&self, d: DVec3, near: f64, reach: impl Fn() -> (f64, f64)) -> Sight {
         let z = self.forward.dot(d);
         let depth = if self.by_distance { d.length() } else { z };
         if depth <= near || (self.by_distance && z <= ASIDE * depth) {
-            return None;
+            return Sight::Behind;
+        }
+        let (x, y) = (self.right.dot(d), self.down.dot(d));
+        // The four edges, all times z: most of what is beside a picture is left without a division. A splat
+        // spreads over at most the first, over z, and the second.
+        let (world, pixels) = reach();
+        let spread = world * self.steepest + pixels * z;
+        let (from_left, from_top) = (self.fx * x + self.cx * z, self.fy * y + self.cy * z);
+        if from_left < -spread
+            || from_top < -spread
+            || from_left - self.width * z > spread
+            || from_top - self.height * z > spread
+        {
+            return Sight::Aside;
         }
         let inverse_z = 1.0 / z;
-        let (slope_x, slope_y) = (self.right.dot(d) * inverse_z, self.down.dot(d) * inverse_z);
+        let (slope_x, slope_y) = (x * inverse_z, y * inverse_z);
         let held_x = slope_x.clamp(self.slope_x[0], self.slope_x[1]);
         let held_y = slope_y.clamp(self.slope_y[0], self.slope_y[1]);
-        Some(Seen {
+        Sight::Seen(Seen {
             u: self.fx * slope_x + self.cx,
             v: self.fy * slope_y + self.cy,
             // Rows of the derivative of (u, v) by the world, eq. 26 of the EWA paper.
@@ -202,11 +230,6 @@ impl Lens for Pinhole {
             row_y: (self.down - self.forward * held_y) * (self.fy * inverse_z),
             depth,
         })
-    }
-
-    #[inline(always)]
-    fn misses(&self, u: f64, v: f64, radius: f64) -> bool {
-        u + radius < 0.0 || v + radius < 0.0 || u - radius > self.width || v - radius > self.height
     }
 
     #[inline(always)]
@@ -277,12 +300,12 @@ impl Lens for Sphere {
     /// atan2(rho, z), where rho is the distance from the axis; their derivatives are the unit vectors along
     /// growing angles over rho and over the distance. Depth is the distance from the eye.
     #[inline(always)]
-    fn see(&self, d: DVec3, near: f64) -> Option<Seen> {
+    fn see(&self, d: DVec3, near: f64, _reach: impl Fn() -> (f64, f64)) -> Sight {
         let (x, y, z) = (self.right.dot(d), self.forward.dot(d), self.above.dot(d));
         let rho = (x * x + y * y).sqrt();
         let distance = (rho * rho + z * z).sqrt();
         if distance <= near {
-            return None;
+            return Sight::Behind;
         }
         let per_radian = f64::from(self.width) / (2.0 * PI);
         let (sin, cos) = if rho > 0.0 { (x / rho, y / rho) } else { (0.0, 1.0) };
@@ -290,18 +313,13 @@ impl Lens for Sphere {
         let along = self.right * cos - self.forward * sin;
         let downwards = (outwards * z - self.above * rho) / distance;
         let u = (num::atan2(x, y) + PI) * per_radian;
-        Some(Seen {
+        Sight::Seen(Seen {
             u: if u >= f64::from(self.width) { 0.0 } else { u },
             v: num::atan2(rho, z) * per_radian - f64::from(self.rows.start),
             row_x: along * (per_radian / rho.max(POLE * distance)),
             row_y: downwards * (per_radian / distance),
             depth: distance,
         })
-    }
-
-    #[inline(always)]
-    fn misses(&self, _u: f64, v: f64, radius: f64) -> bool {
-        v + radius < 0.0 || v - radius > f64::from(self.height())
     }
 
     #[inline(always)]

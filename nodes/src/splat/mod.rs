@@ -1,6 +1,6 @@
 //! EWA splatting on the CPU: project, sort, bin, blend.
 //!
-//! One camera at a time. `project` turns every splat that can matter into a `Footprint` (f64
+//! One picture at a time. `project` turns every splat that can matter into a `Footprint` (f64
 //! throughout, so that needles and far-off worlds keep their digits), `bin` sorts the footprints once
 //! (stable; equal keys stay in file order) and lists them by tile, and `blend32` or `blend64`
 //! composites each tile front to back. Every stage gives the same bits for any number of threads and
@@ -14,6 +14,7 @@ mod lens;
 mod project;
 mod settings;
 mod sh;
+mod surface;
 #[cfg(test)]
 mod tests;
 
@@ -22,22 +23,21 @@ use std::ops::AddAssign;
 use engine::{Context, NodeError, Notes};
 use fearless_simd::Level;
 
-pub use around::{panorama, panorama_clocked};
+pub use around::{Around, panorama, panorama_at};
 pub use bin::TILE;
 use lens::{Lens, Pinhole};
 use project::{Footprint, Projected};
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
+pub use surface::Surface;
 
 use crate::types::{Camera, Data, Image, Splats};
 
 /// Work of one view; the same on every machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Splats that were read; 0 of a view that shares its eye with one before it, which has read them for both.
+    /// Splats that were read.
     pub visited: u64,
-    /// Splats whose colour was computed, and not for a view before this one already.
-    pub coloured: u64,
-    /// Splats that reached the sort.
+    /// Splats that were coloured and sorted.
     pub projected: u64,
     /// Splats at or below the near plane.
     pub behind: u64,
@@ -54,7 +54,6 @@ pub struct Work {
 impl AddAssign for Work {
     fn add_assign(&mut self, other: Self) {
         self.visited += other.visited;
-        self.coloured += other.coloured;
         self.projected += other.projected;
         self.behind += other.behind;
         self.degenerate += other.degenerate;
@@ -65,16 +64,28 @@ impl AddAssign for Work {
 }
 
 impl Work {
-    /// Counts it, and notes what was left out.
-    pub(crate) fn report(&self, cx: &Context, notes: &mut Notes) {
+    /// Counts it, and notes what was left out of a scene of so many splats.
+    pub(crate) fn report(&self, splats: usize, near: f64, cx: &Context, notes: &mut Notes) {
         cx.count("splats_visited", self.visited);
-        cx.count("splats_coloured", self.coloured);
         cx.count("splats_projected", self.projected);
         cx.count("splat_tile_pairs", self.tile_pairs);
         cx.count("splat_evaluations", self.evaluations);
         cx.count("splat_blends", self.blends);
         if self.degenerate > 0 {
             notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
+        }
+        // A scene and an eye in different frames give an empty picture, not an error.
+        if self.projected * 100 < splats as u64 {
+            let why = if self.behind * 2 >= self.visited {
+                format!(
+                    "most lie behind or nearer than `near`, {near} world units: is that too far for this scene, or does \
+                     the eye look away from it?"
+                )
+            } else {
+                "do the eye and the splats share a frame and a scale?".to_owned()
+            };
+            let text = format!("{} of {splats} splats are seen; {why}", self.projected);
+            notes.warning("few-splats-seen", text);
         }
     }
 }
@@ -89,10 +100,13 @@ pub struct Rendered {
     pub blends: Vec<f32>,
     /// What it took.
     pub work: Work,
-    /// Seconds of wall time (unless another clock was given) in project, sort, bin and blend, the first three
-    /// 0 of views that share the pass of one before them; for benches, never part of a result.
+    /// Seconds in project, sort, bin and blend by the clock that was given, 0 without; for benches, never part
+    /// of a result.
     pub seconds: [f64; 4],
 }
+
+/// Tells seconds.
+pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
 /// What is blended over one tile.
 struct Task<'a> {
@@ -136,63 +150,51 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 /// The longest side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
-/// Views that share a pass over the scene: a cube's. More would hold more footprints at once.
-const TOGETHER: usize = 6;
-
-/// What a camera sees, for each; on the threads of `cx`, at the best instruction set of the machine.
+/// What a camera sees, on the threads of `cx`, at the best instruction set of the machine.
 ///
-/// Cameras in a row that stand at one point share a pass over the scene: a splat is read, turned and coloured
-/// once, and one sort serves them all. Their pictures have the same bits as on their own.
+/// `limit`, where given, holds a surface in front of the camera: splats at or beyond its planar depth are left out
+/// of a pixel. A depth of 0 or +inf is no surface.
 ///
-/// `limits`, where given, holds a surface in front of each camera: splats at or beyond its planar depth are
-/// left out of a pixel. A depth of 0 or +inf is no surface.
-pub fn render_all(
-    splats: &Splats,
-    cameras: &[Camera],
-    limits: Option<&[&Image<Data>]>,
-    settings: &Settings,
-    cx: &Context,
-) -> Result<Vec<Rendered>, NodeError> {
-    for (index, camera) in cameras.iter().enumerate() {
-        checked(camera)?;
-        let size = (camera.width_px as usize, camera.height_px as usize, 1);
-        let Some(limits) = limits else { continue };
-        let found = limits.get(index).map_or((0, 0, 0), |of| (of.width, of.height, of.channels));
-        if found != size {
-            let what = format!(
-                "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
-                camera.name, found.0, found.1, found.2, size.0, size.1
-            );
-            return Err(NodeError::new(what).at("limit"));
-        }
-    }
-    let together = project::views_at_once(splats).clamp(1, TOGETHER);
-    let mut all = Vec::with_capacity(cameras.len());
-    for stand in cameras.chunk_by(|a, b| a.eye() == b.eye()) {
-        for some in stand.chunks(together) {
-            cx.progress(all.len() as f32 / cameras.len() as f32);
-            let lenses: Vec<Pinhole> = some.iter().map(Pinhole::new).collect();
-            let limits = limits.map(|limits| &limits[all.len()..all.len() + some.len()]);
-            all.extend(draw(splats, &lenses, limits, settings, cx, (Level::new(), &|| 0.0))?);
-        }
-    }
-    Ok(all)
-}
-
-/// What one camera sees; see [`render_all`].
+/// The faces of a cube are rendered one by one: a splat is seen by 1.14 of them, so a pass for all six spares
+/// next to nothing of the projection, and sorts and holds six times as much; measured, it took longer.
 pub fn render(
     splats: &Splats,
     camera: &Camera,
+    limit: Option<&Image<Data>>,
     settings: &Settings,
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
-    render_at(splats, camera, settings, cx, Level::new())
+    render_at(splats, camera, limit, settings, cx, (Level::new(), &|| 0.0))
 }
 
-/// Evaluations a second of the blend's arithmetic: one tile that stays in the first cache, every splat
-/// covering it, no pixel ever finished. A yardstick for benches.
+/// [`render`] at a given instruction set, which never changes the result, with the stages timed by a clock that
+/// tells seconds: for tests and benches.
 #[doc(hidden)]
-pub fn calibrate(splats: usize, level: Level) -> f64 {
+pub fn render_at(
+    splats: &Splats,
+    camera: &Camera,
+    limit: Option<&Image<Data>>,
+    settings: &Settings,
+    cx: &Context,
+    how: (Level, Clock<'_>),
+) -> Result<Rendered, NodeError> {
+    checked(camera)?;
+    let size = (camera.width_px as usize, camera.height_px as usize, 1);
+    let found = limit.map_or(size, |limit| (limit.width, limit.height, limit.channels));
+    if found != size {
+        let what = format!(
+            "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
+            camera.name, found.0, found.1, found.2, size.0, size.1
+        );
+        return Err(NodeError::new(what).at("limit"));
+    }
+    draw(splats, &Pinhole::new(camera), limit, settings, cx, how)
+}
+
+/// Evaluations a second of the blend's arithmetic, by a clock that tells seconds: one tile that stays in the
+/// first cache, every splat covering it, no pixel ever finished. A yardstick for benches.
+#[doc(hidden)]
+pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>) -> f64 {
     let wide = Footprint {
         u: 8.0,
         v: 8.0,
@@ -206,44 +208,13 @@ pub fn calibrate(splats: usize, level: Level) -> f64 {
     };
     let list = vec![0; splats];
     let settings = Settings { stop: 0.0, ..Settings::default() };
-    let start = std::time::Instant::now();
     let projected = Projected::of(vec![wide]);
     let area = [0, 0, TILE, TILE];
     let task = Task { projected: &projected, list: &list, area, limit: None, settings: &settings };
+    let start = clock();
     let tile = blend32::blend(level, &task);
     std::hint::black_box(&tile.rgba);
-    tile.evaluations as f64 / start.elapsed().as_secs_f64()
-}
-
-/// [`render`] at a given instruction set, which never changes the result.
-pub fn render_at(
-    splats: &Splats,
-    camera: &Camera,
-    settings: &Settings,
-    cx: &Context,
-    level: Level,
-) -> Result<Rendered, NodeError> {
-    let start = std::time::Instant::now();
-    render_clocked(splats, camera, settings, cx, level, &|| start.elapsed().as_secs_f64())
-}
-
-/// [`render_at`] with the stages timed by `clock`, in seconds; a bench gives one of CPU time.
-#[doc(hidden)]
-pub fn render_clocked(
-    splats: &Splats,
-    camera: &Camera,
-    settings: &Settings,
-    cx: &Context,
-    level: Level,
-    clock: &dyn Fn() -> f64,
-) -> Result<Rendered, NodeError> {
-    checked(camera)?;
-    alone(draw(splats, &[Pinhole::new(camera)], None, settings, cx, (level, clock))?)
-}
-
-/// The only view of a pass.
-fn alone(views: Vec<Rendered>) -> Result<Rendered, NodeError> {
-    views.into_iter().next().ok_or_else(|| NodeError::new("a pass without a view"))
+    tile.evaluations as f64 / (clock() - start)
 }
 
 fn checked(camera: &Camera) -> Result<(), NodeError> {
@@ -256,62 +227,56 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
     Err(NodeError::new(what).at("rig").hint(hint))
 }
 
-/// One pass: views that share an eye.
+/// One picture.
 fn draw<L: Lens>(
     splats: &Splats,
-    lenses: &[L],
-    limits: Option<&[&Image<Data>]>,
+    lens: &L,
+    limit: Option<&Image<Data>>,
     settings: &Settings,
     cx: &Context,
-    (level, clock): (Level, &dyn Fn() -> f64),
-) -> Result<Vec<Rendered>, NodeError> {
+    (level, clock): (Level, Clock<'_>),
+) -> Result<Rendered, NodeError> {
     let mut last = clock();
     let mut lap = || {
         let now = clock();
         now - std::mem::replace(&mut last, now)
     };
 
-    let projected = project::project(splats, lenses, settings, cx, level)?;
+    let projected = project::project(splats, lens, settings, cx, level)?;
     let project_s = lap();
     let order = bin::order(projected.keys());
     let sort_s = lap();
-    let sizes: Vec<(usize, usize)> = lenses.iter().map(Lens::size).collect();
-    let lists = bin::bin(&projected, order, &sizes, settings, cx)?;
-    let mut shared_s = [project_s, sort_s, lap()];
+    let (width, height) = lens.size();
+    let lists = bin::bin(&projected, order, (width, height), settings, cx)?;
+    let bin_s = lap();
 
-    let mut views = Vec::with_capacity(lenses.len());
-    for (view, (width, height)) in sizes.into_iter().enumerate() {
-        let limit = limits.map(|limits| limits[view]);
-        let tiles = cx.for_each_tile(lists.tiles(view), |tile| {
-            let (list, x0, y0) = lists.tile(view, tile);
-            let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
-            let task = Task { projected: &projected, list, area, limit, settings };
-            match settings.precision {
-                Precision::F32 => blend32::blend(level, &task),
-                Precision::F64 => blend64::blend(&task),
-            }
-        })?;
-        let mut work = Work { tile_pairs: lists.pairs(view), ..projected.work(view) };
-        let mut rgba = vec![0.0_f32; width * height * 4];
-        let mut depth = vec![f32::INFINITY; width * height];
-        let mut blends = vec![0.0_f32; if settings.count_blends { width * height } else { 0 }];
-        for (index, tile) in tiles.iter().enumerate() {
-            let (_, x0, y0) = lists.tile(view, index);
-            work.evaluations += tile.evaluations;
-            work.blends += tile.blends;
-            let w = (width - x0).min(TILE);
-            for row in 0..(height - y0).min(TILE) {
-                let to = (y0 + row) * width + x0;
-                let from = row * TILE;
-                rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
-                depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
-                if settings.count_blends {
-                    blends[to..to + w].copy_from_slice(&tile.counts[from..from + w]);
-                }
+    let tiles = cx.for_each_tile(lists.tiles(), |tile| {
+        let (list, x0, y0) = lists.tile(tile);
+        let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
+        let task = Task { projected: &projected, list, area, limit, settings };
+        match settings.precision {
+            Precision::F32 => blend32::blend(level, &task),
+            Precision::F64 => blend64::blend(&task),
+        }
+    })?;
+    let mut work = Work { tile_pairs: lists.pairs(), ..projected.work() };
+    let mut rgba = vec![0.0_f32; width * height * 4];
+    let mut depth = vec![f32::INFINITY; width * height];
+    let mut blends = vec![0.0_f32; if settings.count_blends { width * height } else { 0 }];
+    for (index, tile) in tiles.iter().enumerate() {
+        let (_, x0, y0) = lists.tile(index);
+        work.evaluations += tile.evaluations;
+        work.blends += tile.blends;
+        let w = (width - x0).min(TILE);
+        for row in 0..(height - y0).min(TILE) {
+            let to = (y0 + row) * width + x0;
+            let from = row * TILE;
+            rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
+            depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
+            if settings.count_blends {
+                blends[to..to + w].copy_from_slice(&tile.counts[from..from + w]);
             }
         }
-        let [project_s, sort_s, bin_s] = std::mem::take(&mut shared_s);
-        views.push(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] });
     }
-    Ok(views)
+    Ok(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] })
 }

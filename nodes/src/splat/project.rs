@@ -8,7 +8,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
 use super::bin::TILE;
-use super::lens::{Lens, Reach, SLACK_PX, Seen};
+use super::lens::{Lens, Reach, SLACK_PX, Seen, Sight};
 use super::{Bounds, Precision, Settings, Sort, Work, sh};
 use crate::num;
 use crate::types::Splats;
@@ -35,24 +35,22 @@ pub(crate) struct Footprint {
     pub z: f32,
 }
 
-/// The footprints of one job in one view, in file order.
+/// The footprints of one job, in file order.
 #[derive(Default)]
 struct Chunk {
-    view: usize,
     footprints: Vec<Footprint>,
     reaches: Vec<Reach>,
     keys: Vec<u64>,
-    visited: u64,
-    coloured: u64,
     behind: u64,
     degenerate: u64,
 }
 
-/// The footprints of views that share an eye; those of a view in file order. They stay in the chunks they
-/// were made in: joining them would take longer than all that looks them up.
+/// The footprints of a view, in file order. They stay in the chunks they were made in: joining them would take
+/// longer than all that looks them up.
 pub(crate) struct Projected {
-    /// Job by job, and view by view within a job.
     chunks: Vec<Chunk>,
+    /// Splats that were read.
+    visited: u64,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
     /// Columns after which the picture repeats, of a panorama.
@@ -62,10 +60,11 @@ pub(crate) struct Projected {
 impl Projected {
     /// Of one chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
-        Self { chunks: vec![Chunk { footprints, ..Chunk::default() }], log2_cut: 0.0, period: None }
+        let chunks = vec![Chunk { footprints, ..Chunk::default() }];
+        Self { chunks, visited: 0, log2_cut: 0.0, period: None }
     }
 
-    /// (sort key, index) of each footprint, those of a view in file order; keys ascend from front to back.
+    /// (sort key, index) of each footprint, in file order; keys ascend from front to back.
     pub(super) fn keys(&self) -> Vec<(u64, u32)> {
         let mut keys = Vec::with_capacity(self.chunks.iter().map(|chunk| chunk.keys.len()).sum());
         for (number, chunk) in (0_u32..).zip(&self.chunks) {
@@ -79,19 +78,16 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
-    /// The view that a footprint belongs to, and the tiles it touches there.
+    /// The tiles that a footprint touches.
     #[inline(always)]
-    pub(super) fn reach(&self, index: u32) -> (usize, Reach) {
-        let chunk = &self.chunks[(index >> CHUNK_BITS) as usize];
-        (chunk.view, chunk.reaches[index as usize % CHUNK])
+    pub(super) fn reach(&self, index: u32) -> Reach {
+        self.chunks[(index >> CHUNK_BITS) as usize].reaches[index as usize % CHUNK]
     }
 
-    /// What the projection took for a view.
-    pub(super) fn work(&self, view: usize) -> Work {
-        let mut work = Work::default();
-        for chunk in self.chunks.iter().filter(|chunk| chunk.view == view) {
-            work.visited += chunk.visited;
-            work.coloured += chunk.coloured;
+    /// What the projection took.
+    pub(super) fn work(&self) -> Work {
+        let mut work = Work { visited: self.visited, ..Work::default() };
+        for chunk in &self.chunks {
             work.projected += chunk.footprints.len() as u64;
             work.behind += chunk.behind;
             work.degenerate += chunk.degenerate;
@@ -132,126 +128,72 @@ impl Footprint {
     }
 }
 
-/// How many views of one eye a pass over a scene can serve, so that every footprint has a number.
-pub(super) fn views_at_once(splats: &Splats) -> usize {
-    u32::MAX as usize / (splats.len() + CHUNK)
-}
-
-/// Projects every splat that can change a pixel, for views that share an eye: a splat is read, its axes turned
-/// and its colour computed once for all of them.
+/// Projects every splat that can change a pixel.
 pub(super) fn project<L: Lens>(
     splats: &Splats,
-    lenses: &[L],
+    lens: &L,
     settings: &Settings,
     cx: &Context,
     level: Level,
 ) -> Result<Projected, NodeError> {
     let log2_cut = num::f64::log2(settings.alpha_cut);
-    let jobs = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
+    let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
-        dispatch!(level, simd => many(simd, splats, range, lenses, settings, log2_cut))
+        dispatch!(level, simd => chunk(simd, splats, range, lens, settings, log2_cut))
     })?;
-    let period = lenses.first().and_then(Lens::period);
-    Ok(Projected { chunks: jobs.into_iter().flatten().collect(), log2_cut, period })
+    Ok(Projected { chunks, visited: splats.len() as u64, log2_cut, period: lens.period() })
+}
+
+/// The principal axes of a splat, each as long as the standard deviation.
+#[inline(always)]
+fn axes(quat: [f32; 4], scale: [f32; 3]) -> [DVec3; 3] {
+    let [w, x, y, z] = quat.map(f64::from);
+    let scale = scale.map(f64::from);
+    [
+        DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)) * scale[0],
+        DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)) * scale[1],
+        DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)) * scale[2],
+    ]
 }
 
 /// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
 #[inline(always)]
-fn many<S: Simd, L: Lens>(
+fn chunk<S: Simd, L: Lens>(
     _simd: S,
     splats: &Splats,
     range: Range<usize>,
-    lenses: &[L],
+    lens: &L,
     settings: &Settings,
     log2_cut: f64,
-) -> Vec<Chunk> {
-    let mut views: Vec<Chunk> = (0..lenses.len()).map(|view| Chunk { view, ..Chunk::default() }).collect();
-    if let Some(first) = views.first_mut() {
-        first.visited = range.len() as u64;
-    }
+) -> Chunk {
+    let (eye, degree, each) = (lens.eye(), settings.sh_degree.min(splats.sh_degree), splats.sh_len());
+    let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
+    // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
+    let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
+    // A pixel covers rounding, two tiles how INRIA counts them.
+    let rounding = if settings.bounds == Bounds::Exact { 1.0 } else { 2.0 * TILE as f64 };
+    let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
+    let mut out = Chunk::default();
     for index in range {
         let opacity = f64::from(splats.opacities[index]);
         if opacity < settings.alpha_cut || opacity <= 0.0 {
             continue;
         }
-        let offset = splats.mean(index) - lenses[0].eye();
-        let mut splat = FromEye { splats, index, opacity, offset, axes: None, colour: None };
-        for (lens, out) in lenses.iter().zip(&mut views) {
-            splat.project(lens, settings, log2_cut, out);
-        }
-    }
-    views
-}
-
-/// A splat as it is from an eye, whatever the view; what takes time is made when the first view needs it.
-struct FromEye<'a> {
-    splats: &'a Splats,
-    index: usize,
-    opacity: f64,
-    offset: DVec3,
-    axes: Option<[DVec3; 3]>,
-    /// RGB, and the distance.
-    colour: Option<([f32; 3], f64)>,
-}
-
-impl FromEye<'_> {
-    /// The principal axes, each as long as the standard deviation.
-    #[inline(always)]
-    fn axes(&mut self) -> [DVec3; 3] {
-        let of = || {
-            let [w, x, y, z] = self.splats.quats[self.index].map(f64::from);
-            let scale = self.splats.scales[self.index].map(f64::from);
-            [
-                DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
-                    * scale[0],
-                DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x))
-                    * scale[1],
-                DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
-                    * scale[2],
-            ]
+        let offset = splats.mean(index) - eye;
+        let reach = || {
+            let [a, b, c] = splats.scales[index].map(f64::from);
+            if bounded { (sigmas * a.max(b).max(c), beyond) } else { (f64::INFINITY, 0.0) }
         };
-        *self.axes.get_or_insert_with(of)
-    }
-
-    /// RGB from here, and the distance; `made` counts what was not there yet.
-    #[inline(always)]
-    fn colour(&mut self, settings: &Settings, made: &mut u64) -> ([f32; 3], f64) {
-        let of = || {
-            *made += 1;
-            let distance = self.offset.length();
-            let direction = (self.offset / distance).to_array().map(|c| c as f32);
-            let degree = settings.sh_degree.min(self.splats.sh_degree);
-            let each = self.splats.sh_len();
-            let coefficients = &self.splats.sh[self.index * each..(self.index + 1) * each];
-            (sh::colour(degree, coefficients, direction), distance)
-        };
-        *self.colour.get_or_insert_with(of)
-    }
-
-    /// Adds the footprint in one view, where there is one.
-    #[inline(always)]
-    fn project<L: Lens>(&mut self, lens: &L, settings: &Settings, log2_cut: f64, out: &mut Chunk) {
-        let Some(Seen { u, v, row_x, row_y, depth }) = lens.see(self.offset, settings.near) else {
-            out.behind += 1;
-            return;
-        };
-
-        // A splat whose largest extent cannot reach the image is left before its covariance is made.
-        let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
-        if bounded {
-            let [a, b, c] = self.splats.scales[self.index].map(f64::from);
-            let largest = a.max(b).max(c);
-            let area = row_x.length_squared() + row_y.length_squared();
-            // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 and a tile cover both.
-            let sigmas2 = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0);
-            let radius =
-                (sigmas2 * (area * largest * largest + settings.low_pass_px2)).sqrt() + 2.0 * TILE as f64;
-            if lens.misses(u, v, radius) {
-                return;
+        let Seen { u, v, row_x, row_y, depth } = match lens.see(offset, settings.near, reach) {
+            Sight::Seen(seen) => seen,
+            Sight::Aside => continue,
+            Sight::Behind => {
+                out.behind += 1;
+                continue;
             }
-        }
+        };
 
-        let axes = self.axes();
+        let axes = axes(splats.quats[index], splats.scales[index]);
         let p = DVec3::new(row_x.dot(axes[0]), row_x.dot(axes[1]), row_x.dot(axes[2]));
         let q = DVec3::new(row_y.dot(axes[0]), row_y.dot(axes[1]), row_y.dot(axes[2]));
         let (raw_xx, xy, raw_yy) = (p.dot(p), p.dot(q), q.dot(q));
@@ -260,11 +202,11 @@ impl FromEye<'_> {
         // By Lagrange's identity, so that the determinant of a needle does not cancel.
         let raw_det = p.cross(q).length_squared();
         let det = raw_det + low_pass * (raw_xx + raw_yy) + low_pass * low_pass;
-        let mut opacity = self.opacity;
+        let mut opacity = opacity;
         if settings.compensate {
             opacity *= (raw_det / det).sqrt();
             if opacity < settings.alpha_cut {
-                return;
+                continue;
             }
         }
         // Exponents are to base 2: half of log2(e) goes into the factor.
@@ -274,7 +216,7 @@ impl FromEye<'_> {
             (to_base_2 * root_yy / root_det, -to_base_2 * xy / (root_yy * root_det), to_base_2 / root_yy);
         if !(l11.is_finite() && l21.is_finite() && l11 > 0.0 && l22 > 0.0 && u.is_finite() && v.is_finite()) {
             out.degenerate += 1;
-            return;
+            continue;
         }
 
         let log2_opacity = num::f64::log2(opacity);
@@ -286,12 +228,15 @@ impl FromEye<'_> {
                 lens.exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy)
             }
         };
-        let Some(reach) = reach else { return };
+        let Some(reach) = reach else { continue };
 
-        let (rgb, distance) = self.colour(settings, &mut out.coloured);
+        // The constant function asks for no direction.
+        let direction = if degree == 0 { DVec3::ZERO } else { offset / offset.length() };
+        let direction = direction.to_array().map(|c| c as f32);
+        let rgb = sh::colour(degree, &splats.sh[index * each..(index + 1) * each], direction);
         let by = match settings.sort {
             Sort::Depth => depth,
-            Sort::Distance => distance,
+            Sort::Distance => offset.length(),
         };
         // Bits of positive floats ascend as they do.
         out.keys.push(match settings.precision {
@@ -313,4 +258,5 @@ impl FromEye<'_> {
             z: depth as f32,
         });
     }
+    out
 }

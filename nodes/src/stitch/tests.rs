@@ -24,9 +24,9 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
     Stitch::run(&params, In { views }, &context()).expect("stitches").0.pano
 }
 
-// Row 18 of the table of extremes, over face sizes of row 20, with and without a guard band.
+// Over face sizes down to a pixel, with and without a guard band.
 #[test]
-fn constant_faces_stay_constant() {
+fn row_18_constant_faces_stay_constant() {
     for (size, guard) in [(1, 0.0), (2, 3.0), (7, 0.0), (33, 3.0), (64, 20.0)] {
         for alpha in [1.0_f32, 0.5] {
             let c = [0.25_f32, 0.6, 2.5];
@@ -46,10 +46,12 @@ fn constant_faces_stay_constant() {
     }
 }
 
-// Row 19: the energy of a single lit pixel is its solid angle. Row 21 with it, for faces at the poles
-// and at the wrap: `Aligned` puts face centres there.
+// The energy of a single lit pixel is its solid angle, also of faces at the poles and at the wrap: `Aligned` puts
+// face centres there.
 #[test]
-fn a_single_pixel_keeps_its_energy() {
+fn row_19_a_single_pixel_keeps_its_energy() {
+    let sphere: f64 = (0..128).map(|row| 256.0 * equirect::pixel_solid_angle(256, 128, row)).sum();
+    assert!((sphere - 4.0 * PI).abs() < 1e-5);
     let size = 24;
     for (face, x, y) in [(0, 12, 12), (0, 5, 9), (2, 12, 3), (2, 11, 12), (4, 12, 12), (4, 11, 11), (5, 2, 3)]
     {
@@ -130,10 +132,10 @@ fn views_from_two_points_are_refused() {
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
 
-// Row 20: a strip of 4096 pixels, one of a single pixel, one of a single column: every direction of a
+// A strip of 4096 pixels, one of a single pixel, one of a single column: every direction of a
 // fine grid is defined, those beyond the views as holes.
 #[test]
-fn faces_of_any_shape_are_sampled_within_their_edges() {
+fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
         [(4096, 3, 600.0), (1, 1, 0.5), (1, 4096, 2000.0), (5, 3, 0.01), (3, 5, 1e6)]
     {
@@ -154,9 +156,9 @@ fn faces_of_any_shape_are_sampled_within_their_edges() {
     }
 }
 
-// Row 21: the wrap is as smooth as any other pair of columns, and the polar rows grow constant.
+// The wrap is as smooth as any other pair of columns, and the polar rows grow constant.
 #[test]
-fn the_wrap_is_smooth_and_poles_grow_constant() {
+fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
     let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;
     let mut last = f32::INFINITY;
     for width in [32_usize, 64, 128] {
@@ -177,10 +179,10 @@ fn the_wrap_is_smooth_and_poles_grow_constant() {
     }
 }
 
-// Row 22: no point of a panorama has a direction that is not a unit vector, and no direction, however
+// No point of a panorama has a direction that is not a unit vector, and no direction, however
 // short, long or close to an axis, a point outside.
 #[test]
-fn directions_are_never_degenerate() {
+fn row_22_directions_are_never_degenerate() {
     let mut state = 3_u64;
     let mut next = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

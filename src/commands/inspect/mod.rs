@@ -43,6 +43,9 @@ struct Answer<'a> {
 impl Inspect {
     /// Exit code 0, or 1 where the file cannot be read.
     pub fn run(self) -> Result<u8, Error> {
+        if let Err(error) = splats::check(&self.file) {
+            return Ok(splats::failed(&error));
+        }
         let cx = splats::context(Up::PlusY);
         // A folder is a SOG scene, which says nothing about axes.
         let format = std::fs::read(&self.file).ok().and_then(|bytes| Format::of("", &bytes).ok());

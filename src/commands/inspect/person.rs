@@ -7,12 +7,40 @@ use nodes::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 use super::Answer;
 use crate::commands::splats;
 
-fn vector(v: [f64; 3]) -> String {
-    format!("({:.3}, {:.3}, {:.3})", v[0], v[1], v[2])
+/// Lengths of a scene, with as many digits as its size asks for.
+#[derive(Clone, Copy)]
+struct Ruler {
+    /// Digits behind the point; `None` where only powers of ten are short.
+    digits: Option<usize>,
 }
 
-fn extent(extent: &Extent) -> String {
-    format!("{} to {}, {:.3} across", vector(extent.min), vector(extent.max), extent.diagonal())
+impl Ruler {
+    /// At least three digits behind the point, and at least four of `size`.
+    fn of(size: f64) -> Self {
+        let (mut digits, mut scaled) = (0, size);
+        while (0.0..1000.0).contains(&scaled) && digits < 10 {
+            (digits, scaled) = (digits + 1, scaled * 10.0);
+        }
+        // Beyond that, zeros would hide the number.
+        let plain = size == 0.0 || (digits < 10 && size < 1e9);
+        Self { digits: plain.then_some(if size == 0.0 { 3 } else { digits.max(3) }) }
+    }
+
+    fn length(self, v: f64) -> String {
+        match self.digits {
+            Some(digits) => format!("{v:.digits$}"),
+            None => format!("{v:.3e}"),
+        }
+    }
+
+    fn vector(self, v: [f64; 3]) -> String {
+        format!("({})", v.map(|c| self.length(c)).join(", "))
+    }
+
+    fn extent(self, extent: &Extent) -> String {
+        let (min, max) = (self.vector(extent.min), self.vector(extent.max));
+        format!("{min} to {max}, {} across", self.length(extent.diagonal()))
+    }
 }
 
 /// Lines of a name and a value.
@@ -24,17 +52,17 @@ impl Lines {
         let _ = writeln!(self.0, "{name:>14}  {value}");
     }
 
-    fn floor(&mut self, floor: Option<&FloorGuess>) {
+    fn floor(&mut self, floor: Option<&FloorGuess>, ruler: Ruler) {
         let Some(floor) = floor else { return self.line("up, guessed", "no floor found".to_owned()) };
         let (axis, sign) = (&floor.up[1..], if floor.up.starts_with('-') { -1.0 } else { 1.0 });
         self.line(
             "up, guessed",
             format!(
-                "{} with confidence {:.2} (next: {}); floor at {axis} = {:.3}, {:.0} % of the surface lies flat in it",
+                "{} with confidence {:.2} (next: {}); floor at {axis} = {}, {:.0} % of the surface lies flat in it",
                 floor.up,
                 floor.confidence,
                 floor.second,
-                floor.height * sign,
+                ruler.length(floor.height * sign),
                 floor.share * 100.0
             ),
         );
@@ -62,10 +90,11 @@ pub fn person(answer: &Answer<'_>) -> String {
 fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>) {
     text.line("mesh", format!("{} triangles, {} vertices", mesh.triangles, mesh.vertices));
     text.line("colours", if mesh.coloured { "of the vertices" } else { "none" }.to_owned());
+    let ruler = Ruler::of(mesh.bounds.map_or(0.0, |bounds| bounds.diagonal()));
     if let Some(bounds) = &mesh.bounds {
-        text.line("bounds", extent(bounds));
+        text.line("bounds", ruler.extent(bounds));
     }
-    text.line("area", format!("{:.3} square units", mesh.area));
+    text.line("area", format!("{} square units", Ruler::of(mesh.area).length(mesh.area)));
     text.line(
         "closed",
         if mesh.is_closed() {
@@ -77,7 +106,7 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
     if let Some(up) = declared_up {
         text.line("up", format!("{up} by its format"));
     }
-    text.floor(mesh.floor.as_ref());
+    text.floor(mesh.floor.as_ref(), ruler);
     text.findings(&mesh.findings);
 }
 
@@ -88,15 +117,16 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         "colours",
         format!("spherical harmonics of degree {}, {}{trained}", scene.sh_degree, scene.encoding),
     );
+    let ruler = Ruler::of(scene.core.map_or(0.0, |core| core.diagonal()));
     if let (Some(bounds), Some(core), Some(centre)) = (&scene.bounds, &scene.core, scene.centre) {
-        text.line("bounds", extent(bounds));
-        text.line("core (96 %)", extent(core));
-        text.line("median", vector(centre));
+        text.line("bounds", ruler.extent(bounds));
+        text.line("core (96 %)", ruler.extent(core));
+        text.line("median", ruler.vector(centre));
     }
     if let Some(up) = declared_up {
         text.line("up", format!("{up} by its format"));
     }
-    text.floor(scene.floor.as_ref());
+    text.floor(scene.floor.as_ref(), ruler);
     if let Some(sizes) = &scene.sizes {
         text.line(
             "sizes",
@@ -131,4 +161,24 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         );
     }
     text.findings(&scene.findings);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Ruler;
+
+    #[test]
+    fn lengths_have_the_digits_their_scene_needs() {
+        for (size, value, text) in [
+            (0.0, 0.0, "0.000"),
+            (20.0, 1.234_567, "1.235"),
+            (5e8, 1.5, "1.500"),
+            (0.02, 0.001_234_567, "0.00123"),
+            (2e-6, 1.234_567e-6, "0.000001235"),
+            (1e-9, 1.25e-10, "1.250e-10"),
+            (1e12, 2.5e11, "2.500e11"),
+        ] {
+            assert_eq!(Ruler::of(size).length(value), text, "{size}");
+        }
+    }
 }

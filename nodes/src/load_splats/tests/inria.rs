@@ -66,7 +66,6 @@ fn activates_what_the_optimiser_stores() {
     assert_eq!((splats.sh_degree, splats.sh.as_slice()), (0, &[[0.1, 0.2, 0.3]][..]));
 }
 
-// Rows 1, 3 and 4 of the table of extremes.
 #[test]
 fn broken_rows_are_dropped_and_counted_by_reason() {
     let zero = ["rot_0", "rot_1", "rot_2", "rot_3"].iter().fold(good(9.0), |row, name| with(row, name, 0.0));
@@ -89,81 +88,6 @@ fn broken_rows_are_dropped_and_counted_by_reason() {
     assert!(counted(&notes, "mostly-dropped").is_some());
     let stopped = read(&bytes, true).expect_err("strict");
     assert!(stopped.message().contains("splat 1 "), "{stopped}");
-}
-
-// Rows 2, 5 and 6.
-#[test]
-fn extremes_that_can_be_drawn_are_kept() {
-    let tiny =
-        ["rot_0", "rot_1", "rot_2", "rot_3"].iter().fold(good(1.0), |row, name| with(row, name, 1e-20));
-    let huge = ["rot_0", "rot_1", "rot_2", "rot_3"].iter().fold(good(1.0), |row, name| with(row, name, 1e20));
-    let small = with(good(1.0), "scale_0", -40.0);
-    let rows = [tiny, huge, small, with(good(1.0), "opacity", 1000.0), with(good(1.0), "opacity", -1000.0)];
-    let (splats, _) = read(&ply(&PLAIN, &rows, 5), true).expect("reads");
-    assert_eq!(splats.quats[0], [0.5; 4]);
-    assert_eq!(splats.quats[1], [0.5; 4]);
-    assert!(splats.scales[2][0] > 0.0);
-    assert_eq!(&splats.opacities[3..], [1.0, 0.0]);
-}
-
-// Row 7: what the header promises is not believed before the bytes are there.
-#[test]
-fn headers_that_lie_are_errors() {
-    for promised in [2, 1 << 32, u64::MAX] {
-        let error = read(&ply(&PLAIN, &[good(1.0)], promised), false).expect_err("lies");
-        assert!(error.message().contains("promises") || error.message().contains("memory"), "{error}");
-    }
-    let (none, notes) = read(&ply(&PLAIN, &[], 0), true).expect("reads");
-    assert!(none.is_empty() && counted(&notes, "no-splats").is_some());
-    for (text, says) in [
-        ("plx\n", "no known format"),
-        ("ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "ascii"),
-        ("ply\nformat binary_little_endian 1.0\nend_header\n", "vertex"),
-        ("ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nend_header\n", "`y`"),
-        ("ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty half x\nend_header\n", "`half`"),
-    ] {
-        let error = read(text.as_bytes(), false).expect_err("broken");
-        assert!(error.message().contains(says), "{error}");
-    }
-}
-
-// Row 8: every degree, channel by channel; fields nobody knows; the filter of Mip-Splatting and MILo.
-#[test]
-fn degrees_extra_fields_and_the_filter_are_read() {
-    for (degree, rest) in [(0, 0_usize), (1, 9), (2, 24), (3, 45), (4, 72)] {
-        let names: Vec<String> = (0..rest).map(|i| format!("f_rest_{i}")).collect();
-        let mut fields = PLAIN.to_vec();
-        fields.extend(names.iter().map(String::as_str));
-        fields.push("base_occupancy_0");
-        let mut row = good(1.0);
-        row.extend((0..rest).map(|i| i as f32));
-        row.push(f32::NAN);
-        let (splats, notes) = read(&ply(&fields, &[row], 1), true).expect("reads");
-        assert_eq!(splats.sh_degree, degree);
-        assert_eq!(splats.sh.len(), rest / 3 + 1);
-        for (i, triple) in splats.sh[1..].iter().enumerate() {
-            let each = rest / 3;
-            assert_eq!(*triple, [i, each + i, 2 * each + i].map(|v| v as f32));
-        }
-        assert!(counted(&notes, "fields-passed-over").is_some_and(|text| text.contains("base_occupancy_0")));
-    }
-    let mut fields = PLAIN.to_vec();
-    fields.push("filter_3D");
-    let mut row = good(1.0);
-    row.push(0.2);
-    let (splats, notes) = read(&ply(&fields, &[row], 1), true).expect("reads");
-    assert!(counted(&notes, "filter-3d").is_some());
-    let plain = [-3.0, -2.0, -1.0].map(num_exp);
-    let wide = plain.map(|s| (s * s + 0.04_f64).sqrt());
-    for (scale, expected) in splats.scales[0].iter().zip(wide) {
-        assert!((f64::from(*scale) - expected).abs() < 1e-7);
-    }
-    let kept: f64 = plain.iter().zip(wide).map(|(s, w)| s / w).product();
-    assert!((f64::from(splats.opacities[0]) - 0.622_459_331 * kept).abs() < 1e-7);
-}
-
-fn num_exp(x: f64) -> f64 {
-    crate::num::f64::exp(x)
 }
 
 // Surveyed frames have centres in f64; f32 alone would round them to decimetres.

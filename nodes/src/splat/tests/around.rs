@@ -7,6 +7,7 @@ use engine::Up;
 use super::*;
 use crate::equirect;
 use crate::splat::lens::Sphere;
+use crate::types::Mesh;
 
 const UPS: [Up; 3] = [Up::PlusZ, Up::PlusY, Up::MinusY];
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };
@@ -28,7 +29,11 @@ fn shell(count: usize, seed: u64) -> Splats {
 }
 
 fn around(splats: &Splats, up: Up, width: u32, settings: Settings) -> Rendered {
-    panorama(splats, DVec3::ZERO, up, width, &settings, &context()).expect("renders")
+    panorama(splats, &origin(up, width), None, &settings, &context()).expect("renders")
+}
+
+fn origin(up: Up, width_px: u32) -> Around {
+    Around { eye: DVec3::ZERO, up, width_px }
 }
 
 /// True where the layout is drawn without the help of a picture of its cap.
@@ -141,7 +146,7 @@ fn exact_bounds_lose_nothing_around_the_seam() {
 
 // The world turned about up by a number of columns is the picture moved by as many: there is no seam.
 #[test]
-fn turning_the_world_rolls_the_picture() {
+fn row_21_turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);
     let mut splats = shell(300, 7);
     // Harmonics would have to be turned too.
@@ -213,11 +218,11 @@ fn poles_show_what_a_camera_sees() {
     let width = 180;
     for settings in [F64, FAST] {
         let seen = around(&splats, Up::PlusY, width, settings);
-        let layout = [Sphere::new(DVec3::ZERO, Up::PlusY, width, 0..90)];
+        let layout = Sphere::new(DVec3::ZERO, Up::PlusY, width, 0..90);
         let as_belt = Settings { sort: Sort::Distance, ..settings };
+        let how = (Level::new(), &(|| 0.0) as Clock<'_>);
         let straight =
-            crate::splat::draw(&splats, &layout, None, &as_belt, &context(), (Level::new(), &|| 0.0));
-        let straight = alone(straight.expect("renders")).expect("one view");
+            crate::splat::draw(&splats, &layout, None, &as_belt, &context(), how).expect("renders");
         let (mut squares, mut squares_straight, mut count) = (0.0_f64, 0.0_f64, 0.0);
         // Caps and what gives way to them.
         for y in (0..90).filter(|y| !in_the_belt(*y, width)) {
@@ -238,9 +243,9 @@ fn poles_show_what_a_camera_sees() {
     }
 }
 
-// Row 21: a splat on the axis through the poles, and beside it, and one that looks at the seam.
+// A splat on the axis through the poles, and beside it, and one that looks at the seam.
 #[test]
-fn poles_and_the_seam_are_finite_and_where_they_belong() {
+fn row_21_poles_and_the_seam_are_where_they_belong() {
     for up in UPS {
         let [_, forward, above] = equirect::axes(up);
         for d in [above, -above, above + forward * 1e-9, above - forward * 1e-3, -forward] {
@@ -279,6 +284,41 @@ fn a_wide_splat_over_the_pole_covers_all_columns() {
     assert!((0..128).all(|x| seen.rgba[x * 4 + 3] > 0.9));
 }
 
+// A wall at x = 2, seen by the belt and by both caps: behind it everything is gone, beside it nothing is, and what
+// stands before it stays.
+#[test]
+fn a_surface_in_front_hides_what_is_behind_it() {
+    let splats = shell(600, 13);
+    let corners = [[2.0, -50.0, -50.0], [2.0, 50.0, -50.0], [2.0, 50.0, 50.0], [2.0, -50.0, 50.0]];
+    let wall =
+        Mesh { positions: corners.to_vec(), colours: Vec::new(), triangles: vec![[0, 1, 2], [0, 2, 3]] };
+    let wall = Surface::new(&wall, DVec3::ZERO);
+    let before = |up: Up, splats: &Splats, settings: Settings| {
+        panorama(splats, &origin(up, 128), Some(&wall), &settings, &context()).expect("renders")
+    };
+    for up in UPS {
+        for settings in [F64, FAST] {
+            let (open, cut) = (around(&splats, up, 128, settings), before(up, &splats, settings));
+            for (i, depth) in cut.depth.iter().enumerate() {
+                let (u, v) = ((i % 128) as f64 + 0.5, (i / 128) as f64 + 0.5);
+                let d = equirect::direction(up, u / 128.0, v / 64.0);
+                // Pictures of the caps are read between their pixels.
+                if d.x < -0.05 {
+                    assert_eq!(cut.rgba[i * 4..i * 4 + 4], open.rgba[i * 4..i * 4 + 4]);
+                } else if d.x > 0.05 && *depth < f32::INFINITY {
+                    assert!(f64::from(*depth) * d.x < 2.2, "{up:?} {i}: {depth}");
+                }
+            }
+            assert!(cut.work.blends < open.work.blends);
+            let near = one([1.0, 0.0, 0.0], [0.3; 3], 0.9, [1.0; 3]);
+            // Small, since its distance counts, and further out the wall is further off.
+            let far = one([3.0, 0.0, 0.0], [0.2; 3], 0.9, [-1.0; 3]);
+            let both = before(up, &join(&[&far, &near]), settings);
+            assert!(bits(&both) == bits(&around(&near, up, 128, settings)));
+        }
+    }
+}
+
 #[test]
 fn instruction_sets_and_threads_do_not_show_in_panoramas() {
     let splats = shell(400, 3);
@@ -292,8 +332,8 @@ fn instruction_sets_and_threads_do_not_show_in_panoramas() {
         levels.extend(best.as_avx512().map(Level::Avx512));
     }
     for level in levels {
-        let scene = (DVec3::ZERO, Up::MinusY, 118);
-        let here = panorama_clocked(&splats, scene, &FAST, &context(), level, &|| 0.0).expect("renders");
+        let here = panorama_at(&splats, &origin(Up::MinusY, 118), None, &FAST, &context(), level);
+        let here = here.expect("renders");
         assert_eq!(bits(&here), bits(&expected), "{level:?}");
     }
     for threads in [1, 3] {

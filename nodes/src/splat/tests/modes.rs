@@ -1,7 +1,5 @@
 //! Depth modes, counts and the limit.
 
-use engine::Up;
-
 use super::*;
 
 const MIDDLE: usize = 16 * 33 + 16;
@@ -49,9 +47,7 @@ fn counts_are_the_blends_and_change_nothing_else() {
 }
 
 fn before(splats: &Splats, camera: &Camera, limit: &Image<Data>, settings: Settings) -> Rendered {
-    let cameras = std::slice::from_ref(camera);
-    let seen = render_all(splats, cameras, Some(&[limit]), &settings, &context()).expect("renders");
-    alone(seen).expect("one view")
+    render(splats, camera, Some(limit), &settings, &context()).expect("renders")
 }
 
 // What is at or behind the surface is as if it were not in the file, pixel by pixel.
@@ -94,43 +90,27 @@ fn a_surface_in_front_ends_the_blend() {
         }
     }
     let small = Image::<Data>::new(49, 40, 1);
-    assert!(render_all(&splats, &[camera], Some(&[&small]), &F64, &context()).is_err());
+    assert!(render(&splats, &camera, Some(&small), &F64, &context()).is_err());
 }
 
-// Six faces, a camera elsewhere, and two of other sizes back at the first point: what a pass shares does not show.
+// An empty picture is no error, but it is told with its likely cause.
 #[test]
-fn cameras_that_share_a_pass_see_what_they_see_alone() {
-    let splats = cloud(600, 23);
-    let rig = crate::cube_rig::cube(
-        DVec3::new(0.1, -0.2, 3.0),
-        crate::equirect::axes(Up::PlusZ),
-        40,
-        3.0,
-        crate::cube_rig::Turn::OffAxis,
+fn an_empty_view_is_told_with_its_cause() {
+    let splats = cloud(300, 5);
+    let told = |camera: &Camera, near: f64| {
+        let mut notes = Notes::none();
+        let seen = draw(&splats, camera, Settings { near, ..F64 });
+        seen.work.report(splats.len(), near, &context(), &mut notes);
+        notes.iter().map(|note| format!("{}: {}", note.id, note.text)).collect::<String>()
+    };
+    let ahead = camera(40, 30, 70.0);
+    assert_eq!(told(&ahead, 0.2), "");
+    let text = told(&ahead, 50.0);
+    assert!(
+        text.starts_with("few-splats-seen: 0 of 300") && text.contains("than `near`, 50 world"),
+        "{text}"
     );
-    let mut cameras = rig.cameras;
-    let eye = cameras[0].world_from_camera;
-    cameras.push(camera(50, 33, 70.0));
-    cameras.push(Camera { world_from_camera: eye, ..camera(17, 90, 40.0) });
-    cameras.push(Camera { world_from_camera: eye, ..camera(90, 17, 100.0) });
-    for settings in [
-        F64,
-        Settings { precision: Precision::F32, sort: Sort::Distance, ..F64 },
-        Settings { precision: Precision::F32, bounds: Bounds::Inria, count_blends: true, ..F64 },
-        Settings { precision: Precision::F32, bounds: Bounds::None, ..F64 },
-    ] {
-        let together = render_all(&splats, &cameras, None, &settings, &context()).expect("renders");
-        assert_eq!(together.len(), 9);
-        for (camera, seen) in cameras.iter().zip(&together) {
-            let by_itself = draw(&splats, camera, settings);
-            assert_eq!(bits(seen), bits(&by_itself));
-            assert_eq!(seen.blends, by_itself.blends);
-            let Work { visited, coloured, .. } = seen.work;
-            assert_eq!(Work { visited, coloured, ..by_itself.work }, seen.work);
-            assert!(coloured <= by_itself.work.coloured);
-        }
-        let visited: Vec<u64> = together.iter().map(|seen| seen.work.visited).collect();
-        assert_eq!(visited, [600, 0, 0, 0, 0, 0, 600, 600, 0]);
-        assert!(together[..6].iter().map(|seen| seen.work.coloured).sum::<u64>() <= 600);
-    }
+    let aside = DMat4::from_translation(DVec3::new(1e4, 0.0, -1e3)).to_cols_array();
+    let text = told(&Camera { world_from_camera: aside, ..ahead }, 0.2);
+    assert!(text.contains("share a frame"), "{text}");
 }

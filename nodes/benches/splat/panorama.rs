@@ -1,4 +1,4 @@
-//! Both ways to a panorama against a float64 one of narrow cameras, three samples a pixel each way.
+//! Both ways to a panorama against a float64 one of narrow cameras, six samples a pixel each way.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -14,10 +14,9 @@ use nodes::splat_render::{self, SplatRender};
 use nodes::stitch::{self, Holes, Stitch};
 use nodes::types::{Camera, Panorama, Pose, Rig, Splats};
 
-use crate::{Bench, look, timed};
+use crate::{Bench, EYE, look, timed};
 
 const WIDTH: usize = 512;
-const EYE: DVec3 = DVec3::new(4.02, -31.3, 0.2);
 
 fn faces(sort: Sort, precision: Precision) -> (SplatRender, Drawing) {
     (SplatRender { sort }, Drawing { precision, ..Drawing::default() })
@@ -53,13 +52,13 @@ fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &B
         hole_alpha: 0.25,
     };
     let params = (own, Drawing { precision, ..Drawing::default() });
-    let input = splat_panorama::In { splats: scene.clone(), at: pose() };
+    let input = splat_panorama::In { splats: scene.clone(), at: pose(), limit: None };
     SplatPanorama::run(&params, input, &bench.cx).unwrap().0.pano
 }
 
 /// 16 by 8 cameras, each over 22.5 degrees of both angles and a margin.
 fn narrow() -> Arc<Rig> {
-    let focal = 3.0 * WIDTH as f64 / (2.0 * PI);
+    let focal = 6.0 * WIDTH as f64 / (2.0 * PI);
     let size = (2.0 * focal * num::f64::tan(18.5_f64.to_radians())).ceil();
     let cameras = (0..128).map(|i| {
         let (u, v) = ((f64::from(i % 16) + 0.5) / 16.0, (f64::from(i / 16) + 0.5) / 8.0);

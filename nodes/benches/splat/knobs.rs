@@ -3,7 +3,7 @@
 use nodes::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
 use nodes::types::{Camera, Splats};
 
-use crate::{Bench, compare, timed};
+use crate::{Bench, compare, millions, timed};
 
 /// Half the size, shown at the full one by interpolation between pixel centres.
 fn at_half(scene: &Splats, camera: &Camera, settings: Settings, bench: &Bench) -> Rendered {
@@ -16,7 +16,7 @@ fn at_half(scene: &Splats, camera: &Camera, settings: Settings, bench: &Bench) -
         cy: camera.cy / 2.0,
         ..camera.clone()
     };
-    let mut seen = render(scene, &half, &settings, &bench.cx).unwrap();
+    let mut seen = render(scene, &half, None, &settings, &bench.cx).unwrap();
     let (width, height) = (half.width_px as usize, half.height_px as usize);
     let place = |i: usize, n: usize| {
         let at = ((i as f32 + 0.5) / 2.0 - 0.5).clamp(0.0, (n - 1) as f32);
@@ -45,7 +45,7 @@ pub fn table(bench: &Bench) {
         let default = Settings::default();
         // `None` would take hours; below 1e-5 a splat adds nothing that a picture shows.
         let truth = Settings { precision: Precision::F64, alpha_cut: 1e-5, stop: 0.0, ..default };
-        let truth = render(&scene, &camera, &truth, &bench.cx).unwrap();
+        let truth = render(&scene, &camera, None, &truth, &bench.cx).unwrap();
         let mut rows = vec![
             ("default", default),
             ("precision F64", Settings { precision: Precision::F64, ..default }),
@@ -74,7 +74,6 @@ pub fn table(bench: &Bench) {
         println!("|---|---|---|---|---|---|");
         let line = |name: &str, (seen, cpu): (Rendered, f64)| {
             let (psnr, largest) = compare(&seen.rgba, 4, &truth.rgba, 4);
-            let millions = |n: u64| n as f64 / 1e6;
             println!(
                 "| {name} | {psnr:.1} | {largest:.1e} | {:.2} | {:.2} | {:.0} |",
                 millions(seen.work.evaluations),
@@ -83,7 +82,7 @@ pub fn table(bench: &Bench) {
             );
         };
         for (name, settings) in rows {
-            line(name, timed(3, || render(&scene, &camera, &settings, &bench.cx).unwrap()));
+            line(name, timed(3, || render(&scene, &camera, None, &settings, &bench.cx).unwrap()));
         }
         line("half the resolution", timed(3, || at_half(&scene, &camera, default, bench)));
     }

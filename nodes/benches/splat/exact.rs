@@ -2,7 +2,7 @@
 
 use nodes::splat::{Bounds, Precision, Settings, render};
 
-use crate::{Bench, compare, timed};
+use crate::{Bench, compare, millions, timed};
 
 /// Columns and rows of the part of a view on which every splat is evaluated everywhere.
 const PART: (u32, u32) = (32, 24);
@@ -22,12 +22,12 @@ pub fn table(bench: &Bench) {
         ] {
             let settings = Settings { bounds, precision, ..Settings::default() };
             let runs = if precision == Precision::F64 { 1 } else { 3 };
-            let (seen, cpu) = timed(runs, || render(scene, &camera, &settings, &bench.cx).unwrap());
+            let (seen, cpu) = timed(runs, || render(scene, &camera, None, &settings, &bench.cx).unwrap());
             let (psnr, largest) = compare(&seen.rgba, 4, &reference, 3);
             println!(
                 "| {name} | {bounds:?} | {precision:?} | {psnr:.1} | {largest:.1e} | {:.1} | {:.2} | {:.0} |",
-                seen.work.evaluations as f64 / 1e6,
-                seen.work.blends as f64 / 1e6,
+                millions(seen.work.evaluations),
+                millions(seen.work.blends),
                 cpu * 1e3
             );
         }
@@ -43,7 +43,7 @@ pub fn table(bench: &Bench) {
         camera.cx -= f64::from(camera.width_px - PART.0) / 2.0;
         camera.cy -= f64::from(camera.height_px - PART.1) / 2.0;
         (camera.width_px, camera.height_px) = PART;
-        let draw = |settings: Settings| render(scene, &camera, &settings, &bench.cx).unwrap().rgba;
+        let draw = |settings: Settings| render(scene, &camera, None, &settings, &bench.cx).unwrap().rgba;
         let fast = draw(Settings::default());
         let same = Settings { bounds: Bounds::None, precision: Precision::F64, ..Settings::default() };
         let all = Settings { alpha_cut: 0.0, stop: 0.0, ..same };

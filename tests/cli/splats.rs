@@ -1,0 +1,81 @@
+//! `inspect` and `convert`: what they say of files, and what they refuse.
+
+use std::fmt::Write as _;
+
+use crate::Place;
+
+/// An INRIA PLY of splats that lie flat in a floor and round above it, +z up: 10 times `scale` wide, of which
+/// `log` is the logarithm.
+fn room(scale: f32, log: f32) -> Vec<u8> {
+    let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();
+    fields.split(' ').for_each(|name| writeln!(text, "property float {name}").unwrap());
+    text.push_str("end_header\n");
+    let mut bytes = text.into_bytes();
+    for i in 0..900_usize {
+        let unit = |k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0 - 0.5;
+        let floor = i % 3 > 0;
+        let z = if floor { -2.5 } else { 2.5 * unit(3) };
+        let mean = [unit(1) * 10.0, unit(2) * 10.0, z].map(|v| v * scale);
+        // Logarithms of 0.02 and, across the floor, of 0.0002.
+        let sizes = [-3.9, -3.9, if floor { -8.5 } else { -3.9 }].map(|size| size + log);
+        let row = mean.into_iter().chain([0.5, 0.5, 0.5, 2.0]).chain(sizes).chain([1.0, 0.0, 0.0, 0.0]);
+        row.for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+    }
+    bytes
+}
+
+fn said(output: &std::process::Output) -> (Option<i32>, String) {
+    let text = [&output.stdout[..], &output.stderr[..]].concat();
+    (output.status.code(), String::from_utf8(text).unwrap())
+}
+
+#[test]
+fn scenes_are_told_with_the_digits_they_need() {
+    let place = Place::new("");
+    std::fs::write(place.path("large.ply"), room(1.0, 0.0)).unwrap();
+    std::fs::write(place.path("small.ply"), room(0.001, -6.908)).unwrap();
+    let (code, text) = said(&place.call(&["inspect", "large.ply"]));
+    assert_eq!(code, Some(0), "{text}");
+    assert!(
+        text.contains("900") && text.contains("+z with confidence") && text.contains("floor at z = -2.5")
+    );
+    let (_, text) = said(&place.call(&["inspect", "small.ply"]));
+    assert!(text.contains("floor at z = -0.0025"), "{text}");
+}
+
+#[test]
+fn converting_says_what_it_took_for_granted() {
+    let place = Place::new("");
+    std::fs::write(place.path("room.ply"), room(1.0, 0.0)).unwrap();
+    // The floor says +z, and nobody said otherwise.
+    let (code, text) = said(&place.call(&["convert", "room.ply", "room.spz"]));
+    assert!(code == Some(0) && text.contains("[up-unlikely]") && text.contains("`--up`"), "{text}");
+    let (code, text) = said(&place.call(&["convert", "room.ply", "room.spz", "--up", "+z"]));
+    assert!(code == Some(0) && !text.contains("up-unlikely") && text.contains("900 splats"), "{text}");
+    let (code, text) = said(&place.call(&["convert", "room.spz", "four.spz", "--spz4"]));
+    assert!(
+        code == Some(0) && std::fs::read(place.path("four.spz")).unwrap().starts_with(b"NGSP\x04"),
+        "{text}"
+    );
+    let (_, text) = said(&place.call(&["inspect", "four.spz"]));
+    assert!(text.contains("+y by its format") && text.contains("+y with confidence"), "{text}");
+    for wrong in [
+        &["convert", "room.ply", "a.spz", "--up", "+z", "--as-stored"][..],
+        &["convert", "room.ply", "a.ply", "--spz4"],
+        &["convert", "room.ply", "a.obj"],
+    ] {
+        assert_eq!(place.call(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+    assert!(!place.path("a.spz").exists());
+}
+
+#[test]
+#[cfg(unix)]
+fn what_is_no_file_is_refused_at_once() {
+    let place = Place::new("");
+    let (code, text) = said(&place.call(&["inspect", "/dev/zero"]));
+    assert!(code == Some(1) && text.contains("neither a regular file nor a folder"), "{text}");
+    let (code, text) = said(&place.call(&["convert", "/dev/zero", "a.ply"]));
+    assert!(code == Some(1) && text.contains("neither a regular file nor a folder"), "{text}");
+}
