@@ -2,7 +2,7 @@ use glam::DVec3;
 
 use super::*;
 use crate::cube_rig::{Turn, cube};
-use crate::testing::context;
+use crate::testing::{context, row};
 use crate::types::{Camera, Rig};
 
 fn views(rig: Rig, colour: impl Fn(&Camera, usize, usize) -> [f32; 4]) -> Arc<Views> {
@@ -24,7 +24,8 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
     Stitch::run(&params, In { views }, &context()).expect("stitches").0.pano
 }
 
-// Over face sizes down to a pixel, with and without a guard band.
+/// Over face sizes down to a pixel, with and without a guard band.
+/// Mutation: `(1.0 - fx) * (1.0 - fy)` to `1.0 - fx * fy` in `Source::add`.
 #[test]
 fn row_18_constant_faces_stay_constant() {
     for (size, guard) in [(1, 0.0), (2, 3.0), (7, 0.0), (33, 3.0), (64, 20.0)] {
@@ -46,12 +47,13 @@ fn row_18_constant_faces_stay_constant() {
     }
 }
 
-// The energy of a single lit pixel is its solid angle, also of faces at the poles and at the wrap: `Aligned` puts
-// face centres there.
+/// The energy of a single lit pixel is its solid angle, also of faces at the poles and at the wrap: `Aligned` puts
+/// face centres there.
+/// Mutation: 2 pi to 6.28 in `equirect::pixel_solid_angle`.
 #[test]
 fn row_19_a_single_pixel_keeps_its_energy() {
-    let sphere: f64 = (0..128).map(|row| 256.0 * equirect::pixel_solid_angle(256, 128, row)).sum();
-    assert!((sphere - 4.0 * PI).abs() < 1e-5);
+    let sphere: f64 = (0..128).map(|y| 256.0 * equirect::pixel_solid_angle(256, 128, y)).sum();
+    row(19, "solid angles off 4 pi", (sphere - 4.0 * PI).abs(), 1e-5);
     let size = 24;
     for (face, x, y) in [(0, 12, 12), (0, 5, 9), (2, 12, 3), (2, 11, 12), (4, 12, 12), (4, 11, 11), (5, 2, 3)]
     {
@@ -63,17 +65,17 @@ fn row_19_a_single_pixel_keeps_its_energy() {
         };
         let pano = stitched(views(rig.clone(), lit), 256);
         let mut energy = 0.0;
-        for row in 0..128 {
-            let pixels = &pano.image.samples()[row * 256 * 3..(row + 1) * 256 * 3];
+        for y in 0..128 {
+            let pixels = &pano.image.samples()[y * 256 * 3..(y + 1) * 256 * 3];
             let sum: f64 = pixels.iter().step_by(3).map(|c| f64::from(color::linear_from_srgb(*c))).sum();
-            energy += sum * equirect::pixel_solid_angle(256, 128, row);
+            energy += sum * equirect::pixel_solid_angle(256, 128, y);
         }
         // The bilinear pixel spreads over its neighbours, which are of nearly its solid angle.
         let f = rig.cameras[face].fx;
         let (dx, dy) = ((x as f64 + 0.5 - 12.0) / f, (y as f64 + 0.5 - 12.0) / f);
         let r2 = 1.0 + dx * dx + dy * dy;
         let expected = 1.0 / (f * f * r2 * r2.sqrt());
-        assert!((energy / expected - 1.0).abs() < 0.015, "{face} {x} {y}: {energy} against {expected}");
+        row(19, "energy of a texel off its solid angle", (energy / expected - 1.0).abs(), 0.015);
     }
 }
 
@@ -132,8 +134,9 @@ fn views_from_two_points_are_refused() {
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
 
-// A strip of 4096 pixels, one of a single pixel, one of a single column: every direction of a
-// fine grid is defined, those beyond the views as holes.
+/// A strip of 4096 pixels, one of a single pixel, one of a single column: every direction of a
+/// fine grid is defined, those beyond the views as holes.
+/// Mutation: `.min(n - 1)` left out of `Source::add`.
 #[test]
 fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
@@ -156,7 +159,8 @@ fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
     }
 }
 
-// The wrap is as smooth as any other pair of columns, and the polar rows grow constant.
+/// The wrap is as smooth as any other pair of columns, and the polar rows grow constant.
+/// Mutation: `u` to `0.99 * u` in `equirect::direction`.
 #[test]
 fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
     let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;
@@ -179,8 +183,9 @@ fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
     }
 }
 
-// No point of a panorama has a direction that is not a unit vector, and no direction, however
-// short, long or close to an axis, a point outside.
+/// No point of a panorama has a direction that is not a unit vector, and no direction, however
+/// short, long or close to an axis, a point outside.
+/// Mutation: u = 1 no longer folded to 0 in `equirect::uv`.
 #[test]
 fn row_22_directions_are_never_degenerate() {
     let mut state = 3_u64;

@@ -5,6 +5,7 @@ use engine::Up;
 
 use super::*;
 use crate::io::exr::{self, Channel, Depth};
+use crate::testing::row;
 
 const FAST: Settings = Settings { precision: Precision::F32, ..F64 };
 
@@ -17,21 +18,25 @@ fn alpha_at(camera: &Camera, sigma: f64, z: f64, opacity: f64, x: usize, y: usiz
     if alpha < 1.0 / 255.0 { 0.0 } else { alpha }
 }
 
-fn is_the_formula(sigma: f32, opacity: f32) {
+/// The largest deviation of alpha from the formula.
+fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
     let camera = camera(31, 31, 50.0);
     let splat = one([0.0, 0.0, 3.0], [sigma; 3], opacity, [1.0; 3]);
+    let mut largest = 0.0_f64;
     for settings in [F64, FAST] {
         let seen = draw(&splat, &camera, settings);
         for i in 0..31 * 31 {
             let expected = alpha_at(&camera, f64::from(sigma), 3.0, f64::from(opacity), i % 31, i / 31);
             let found = f64::from(seen.rgba[i * 4 + 3]);
-            assert!((found - expected).abs() < 1e-6, "{sigma} {opacity}: {found} against {expected}");
+            largest = largest.max((found - expected).abs());
         }
     }
+    largest
 }
 
-// What a loader drops is as if it had never been in the file; here, what it cannot drop
-// because it is only invisible.
+/// What a loader drops is as if it had never been in the file; here, what it cannot drop
+/// because it is only invisible.
+/// Mutation: `depth <= near` to `depth.abs() <= near` in `Pinhole::see`.
 #[test]
 fn row_03_what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -58,7 +63,8 @@ fn row_03_what_cannot_be_seen_changes_no_bit() {
     }
 }
 
-// A splat as large as a file may hold covers all pixels, once each, at once.
+/// A splat as large as a file may hold covers all pixels, once each, at once.
+/// Mutation: `last.min(size as i32 - 1)` to `last` in `lens::tiles`.
 #[test]
 fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
@@ -81,18 +87,20 @@ fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
     }
 }
 
-// What is far below a pixel, down to nothing at all, shows as the low-pass filter alone.
+/// What is far below a pixel, down to nothing at all, shows as the low-pass filter alone.
+/// Mutation: `low_pass * low_pass` to `0.0` in the determinant of `project::chunk`.
 #[test]
 fn row_05_scales_of_nothing_show_the_filter() {
     for scale in [num::f64::exp(-40.0) as f32, 1e-30, 1e-45, 0.0] {
-        is_the_formula(scale, 0.8);
+        row(5, "alpha off the filter alone", off_the_formula(scale, 0.8), 1e-6);
     }
 }
 
-// Opacity 1 is capped at 0.99, exactly; below the cut there is nothing.
+/// Opacity 1 is capped at 0.99, exactly; below the cut there is nothing.
+/// Mutation: `.min(cap)` left out of `blend32::tile`.
 #[test]
 fn row_06_opacities_at_both_ends() {
-    is_the_formula(0.2, 1.0);
+    row(6, "alpha off the capped formula", off_the_formula(0.2, 1.0), 1e-6);
     let camera = camera(31, 31, 50.0);
     for settings in [F64, FAST] {
         let full = draw(&one([0.0, 0.0, 3.0], [0.5; 3], 1.0, [1.0; 3]), &camera, settings);
@@ -108,14 +116,16 @@ fn row_06_opacities_at_both_ends() {
     }
 }
 
-// A file of no rows is an empty scene.
+/// A file of no rows is an empty scene.
+/// Mutation: +inf to 0 where nothing is seen in `blend64`.
 #[test]
 fn row_07_an_empty_scene_is_background() {
     let seen = draw(&empty(0), &camera(8, 8, 60.0), F64);
     assert!(seen.rgba == [0.0; 256] && seen.depth == [f32::INFINITY; 64]);
 }
 
-// Splats at the eye and behind the near plane are gone, and nothing is infinite.
+/// Splats at the eye and behind the near plane are gone, and nothing is infinite.
+/// Mutation: `depth <= near` to `depth <= 0.0` in `Pinhole::see`.
 #[test]
 fn row_09_the_near_plane_culls() {
     let at_eye = one([0.0; 3], [0.5; 3], 0.9, [1.0; 3]);
@@ -129,7 +139,8 @@ fn row_09_the_near_plane_culls() {
     assert!(seen.is_sorted());
 }
 
-// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
+/// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
+/// Mutation: `-to_base_2 * xy` to `to_base_2 * xy` in `project::chunk`.
 #[test]
 fn row_10_needles_are_exact() {
     let camera = camera(200, 150, 60.0);
@@ -139,16 +150,18 @@ fn row_10_needles_are_exact() {
         let mut needle = one([0.1, 0.0, 3.0], [3000.0, 0.003, 0.003], 0.95, [1.0, 0.5, 0.0]);
         needle.quats[0] = quat.map(|q| q as f32);
         let (seen, reference) = (draw(&needle, &camera, FAST), draw(&needle, &camera, F64));
-        assert!(largest_difference(&seen, &reference) < 1e-5);
+        row(10, "F32 off F64", largest_difference(&seen, &reference), 1e-5);
         assert!(seen.rgba.iter().all(|v| v.is_finite()) && seen.work.blends > 0);
-        for i in 0..200 * 150 {
+        let off = (0..200 * 150).map(|i| {
             let expected = brute_force(&needle, &camera, i % 200, i / 200);
-            assert!((f64::from(seen.rgba[i * 4]) - expected[0]).abs() < 1e-3, "{quat:?} {i}");
-        }
+            (f64::from(seen.rgba[i * 4]) - expected[0]).abs()
+        });
+        row(10, "off the textbook", off.fold(0.0, f64::max), 1e-3);
     }
 }
 
-// Stopping early changes a deep pile by less than what it leaves.
+/// Stopping early changes a deep pile by less than what it leaves.
+/// Mutation: `after.simd_ge(stop)` to `after.simd_ge(zero)` in `blend32::tile`.
 #[test]
 fn row_11_stopping_early_costs_what_it_says() {
     let mut random = Random(4);
@@ -166,14 +179,15 @@ fn row_11_stopping_early_costs_what_it_says() {
     let all = draw(&pile, &camera, Settings { stop: 0.0, ..settings });
     // Colours reach 1, and a finished pixel may leave out a splat that takes it from above to below 1e-4:
     // with the cap at 0.99 at most 1e-2 of the light is still to come.
-    assert!(largest_difference(&stopped, &all) < 1e-2);
+    row(11, "with a cap of 0.99 (stop / (1 - cap))", largest_difference(&stopped, &all), 1e-2);
     assert!(stopped.work.blends * 10 < all.work.blends);
     let soft = Settings { alpha_cap: 0.5, ..settings };
     let (stopped, all) = (draw(&pile, &camera, soft), draw(&pile, &camera, Settings { stop: 0.0, ..soft }));
-    assert!(largest_difference(&stopped, &all) < 2.1e-4);
+    row(11, "with a cap of 0.5 (stop / (1 - cap))", largest_difference(&stopped, &all), 2.1e-4);
 }
 
-// Equal depths are drawn in file order; different ones whatever the order of the file.
+/// Equal depths are drawn in file order; different ones whatever the order of the file.
+/// Mutation: `&from` to `from.iter().rev()` in the second loop of `bin::order`.
 #[test]
 fn row_12_ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
@@ -199,7 +213,8 @@ fn row_12_ties_follow_the_file_and_nothing_else_does() {
     }
 }
 
-// In f64 an offset costs what rounding it costs; the camera is subtracted before anything is rounded further.
+/// In f64 an offset costs what rounding it costs; the camera is subtracted before anything is rounded further.
+/// Mutation: both of `splats.mean(index) - eye` rounded to f32 in `project::chunk`.
 #[test]
 fn row_13_pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
@@ -217,11 +232,17 @@ fn row_13_pictures_do_not_depend_on_where_the_world_is() {
             moved.means_low[i] = low.to_array().map(|v| v as f32);
         }
         there.world_from_camera = DMat4::from_translation(offset).to_cols_array();
-        assert!(largest_difference(&draw(&moved, &there, FAST), &expected) < 1e-3, "at {far}");
+        row(
+            13,
+            &format!("moved by {far:e}"),
+            largest_difference(&draw(&moved, &there, FAST), &expected),
+            1e-3,
+        );
     }
 }
 
-// `near` is in world units and scales with the scene.
+/// `near` is in world units and scales with the scene.
+/// Mutation: `depth <= near` to `depth <= 0.2` in `Pinhole::see`.
 #[test]
 fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
     let splats = cloud(300, 6);
@@ -233,13 +254,14 @@ fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
         scaled.scales.iter_mut().flatten().for_each(|v| *v *= factor);
         let seen = draw(&scaled, &camera, Settings { near: FAST.near * f64::from(factor), ..FAST });
         // Scales and centres are rounded again, so a splat at the cut may change sides at a pixel: 1/255 of it.
-        assert!(largest_difference(&seen, &expected) < 5e-3, "by {factor}");
+        row(14, &format!("scaled by {factor:e}"), largest_difference(&seen, &expected), 5e-3);
         let off = seen.rgba.iter().zip(&expected.rgba).filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
-        assert!(off <= 4, "by {factor}: {off} samples");
+        row(14, &format!("samples off by more than 1e-4, scaled by {factor:e}"), off as f64, 4.0);
     }
 }
 
-// Nothing is cut above: a coefficient that makes 3 arrives as 3 in the picture and in a file of floats.
+/// Nothing is cut above: a coefficient that makes 3 arrives as 3 in the picture and in a file of floats.
+/// Mutation: `max(0.0)` to `clamp(0.0, 1.0)` in `sh::colour`.
 #[test]
 fn row_15_colours_are_cut_at_0_and_nowhere_else() {
     let coefficient = |colour: f64| ((colour - 0.5) / 0.282_094_791_773_878_14) as f32;
@@ -248,7 +270,7 @@ fn row_15_colours_are_cut_at_0_and_nowhere_else() {
     let seen = draw(&bright, &camera(9, 9, 40.0), Settings { alpha_cap: 1.0, stop: 0.0, ..FAST });
     let middle = (4 * 9 + 4) * 4;
     for (value, expected) in seen.rgba[middle..].iter().zip([3.0, 0.0, 0.25, 1.0]) {
-        assert!((value - expected).abs() < 1e-5, "{value} against {expected}");
+        row(15, &format!("off {expected}"), f64::from((value - expected).abs()), 1e-5);
     }
     let plane = |c: usize| seen.rgba.iter().skip(c).step_by(4).copied().collect::<Vec<_>>();
     let channel =
@@ -259,7 +281,8 @@ fn row_15_colours_are_cut_at_0_and_nowhere_else() {
     assert_eq!(back.find("R"), Some(&plane(0)[..]));
 }
 
-// The widest and the narrowest angle, one pixel and a strip, against the textbook.
+/// The widest and the narrowest angle, one pixel and a strip, against the textbook.
+/// Mutation: `GUARD` to 0.1 in `lens`.
 #[test]
 fn row_16_odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);
@@ -278,6 +301,7 @@ fn row_16_odd_cameras_are_the_textbook() {
     }
 }
 
+/// Mutation: 1.000_000_1 to 1.02 in `blend32::EXP2`.
 #[test]
 fn row_16_odd_cameras_are_finite_and_match_f64() {
     let splats = cloud(300, 9);
@@ -291,7 +315,8 @@ fn row_16_odd_cameras_are_finite_and_match_f64() {
     assert!(render(&splats, &huge, None, &F64, &context()).is_err());
 }
 
-// Coverage is a share, no colour is brighter than a splat's times it, and what is farther only adds to it.
+/// Coverage is a share, no colour is brighter than a splat's times it, and what is farther only adds to it.
+/// Mutation: `before - weight` to `before - alpha` in `blend32::tile`.
 #[test]
 fn row_17_coverage_grows_and_colours_are_convex_sums() {
     for seed in 0..4 {
