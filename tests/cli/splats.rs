@@ -38,10 +38,10 @@ fn scenes_are_told_with_the_digits_they_need() {
     let (code, text) = said(&place.call(&["inspect", "large.ply"]));
     assert_eq!(code, Some(0), "{text}");
     assert!(
-        text.contains("900") && text.contains("+z with confidence") && text.contains("floor at z = -2.5")
+        text.contains("900") && text.contains("+z with confidence") && text.contains("floor at z = -2.4")
     );
     let (_, text) = said(&place.call(&["inspect", "small.ply"]));
-    assert!(text.contains("floor at z = -0.0025"), "{text}");
+    assert!(text.contains("floor at z = -0.0024"), "{text}");
 }
 
 #[test]
