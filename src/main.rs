@@ -7,6 +7,7 @@ mod report;
 mod session;
 mod svg;
 mod trace;
+mod trade;
 
 use std::process::ExitCode;
 

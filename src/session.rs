@@ -98,6 +98,25 @@ pub enum Error {
     /// A size that is none.
     #[error("`{0}` is not a size; write a number with K, M or G, such as 4G")]
     Size(String),
+    /// A measure that is none.
+    #[error(
+        "`{text}` is no measure of error; write one of {known}, with `touched.` in front for what the object changes, and `=VALUE` for a bound"
+    )]
+    Metric { text: String, known: String },
+    /// `tune` without a goal.
+    #[error("say what is wanted: --max-error flip=0.02, --max-seconds 10 or --max-work 1e8")]
+    NoGoal,
+    /// Nothing to compare.
+    #[error(
+        "no picture comes to what is wanted of this graph, so there is nothing to compare; name a node that makes one with --only"
+    )]
+    NoPicture,
+    /// A measure that does not exist for these pictures.
+    #[error("`{0}` cannot be computed of every picture here; `touched.` needs a composite with a background")]
+    NotComputed(String),
+    /// A graph that does not run at some setting.
+    #[error("with the setting {setting}:\n{why}")]
+    Setting { setting: String, why: String },
     /// Ctrl-C cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signal(#[from] ctrlc::Error),
@@ -114,7 +133,8 @@ pub struct GraphArgs {
     /// Sets one field for this run: node.field=value, as often as needed
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Lays a preset of the graph over it, as often as needed; `--overlay` and `--set` go over presets
+    /// Lays a preset over the graph, as often as needed: one of its own, or draft, preview, final, reference, which
+    /// set its knobs; `--overlay` and `--set` go over presets
     #[arg(long, value_name = "NAME")]
     pub preset: Vec<String>,
     /// Lays the values of a file over the graph, as often as needed: Overlay(nodes: (trace: (samples: 4)))
@@ -208,7 +228,7 @@ impl GraphArgs {
         let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
         let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
         for preset in &self.preset {
-            source = source.with_preset(preset);
+            source = source.with_preset(preset, &nodes::registry());
         }
         for path in &self.overlay {
             let failed = |source| Error::Read { path: path.clone(), source };

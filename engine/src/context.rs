@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::action::Action;
 use crate::artifact::{Artifact, decode_all, encode_to_vec};
 use crate::error::NodeError;
+use crate::event::Counts;
 use crate::graph::Graph;
 use crate::param::{InputFile, ParamType, canonical};
 use crate::port::Wired;
@@ -104,8 +105,25 @@ pub struct Part<'a> {
 
 /// Keeps the results of parts; the scheduler's side of [`Context::part`].
 pub(crate) trait PartStore: Send + Sync {
-    fn load(&self, part: Part<'_>, extra: &str) -> Option<Vec<u8>>;
-    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], seconds: f64) -> Result<(), NodeError>;
+    /// The stored bytes of a part, and what it once took.
+    fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
+    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
+}
+
+/// What the code of a node or a part took.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Effort {
+    pub seconds: f64,
+    pub counts: Counts,
+}
+
+impl Effort {
+    pub fn add(&mut self, other: &Self) {
+        self.seconds += other.seconds;
+        for (name, n) in &other.counts {
+            *self.counts.entry(name.clone()).or_default() += n;
+        }
+    }
 }
 
 /// A declared source, read and digested when the key was made.
@@ -133,6 +151,8 @@ pub struct Context {
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
+    /// What parts that were known once took.
+    pub(crate) known: Mutex<Effort>,
 }
 
 impl Context {
@@ -152,6 +172,7 @@ impl Context {
             progress: Box::new(|_| {}),
             parts: None,
             counts: Mutex::default(),
+            known: Mutex::default(),
         }
     }
 
@@ -257,7 +278,8 @@ impl Context {
 
     /// Computes a part of the node's work, or takes it from the cache. Its key is made of the kind, the
     /// part's name and version, the content of the named inputs and `extra`, which must hold every
-    /// parameter and number that `value` reads.
+    /// parameter and number that `value` reads. What `value` counts is kept beside it, so that the node is
+    /// known to stand for all of its work whatever of it was known; so one part at a time.
     pub fn part<A: Artifact>(
         &self,
         part: Part<'_>,
@@ -266,14 +288,22 @@ impl Context {
     ) -> Result<Arc<A>, NodeError> {
         let Some(store) = &self.parts else { return value().map(Arc::new) };
         let extra = canonical(extra)?;
-        if let Some(stored) = store.load(part, &extra)
+        if let Some((stored, spent)) = store.load(part, &extra)
             && let Ok(known) = decode_all::<A>(&stored)
         {
+            self.known.lock().unwrap_or_else(std::sync::PoisonError::into_inner).add(&spent);
             return Ok(Arc::new(known));
         }
-        let start = std::time::Instant::now();
+        let (start, before) = (std::time::Instant::now(), self.counts());
         let made = value()?;
-        store.save(part, &extra, &encode_to_vec(&made), start.elapsed().as_secs_f64())?;
+        let mut spent = Effort { seconds: start.elapsed().as_secs_f64(), counts: Counts::new() };
+        for (name, n) in self.counts() {
+            let n = n - before.get(name).copied().unwrap_or(0);
+            if n > 0 {
+                spent.counts.insert(name.to_owned(), n);
+            }
+        }
+        store.save(part, &extra, &encode_to_vec(&made), spent)?;
         Ok(Arc::new(made))
     }
 

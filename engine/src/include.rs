@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use crate::diag::{Code, Diagnostic, Source, shown};
 use crate::overlay::Overlays;
+use crate::knob::PRESETS;
 use crate::param::InputFile;
 use crate::root::SourceRoot;
 use crate::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
@@ -52,7 +53,7 @@ impl Source {
     }
 
     /// Lays one of the graph's own `presets` over it.
-    pub fn with_preset(self, preset: &str) -> Self {
+    pub(crate) fn with_own_preset(self, preset: &str) -> Self {
         self.joined("preset", "--preset", preset)
     }
 
@@ -310,10 +311,16 @@ fn preset<'t>(
     let known = || document.presets.iter().map(|field| field.name);
     let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
     diagnostics.push(match known().next() {
-        None => mistake.hint("presets stand beside `nodes`: `presets: (draft: (trace: (samples: 4)))`"),
+        None => mistake
+            .suggest(name, PRESETS)
+            .hint("its own stand beside `nodes`: `presets: (dark: (trace: (samples: 4)))`"),
         Some(_) => {
             let list: Vec<&str> = known().collect();
-            mistake.suggest(name, known()).hint(format!("it has {}", list.join(", ")))
+            mistake.suggest(name, known().chain(PRESETS)).hint(format!(
+                "it has {}, and every graph {}",
+                list.join(", "),
+                PRESETS.join(", ")
+            ))
         }
     });
     None

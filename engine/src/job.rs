@@ -11,7 +11,7 @@ use cache::{Digest, LeaseState, Store};
 
 use crate::action::{Action, look_up};
 use crate::artifact::{AnyArtifact, ArtifactType};
-use crate::context::{Context, Part, PartStore, ReadSource};
+use crate::context::{Context, Effort, Part, PartStore, ReadSource};
 use crate::error::NodeError;
 use crate::event::{Counts, Event, State};
 use crate::files::Files;
@@ -20,7 +20,7 @@ use crate::graph::{Graph, Node, Wire};
 use crate::key::part_key;
 use crate::kind::Keep;
 use crate::port::PortSpec;
-use crate::record::{FileRecord, Output, Record, Spent, digest, read_digest};
+use crate::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::sink::Placed;
 use crate::trace::Tracer;
 
@@ -60,7 +60,8 @@ pub(crate) struct Finished {
     pub record: Record,
     /// One value an output; empty where another process made them.
     pub values: Vec<AnyArtifact>,
-    pub counts: Counts,
+    /// That of this run.
+    pub effort: Effort,
     /// False where another process made them.
     pub ran: bool,
 }
@@ -105,8 +106,8 @@ impl Job<'_> {
         // Another process may have had the lease before, and left its result.
         match look_up(store, self.node(), &key).filter(|_| !self.remake) {
             Some(record) => {
-                let (values, counts) = (Vec::new(), Counts::new());
-                finish(Ok(Finished { record, values, counts, ran: false }));
+                let (values, effort) = (Vec::new(), Effort::default());
+                finish(Ok(Finished { record, values, effort, ran: false }));
             }
             None => {
                 if !self.remake {
@@ -189,9 +190,12 @@ impl Job<'_> {
         let made: usize =
             node.kind.outputs.iter().zip(&values).map(|(port, value)| (port.artifact.bytes)(value)).sum();
         let memory = self.memory.max(made as u64);
-        let spent = Spent { seconds, work: self.work, memory, counts: counts.clone() };
+        let mut whole = context.known.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let effort = Effort { seconds, counts };
+        whole.add(&effort);
+        let spent = Spent { seconds: whole.seconds, work: self.work, memory, counts: whole.counts };
         let record = Record { outputs, files, notes, spent };
-        Ok((Finished { record, values, counts, ran: true }, encoded))
+        Ok((Finished { record, values, effort, ran: true }, encoded))
     }
 }
 
@@ -251,24 +255,22 @@ impl StoredParts {
 }
 
 impl PartStore for StoredParts {
-    fn load(&self, part: Part<'_>, extra: &str) -> Option<Vec<u8>> {
+    fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)> {
         let (key, begin) = (self.key(part, extra)?, Instant::now());
-        let record = self.store.get_record(&key)?;
-        let blob = read_digest(&mut crate::artifact::Decoder::new(&record)).ok()?;
-        let bytes = self.store.get_blob(&blob).ok()??;
+        let record = PartRecord::decode(&self.store.get_record(&key)?).ok()?;
+        let bytes = self.store.get_blob(&record.blob).ok()??;
         self.tracer.tell(&self.id, part.name, begin.elapsed().as_secs_f64());
         self.tell(part, State::Cached, key, 0.0);
-        Some(bytes)
+        Some((bytes, record.spent))
     }
 
-    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], seconds: f64) -> Result<(), NodeError> {
+    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError> {
+        let seconds = spent.seconds;
         self.tracer.tell(&self.id, part.name, seconds);
         let Some(key) = self.key(part, extra) else { return Ok(()) };
-        let mut record = crate::artifact::Encoder::default();
         // A part that cannot be stored is only computed again; the node's own result says what is wrong.
         if let Ok(blob) = self.store.put_blob(encoded) {
-            digest(&mut record, &blob);
-            let _ = self.store.put_record(&key, &record.finish());
+            let _ = self.store.put_record(&key, &PartRecord { blob, spent }.encode());
         }
         self.tell(part, State::Ran, key, seconds);
         Ok(())

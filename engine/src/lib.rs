@@ -104,6 +104,7 @@ mod include;
 mod job;
 mod key;
 mod kind;
+mod knob;
 mod known;
 mod launch;
 mod lock;
@@ -146,6 +147,7 @@ pub use event::{Counts, Event, Mistake, State, Totals};
 pub use files::{FileBytes, Files};
 pub use graph::{Graph, Node, Wire};
 pub use kind::{Cost, Keep, Kind, KindEntry, Registry, Sizes, ViewCount};
+pub use knob::{GraphKnob, Knob, KnobKind, PRESETS, overlay_text};
 pub use lock::{Lock, LockDifferences, LockError};
 pub use note::{Level, Note, Notes};
 pub use param::{

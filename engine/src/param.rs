@@ -3,6 +3,7 @@
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::knob::Knob;
 use crate::syntax::Fields;
 
 /// A type that a parameter may have. Its RON form is its canonical form: equal values, equal text.
@@ -213,6 +214,8 @@ pub struct ParamSpec {
     pub other: Option<&'static str>,
     /// Why another value may leave the output as it is (a speed setting, say).
     pub inert: Option<&'static str>,
+    /// How it trades work for accuracy, where it does.
+    pub knob: Option<Knob>,
     /// What it names outside of the graph.
     pub role: Role,
 }
@@ -275,7 +278,8 @@ impl<T: ParamType> ParamValue for T {
 ///     /// Resamples cube faces into a panorama.
 ///     pub struct Stitch {
 ///         /// Width of the panorama; the height is half of it.
-///         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64");
+///         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
+///             knob(Resolution, "256", "512", "1024", "4096");
 ///         /// Where to read from; has no default, so it must be given.
 ///         path: engine::InputFile, other("\"b.ply\"");
 ///     }
@@ -302,7 +306,7 @@ macro_rules! params {
                         describe: <$type as $crate::ParamType>::describe,
                         default: $crate::params!(@default $type $(= $default)?)
                             .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
-                        range: None, unit: "", other: None, inert: None,
+                        range: None, unit: "", other: None, inert: None, knob: None,
                         role: <$type as $crate::ParamType>::ROLE,
                     };
                     $($crate::params!(@attr spec $attr($($arg)*));)*
@@ -330,6 +334,12 @@ macro_rules! params {
     (@attr $spec:ident unit($unit:expr)) => { $spec.unit = $unit; };
     (@attr $spec:ident other($other:expr)) => { $spec.other = Some($other); };
     (@attr $spec:ident inert($why:expr)) => { $spec.inert = Some($why); };
+    (@attr $spec:ident knob($kind:ident, $draft:expr, $preview:expr, $final:expr, $reference:expr)) => {
+        $spec.knob = Some($crate::Knob {
+            kind: $crate::KnobKind::$kind,
+            ladder: [$draft, $preview, $final, $reference],
+        });
+    };
     (@range) => { None };
     (@range range($low:expr, $high:expr) $($rest:tt)*) => { Some(($low as f64, $high as f64)) };
     (@range $attr:ident($($arg:tt)*) $($rest:tt)*) => { $crate::params!(@range $($rest)*) };

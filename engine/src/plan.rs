@@ -121,6 +121,12 @@ impl Engine {
         Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
     }
 
+    /// What a node's code takes from nothing, as of the last run of a node of this name in this graph file,
+    /// whether it ran then or was known.
+    pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
+        last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
+    }
+
     /// The content digests of a node's outputs as of its last run, in the order of its ports.
     pub fn digests(&self, graph: &Graph, node: usize) -> Option<Vec<Digest>> {
         let record = last_outputs(self.store(), graph, &graph.nodes[node])?;

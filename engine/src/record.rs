@@ -3,6 +3,7 @@
 use cache::{Digest, Manifest};
 
 use crate::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
+use crate::context::Effort;
 use crate::event::Counts;
 use crate::graph::Node;
 use crate::note::{Level, Notes};
@@ -29,14 +30,57 @@ pub(crate) struct FileRecord {
 /// What a node's code took. No part of any key: it is for forecasts and for people.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Spent {
-    /// Wall time.
+    /// Wall time, that of parts that were known included.
     pub seconds: f64,
     /// [`crate::Kind::work`].
     pub work: f64,
     /// Bytes: what it was admitted with, or its outputs where they were more. Its inputs come on top.
     pub memory: u64,
-    /// Work by name: rays, blends.
+    /// Work by name: rays, blends; that of parts that were known included, so that it does not depend on what
+    /// was in the cache.
     pub counts: Counts,
+}
+
+/// What the store keeps of a part: where its bytes are, and what it took.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PartRecord {
+    pub blob: Digest,
+    pub spent: Effort,
+}
+
+impl PartRecord {
+    pub fn encode(&self) -> Vec<u8> {
+        let mut to = Encoder::default();
+        // No node's record begins so, since it begins with its length.
+        to.u64(u64::MAX);
+        digest(&mut to, &self.blob);
+        to.f64(self.spent.seconds);
+        counts(&mut to, &self.spent.counts);
+        to.finish()
+    }
+
+    pub fn decode(bytes: &[u8]) -> Result<Self, Corrupt> {
+        let mut from = Decoder::new(bytes);
+        if from.u64()? != u64::MAX {
+            return Err(Corrupt("no part".to_owned()));
+        }
+        let (blob, seconds) = (read_digest(&mut from)?, from.f64()?);
+        let spent = Effort { seconds, counts: read_counts(&mut from)? };
+        from.end()?;
+        Ok(Self { blob, spent })
+    }
+}
+
+fn counts(to: &mut Encoder, counts: &Counts) {
+    to.u64(counts.len() as u64);
+    for (name, n) in counts {
+        to.str(name);
+        to.u64(*n);
+    }
+}
+
+fn read_counts(from: &mut Decoder<'_>) -> Result<Counts, Corrupt> {
+    (0..from.length(16)?).map(|_| Ok((from.str()?, from.u64()?))).collect()
 }
 
 /// A finished node: its outputs by digest, its notes and its files. Stored, the manifest of its key follows.
@@ -80,15 +124,10 @@ impl Record {
             to.str(&note.id);
             to.str(&note.text);
         }
-        let Spent { seconds, work, memory, counts } = &self.spent;
-        to.f64(*seconds);
-        to.f64(*work);
-        to.u64(*memory);
-        to.u64(counts.len() as u64);
-        for (name, n) in counts {
-            to.str(name);
-            to.u64(*n);
-        }
+        to.f64(self.spent.seconds);
+        to.f64(self.spent.work);
+        to.u64(self.spent.memory);
+        counts(&mut to, &self.spent.counts);
         to.finish()
     }
 
@@ -122,8 +161,7 @@ impl Record {
             notes.push(level, &from.str()?, from.str()?);
         }
         let (seconds, work, memory) = (from.f64()?, from.f64()?, from.u64()?);
-        let counts =
-            (0..from.length(16)?).map(|_| Ok((from.str()?, from.u64()?))).collect::<Result<_, Corrupt>>()?;
+        let counts = read_counts(&mut from)?;
         from.end()?;
         Ok(Self { outputs, files, notes, spent: Spent { seconds, work, memory, counts } })
     }
@@ -170,7 +208,10 @@ impl<'a> Stored<'a> {
 pub fn blobs_of(payload: &[u8]) -> Vec<Digest> {
     match payload.try_into() {
         Ok(digest) => vec![Digest::from_bytes(digest)],
-        Err(_) => Record::stored_blobs(payload).unwrap_or_default(),
+        Err(_) => match PartRecord::decode(payload) {
+            Ok(part) => vec![part.blob],
+            Err(_) => Record::stored_blobs(payload).unwrap_or_default(),
+        },
     }
 }
 

@@ -14,10 +14,11 @@ use cache::Digest;
 
 use crate::action::{last_keys, look_up, prepare, read_sources, remember};
 use crate::artifact::AnyArtifact;
+use crate::context::Effort;
 use crate::context::ReadSource;
 use crate::diag::{Diagnostic, Diagnostics};
 use crate::error::NodeError;
-use crate::event::{Counts, Event, State, Totals};
+use crate::event::{Event, State, Totals};
 use crate::graph::{Graph, Wire};
 use crate::job::{Finished, Message, guarded};
 use crate::known::Known;
@@ -283,7 +284,7 @@ impl<'a> Run<'a> {
         if let Some(&twin) = self.made.get(&key) {
             let record = self.slots[twin].record.clone().expect("what was made has a record");
             self.copy_values(twin, index);
-            return self.settle(index, record, State::Cached, Counts::new());
+            return self.settle(index, record, State::Cached, Effort::default());
         }
         if let Some(followers) = self.in_flight.get_mut(&key) {
             followers.push(index);
@@ -291,7 +292,7 @@ impl<'a> Run<'a> {
             return;
         }
         if let Some(record) = look_up(&self.engine.store, node, &key) {
-            return self.settle(index, record, State::Cached, Counts::new());
+            return self.settle(index, record, State::Cached, Effort::default());
         }
         self.in_flight.insert(key, Vec::new());
         self.slots[index].life = Life::Ready;
@@ -299,7 +300,7 @@ impl<'a> Run<'a> {
     }
 
     fn finished(&mut self, index: usize, finished: Finished) {
-        let Finished { mut record, values, counts, ran } = finished;
+        let Finished { mut record, values, effort, ran } = finished;
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
             self.made.insert(key, index);
@@ -310,28 +311,28 @@ impl<'a> Run<'a> {
         }
         for follower in followers {
             self.hold(follower, &values);
-            self.settle(follower, record.clone(), State::Cached, Counts::new());
+            self.settle(follower, record.clone(), State::Cached, Effort::default());
         }
         self.hold(index, &values);
         // Another process may have been faster.
-        self.settle(index, record, if ran { State::Ran } else { State::Cached }, counts);
+        self.settle(index, record, if ran { State::Ran } else { State::Cached }, effort);
     }
 
     /// The outputs of a node are known: what waited for that is resolved.
-    fn settle(&mut self, index: usize, record: Record, state: State, counts: Counts) {
+    fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let rough = self.graph.reads(index).iter().any(|&above| self.slots[above].rough);
         if let Some(key) = self.slots[index].key.filter(|_| !rough && !self.slots[index].rough) {
             remember(&self.engine.store, &self.last_keys, &self.graph.nodes[index], &key);
         }
-        self.settle_as(index, record, state, counts);
+        self.settle_as(index, record, state, effort);
     }
 
     /// Nothing about the node is new.
     fn settle_known(&mut self, index: usize, record: Record) {
-        self.settle_as(index, record, State::Cached, Counts::new());
+        self.settle_as(index, record, State::Cached, Effort::default());
     }
 
-    fn settle_as(&mut self, index: usize, record: Record, state: State, counts: Counts) {
+    fn settle_as(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
@@ -343,22 +344,22 @@ impl<'a> Run<'a> {
         slot.end = Some(state);
         // What the key was made of is in the record, and a large graph would hold it all.
         slot.action.key = None;
-        for (name, n) in &counts {
+        for (name, n) in &effort.counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
         self.keep_for_later(index);
         self.release_inputs(index);
         if node.sink_path.is_some() {
             self.slots[index].life = Life::Placing;
-            self.slots[index].counts = counts;
+            self.slots[index].effort = effort;
             self.todo.push_back(Task::Files(index));
         } else {
-            self.done(index, counts);
+            self.done(index, effort);
         }
     }
 
     /// Tells that a node is done, and wakes those below.
-    fn done(&mut self, index: usize, counts: Counts) {
+    fn done(&mut self, index: usize, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let slot = &mut self.slots[index];
@@ -372,8 +373,8 @@ impl<'a> Run<'a> {
             kind: node.kind.name,
             state,
             key: slot.key,
-            seconds: if state == State::Ran { record.spent.seconds } else { 0.0 },
-            counts,
+            seconds: effort.seconds,
+            counts: effort.counts,
             notes: record.notes.iter().cloned().collect(),
             degraded: slot.degraded,
             error: None,
@@ -435,8 +436,8 @@ impl<'a> Run<'a> {
                 }
                 let slot = &mut self.slots[index];
                 slot.readers -= 1;
-                let counts = std::mem::take(&mut slot.counts);
-                self.done(index, counts);
+                let effort = std::mem::take(&mut slot.effort);
+                self.done(index, effort);
             }
             Ok(None) => self.request(Wire { node: index, port: 0 }, Waiter::Files(index)),
             Err(error) => self.fail(index, &error),

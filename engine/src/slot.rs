@@ -4,7 +4,8 @@ use cache::Digest;
 
 use crate::action::Action;
 use crate::artifact::AnyArtifact;
-use crate::event::{Counts, State};
+use crate::context::Effort;
+use crate::event::State;
 use crate::record::Record;
 
 /// Where a node is in its life.
@@ -80,7 +81,7 @@ pub(crate) struct Slot {
     pub parked: u32,
     /// How it came to its result, and with what work; told once its files are in place.
     pub end: Option<State>,
-    pub counts: Counts,
+    pub effort: Effort,
 }
 
 #[derive(Default, Clone)]
@@ -111,7 +112,7 @@ impl Slot {
             cost: None,
             parked: 0,
             end: None,
-            counts: Counts::new(),
+            effort: Effort::default(),
         }
     }
 

@@ -144,7 +144,7 @@ impl<'a> Run<'a> {
         }
         self.end_remake(index);
         self.totals.remade += 1;
-        for (name, n) in &finished.counts {
+        for (name, n) in &finished.effort.counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
         for (port, value) in finished.values.into_iter().enumerate() {

@@ -28,7 +28,8 @@ engine::params! {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Side of a face, guard band included.
-        size_px: u32 = 512, range(1, 8192), unit("px"), other("64");
+        size_px: u32 = 512, range(1, 8192), unit("px"), other("64"),
+            knob(Resolution, "128", "256", "512", "1024");
         /// How far a face reaches beyond its 45 degrees to each side.
         guard_deg: f64 = 3.0, range(0.0, 30.0), unit("degrees"), other("5.0");
         /// How the cube is turned.

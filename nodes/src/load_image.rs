@@ -222,8 +222,10 @@ mod tests {
         png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
     }
 
+    /// 8 and 16 bits, grey and alpha.
+    /// Mutation: `r * a` to `r`.
     #[test]
-    fn pngs_are_premultiplied_colour_or_data() {
+    fn row_64_pngs_are_premultiplied_colour_or_data() {
         let rgba = png_of(4, 255, vec![255, 51, 0, 51]);
         let (picture, _) = load(&rgba, FileEncoding::Auto, "");
         assert_eq!((picture.encoding(), picture.samples()), ("srgb", &[0.2, 0.2 * 0.2, 0.0, 0.2][..]));
@@ -235,8 +237,9 @@ mod tests {
         assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
     }
 
+    /// Mutation: `v.is_nan()` to `false`.
     #[test]
-    fn layers_of_an_exr_are_found_by_name() {
+    fn row_63_layers_of_an_exr_are_found_by_name_and_hold_numbers() {
         let plane =
             |name: &str, v: f32| (exr::Channel { name: name.into(), samples: vec![v] }, exr::Depth::Float);
         let channels = vec![

@@ -166,9 +166,9 @@ mod tests {
         assert_eq!(a, b);
     }
 
-    // Row 68 of the table of extremes.
+    /// Mutation: the check of the determinant dropped.
     #[test]
-    fn nothing_flat_and_nothing_said_twice() {
+    fn row_68_nothing_flat_and_nothing_said_twice() {
         assert!(PoseNode::check(&PoseNode { scale: 0.0, ..plain() }).is_err());
         let identity = DMat4::IDENTITY.to_cols_array();
         let both = PoseNode { matrix: Some(identity), yaw_deg: 1.0, ..plain() };

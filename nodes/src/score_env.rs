@@ -8,13 +8,16 @@ use glam::DVec3;
 use crate::equirect::axes;
 use crate::error::Error;
 use crate::light::measure::{self, cells, contrast, dominant, irradiance, luminance, spiral};
+use crate::light::spheres::{Sphere, sphere_error};
 use crate::num;
 use crate::types::{Cell, Environment, Report, Table};
 
 engine::params! {
     /// Scores recovered light against the truth.
-    /// Compares what lights a scene: the irradiance of planes in every direction, where the dominant
-    /// light is, and how strong it is against the rest (which decides how dark a shadow is).
+    /// Compares what lights a scene: the irradiance of planes in every direction and of the six along the
+    /// axes of the world, where the dominant light is, how strong it is against the rest (which decides how
+    /// dark a shadow is), the panoramas weighed by solid angle, and what a matte, a glossy and a mirror
+    /// sphere would look like, seen along the world's forward.
     pub struct ScoreEnv {
         /// Planes, spread evenly over all directions, whose irradiance is compared.
         normals: u32 = 512, range(1, 100000), other("64");
@@ -45,7 +48,7 @@ const COARSE: usize = 128;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -121,13 +124,68 @@ fn score(
     let peak = |cells: &[measure::Cell]| cells.iter().map(|cell| luminance(cell.rgb)).fold(0.0, f64::max);
     let (peak, peak_truth) = (peak(&fine), peak(&fine_truth));
     let peaks = (peak > 0.0 && peak_truth > 0.0).then(|| num::f64::log2(peak / peak_truth));
-    Ok(vec![
+    let mut scores = vec![
         ("mean irradiance, log2 of found over true", "stops", ratio),
         ("irradiance, relative RMS error over all planes", "", relative),
         ("direction of the dominant light, angle", "deg", off),
         ("dominant light against the rest, log2 of found over true", "stops", contrasts),
         ("peak luminance on a grid of 256 columns, log2 of found over true", "stops", peaks),
-    ])
+    ];
+    let [right, forward, up] = axes(truth.up);
+    let sides = [
+        ("irradiance of a plane that faces up, log2 of found over true", up),
+        ("irradiance of a plane that faces down, log2 of found over true", -up),
+        ("irradiance of a plane that faces right, log2 of found over true", right),
+        ("irradiance of a plane that faces left, log2 of found over true", -right),
+        ("irradiance of a plane that faces forward, log2 of found over true", forward),
+        ("irradiance of a plane that faces back, log2 of found over true", -forward),
+    ];
+    for (name, normal) in sides {
+        let [found, want] = [&coarse, &coarse_truth].map(|cells| luminance(irradiance(cells, normal)));
+        scores.push((name, "stops", (found > 0.0 && want > 0.0).then(|| num::f64::log2(found / want))));
+    }
+    let (absolute, energy) = weighed(env, truth);
+    scores.push(("panorama, absolute error by solid angle over the mean of the truth", "", absolute));
+    scores.push(("energy over the whole sphere, log2 of found over true", "stops", energy));
+    for (sphere, names) in SPHERES {
+        let error = sphere_error(sphere, &coarse, &coarse_truth, [right, forward, up], cx)?;
+        scores.push((names[0], "", error.map(|e| e.relative)));
+        scores.push((names[1], "", error.map(|e| e.scaled)));
+        if sphere == Sphere::Diffuse {
+            scores.push(("matte sphere, mean angle between colours", "deg", error.map(|e| e.angle_deg)));
+        }
+    }
+    Ok(scores)
+}
+
+/// Spheres with the names of their two scores.
+const SPHERES: [(Sphere, [&str; 2]); 3] = [
+    (Sphere::Diffuse, ["matte sphere, relative RMS error", "matte sphere, the same after the best exposure"]),
+    (
+        Sphere::Glossy,
+        ["glossy sphere, relative RMS error", "glossy sphere, the same after the best exposure"],
+    ),
+    (
+        Sphere::Mirror,
+        ["mirror sphere, relative RMS error", "mirror sphere, the same after the best exposure"],
+    ),
+];
+
+/// On the finest grid that both fill: the mean absolute difference of radiance over channels and solid angle,
+/// relative to the mean of the truth; and log2 of the ratio of the energies. `None` where one is black.
+fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
+    // Heights may bound the grid, too: both must have cells in the same places.
+    let common = |of: &Environment| of.image.width.min(2 * of.image.height);
+    let columns = FINE.min(common(env)).min(common(truth));
+    let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
+    for (f, t) in cells(env, columns).iter().zip(&cells(truth, columns)) {
+        for (a, b) in f.rgb.iter().zip(&t.rgb) {
+            off += (a - b).abs() * t.solid_angle;
+            found += a * f.solid_angle;
+            want += b * t.solid_angle;
+        }
+    }
+    ((want > 0.0).then(|| off / want), (found > 0.0 && want > 0.0).then(|| num::f64::log2(found / want)))
 }
 
 #[cfg(test)]
@@ -173,6 +231,9 @@ mod tests {
         twice.image.samples.iter_mut().for_each(|v| *v *= 2.0);
         let found = scores(twice, env(256, sun, 900.0));
         assert!((found[0] - 1.0).abs() < 1e-6 && found[3].abs() < 1e-9 && (found[1] - 1.0).abs() < 1e-6);
+        // The six planes, the panorama, its energy; spheres twice as bright and, with the best exposure, equal.
+        assert!(found[5..13].iter().all(|score| (score - 1.0).abs() < 1e-6), "{found:?}");
+        assert!((found[13] - 1.0).abs() < 1e-6 && found[14] < 1e-5 && found[15] < 1e-4, "{found:?}");
         let moved = DVec3::new(-0.4, 0.7, 0.2).normalize();
         let found = scores(env(256, moved, 900.0), env(256, sun, 900.0));
         let want = num::f64::acos(moved.dot(sun)).to_degrees();

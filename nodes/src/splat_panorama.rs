@@ -20,10 +20,11 @@ engine::params! {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width of the panorama, even; the height is half of it.
-        width_px: u32 = 2048, range(2, 16384), unit("px"), other("64");
+        width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
+            knob(Resolution, "256", "512", "1024", "2048");
         /// Samples a pixel along each axis. The low-pass filter acts on samples: where they are few, fine splats
         /// grow fat, by far the largest error of a small panorama.
-        supersample: u32 = 2, range(1, 8), other("1");
+        supersample: u32 = 2, range(1, 8), other("1"), knob(Samples, "1", "2", "2", "4");
         /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
         holes: Holes = Holes::PushPull, other("Black");
         /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.

@@ -9,12 +9,15 @@ mod explain;
 pub mod graph;
 mod init;
 mod inspect;
+mod knobs;
 mod lock;
 mod nodes;
 mod pack;
 mod plan;
+mod report;
 mod run;
 mod splats;
+mod tune;
 mod unpack;
 mod verify;
 mod watch;
@@ -41,6 +44,12 @@ enum Verb {
     Check(check::Check),
     /// Tells what a run would compute, why, and about how long it takes
     Plan(plan::Plan),
+    /// Lists what trades work for accuracy in a graph, and which outputs it reaches
+    Knobs(knobs::Knobs),
+    /// Looks for settings of the knobs that reach an error with little work, by measuring
+    Tune(tune::Tune),
+    /// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame
+    Report(report::MakeReport),
     /// Tells what a node's result is made of and why it would run again
     Explain(explain::Explain),
     /// Tells how two graphs, bundles or pictures differ, and where their results begin to
@@ -79,6 +88,8 @@ impl Command {
             Verb::Check(verb) => verb.json,
             Verb::Inspect(verb) => verb.json,
             Verb::Watch(verb) => verb.json,
+            Verb::Tune(verb) => verb.json,
+            Verb::Report(verb) => verb.json,
             _ => false,
         }
     }
@@ -90,6 +101,9 @@ impl Command {
             Verb::Watch(verb) => verb.run(),
             Verb::Check(verb) => verb.run(),
             Verb::Plan(verb) => verb.run(),
+            Verb::Knobs(verb) => verb.run(),
+            Verb::Tune(verb) => verb.run(),
+            Verb::Report(verb) => verb.run(),
             Verb::Explain(verb) => verb.run(),
             Verb::Nodes(verb) => verb.run(),
             Verb::Graph(verb) => verb.run(),

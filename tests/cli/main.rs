@@ -9,6 +9,7 @@ mod messages;
 mod share;
 mod splats;
 mod stop;
+mod trade;
 mod turntable;
 mod watch;
 

@@ -2,6 +2,7 @@
 
 use engine::{Source, SourceRoot};
 
+use crate::arithmetic::registry;
 use crate::lab::{Lab, graph_text};
 
 impl Lab {
@@ -108,10 +109,14 @@ fn what_is_laid_over_takes_the_place_of_what_is_written() {
         lab.out("s.txt")
     };
     assert_eq!(out(source()), "2.0\n");
-    assert_eq!(out(source().with_preset("big")), "10.0\n");
-    assert_eq!(out(source().with_preset("huge").with_preset("big")), "20.0\n", "the last one wins");
+    assert_eq!(out(source().with_preset("big", &registry())), "10.0\n");
+    assert_eq!(
+        out(source().with_preset("huge", &registry()).with_preset("big", &registry())),
+        "20.0\n",
+        "the last one wins"
+    );
     let overlay = "Overlay(scene: (seed: 5), nodes: (two: Scale(by: 3.0),),)";
-    let over = source().with_preset("big").overlaid("mine.ron", overlay);
+    let over = source().with_preset("big", &registry()).overlaid("mine.ron", overlay);
     assert_eq!(lab.parse(&over.text).unwrap().scene.seed, 5);
     assert_eq!(out(over.clone()), "3.0\n");
     let set = engine::apply(&over, &["two.by=4".parse().unwrap(), "scene.seed=6".parse().unwrap()]);
@@ -150,9 +155,9 @@ fn mistakes_of_overlays_lie_in_them() {
             &["mine.ron:1:1\n", "an overlay begins with `Overlay(`"],
         ),
         (source().overlaid("mine.ron", "Overlay(nodes: ("), &["mine.ron:1:16\n", "no matching"]),
-        (source().with_preset("bigg"), &["--preset:1:1\n", "no preset `bigg`", "did you mean `big`?"]),
-        (source().with_preset("big"), &["graph.ron:1:63\n", "no node is named `tow`", "did you mean `two`?"]),
-        (source().with_preset("small"), &["graph.ron:1:", "is not a node"]),
+        (source().with_preset("bigg", &registry()), &["--preset:1:1\n", "no preset `bigg`", "did you mean `big`?"]),
+        (source().with_preset("big", &registry()), &["graph.ron:1:63\n", "no node is named `tow`", "did you mean `two`?"]),
+        (source().with_preset("small", &registry()), &["graph.ron:1:", "is not a node"]),
         (
             engine::apply(&source(), &["two.by=\"a\"".parse().unwrap()]),
             &["--set:1:8\n", "two.by=\"a\"", "takes a number"],

@@ -29,6 +29,16 @@ fn more_samples_compute_only_new_parts() {
 }
 
 #[test]
+fn what_a_node_took_does_not_depend_on_what_was_known() {
+    let lab = Lab::on_disk();
+    let nodes = |samples: u32| format!("a: Number(), s: Series(value: \"a\", samples: {samples})");
+    lab.run(&nodes(64));
+    assert_eq!(lab.run(&nodes(256)).outcome.totals.counts["samples"], 192);
+    let graph = lab.parse(&graph_text(&nodes(256))).unwrap();
+    assert_eq!(lab.engine().spent(&graph, 1).unwrap().counts["samples"], 256);
+}
+
+#[test]
 fn files_are_kept_equal_without_running_nodes() {
     let lab = Lab::on_disk();
     let nodes =

@@ -71,8 +71,9 @@ fn diamonds(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
+/// Mutation: the stack of `order_of` to recursion.
 #[test]
-fn a_chain_of_a_hundred_thousand_nodes() {
+fn row_66_a_chain_of_a_hundred_thousand_nodes() {
     // On a stack of the size that threads have: a walk that recurses overflows it.
     assert_linear(|count| times(&chain(count), count), 10_000);
 }
@@ -82,8 +83,9 @@ fn a_fan_and_a_node_that_reads_it_all() {
     assert_linear(|count| times(&fan(count), count), 2_000);
 }
 
+/// Mutation: `Graph::above` without marks of what was walked.
 #[test]
-fn diamonds_are_walked_once() {
+fn row_66_diamonds_are_walked_once() {
     assert_linear(|count| times(&diamonds(count), count), 1_500);
 }
 

@@ -257,8 +257,9 @@ fn looking_finds_what_listening_would() {
     assert_eq!(ran(&watch.rest()), ["one", "save", "sum"]);
 }
 
+/// Mutation: `Stamp::of` without the inode, or the wait after a change dropped.
 #[test]
-fn a_storm_of_saves_ends_as_the_last_one_says() {
+fn row_69_a_storm_of_saves_ends_as_the_last_one_says() {
     let watch = Session::of(SUM);
     watch.rest();
     for step in 0..200 {

@@ -49,6 +49,10 @@ engine::params! {
         /// Weights of LPIPS, a safetensors file of AlexNet or VGG16 and its five heads, named as torchvision
         /// and the `lpips` package name them. None are shipped: the networks are not ours to give.
         lpips: Option<InputFile> = None, other("\"lpips.safetensors\"");
+        /// Scores that another program gave pictures for what a text asks for and for what it forbids: (positive,
+        /// negative), from 0 up. A table `prompt` then has `positive / (positive + negative)` of each, the mean of
+        /// these, and that of the sums, which papers are not always clear about.
+        scores: Vec<[f64; 2]> = Vec::new(), range(0, 1e9), other("[(0.6, 0.2)]");
         /// Gives LPIPS its input from -1 to 1, as its networks expect. The code of 3D Gaussian splatting
         /// gives 0 to 1, and prints smaller numbers.
         lpips_scaled: bool = true, other("false"), inert("without weights there is no LPIPS");
@@ -197,9 +201,32 @@ impl Kind for Compare {
         if !ratio.is_empty() {
             tables.push(table("ratio", &RATIO, ratio));
         }
+        if !p.scores.is_empty() {
+            tables.push(prompt(&p.scores));
+        }
         let report = Arc::new(Report { title, tables });
         Ok((Out { report, difference: Arc::new(Images(differences)), flip: Arc::new(Images(flips)) }, notes))
     }
+}
+
+/// Shares of the positive scores. Where both are 0 there is none.
+fn prompt(scores: &[[f64; 2]]) -> Table {
+    let share = |[positive, negative]: [f64; 2]| {
+        (positive + negative > 0.0).then(|| positive / (positive + negative))
+    };
+    let row = |name: String, [a, b]: [f64; 2], share: Option<f64>| {
+        vec![Cell::Text(name), Cell::Number(a), Cell::Number(b), number(share)]
+    };
+    let mut rows: Vec<Vec<Cell>> =
+        scores.iter().enumerate().map(|(i, s)| row((i + 1).to_string(), *s, share(*s))).collect();
+    let shares: Vec<f64> = scores.iter().filter_map(|s| share(*s)).collect();
+    let mean = (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / shares.len() as f64);
+    let sums = scores.iter().fold([0.0; 2], |sum, s| [sum[0] + s[0], sum[1] + s[1]]);
+    rows.push(row("mean of the shares".to_owned(), sums.map(|s| s / scores.len() as f64), mean));
+    rows.push(row("share of the sums".to_owned(), sums, share(sums)));
+    let columns =
+        ["score", "positive", "negative", "positive / (positive + negative)"].map(String::from).to_vec();
+    Table { name: "prompt".to_owned(), columns, rows }
 }
 
 fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
@@ -272,6 +299,7 @@ mod tests {
             gain: 1.0,
             pixels_per_degree: PIXELS_PER_DEGREE,
             lpips: None,
+            scores: Vec::new(),
             lpips_scaled: true,
         }
     }
@@ -356,6 +384,17 @@ mod tests {
         assert!(Compare::run(&node(), inputs(flat(0.1), left_half()), &context()).is_err());
         let named = Compare { names: vec!["a".into()], ..node() };
         assert!(Compare::run(&named, inputs(flat(0.1), flat(0.1)), &context()).is_err());
+    }
+
+    #[test]
+    fn the_mean_of_shares_is_not_the_share_of_sums() {
+        let p = Compare { scores: vec![[0.6, 0.2], [0.0, 0.0], [1.0, 3.0]], ..node() };
+        let (out, _) = Compare::run(&p, inputs(flat(0.5), flat(0.5)), &context()).expect("runs");
+        let table = &out.report.tables[1];
+        let shares: Vec<&Cell> = table.rows.iter().map(|row| &row[3]).collect();
+        let number = |cell: &Cell, want: f64| matches!(cell, Cell::Number(v) if (v - want).abs() < 1e-12);
+        assert!(number(shares[0], 0.75) && *shares[1] == Cell::Missing && number(shares[2], 0.25));
+        assert!(number(shares[3], 0.5) && number(shares[4], 1.6 / 4.8), "{shares:?}");
     }
 
     #[test]

@@ -23,9 +23,9 @@ engine::params! {
     /// fades by itself.
     pub struct Denoise {
         /// How far pixels may differ to be averaged, relative to their noise; 0 leaves all as it is.
-        strength: f64 = 1.0, range(0.0, 4.0), other("0.0");
+        strength: f64 = 1.0, range(0.0, 4.0), other("0.0"), knob(Filter, "", "", "", "0.0");
         /// How far away pixels are looked for.
-        radius_px: u32 = 7, range(1, 24), unit("px"), other("1");
+        radius_px: u32 = 7, range(1, 24), unit("px"), other("1"), knob(Depth, "3", "5", "7", "7");
     }
 }
 engine::inputs! {

@@ -162,6 +162,7 @@ pub fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::row;
 
     fn planes(depth: Depth) -> Vec<(Channel, Depth)> {
         let plane = |name: &str, k: f32| {
@@ -190,23 +191,42 @@ mod tests {
         }
     }
 
-    // Row 62 of the table of extremes.
+    /// Mutation: `v.clamp(-HALF_MAX, HALF_MAX)` to `v` in `write`.
     #[test]
-    fn halves_round_to_nearest_and_never_overflow_silently() {
+    fn row_62_halves_round_to_nearest_and_never_overflow_silently() {
         let samples = vec![65_504.0, 65_519.99, 65_520.0, 1e5, 6e-5, 6e-8, -1e9, f32::INFINITY];
         let (bytes, clamped) =
             write(8, 1, vec![(Channel { name: "R".into(), samples }, Depth::Half)], "", None)
                 .unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(clamped, 3);
+        row(62, "finite values beyond a half that are not counted", 3.0 - clamped as f64, 0.0);
         let back = read("a.exr", &bytes).unwrap_or_else(|e| panic!("{e}"));
         let r = back.find("R").unwrap_or_default();
+        row(62, "error of 6e-8, half of the least half", f64::from((r[5] - 6e-8).abs()), 3e-8);
         assert_eq!(r[..4], [65_504.0; 4]);
         assert_eq!(r[4], f16::from_f32(6e-5).to_f32());
         assert_eq!(r[6..], [-65_504.0, f32::INFINITY]);
     }
 
+    /// Halves and floats in one file, NaN and infinity as they were, and no pixels at all refused.
+    /// Mutation: `data.len() != size.0 * size.1` dropped, or 16-bit samples read as 32-bit ones.
     #[test]
-    fn a_cropped_data_window_lands_in_its_place() {
+    fn row_63_types_mix_and_what_is_no_number_comes_through() {
+        let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];
+        let channel = |name: &str, samples: &[f32]| Channel { name: name.into(), samples: samples.to_vec() };
+        let channels =
+            vec![(channel("Z", &odd), Depth::Float), (channel("A", &[0.5, 1.0, 0.25, 0.0]), Depth::Half)];
+        let (bytes, _) = write(2, 2, channels, "", None).unwrap_or_else(|e| panic!("{e}"));
+        let back = read("a.exr", &bytes).unwrap_or_else(|e| panic!("{e}"));
+        let bits = |samples: &[f32]| samples.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(back.find("Z").map(bits), Some(bits(&odd)));
+        assert_eq!(back.find("A"), Some(&[0.5, 1.0, 0.25, 0.0][..]));
+        let none = write(0, 0, vec![(channel("Z", &[]), Depth::Float)], "", None);
+        assert!(none.map_or(true, |(bytes, _)| read("a.exr", &bytes).is_err()));
+    }
+
+    /// Mutation: `y as i64 + dy` to `y as i64 - dy` in `place`.
+    #[test]
+    fn row_63_a_cropped_data_window_lands_in_its_place() {
         let data = [1.0, 2.0, 3.0, 4.0];
         assert_eq!(place(&data, 2, [1, 0], 3, 2), [0.0, 1.0, 2.0, 0.0, 3.0, 4.0]);
         assert_eq!(place(&data, 2, [-1, -1], 2, 2), [4.0, 0.0, 0.0, 0.0]);

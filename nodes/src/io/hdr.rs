@@ -138,6 +138,8 @@ fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::num;
+    use crate::testing::row;
 
     fn file(header: &str, body: &[u8]) -> Vec<u8> {
         let mut bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n{header}").into_bytes();
@@ -165,6 +167,20 @@ mod tests {
         assert_eq!(picture.rgb[..3], [5.0, 10.0, 15.0]);
         assert_eq!(picture.rgb[6..9], picture.rgb[..3], "an old run");
         assert_eq!(picture.rgb[9], 2.5);
+    }
+
+    /// 1e-38 and 1e38 lie near the ends of what an exponent of 8 bits tells; 0 is black whatever the mantissas are.
+    /// Mutation: 136 to 128 in the exponent.
+    #[test]
+    fn row_64_rgbe_at_the_ends() {
+        let body = [200, 100, 50, 0, 174, 174, 174, 2, 151, 0, 0, 255, 128, 128, 128, 129];
+        let picture = read("a.hdr", &file("\n-Y 1 +X 4\n", &body)).unwrap_or_else(|e| panic!("{e}"));
+        let off = |at: usize, want: f64| (f64::from(picture.rgb[at]) / want - 1.0).abs();
+        assert_eq!(picture.rgb[..3], [0.0; 3]);
+        let power = |n: i32| num::pow(2.0, f64::from(n));
+        row(64, "relative error of RGBE at 2e-39", off(3, 174.0 * power(2 - 136)), 1e-5);
+        row(64, "relative error of RGBE at 1e38", off(6, 151.0 * power(255 - 136)), 1e-7);
+        row(64, "relative error of RGBE at 1", off(9, 1.0), 0.0);
     }
 
     #[test]

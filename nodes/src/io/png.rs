@@ -170,6 +170,7 @@ fn write_all(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::row;
 
     pub(crate) fn raster(channels: usize, largest: u16) -> Raster {
         let (width, height) = (37, 5);
@@ -206,8 +207,18 @@ mod tests {
         }
     }
 
+    /// Mutation: `checked_mul` to `wrapping_mul` in `believable`.
     #[test]
-    fn sizes_are_not_believed() {
+    fn row_65_sizes_are_not_believed_and_do_not_overflow() {
+        assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());
+        assert!(believable("a", 1 << 32, 1 << 32, 1, usize::MAX, 1).is_err());
+        for (width, height) in [(1, 1), (30_000, 1), (1, 30_011), (127, 61)] {
+            let codes = (0..width * height * 3).map(|i| (i % 251) as u16).collect();
+            let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
+            let bytes = write(&raster, true, &[]).unwrap_or_else(|e| panic!("{e}"));
+            let same = read("a.png", &bytes).is_ok_and(|back| back == raster);
+            row(65, "sizes that do not come back", f64::from(u8::from(!same)), 0.0);
+        }
         assert!(believable("a", 1 << 40, 1 << 40, 3, 1000, 10).is_err());
         assert!(believable("a", 0, 3, 3, 1000, 10).is_err());
         assert!(believable("a", 10, 10, 3, 30, 10).is_ok());

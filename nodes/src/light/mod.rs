@@ -4,3 +4,4 @@
 pub mod linear;
 pub mod measure;
 pub mod regions;
+pub mod spheres;

@@ -85,9 +85,10 @@ fn node_transforms_move_points_and_turn_normals_by_the_inverse_transpose() {
     assert_eq!(notes.iter().count(), 0);
 }
 
-// Row 68: a mirror turns the triangles over, so that they still face along their normals.
+/// A mirror turns the triangles over, so that they still face along their normals.
+/// Mutation: the swap of two corners under a negative determinant dropped.
 #[test]
-fn mirrors_flip_winding_and_keep_normals_outside() {
+fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
     let (object, notes) = good(&triangle(json!({"mesh": 0, "scale": [-1.0, 1.0, 1.0]})));
     let p = &object.primitives[0];
     assert_eq!(

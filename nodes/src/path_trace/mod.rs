@@ -51,9 +51,9 @@ engine::params! {
     /// `object_specular_sees` say how it treats each sort of ray, and by default that is found out.
     pub struct PathTrace {
         /// Paths a pixel.
-        samples: u32 = 256, range(1, 1_048_576), other("3");
+        samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
         /// How often light may be scattered after the first time.
-        max_bounces: u32 = 8, range(0, 64), other("0");
+        max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
         /// How the receiver blocks light of the environment.
         env_block: EnvBlock = EnvBlock::Auto, range(0, 1e9), other("Pass");
         /// What scattered rays find where they meet the receiver.
@@ -65,7 +65,7 @@ engine::params! {
         near_field: NearField = NearField::Auto, other("On");
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
-        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01");
+        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Filter, "", "", "", "0.0");
         /// How far the receiver's height may be wrong where an object stands: what the camera sees of it within
         /// that of the object's base is taken to be level with the base. A mesh that lies too low would show a
         /// black gap under the object, one too high would hide its foot. `None` measures the mesh's roughness

@@ -45,9 +45,9 @@ engine::params! {
         /// Which pixels a splat is evaluated at.
         bounds: Bounds = Bounds::Exact, other("Inria");
         /// Arithmetic of the blend; the projection is always in f64.
-        precision: Precision = Precision::F32, other("F64");
+        precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of the spherical harmonics that is used.
-        sh_degree: u32 = 4, range(0, 4), other("0");
+        sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
         /// Splats at or below this planar depth, of a panorama this distance, are left out. In world units, so
         /// that it scales with the scene.
         near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
@@ -56,11 +56,12 @@ engine::params! {
         /// Whether opacity makes up for what the low-pass filter adds to a splat's area (mip splatting).
         compensation: Compensation = Compensation::File, other("On");
         /// Smallest alpha that is blended; 0 blends all, everywhere.
-        alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1");
+        alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1"),
+            knob(Cutoff, "0.03", "0.01", "0.00392156862745098", "0.00001");
         /// Largest alpha of one splat.
         alpha_cap: f64 = 0.99, range(0.01, 1.0), other("0.5");
         /// A pixel is finished when its transmittance would fall below; 0 never stops early.
-        stop: f64 = 1e-4, range(0.0, 0.5), other("0.3");
+        stop: f64 = 1e-4, range(0.0, 0.5), other("0.3"), knob(Cutoff, "0.001", "0.0001", "0.0001", "0.0");
         /// What the depth of a pixel is.
         depth: DepthMode = DepthMode::Expected, other("Median");
         /// Whether to count the splats added to each pixel, for `blends`.

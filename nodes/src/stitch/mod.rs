@@ -31,7 +31,8 @@ engine::params! {
     /// their borders, so no seam shows.
     pub struct Stitch {
         /// Width of the panorama, even; the height is half of it.
-        width_px: u32 = 2048, range(2, 16384), unit("px"), other("64");
+        width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
+            knob(Resolution, "256", "512", "1024", "2048");
         /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
         holes: Holes = Holes::PushPull, other("Black");
         /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.

@@ -49,6 +49,7 @@ fn plain() -> Compare {
         pixels_per_degree: PIXELS_PER_DEGREE,
         lpips: None,
         lpips_scaled: true,
+        scores: Vec::new(),
     }
 }
 

@@ -176,6 +176,35 @@ fn values_outside_their_range_are_refused() {
     }
 }
 
+/// Every rung of every ladder is a value that the node takes, and the presets are graphs.
+#[test]
+fn every_value_of_a_knob_is_one_that_its_node_takes() {
+    let fixture = shared();
+    let graph = fixture.parse(FIXTURE, &[]).unwrap_or_else(|e| panic!("{e}"));
+    for node in &graph.nodes {
+        for spec in node.kind.params.iter().filter(|spec| spec.knob.is_some()) {
+            let values = spec.knob.unwrap().values();
+            assert!(!values.is_empty(), "{}.{} has no ladder", node.id, spec.name);
+            for value in values {
+                let graph = fixture.parse(FIXTURE, &[setting(&node.id, spec, &value)]);
+                graph.unwrap_or_else(|e| panic!("{}.{} = {value}: {e}", node.id, spec.name));
+            }
+        }
+    }
+    for preset in engine::PRESETS {
+        let source = Source::new("fixture.ron", FIXTURE).with_preset(preset, &fixture.registry);
+        let root = SourceRoot::new(&fixture.folder);
+        let laid = Graph::parse(source, &fixture.registry, root).unwrap_or_else(|e| panic!("{preset}: {e}"));
+        for (knob, before) in laid.knobs(&[]).iter().zip(graph.knobs(&[])) {
+            let rung = knob.knob.ladder[engine::PRESETS.iter().position(|name| *name == preset).unwrap()];
+            // Canonical text may write a number otherwise.
+            let equal = |a: &str, b: &str| a == b || a.parse::<f64>().ok() == b.parse::<f64>().ok();
+            let want = if rung.is_empty() { before.value.as_str() } else { rung };
+            assert!(equal(&knob.value, want), "{preset}: {}.{} is {}", knob.node, knob.parameter, knob.value);
+        }
+    }
+}
+
 #[test]
 fn every_parameter_changes_the_key_and_the_output() {
     let fixture = shared();

@@ -1,0 +1,204 @@
+//! Knobs: parameters that trade work for accuracy, declared beside their meaning, and the presets over them.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::diag::Source;
+use crate::graph::Graph;
+use crate::include::parse_all;
+use crate::kind::Registry;
+use crate::syntax::RawField;
+
+/// The presets that every graph has, from the least work to the least error. A graph's own preset of the same
+/// name takes the place of one.
+pub const PRESETS: [&str; 4] = ["draft", "preview", "final", "reference"];
+
+/// What turning a knob changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KnobKind {
+    /// Random samples: the error is noise and falls with the root of the work.
+    Samples,
+    /// Pixels of what is in between, not of the final picture.
+    Resolution,
+    /// How far a series is followed, such as the bounces of light.
+    Depth,
+    /// Below which share a contribution is left out.
+    Cutoff,
+    /// Arithmetic.
+    Precision,
+    /// Smoothing or clamping, which takes noise away and truth with it.
+    Filter,
+}
+
+impl KnobKind {
+    /// As it is written in lists.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Samples => "samples",
+            Self::Resolution => "resolution",
+            Self::Depth => "depth",
+            Self::Cutoff => "cutoff",
+            Self::Precision => "precision",
+            Self::Filter => "filter",
+        }
+    }
+}
+
+/// A parameter as a knob. Each rung of its ladder is at least as exact as the one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Knob {
+    /// What turning it changes.
+    pub kind: KnobKind,
+    /// Its value in each of [`PRESETS`], in RON; empty where the preset leaves it as the graph has it.
+    pub ladder: [&'static str; 4],
+}
+
+impl Knob {
+    /// The values to try, from the least work to the least error: the ladder, and whole numbers doubled from
+    /// one rung to the next.
+    pub fn values(&self) -> Vec<String> {
+        let mut values: Vec<String> = Vec::new();
+        for rung in self.ladder.iter().filter(|rung| !rung.is_empty()) {
+            let last = values.last().and_then(|text| text.parse::<u64>().ok());
+            if let (Some(last @ 1..), Ok(next)) = (last, rung.parse::<u64>()) {
+                let doubled = std::iter::successors(last.checked_mul(2), |n| n.checked_mul(2));
+                values.extend(doubled.take_while(|n| *n < next).map(|n| n.to_string()));
+            }
+            if values.last().is_none_or(|last| last != rung) {
+                values.push((*rung).to_owned());
+            }
+        }
+        values
+    }
+}
+
+/// A knob of a node of a graph.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GraphKnob {
+    /// Name of the node in the file; with axes that of all its instances.
+    pub node: String,
+    /// Name of the parameter.
+    pub parameter: &'static str,
+    /// What it is.
+    pub knob: Knob,
+    /// What the graph says, in canonical RON; with axes what its first instance says.
+    pub value: String,
+    /// Names of the targets below it.
+    pub reaches: Vec<String>,
+    /// True where instances of the node have different values.
+    pub varies: bool,
+}
+
+/// The name in the file of a node or an instance of one.
+fn name_in_file(id: &str, instance: bool) -> &str {
+    if instance { id.split('/').next().unwrap_or(id) } else { id }
+}
+
+impl Graph {
+    /// Every knob above the given targets, none standing for [`Graph::targets`], in the order of the file.
+    pub fn knobs(&self, only: &[usize]) -> Vec<GraphKnob> {
+        let targets = if only.is_empty() { self.targets() } else { only.to_vec() };
+        let above: Vec<(usize, Vec<bool>)> = targets.iter().map(|&to| (to, self.above(&[to]))).collect();
+        let mut knobs: Vec<GraphKnob> = Vec::new();
+        for (index, node) in self.nodes.iter().enumerate() {
+            let name = name_in_file(&node.id, !node.point.is_empty());
+            let below = above.iter().filter(|(_, wanted)| wanted[index]);
+            let reaches: Vec<String> = below.map(|(to, _)| self.nodes[*to].id.clone()).collect();
+            if reaches.is_empty() || !node.kind.params.iter().any(|spec| spec.knob.is_some()) {
+                continue;
+            }
+            let values = node.values();
+            for spec in &node.kind.params {
+                let known = knobs.iter_mut().find(|known| known.node == name && known.parameter == spec.name);
+                let value = values.iter().find(|(parameter, _)| *parameter == spec.name);
+                let value = value.map(|(_, text)| text.clone()).unwrap_or_default();
+                match (spec.knob, known) {
+                    (Some(_), Some(known)) => {
+                        known.varies |= known.value != value;
+                        known.reaches.extend(reaches.iter().cloned());
+                    }
+                    (Some(knob), None) => {
+                        let (node, parameter, reaches) = (name.to_owned(), spec.name, reaches.clone());
+                        knobs.push(GraphKnob { node, parameter, knob, value, reaches, varies: false });
+                    }
+                    (None, _) => {}
+                }
+            }
+        }
+        for knob in &mut knobs {
+            knob.reaches.sort();
+            knob.reaches.dedup();
+        }
+        knobs
+    }
+}
+
+/// The text of an overlay that sets fields: (node, parameter, value in RON), nodes in the order of their first.
+pub fn overlay_text<'s>(fields: impl IntoIterator<Item = (&'s str, &'s str, &'s str)>) -> String {
+    let mut nodes: Vec<(&str, String)> = Vec::new();
+    for (node, parameter, value) in fields {
+        let field = format!("{parameter}: {value}");
+        match nodes.iter_mut().find(|(name, _)| *name == node) {
+            Some((_, fields)) => {
+                // Writing to a string cannot fail.
+                let _ = write!(fields, ", {field}");
+            }
+            None => nodes.push((node, field)),
+        }
+    }
+    let lines: String = nodes.iter().map(|(node, fields)| format!("        {node}: ({fields}),\n")).collect();
+    format!("Overlay(\n    nodes: (\n{lines}    ),\n)\n")
+}
+
+/// What varies along an axis says so itself, and stays.
+fn varies(field: &RawField<'_>) -> bool {
+    ["Axis(", "Track("].iter().any(|call| field.text.contains(call))
+}
+
+impl Source {
+    /// Lays a preset over the graph: one of its own, or else one of [`PRESETS`], which sets every knob of
+    /// every node to its value on that rung.
+    pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {
+        let document = parse_all(&self, &mut Vec::new());
+        let rung = PRESETS.iter().position(|name| *name == preset);
+        let (Some(rung), false) = (rung, document.presets.iter().any(|own| own.name == preset)) else {
+            return self.with_own_preset(preset);
+        };
+        let mut fields = Vec::new();
+        for node in &document.nodes {
+            let specs = registry.get(node.kind).map_or(&[][..], |kind| kind.params.as_slice());
+            for spec in specs {
+                let own = node.fields.iter().find(|field| field.name == spec.name);
+                let value = spec.knob.map_or("", |knob| knob.ladder[rung]);
+                if !value.is_empty() && !own.is_some_and(varies) {
+                    fields.push((&*node.id, spec.name, value));
+                }
+            }
+        }
+        let text = overlay_text(fields);
+        self.overlaid(&format!("--preset {preset}"), &text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_double_between_rungs_and_do_not_repeat() {
+        let of = |ladder| Knob { kind: KnobKind::Samples, ladder }.values();
+        assert_eq!(of(["4", "16", "40", "64"]), ["4", "8", "16", "32", "40", "64"]);
+        assert_eq!(of(["F32", "F32", "F32", "F64"]), ["F32", "F64"]);
+        assert_eq!(of(["", "", "", "0.0"]), ["0.0"]);
+        assert_eq!(of(["0", "1", "4", "4"]), ["0", "1", "2", "4"], "nothing is doubled from 0");
+    }
+
+    #[test]
+    fn an_overlay_names_each_node_once() {
+        let text = overlay_text([("a", "x", "1"), ("b", "y", "2"), ("a", "z", "Hard")]);
+        let plain: String = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(plain, "Overlay( nodes: ( a: (x: 1, z: Hard), b: (y: 2), ), )");
+    }
+}

@@ -1,0 +1,62 @@
+//! `knobs`: what trades work for accuracy in a graph.
+
+use clap::Args;
+use engine::{GraphKnob, PRESETS};
+use serde_json::json;
+
+use crate::session::{Error, GraphArgs};
+
+/// Lists what trades work for accuracy in a graph, and which outputs it reaches.
+///
+/// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference.
+/// `run --preset draft` sets all of them; `tune` looks for better settings by measuring.
+#[derive(Debug, Args)]
+pub struct Knobs {
+    #[command(flatten)]
+    graph: GraphArgs,
+    /// One JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Knobs {
+    /// Prints one line a knob.
+    pub fn run(self) -> Result<u8, Error> {
+        let loaded = self.graph.load()?;
+        let knobs = loaded.graph.knobs(&loaded.only);
+        if self.json {
+            super::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": knobs})))?;
+            return Ok(0);
+        }
+        if knobs.is_empty() {
+            super::print("no node of this graph has a knob\n")?;
+            return Ok(0);
+        }
+        let name = |knob: &GraphKnob| format!("{}.{}", knob.node, knob.parameter);
+        let mut rows = vec![["knob", "kind", "now"].map(str::to_owned).to_vec()];
+        rows[0].extend(PRESETS.iter().map(|preset| (*preset).to_owned()));
+        rows[0].push("reaches".to_owned());
+        for knob in &knobs {
+            let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), knob.value.clone()];
+            // A dot: the preset leaves what the graph says.
+            row.extend(knob.knob.ladder.map(|rung| if rung.is_empty() { "." } else { rung }.to_owned()));
+            row.push(knob.reaches.join(", "));
+            rows.push(row);
+        }
+        super::print(&columns(&rows))?;
+        Ok(0)
+    }
+}
+
+/// Rows of equally many cells as lines, each column as wide as its widest cell.
+pub fn columns(rows: &[Vec<String>]) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let cell = |row: &Vec<String>, at: usize| row.get(at).map_or(0, |text| text.chars().count());
+    let widths: Vec<usize> =
+        (0..count).map(|at| rows.iter().map(|row| cell(row, at)).max().unwrap_or(0)).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(text, width)| format!("{text:<width$}"));
+        format!("{}\n", cells.collect::<Vec<_>>().join("  ").trim_end())
+    };
+    rows.iter().map(line).collect()
+}

@@ -1,0 +1,328 @@
+//! `report`: one page on what a graph costs, how far it is off, and which node is to blame.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use engine::{Level, PRESETS};
+use serde_json::{Value, json};
+
+use crate::report;
+use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::trade::Metric;
+use crate::trade::bench::{Bench, Miss, Point, Position};
+use crate::trade::page::Page;
+use crate::trade::plot::{self, Dot, tick_text};
+use crate::trade::search::{Tried, pareto};
+
+/// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame.
+///
+/// Runs the graph at its presets and as it is, then with each node that has knobs set to the reference alone, and
+/// the reverse. Everything is compared with the preset `reference`, so give the graph one of its own where that
+/// of the program takes too long.
+#[derive(Debug, Args)]
+pub struct MakeReport {
+    #[command(flatten)]
+    graph: GraphArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// The page to write, with everything in it
+    #[arg(long, short, value_name = "FILE", default_value = "report.html")]
+    out: PathBuf,
+    /// What errors are told in: flip, flip95, rmse, ciede2000, mae, relmse; `touched.` in front counts only what
+    /// the object changes
+    #[arg(long, value_name = "METRIC", default_value = "flip")]
+    metric: String,
+    /// Leave out the runs in which all but one node are at the reference, which cost most
+    #[arg(long)]
+    no_reverse: bool,
+    /// Also tell all numbers as one JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What setting one node to the reference gains, and what leaving it alone costs.
+struct Blame {
+    node: String,
+    /// Error with this node alone at the reference.
+    alone: Option<f64>,
+    /// Error with all at the reference but this one.
+    all_but: Option<f64>,
+    work_alone: f64,
+}
+
+impl MakeReport {
+    /// Writes the page.
+    pub fn run(self) -> Result<u8, Error> {
+        let unknown = || Error::Metric { text: self.metric.clone(), known: Metric::known() };
+        let metric = Metric::of(&self.metric).ok_or_else(unknown)?;
+        let loaded = self.graph.load()?;
+        let engine = self.engine.open()?;
+        let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
+        let measure = |bench: &mut Bench<'_>, position: Position| -> Result<Option<usize>, Error> {
+            let name = bench.name(&position);
+            match bench.measure(&position) {
+                Ok(at) => {
+                    let point = &bench.points[at];
+                    let error = metric.error(&point.off).map_or("not computed".to_owned(), tick_text);
+                    report::remark(&format!(
+                        "measured {name}: work {}, error {error}",
+                        tick_text(point.work)
+                    ));
+                    Ok(Some(at))
+                }
+                Err(Miss::Stopped) => Ok(None),
+                Err(Miss::Failed(why)) => Err(Error::Setting { setting: name, why }),
+            }
+        };
+        let stopped = Ok(130);
+        let mut presets = Vec::new();
+        for rung in (0..PRESETS.len()).rev() {
+            let position = bench.preset(rung);
+            let Some(at) = measure(&mut bench, position)? else { return stopped };
+            presets.insert(0, at);
+        }
+        let position = bench.now();
+        let Some(now) = measure(&mut bench, position)? else { return stopped };
+        let mut blames = Vec::new();
+        for node in bench.turned_nodes() {
+            let with = |bench: &Bench<'_>, of: Position, other: Position| -> Position {
+                let dials = bench.dials.iter().zip(of).zip(other);
+                dials.map(|((dial, of), other)| if dial.node == node { of } else { other }).collect()
+            };
+            let alone = with(&bench, bench.preset(3), bench.now());
+            let Some(alone) = measure(&mut bench, alone)? else { return stopped };
+            let mut all_but = None;
+            if !self.no_reverse {
+                let position = with(&bench, bench.now(), bench.preset(3));
+                let Some(at) = measure(&mut bench, position)? else { return stopped };
+                all_but = metric.error(&bench.points[at].off);
+            }
+            let point = &bench.points[alone];
+            let (alone, work_alone) = (metric.error(&point.off), point.work);
+            blames.push(Blame { node, alone, all_but, work_alone });
+        }
+        let name = loaded.graph.source.name.clone();
+        let page = page(&bench, &metric, &presets, now, &blames).map_err(|miss| match miss {
+            Miss::Stopped => Error::Output(std::io::ErrorKind::Interrupted.into()),
+            Miss::Failed(why) => Error::Setting { setting: "as it is".to_owned(), why },
+        })?;
+        cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
+        if self.json {
+            super::print(&format!("{}\n", told(&bench, &metric, now, &blames)))?;
+        } else {
+            super::print(&format!("{}\n", self.out.display()))?;
+        }
+        Ok(0)
+    }
+}
+
+/// Everything that was measured, for programs.
+fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Value {
+    let point = |(index, point): (usize, &Point)| {
+        let off: Vec<Value> = point
+            .off
+            .iter()
+            .map(|row| {
+                json!({"output": row.output, "view": row.view, "region": row.region, "picture": row.judged,
+                       "pixels": row.pixels, "values": row.values})
+            })
+            .collect();
+        let nodes: Vec<Value> = point
+            .nodes
+            .iter()
+            .map(|node| {
+                json!({"id": node.id, "kind": node.kind, "work": node.work, "seconds": node.seconds,
+                       "counts": node.counts, "notes": node.notes})
+            })
+            .collect();
+        json!({"setting": bench.name(&point.position), "as_it_is": index == now, "work": point.work,
+               "seconds": point.seconds, "error": metric.error(&point.off), "off": off, "nodes": nodes})
+    };
+    let blame = |b: &Blame| {
+        json!({"node": b.node, "error_with_it_alone_at_the_reference": b.alone,
+               "error_with_all_else_at_the_reference": b.all_but, "work": b.work_alone})
+    };
+    json!({
+        "metric": metric.name,
+        "points": bench.points.iter().enumerate().map(point).collect::<Vec<_>>(),
+        "attribution": blames.iter().map(blame).collect::<Vec<_>>(),
+    })
+}
+
+fn page(
+    bench: &Bench<'_>,
+    metric: &Metric,
+    presets: &[usize],
+    now: usize,
+    blames: &[Blame],
+) -> Result<Page, Miss> {
+    let mut page = Page::default();
+    let number = |value: Option<f64>| value.map_or("not computed".to_owned(), tick_text);
+    page.words(&format!(
+        "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
+         weighed as rays. Work and errors are the same in every run; seconds are wall times of the nodes' code when \
+         it ran, and depend on the machine and its load.",
+        metric.name
+    ));
+    plots(&mut page, bench, metric, presets, now);
+    page.heading("Presets");
+    let mut rows = Vec::new();
+    for (name, &at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&now])) {
+        let point = &bench.points[at];
+        let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.seconds)];
+        for region in ["whole", "touched"] {
+            for of in ["flip", "rmse"] {
+                let error = Metric::of(&format!("{region}.{of}")).and_then(|m| m.error(&point.off));
+                row.push(number(error));
+            }
+        }
+        rows.push(row);
+    }
+    let columns =
+        ["preset", "work", "seconds", "flip, whole", "rmse, whole", "flip, touched", "rmse, touched"];
+    page.table(&columns, &rows);
+    baselines(&mut page, bench, now);
+    blame(&mut page, bench, metric, now, blames);
+    costs(&mut page, &bench.points[now]);
+    page.heading("Settings");
+    page.code(&bench.overlay(&bench.points[now].position));
+    let reference = bench.pictures_at(presets[3])?;
+    let pictures = bench.pictures_at(now)?;
+    let maps = bench.flip_maps(&pictures);
+    page.heading("Pictures");
+    page.words("As it is, the reference, and FLIP between them: black is 0, white 1, along the root.");
+    for (index, (name, images)) in pictures.iter().enumerate() {
+        for view in &images.0 {
+            page.picture(&view.picture, &format!("{name} {}, as it is", view.name), 520);
+            if let Some(picture) = reference.get(index).and_then(|(_, images)| images.view(&view.name)) {
+                page.picture(picture, &format!("{name} {}, reference", view.name), 520);
+            }
+            if let Some(map) = maps.get(index).and_then(|images| images.view(&view.name)) {
+                page.picture(map, &format!("{name} {}, FLIP", view.name), 520);
+            }
+        }
+    }
+    page.heading("What was decided and left out");
+    let levels = |level: Level| match level {
+        Level::Count => "count",
+        Level::Decision => "decision",
+        Level::Warning => "warning",
+        Level::Degraded => "degraded",
+    };
+    let notes = bench.points[now].nodes.iter().flat_map(|node| {
+        node.notes.iter().map(|note| {
+            vec![node.id.clone(), levels(note.level).to_owned(), note.id.clone(), note.text.clone()]
+        })
+    });
+    page.table(&["node", "", "check", "what it found"], &notes.collect::<Vec<_>>());
+    page.heading("What nodes found");
+    for (name, report) in bench.reports_at(now) {
+        page.report(&name, &report);
+    }
+    Ok(page)
+}
+
+fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize], now: usize) {
+    let mut outputs: Vec<&str> = bench.points[now].off.iter().map(|row| row.output.as_str()).collect();
+    outputs.dedup();
+    for output in outputs {
+        let error = |point: &Point| {
+            let rows: Vec<_> = point.off.iter().filter(|row| row.output == output).cloned().collect();
+            metric.error(&rows)
+        };
+        let points = bench.points.iter().enumerate().filter(|(_, point)| error(point).is_some());
+        let tried: Vec<(usize, Tried)> = points
+            .map(|(index, point)| {
+                let position = point.position.clone();
+                (index, Tried { position, cost: point.work, error: error(point).unwrap_or_default() })
+            })
+            .collect();
+        let plain: Vec<Tried> = tried.iter().map(|(_, t)| t.clone()).collect();
+        let front = pareto(&plain);
+        let dots: Vec<Dot> = tried
+            .iter()
+            .enumerate()
+            .map(|(at, (index, t))| Dot {
+                cost: t.cost,
+                error: t.error,
+                name: if *index == now && !presets.contains(index) {
+                    "as it is".to_owned()
+                } else {
+                    bench.name(&t.position)
+                },
+                front: front.contains(&at),
+                named: presets.contains(index) || *index == now,
+            })
+            .collect();
+        page.heading(&format!("Error over work: {output}"));
+        let axis = format!("error ({})", metric.name);
+        if let Some(svg) = plot::svg(&dots, "work (rays)", &axis, None) {
+            page.raw(&svg);
+        }
+    }
+}
+
+fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
+    page.heading("Regions");
+    page.words(
+        "As it is, beside the baseline of the same regions with nothing inserted. `touched` is what the object covers, \
+         shades or lights in the reference.",
+    );
+    let cell = |row: &crate::trade::bench::Off, column: &str| {
+        row.values.get(column).map_or("not computed".to_owned(), |v| tick_text(*v))
+    };
+    let rows: Vec<Vec<String>> = bench.points[now]
+        .off
+        .iter()
+        .map(|row| {
+            let mut cells =
+                vec![format!("{} {}", row.output, row.view), row.judged.clone(), row.region.clone()];
+            cells.push(row.pixels.to_string());
+            let columns = ["psnr (dB)", "ssim_3dgs_zero_pad", "flip mean", "flip p95", "ciede2000 mean"];
+            cells.extend(columns.map(|column| cell(row, column)));
+            cells
+        })
+        .collect();
+    let columns = ["view", "picture", "region", "pixels", "PSNR dB", "SSIM", "FLIP", "FLIP p95", "CIEDE2000"];
+    page.table(&columns, &rows);
+}
+
+fn blame(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
+    page.heading("Which node is to blame");
+    let error = metric.error(&bench.points[now].off);
+    let number = |value: Option<f64>| value.map_or("not measured".to_owned(), tick_text);
+    page.words(&format!(
+        "As it is the error is {}. First column: what it falls to when this node alone is set to the reference; second: what \
+         is left when all others are. What neither tells is interaction.",
+        number(error)
+    ));
+    let mut order: Vec<&Blame> = blames.iter().collect();
+    // The worst culprit first: the one whose error alone is largest, or whose repair helps most.
+    order.sort_by(|a, b| {
+        let key = |b: &Blame| (b.all_but.unwrap_or(0.0), -b.alone.unwrap_or(f64::INFINITY));
+        key(b).0.total_cmp(&key(a).0).then(key(b).1.total_cmp(&key(a).1))
+    });
+    let rows: Vec<Vec<String>> = order
+        .iter()
+        .map(|b| vec![b.node.clone(), number(b.alone), number(b.all_but), tick_text(b.work_alone)])
+        .collect();
+    let columns = ["node", "it alone at the reference", "all but it at the reference", "work with it alone"];
+    page.table(&columns, &rows);
+}
+
+fn costs(page: &mut Page, point: &Point) {
+    page.heading("Cost of each node");
+    let mut nodes: Vec<_> = point.nodes.iter().collect();
+    nodes.sort_by(|a, b| b.work.total_cmp(&a.work).then(b.seconds.total_cmp(&a.seconds)));
+    let rows: Vec<Vec<String>> = nodes
+        .iter()
+        .map(|node| {
+            let share = format!("{:.1} %", 100.0 * node.work / point.work.max(1e-300));
+            let counts: Vec<String> =
+                node.counts.iter().map(|(name, n)| format!("{name} {}", tick_text(*n as f64))).collect();
+            let (id, kind) = (node.id.clone(), node.kind.to_owned());
+            vec![id, kind, tick_text(node.work), share, tick_text(node.seconds), counts.join(", ")]
+        })
+        .collect();
+    page.table(&["node", "kind", "work", "share", "seconds", "counts"], &rows);
+}

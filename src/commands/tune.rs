@@ -1,0 +1,219 @@
+//! `tune`: settings of the knobs that reach an error with little work, found by measuring.
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+use clap::Args;
+use engine::PRESETS;
+use serde_json::json;
+
+use super::knobs::columns;
+use crate::report;
+use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::trade::Metric;
+use crate::trade::bench::{Bench, Miss};
+use crate::trade::plot::tick_text;
+use crate::trade::search::{Goal, Tried, pareto, search};
+
+/// Looks for settings of the knobs that reach an error with little work, by measuring.
+///
+/// Runs the graph at the preset `reference`, which the pictures are compared with, at the other presets, and then at
+/// settings next to the best of them, one knob at a time. What was computed is kept in the cache, so a setting
+/// costs what it does not share with others. Writes the best as an overlay.
+#[derive(Debug, Args)]
+pub struct Tune {
+    #[command(flatten)]
+    graph: GraphArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// The least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.` counts
+    /// only what the object changes
+    #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
+    max_error: Option<String>,
+    /// The least error with at most so many seconds of node code, as measured when it ran
+    #[arg(long, value_name = "SECONDS", conflicts_with = "max_work")]
+    max_seconds: Option<f64>,
+    /// The least error with at most so much work, in rays (other counts are weighed as rays)
+    #[arg(long, value_name = "RAYS")]
+    max_work: Option<f64>,
+    /// What is least where a cost is bounded
+    #[arg(long, value_name = "METRIC", default_value = "flip")]
+    metric: String,
+    /// Most settings to measure
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    budget: usize,
+    /// The overlay to write
+    #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
+    out: PathBuf,
+    /// One JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Tune {
+    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was stopped.
+    pub fn run(self) -> Result<u8, Error> {
+        let (metric, goal) = self.goal()?;
+        let loaded = self.graph.load()?;
+        let engine = self.engine.open()?;
+        let cancel = on_interrupt()?;
+        let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
+        let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
+        // The first one is what others are compared with.
+        let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
+        let (mut left, mut wrong) = (self.budget, None);
+        let by_seconds = self.max_seconds.is_some();
+        let (tried, best) = search(&starts, &sizes, goal, |position| {
+            left = left.checked_sub(1)?;
+            let position = position.to_vec();
+            match bench.measure(&position) {
+                Ok(at) => {
+                    let point = &bench.points[at];
+                    let error = metric.error(&point.off);
+                    let cost = if by_seconds { point.seconds } else { point.work };
+                    if !self.json {
+                        report::remark(&line(&bench.name(&position), point.work, point.seconds, error));
+                    }
+                    if error.is_none() {
+                        wrong = Some(Error::NotComputed(metric.name.clone()));
+                    }
+                    Some((cost, error?))
+                }
+                Err(Miss::Stopped) => None,
+                Err(Miss::Failed(why)) => {
+                    wrong = Some(Error::Setting { setting: bench.name(&position), why });
+                    None
+                }
+            }
+        });
+        if let (Some(wrong), true) = (wrong, tried.is_empty() || best.is_none()) {
+            return Err(wrong);
+        }
+        let stopped = cancel.load(Ordering::Relaxed);
+        let Some(best) = best else {
+            let least = tried.iter().map(|t| t.error).reduce(f64::min).unwrap_or(f64::NAN);
+            report::error(&format!(
+                "no setting of {} that were measured reaches the goal; the least error is {}",
+                tried.len(),
+                tick_text(least)
+            ));
+            return Ok(if stopped { 130 } else { 1 });
+        };
+        let found = &tried[best];
+        let naive = naive(&bench, &tried, goal);
+        let text = format!(
+            "// {}\n{}",
+            summary(&metric, goal, found, naive, &tried),
+            bench.overlay(&found.position)
+        );
+        cache::publish_file(&self.out, text.as_bytes())?;
+        if self.json {
+            super::print(&format!("{}\n", self.told(&bench, &tried, best)))?;
+        } else {
+            self.print(&bench, &tried, best)?;
+            super::print(&format!("{}\n", summary(&metric, goal, found, naive, &tried)))?;
+            super::print(&format!("{}\n", self.out.display()))?;
+        }
+        if stopped {
+            report::remark("stopped; this is the best of what was measured");
+        }
+        Ok(if stopped { 130 } else { 0 })
+    }
+
+    fn goal(&self) -> Result<(Metric, Goal), Error> {
+        let unknown = |text: &str| Error::Metric { text: text.to_owned(), known: Metric::known() };
+        if let Some(text) = &self.max_error {
+            let (metric, bound) = Metric::bound(text).ok_or_else(|| unknown(text))?;
+            return Ok((metric, Goal::Error(bound)));
+        }
+        let metric = Metric::of(&self.metric).ok_or_else(|| unknown(&self.metric))?;
+        let cost = self.max_seconds.or(self.max_work).ok_or(Error::NoGoal)?;
+        Ok((metric, Goal::Cost(cost)))
+    }
+
+    fn print(&self, bench: &Bench<'_>, tried: &[Tried], best: usize) -> Result<(), Error> {
+        let front = pareto(tried);
+        let mut rows = vec![["", "work", "seconds", "error", "setting"].map(str::to_owned).to_vec()];
+        for (index, t) in tried.iter().enumerate() {
+            let Some(point) = bench.points.iter().find(|point| point.position == t.position) else {
+                continue;
+            };
+            let mark = if index == best {
+                "best"
+            } else if front.contains(&index) {
+                "front"
+            } else {
+                ""
+            };
+            let (work, seconds, error) =
+                (tick_text(point.work), tick_text(point.seconds), tick_text(t.error));
+            rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.position)]);
+        }
+        super::print(&columns(&rows))
+    }
+
+    fn told(&self, bench: &Bench<'_>, tried: &[Tried], best: usize) -> serde_json::Value {
+        let front = pareto(tried);
+        let point = |(index, t): (usize, &Tried)| {
+            let point = bench.points.iter().find(|point| point.position == t.position);
+            json!({
+                "setting": bench.name(&t.position),
+                "error": t.error,
+                "work": point.map(|p| p.work),
+                "seconds": point.map(|p| p.seconds),
+                "front": front.contains(&index),
+                "best": index == best,
+            })
+        };
+        json!({
+            "overlay": self.out,
+            "measured": tried.iter().enumerate().map(point).collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// The preset that one would take without measuring: the cheapest that fits.
+fn naive<'t>(bench: &Bench<'_>, tried: &'t [Tried], goal: Goal) -> Option<(&'static str, &'t Tried)> {
+    let presets = (0..PRESETS.len()).filter_map(|rung| {
+        let position = bench.preset(rung);
+        tried.iter().find(|t| t.position == position).map(|t| (PRESETS[rung], t))
+    });
+    let fits = |t: &Tried| match goal {
+        Goal::Error(most) => t.error <= most,
+        Goal::Cost(most) => t.cost <= most,
+    };
+    let serves = |t: &Tried| if matches!(goal, Goal::Error(_)) { t.cost } else { t.error };
+    presets.filter(|(_, t)| fits(t)).reduce(|a, b| if serves(b.1) < serves(a.1) { b } else { a })
+}
+
+fn summary(
+    metric: &Metric,
+    goal: Goal,
+    found: &Tried,
+    naive: Option<(&str, &Tried)>,
+    tried: &[Tried],
+) -> String {
+    let error = tick_text(found.error);
+    let mut text = format!("{} {error} for {} of cost", metric.name, tick_text(found.cost));
+    if let Some((name, preset)) = naive {
+        match goal {
+            Goal::Error(_) => {
+                let ratio = found.cost / preset.cost;
+                text.push_str(&format!(
+                    ", {ratio:.2} of that of `{name}`, the cheapest preset that reaches it"
+                ));
+            }
+            Goal::Cost(_) => {
+                let other = tick_text(preset.error);
+                text.push_str(&format!("; `{name}`, the best preset within it, has {other}"));
+            }
+        }
+    }
+    text.push_str(&format!("; {} settings measured", tried.len()));
+    text
+}
+
+fn line(name: &str, work: f64, seconds: f64, error: Option<f64>) -> String {
+    let error = error.map_or("not computed".to_owned(), tick_text);
+    format!("measured work {:>8}, {:>7} s, error {error:>8}  {name}", tick_text(work), tick_text(seconds))
+}

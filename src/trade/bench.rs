@@ -1,0 +1,466 @@
+//! Runs a graph at given settings of its knobs, and measures what that costs and how far its pictures are off.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use engine::{
+    Artifact, Context, Counts, Engine, Event, Graph, Kind, Note, PRESETS, Registry, RunOptions, Source, Wire,
+    overlay_text,
+};
+use nodes::compare::{Compare, In, Space};
+use nodes::layers::linear;
+use nodes::metrics::PIXELS_PER_DEGREE;
+use nodes::types::{Cell, Data, Image, Images, NamedImage, Picture, Report};
+
+use super::work::work_of;
+use crate::session::Error;
+
+/// One knob of the graph with the values it may take, from the least work to the least error.
+pub struct Dial {
+    pub node: String,
+    pub parameter: &'static str,
+    pub values: Vec<String>,
+    /// Which of them the graph has, and each preset.
+    pub now: usize,
+    pub presets: [usize; 4],
+}
+
+/// For each dial the index of its value.
+pub type Position = Vec<usize>;
+
+/// What a node stands for, whatever of it was known.
+#[derive(Debug, Clone)]
+pub struct NodeCost {
+    pub id: String,
+    pub kind: &'static str,
+    /// In rays.
+    pub work: f64,
+    /// Wall time of its code when it ran.
+    pub seconds: f64,
+    pub counts: Counts,
+    pub notes: Vec<Note>,
+}
+
+/// How far one view of a picture is off, in one region.
+#[derive(Debug, Clone)]
+pub struct Off {
+    pub output: String,
+    pub view: String,
+    pub region: String,
+    /// What was judged: `image`, or a baseline.
+    pub judged: String,
+    pub pixels: u64,
+    /// By column of `compare`.
+    pub values: BTreeMap<String, f64>,
+}
+
+/// The graph at one position.
+pub struct Point {
+    pub position: Position,
+    pub work: f64,
+    /// Sum of the wall times of the nodes' code.
+    pub seconds: f64,
+    pub nodes: Vec<NodeCost>,
+    pub off: Vec<Off>,
+}
+
+/// A picture to judge, and where the background stands that an object was put into.
+struct Output {
+    name: String,
+    wire: Wire,
+    background: Option<Wire>,
+}
+
+/// Pictures of the reference, and masks of what the object changes in them.
+struct Truth {
+    pictures: Vec<Arc<Images>>,
+    touched: Vec<Option<(Arc<Images>, Arc<Images>)>>,
+}
+
+/// A graph whose knobs can be turned.
+pub struct Bench<'e> {
+    engine: &'e Engine,
+    registry: Registry,
+    base: Graph,
+    outputs: Vec<Output>,
+    targets: Vec<usize>,
+    pub dials: Vec<Dial>,
+    cancel: Arc<AtomicBool>,
+    truth: Option<Truth>,
+    pub points: Vec<Point>,
+}
+
+/// Why there is no point.
+pub enum Miss {
+    /// The run was asked to stop.
+    Stopped,
+    /// The graph cannot run at this position.
+    Failed(String),
+}
+
+impl<'e> Bench<'e> {
+    /// A bench for the pictures of some nodes, of all targets where none is named.
+    pub fn new(
+        engine: &'e Engine,
+        graph: &Graph,
+        only: &[usize],
+        cancel: Arc<AtomicBool>,
+    ) -> Result<Self, Error> {
+        // A name of its own, so that what is measured here is not taken for the last run of the graph.
+        let source = Source::new(format!("{} (measured)", graph.source.name), &*graph.source.text);
+        let registry = nodes::registry();
+        let base = Graph::parse(source, &registry, graph.root.clone()).map_err(Error::Graph)?;
+        let asked = if only.is_empty() { base.targets() } else { only.to_vec() };
+        let outputs = outputs(&base, &asked);
+        if outputs.is_empty() {
+            return Err(Error::NoPicture);
+        }
+        let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
+        targets.sort_unstable();
+        targets.dedup();
+        let dials = dials(&base, &targets, &registry)?;
+        Ok(Self { engine, registry, base, outputs, targets, dials, cancel, truth: None, points: Vec::new() })
+    }
+
+    /// The position of the graph as it is.
+    pub fn now(&self) -> Position {
+        self.dials.iter().map(|dial| dial.now).collect()
+    }
+
+    /// That of a preset, by its index in [`PRESETS`].
+    pub fn preset(&self, rung: usize) -> Position {
+        self.dials.iter().map(|dial| dial.presets[rung]).collect()
+    }
+
+    /// The overlay that sets a position.
+    pub fn overlay(&self, position: &Position) -> String {
+        let field = |(dial, &at): (&'_ Dial, &usize)| {
+            let value = dial.values.get(at).map(String::as_str).unwrap_or_default();
+            (dial.node.clone(), dial.parameter, value.to_owned())
+        };
+        let fields: Vec<_> = self.dials.iter().zip(position).map(field).collect();
+        overlay_text(
+            fields.iter().map(|(node, parameter, value)| (node.as_str(), *parameter, value.as_str())),
+        )
+    }
+
+    /// What a position is called: that of a preset, or what differs from the graph.
+    pub fn name(&self, position: &Position) -> String {
+        if let Some(rung) = (0..PRESETS.len()).rev().find(|&rung| self.preset(rung) == *position) {
+            return PRESETS[rung].to_owned();
+        }
+        let changed: Vec<String> = self
+            .dials
+            .iter()
+            .zip(position)
+            .filter(|(dial, at)| dial.now != **at)
+            .map(|(dial, at)| format!("{}.{}={}", dial.node, dial.parameter, dial.values[*at]))
+            .collect();
+        if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
+    }
+
+    /// The graph at a position.
+    fn graph(&self, position: &Position) -> Result<Graph, Miss> {
+        let source = self.base.source.clone().overlaid("knobs", &self.overlay(position));
+        Graph::parse(source, &self.registry, self.base.root.clone())
+            .map_err(|mistakes| Miss::Failed(mistakes.to_string()))
+    }
+
+    /// The point of a position: known, or measured now. The first one measured is what others are compared with.
+    pub fn measure(&mut self, position: &Position) -> Result<usize, Miss> {
+        if let Some(known) = self.points.iter().position(|point| point.position == *position) {
+            return Ok(known);
+        }
+        let graph = self.graph(position)?;
+        let mut notes: BTreeMap<String, Vec<Note>> = BTreeMap::new();
+        let options =
+            RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        let outcome = self.engine.run(&graph, &options, |event| {
+            if let Event::Node { id, notes: told, .. } = event {
+                notes.insert(id, told);
+            }
+        });
+        if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
+            return Err(Miss::Stopped);
+        }
+        if let Some(failures) = outcome.failures {
+            return Err(Miss::Failed(failures.to_string()));
+        }
+        let wanted = graph.above(&self.targets);
+        let mut nodes = Vec::new();
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
+            let spent = self.engine.spent(&graph, index).unwrap_or_default();
+            nodes.push(NodeCost {
+                id: node.id.clone(),
+                kind: node.kind.name,
+                work: work_of(&spent.counts),
+                seconds: spent.seconds,
+                counts: spent.counts,
+                notes: notes.remove(&node.id).unwrap_or_default(),
+            });
+        }
+        let pictures = self.pictures(&graph)?;
+        if self.truth.is_none() {
+            self.truth = Some(self.truth_of(&graph, &pictures));
+        }
+        let off = self.off(&pictures).map_err(|error| Miss::Failed(error.to_string()))?;
+        let (work, seconds) = nodes.iter().fold((0.0, 0.0), |(w, s), n| (w + n.work, s + n.seconds));
+        self.points.push(Point { position: position.clone(), work, seconds, nodes, off });
+        Ok(self.points.len() - 1)
+    }
+
+    /// The pictures of the last run of a graph.
+    fn pictures(&self, graph: &Graph) -> Result<Vec<Arc<Images>>, Miss> {
+        let value = |output: &Output| {
+            let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
+            images.ok_or_else(|| {
+                Miss::Failed(format!("`{}` is not kept, so it cannot be measured", output.name))
+            })
+        };
+        self.outputs.iter().map(value).collect()
+    }
+
+    /// Pictures at a position that was measured, by output.
+    pub fn pictures_at(&self, point: usize) -> Result<Vec<(String, Arc<Images>)>, Miss> {
+        let graph = self.graph(&self.points[point].position)?;
+        let options =
+            RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        // Known, but for the names under which the last results of the graph are found.
+        if self.engine.run(&graph, &options, |_| ()).totals.stopped {
+            return Err(Miss::Stopped);
+        }
+        let names = self.outputs.iter().map(|output| output.name.clone());
+        Ok(names.zip(self.pictures(&graph)?).collect())
+    }
+
+    /// The reports that nodes of a point gave, by node and output.
+    pub fn reports_at(&self, point: usize) -> Vec<(String, Report)> {
+        let Ok(graph) = self.graph(&self.points[point].position) else { return Vec::new() };
+        let wanted = graph.above(&self.targets);
+        let mut reports = Vec::new();
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
+            for (port, spec) in node.kind.outputs.iter().enumerate() {
+                if spec.artifact.name == Report::TYPE
+                    && let Some(report) = self.engine.value::<Report>(&graph, Wire { node: index, port })
+                {
+                    reports.push((format!("{}.{}", node.id, spec.name), report));
+                }
+            }
+        }
+        reports
+    }
+
+    fn truth_of(&self, graph: &Graph, pictures: &[Arc<Images>]) -> Truth {
+        let touched = |(output, picture): (&Output, &Arc<Images>)| {
+            let background = Arc::new(self.engine.value::<Images>(graph, output.background?)?);
+            Some((touched(picture, &background)?, background))
+        };
+        let touched = self.outputs.iter().zip(pictures).map(touched).collect();
+        Truth { pictures: pictures.to_vec(), touched }
+    }
+
+    /// How far pictures are off the reference, by output, view and region.
+    fn off(&self, pictures: &[Arc<Images>]) -> Result<Vec<Off>, engine::NodeError> {
+        let Some(truth) = &self.truth else { return Ok(Vec::new()) };
+        let mut all = Vec::new();
+        for (index, (output, picture)) in self.outputs.iter().zip(pictures).enumerate() {
+            let (regions, background) = match &truth.touched[index] {
+                Some((mask, background)) => (vec![mask.clone()], Some(background.clone())),
+                None => (Vec::new(), None),
+            };
+            let (out, _) = compare(picture, &truth.pictures[index], regions, background)?;
+            for table in &out.tables {
+                all.extend(table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row)));
+            }
+        }
+        Ok(all)
+    }
+
+    /// FLIP of each pixel between pictures and those of the reference, by output.
+    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
+        let Some(truth) = &self.truth else { return Vec::new() };
+        let map = |((_, picture), truth): (&(String, Arc<Images>), &Arc<Images>)| {
+            compare(picture, truth, Vec::new(), None).map(|(_, flip)| flip).unwrap_or_default()
+        };
+        pictures.iter().zip(&truth.pictures).map(map).collect()
+    }
+
+    /// The names of the nodes that have a dial with more than one value, in the order of the file.
+    pub fn turned_nodes(&self) -> Vec<String> {
+        let mut seen = BTreeSet::new();
+        let names = self.dials.iter().filter(|dial| dial.values.len() > 1).map(|dial| dial.node.clone());
+        names.filter(|name| seen.insert(name.clone())).collect()
+    }
+}
+
+/// `compare` as a library: its report and the map of FLIP.
+fn compare(
+    image: &Arc<Images>,
+    reference: &Arc<Images>,
+    regions: Vec<Arc<Images>>,
+    background: Option<Arc<Images>>,
+) -> Result<(Report, Arc<Images>), engine::NodeError> {
+    let names = regions.iter().map(|_| "touched".to_owned()).collect();
+    let params = Compare {
+        space: Space::Display,
+        quantise: true,
+        names,
+        gain: 1.0,
+        pixels_per_degree: PIXELS_PER_DEGREE,
+        lpips: None,
+        scores: Vec::new(),
+        lpips_scaled: true,
+    };
+    let inputs = In {
+        image: image.clone(),
+        reference: reference.clone(),
+        mask: None,
+        regions,
+        background,
+        no_shadow: None,
+    };
+    let scene = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
+    let (out, _) = Compare::run(&params, inputs, &Context::detached(scene, "."))?;
+    Ok((Arc::unwrap_or_clone(out.report), out.flip))
+}
+
+fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
+    let [Cell::Text(view), Cell::Text(judged), Cell::Text(region), Cell::Count(pixels), ..] = row else {
+        return None;
+    };
+    let number = |(column, cell): (&String, &Cell)| match cell {
+        Cell::Number(value) => Some((column.clone(), *value)),
+        Cell::Text(text) if text == "inf" => Some((column.clone(), f64::INFINITY)),
+        _ => None,
+    };
+    let values = columns.iter().zip(row).skip(4).filter_map(number).collect();
+    let [output, view, judged, region] = [output, view, judged, region].map(str::to_owned);
+    Some(Off { output, view, region, judged, pixels: *pixels, values })
+}
+
+/// Where a picture differs from its background by more than one and a half codes of 8 bits in linear light near
+/// white, or by a hundredth of the light: what an inserted object covers, shades or lights.
+fn touched(picture: &Images, background: &Images) -> Option<Arc<Images>> {
+    let mut masks = Vec::new();
+    for view in &picture.0 {
+        let behind = if background.0.len() == 1 {
+            background.0.first().map(|b| &b.picture)
+        } else {
+            background.view(&view.name)
+        };
+        let (a, b) = (linear(&view.picture, "image").ok()?, linear(behind?, "background").ok()?);
+        if (a.width, a.height) != (b.width, b.height) {
+            return None;
+        }
+        let differs = |(p, q): (&[f32], &[f32])| {
+            let far = |(p, q): (&f32, &f32)| (p - q).abs() > 0.002 + 0.01 * q.abs();
+            f32::from(p.iter().zip(q).take(3).any(far))
+        };
+        let pixels = a.samples.chunks_exact(a.channels).zip(b.samples.chunks_exact(b.channels));
+        let mask = Image::<Data>::from_samples(a.width, a.height, 1, pixels.map(differs).collect());
+        masks.push(NamedImage { name: view.name.clone(), picture: Picture::Data(mask) });
+    }
+    Some(Arc::new(Images(masks)))
+}
+
+/// The pictures that come to the targets, each once, under the name of the node that makes them.
+fn outputs(graph: &Graph, asked: &[usize]) -> Vec<Output> {
+    let is_picture =
+        |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
+    let mut wires: Vec<Wire> = Vec::new();
+    for &target in asked {
+        let node = &graph.nodes[target];
+        if node.sink_path.is_some() {
+            // Layers are for later work, each in numbers of its own; the picture is what is judged.
+            let picture = node.kind.inputs.iter().zip(&node.inputs).filter(|(port, _)| port.name == "image");
+            wires.extend(picture.flat_map(|(_, wires)| wires).filter(|wire| is_picture(wire)));
+        } else {
+            let first = Wire { node: target, port: 0 };
+            wires.extend(Some(first).filter(|_| !node.kind.outputs.is_empty()).filter(is_picture));
+        }
+    }
+    wires.sort_unstable();
+    wires.dedup();
+    let output = |wire: Wire| {
+        let node = &graph.nodes[wire.node];
+        let port = node.kind.outputs[wire.port].name;
+        let name = if wire.port == 0 { node.id.clone() } else { format!("{}.{port}", node.id) };
+        let ports = node.kind.inputs.iter().zip(&node.inputs);
+        let background =
+            ports.filter(|(port, _)| port.name == "background").find_map(|(_, w)| w.first().copied());
+        Output { name, wire, background }
+    };
+    wires.into_iter().map(output).collect()
+}
+
+/// The knobs above some nodes with their values. One that varies along an axis stays as it is.
+fn dials(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Dial>, Error> {
+    let preset = |name: &str| {
+        let source = graph.source.clone().with_preset(name, registry);
+        let graph = Graph::parse(source, registry, graph.root.clone()).map_err(Error::Graph)?;
+        Ok::<_, Error>(graph.knobs(targets))
+    };
+    let presets = PRESETS.map(preset);
+    let mut laid = Vec::new();
+    for knobs in presets {
+        laid.push(knobs?);
+    }
+    let mut dials = Vec::new();
+    for knob in graph.knobs(targets).into_iter().filter(|knob| !knob.varies) {
+        let of = |rung: usize| {
+            let known = laid[rung].iter().find(|k| k.node == knob.node && k.parameter == knob.parameter);
+            known.map_or(knob.value.as_str(), |k| k.value.as_str())
+        };
+        let mut values = knob.knob.values();
+        for value in [knob.value.as_str(), of(0), of(1), of(2), of(3)] {
+            insert(&mut values, value);
+        }
+        let at = |value: &str| values.iter().position(|known| equal(known, value)).unwrap_or(0);
+        let (now, presets) = (at(&knob.value), [0, 1, 2, 3].map(|rung| at(of(rung))));
+        dials.push(Dial { node: knob.node.clone(), parameter: knob.parameter, now, presets, values });
+    }
+    Ok(dials)
+}
+
+/// Canonical text may write a number otherwise than a ladder does.
+fn equal(a: &str, b: &str) -> bool {
+    a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
+}
+
+/// Puts a value where it belongs by size, which falls along some ladders; in front where it is no number.
+fn insert(values: &mut Vec<String>, value: &str) {
+    if values.iter().any(|known| equal(known, value)) {
+        return;
+    }
+    let number = |text: &str| text.parse::<f64>().ok();
+    let ends = values.first().and_then(|v| number(v)).zip(values.last().and_then(|v| number(v)));
+    let place = match (number(value), ends) {
+        (Some(new), Some((first, last))) if first != last => {
+            let before = |known: f64| if first < last { known < new } else { known > new };
+            values.iter().take_while(|known| number(known).is_some_and(before)).count()
+        }
+        _ => 0,
+    };
+    values.insert(place, value.to_owned());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_put_where_they_belong_on_rising_and_falling_ladders() {
+        let with = |ladder: &[&str], value: &str| {
+            let mut values: Vec<String> = ladder.iter().map(|v| (*v).to_owned()).collect();
+            insert(&mut values, value);
+            values.join(" ")
+        };
+        assert_eq!(with(&["4", "16", "64"], "32"), "4 16 32 64");
+        assert_eq!(with(&["4", "16", "64"], "16.0"), "4 16 64");
+        assert_eq!(with(&["4", "16", "64"], "100"), "4 16 64 100");
+        assert_eq!(with(&["0.03", "0.01", "0.0"], "0.02"), "0.03 0.02 0.01 0.0");
+        assert_eq!(with(&["0.0"], "1.0"), "1.0 0.0", "a filter that only the reference turns off");
+        assert_eq!(with(&["F32", "F64"], "F16"), "F16 F32 F64");
+    }
+}

@@ -1,0 +1,108 @@
+//! Work against error, measured: what `tune` and `report` share.
+
+pub mod bench;
+pub mod page;
+pub mod plot;
+pub mod search;
+pub mod work;
+
+use bench::Off;
+
+/// A measure of error, in which less is better, and the part of the picture that it is taken over.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Metric {
+    /// As it was asked for: `touched.flip`.
+    pub name: String,
+    region: &'static str,
+    of: Of,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Of {
+    /// A column of `compare`.
+    Column(&'static str),
+    /// The root of the mean square of display values, which is what PSNR tells.
+    Rmse,
+}
+
+/// Names of metrics, and what each takes.
+const METRICS: [(&str, Of); 7] = [
+    ("flip", Of::Column("flip mean")),
+    ("flip95", Of::Column("flip p95")),
+    ("rmse", Of::Rmse),
+    ("psnr", Of::Rmse),
+    ("ciede2000", Of::Column("ciede2000 mean")),
+    ("mae", Of::Column("mean absolute error")),
+    ("relmse", Of::Column("relative mse (linear, eps 0.01)")),
+];
+
+impl Metric {
+    /// The metric of a name, such as `flip`, `touched.rmse`; `whole.` may stand in front.
+    pub fn of(name: &str) -> Option<Self> {
+        let (region, metric) = match name.split_once('.') {
+            Some(("touched", metric)) => ("touched", metric),
+            Some(("whole", metric)) => ("whole", metric),
+            Some(_) => return None,
+            None => ("whole", name),
+        };
+        let (_, of) = METRICS.iter().find(|(known, _)| *known == metric)?;
+        Some(Self { name: name.to_owned(), region, of: *of })
+    }
+
+    /// A bound `flip=0.02`; PSNR in dB, which becomes a root mean square.
+    pub fn bound(text: &str) -> Option<(Self, f64)> {
+        let (name, value) = text.split_once('=')?;
+        let metric = Self::of(name.trim())?;
+        let value: f64 = value.trim().parse().ok().filter(|v: &f64| v.is_finite() && *v >= 0.0)?;
+        let psnr = metric.name.ends_with("psnr");
+        let bound = if psnr { nodes::num::pow(10.0, -value / 20.0) } else { value };
+        Some((metric, bound))
+    }
+
+    /// What there is to choose from, for messages.
+    pub fn known() -> String {
+        METRICS.map(|(name, _)| name).join(", ")
+    }
+
+    /// The largest error over outputs and views; `None` where it was not computed for one of them.
+    pub fn error(&self, off: &[Off]) -> Option<f64> {
+        self.worst(off, "image")
+    }
+
+    /// The same of a baseline.
+    pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
+        let rows = off.iter().filter(|row| row.region == self.region && row.judged == judged);
+        let value = |row: &Off| match self.of {
+            Of::Column(column) => row.values.get(column).copied(),
+            Of::Rmse => row.values.get("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
+        };
+        rows.map(value).reduce(|a, b| Some(a?.max(b?))).flatten()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_read_and_the_worst_view_counts() {
+        let (metric, bound) = Metric::bound("touched.psnr = 40").unwrap();
+        assert!((bound - 0.01).abs() < 1e-15 && metric.region == "touched");
+        for wrong in ["flip", "flip=-1", "flip=x", "sky.flip=1", "flop=1", "flip=NaN"] {
+            assert_eq!(Metric::bound(wrong), None, "{wrong}");
+        }
+        let row = |region: &str, psnr: f64| Off {
+            output: "final".to_owned(),
+            view: "a".to_owned(),
+            region: region.to_owned(),
+            judged: "image".to_owned(),
+            pixels: 1,
+            values: [("psnr (dB)".to_owned(), psnr)].into(),
+        };
+        let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0)];
+        assert!((metric.error(&off).unwrap() - 0.1).abs() < 1e-15);
+        assert_eq!(metric.error(&[row("touched", f64::INFINITY)]), Some(0.0));
+        assert_eq!(Metric::of("flip").unwrap().error(&off), None, "not computed is not 0");
+    }
+}

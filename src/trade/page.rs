@@ -1,0 +1,216 @@
+//! A page that needs nothing beside it: tables, plots and pictures in one file.
+
+use std::fmt::Write as _;
+
+use nodes::color::srgb_from_linear;
+use nodes::io::png::{self, Raster};
+use nodes::types::{Cell, Picture, Report};
+
+/// What a page is made of, in order.
+#[derive(Default)]
+pub struct Page {
+    body: String,
+}
+
+const STYLE: &str = "\
+body{font:15px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222;background:#fff}\
+h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em;border-bottom:1px solid #ddd}\
+table{border-collapse:collapse;margin:.6em 0;font-variant-numeric:tabular-nums;font-size:.9em}\
+th,td{padding:.2em .7em;border-bottom:1px solid #e4e4e4;text-align:right;vertical-align:top}\
+th:first-child,td:first-child,td.t,th.t{text-align:left}th{font-weight:600;background:#f6f6f6}\
+figure{display:inline-block;margin:.4em .6em .4em 0;vertical-align:top}\
+figcaption{font-size:.85em;color:#555}img{max-width:100%;display:block}\
+.frame{fill:none;stroke:#999}.grid{stroke:#eee}.tick{font-size:11px;fill:#555}.axis{font-size:12px;fill:#222}\
+.front{fill:none;stroke:#1668b8;stroke-width:1.5}.dot{fill:#bbb}.dot.on{fill:#1668b8}.name{font-size:11px}\
+.bound{stroke:#c33;stroke-dasharray:5 4}code{font-size:.95em}pre{background:#f6f6f6;padding:.8em;overflow:auto}";
+
+impl Page {
+    /// A heading.
+    pub fn heading(&mut self, text: &str) {
+        // Writing to a string cannot fail, here and below.
+        let _ = writeln!(self.body, "<h2>{}</h2>", escaped(text));
+    }
+
+    /// A paragraph of plain words.
+    pub fn words(&mut self, text: &str) {
+        let _ = writeln!(self.body, "<p>{}</p>", escaped(text));
+    }
+
+    /// Text as it is, such as an overlay.
+    pub fn code(&mut self, text: &str) {
+        let _ = writeln!(self.body, "<pre>{}</pre>", escaped(text));
+    }
+
+    /// A table. Cells that are no numbers stand on the left.
+    pub fn table(&mut self, columns: &[&str], rows: &[Vec<String>]) {
+        self.body.push_str("<table><tr>");
+        for column in columns {
+            let _ = write!(self.body, "<th>{}</th>", escaped(column));
+        }
+        self.body.push_str("</tr>\n");
+        for row in rows {
+            self.body.push_str("<tr>");
+            for cell in row {
+                let number = cell.is_empty() || cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
+                let class = if number { "" } else { " class=\"t\"" };
+                let _ = write!(self.body, "<td{class}>{}</td>", escaped(cell));
+            }
+            self.body.push_str("</tr>\n");
+        }
+        self.body.push_str("</table>\n");
+    }
+
+    /// What is already HTML or SVG of ours.
+    pub fn raw(&mut self, text: &str) {
+        self.body.push_str(text);
+    }
+
+    /// The tables of a node's report.
+    pub fn report(&mut self, name: &str, report: &Report) {
+        for table in &report.tables {
+            let _ = writeln!(self.body, "<h3>{}: {}</h3>", escaped(name), escaped(&table.name));
+            let columns: Vec<&str> = table.columns.iter().map(String::as_str).collect();
+            let rows: Vec<Vec<String>> =
+                table.rows.iter().map(|row| row.iter().map(cell_text).collect()).collect();
+            self.table(&columns, &rows);
+        }
+    }
+
+    /// A picture within the page, at most so many pixels wide.
+    pub fn picture(&mut self, picture: &Picture, caption: &str, widest: usize) {
+        let raster = if let Picture::Data(_) = picture { heat(picture) } else { shown(picture) };
+        let Some(raster) = raster.map(|raster| halved(raster, widest)) else { return };
+        let Ok(bytes) = png::write(&raster, true, &[]) else { return };
+        let _ = writeln!(
+            self.body,
+            "<figure><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption></figure>",
+            escaped(caption),
+            base64(&bytes)
+        );
+    }
+
+    /// The whole file.
+    pub fn finish(self, title: &str) -> String {
+        let title = escaped(title);
+        format!(
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title>\
+             <style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n{}</body></html>\n",
+            self.body
+        )
+    }
+}
+
+/// Text within HTML.
+pub fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+fn cell_text(cell: &Cell) -> String {
+    match cell {
+        Cell::Text(text) => text.clone(),
+        Cell::Count(n) => n.to_string(),
+        Cell::Number(value) => super::plot::tick_text(*value),
+        Cell::Missing => "not computed".to_owned(),
+    }
+}
+
+fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
+    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() }
+}
+
+fn code(value: f32) -> u16 {
+    u16::from(nodes::color::code8(value))
+}
+
+/// A picture as a display shows it, on black.
+fn shown(picture: &Picture) -> Option<Raster> {
+    let (width, height, channels) = picture.size();
+    let linear = matches!(picture, Picture::Linear(_));
+    let value = |v: &f32| code(if linear { srgb_from_linear(*v) } else { *v });
+    let pixels = picture.samples().chunks_exact(channels.max(1));
+    (channels >= 3).then(|| {
+        raster(width, height, pixels.flat_map(|p| p[..3].iter().map(value).collect::<Vec<_>>()).collect())
+    })
+}
+
+/// A map from 0 (black) through red and yellow to white at 1, its root, so that small values show.
+fn heat(picture: &Picture) -> Option<Raster> {
+    let (width, height, channels) = picture.size();
+    let pixels = picture.samples().chunks_exact(channels.max(1));
+    let colour = |p: &[f32]| {
+        let v = 3.0 * p[0].clamp(0.0, 1.0).sqrt();
+        [code(v), code(v - 1.0), code(v - 2.0)]
+    };
+    (channels >= 1).then(|| raster(width, height, pixels.flat_map(colour).collect()))
+}
+
+/// The mean of blocks, so that the picture is at most so many pixels wide.
+fn halved(of: Raster, widest: usize) -> Raster {
+    let step = of.width.div_ceil(widest.max(1)).max(1);
+    if step == 1 {
+        return of;
+    }
+    let (width, height) = (of.width / step, of.height / step);
+    let mut codes = Vec::with_capacity(width * height * 3);
+    for y in 0..height {
+        for x in 0..width {
+            for c in 0..3 {
+                let mut sum = 0;
+                for row in y * step..(y + 1) * step {
+                    for column in x * step..(x + 1) * step {
+                        sum += usize::from(of.codes[(row * of.width + column) * 3 + c]);
+                    }
+                }
+                codes.push((sum / (step * step)) as u16);
+            }
+        }
+    }
+    raster(width, height, codes)
+}
+
+/// RFC 4648, with padding.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let bits =
+            three.iter().fold(0_u32, |bits, byte| bits << 8 | u32::from(*byte)) << (8 * (3 - three.len()));
+        for place in 0..4 {
+            let letter = LETTERS[(bits >> (18 - 6 * place)) as usize & 63];
+            text.push(if place <= three.len() { char::from(letter) } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests {
+    use super::*;
+    use nodes::types::{Data, Image, Linear};
+
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        let texts = ["", "f", "fo", "foo", "foob", "fooba", "foobar"].map(|text| base64(text.as_bytes()));
+        assert_eq!(texts, ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"]);
+    }
+
+    #[test]
+    fn a_page_needs_nothing_beside_it_and_quotes_what_users_named() {
+        let mut page = Page::default();
+        page.table(&["a<b", "n"], &[vec!["<script>".to_owned(), "1.5".to_owned()]]);
+        page.picture(&Image::<Linear>::from_samples(5, 2, 3, vec![0.2; 30]).into(), "p\"q", 2);
+        page.picture(&Image::<Data>::from_samples(2, 1, 1, vec![0.0, 1.0]).into(), "map", 600);
+        let text = page.finish("t");
+        assert!(!text.contains("<script>") && text.contains("&lt;script&gt;") && !text.contains("http"));
+        assert_eq!(text.matches("data:image/png;base64,").count(), 2);
+    }
+
+    #[test]
+    fn maps_go_from_black_to_white_and_pictures_shrink_by_means() {
+        let map = heat(&Image::<Data>::from_samples(2, 1, 1, vec![0.0, 1.0]).into()).unwrap();
+        assert_eq!(map.codes, [0, 0, 0, 255, 255, 255]);
+        let small = halved(raster(4, 2, (0..24).map(|v| v * 10).collect()), 2);
+        assert_eq!((small.width, small.height, small.codes[0]), (2, 1, 75));
+    }
+}
