@@ -1,4 +1,4 @@
-//! Both ways to a panorama against a float64 one of narrow cameras, six samples a pixel each way.
+//! Both ways to a panorama against a float64 one of narrow cameras, three samples a pixel each way.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -58,7 +58,7 @@ fn direct(scene: &Arc<Splats>, supersample: u32, precision: Precision, bench: &B
 
 /// 16 by 8 cameras, each over 22.5 degrees of both angles and a margin.
 fn narrow() -> Arc<Rig> {
-    let focal = 6.0 * WIDTH as f64 / (2.0 * PI);
+    let focal = 3.0 * WIDTH as f64 / (2.0 * PI);
     let size = (2.0 * focal * num::f64::tan(18.5_f64.to_radians())).ceil();
     let cameras = (0..128).map(|i| {
         let (u, v) = ((f64::from(i % 16) + 0.5) / 16.0, (f64::from(i / 16) + 0.5) / 8.0);
