@@ -33,7 +33,7 @@ pub(super) struct Lens<'a> {
     pub(super) eye: Vec3,
     /// Right, down and forward of the camera in the world.
     pub(super) axes: [DVec3; 3],
-    /// Half the width of a pixel for each unit of distance: the samples of a pixel find what is narrower.
+    /// A quarter of the width of a pixel for each unit of distance: the samples of a pixel find what is narrower.
     pub(super) spread: f32,
     pub(super) seed: u64,
     pub(super) ground: &'a Ground,
@@ -43,7 +43,7 @@ impl<'a> Lens<'a> {
     pub(super) fn new(camera: &'a Camera, origin: DVec3, seed: u64, ground: &'a Ground) -> Self {
         let pose = camera.world_from_camera();
         let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
-        let spread = (0.5 / (camera.fx * camera.fy).abs().sqrt()) as f32;
+        let spread = (0.25 / (camera.fx * camera.fy).abs().sqrt()) as f32;
         Self { camera, eye: rules::framed(camera.eye(), origin), axes, spread, seed, ground }
     }
 

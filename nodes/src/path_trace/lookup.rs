@@ -1,8 +1,9 @@
 //! Attributes and textures at a point of an object.
 //!
 //! Texels are decoded to linear first and blended bilinearly after. Where a ray stands for a width that covers
-//! many texels they come from smaller copies of the texture, between the two nearest in size. Alpha that cuts
-//! and normals do not: the mean of a cut is no cut, and the mean of normals is a smoother surface.
+//! many texels colours come from smaller copies of the texture, between the two nearest in size. Nothing else
+//! does, because light is not linear in it: the mean of a cut is no cut, that of normals or of roughness is
+//! another surface.
 
 use glam::{Vec2, Vec3};
 
@@ -11,6 +12,7 @@ use crate::bvh::Hit;
 use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap};
 
 /// A point of a primitive, for lookup.
+#[derive(Clone, Copy)]
 pub struct Spot<'a> {
     /// Whose textures they are.
     pub object: &'a Object,

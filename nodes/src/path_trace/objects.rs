@@ -377,6 +377,7 @@ fn emission(spot: &Spot<'_>, material: &Material) -> Vec3 {
 /// What a material says at a point.
 fn look(spot: &Spot<'_>, material: &Material) -> Look {
     let base = spot.texture(material.base_colour_texture, true);
+    let spot = &Spot { width: 0.0, ..*spot };
     let colour = spot.vertex_colour();
     let channel = |c: usize| (material.base_colour[c] * base[c] * colour[c]).clamp(0.0, 1.0);
     let [_, green, blue, _] = spot.texture(material.metallic_roughness_texture, false);

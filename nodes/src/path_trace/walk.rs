@@ -21,7 +21,7 @@ const DIMMING: u32 = 1 << 17;
 /// shows of their noise is not blurred by anything. Later vertices take one.
 const LIGHTS: u32 = 4;
 /// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
-const BLUR: f32 = 0.1;
+const BLUR: f32 = 0.05;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 
