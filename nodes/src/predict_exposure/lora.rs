@@ -8,7 +8,7 @@ use learned::flux::{
     DType, Error as Flux, Files, Kontext, Pair, TrainSettings, Trainer, Watch, device, picture,
 };
 
-use super::kontext::{STOPS, shrunk};
+use super::kontext::picture::{STOPS, shrunk};
 use crate::color::{linear_from_srgb, luminance};
 use crate::equirect::pixel_solid_angle;
 use crate::error::Error;

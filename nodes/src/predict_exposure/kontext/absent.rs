@@ -1,0 +1,29 @@
+//! A build without a tensor library.
+
+use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
+
+use super::Kontext;
+use crate::light::linear::LinearPixels;
+
+impl Kontext<'_> {
+    pub(in super::super) fn check(&self) -> Result<(), NodeError> {
+        Err(NodeError::new("this build has no diffusion model: it lacks the feature `learned`")
+            .at("method")
+            .hint("build it with `--features learned`, or use another method"))
+    }
+
+    pub(in super::super) fn sources(&self, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(Vec::new())
+    }
+
+    pub(in super::super) fn predict(
+        &self,
+        _pixels: &LinearPixels,
+        _mask: &[bool],
+        _darkest: f64,
+        _notes: &mut Notes,
+        _cx: &Context,
+    ) -> Result<Vec<f32>, NodeError> {
+        self.check().map(|()| Vec::new())
+    }
+}
