@@ -229,7 +229,8 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
     let params = PredictExposure { evs: vec![-6.0, -3.0], method: flux_kontext(files, 2, 3) };
     let cx = cx();
     let sources = PredictExposure::sources(&params, &SourceRoot::new(".")).expect("are there");
-    assert_eq!(sources.len(), 4);
+    // The four files, and what stands beside two of them.
+    assert_eq!(sources.len(), 6);
     let (out, notes) = PredictExposure::run(&params, In { pano: room(128) }, &cx).expect("runs");
     assert!(notes.iter().any(|note| note.id == "kontext" && note.text.contains("2 exposures at 64 x 32")));
     // Two exposures, two steps, each done twice.

@@ -15,7 +15,7 @@ impl Kontext<'_> {
         Ok(())
     }
 
-    /// Its files, shards included. What is missing is said with where it is to be had.
+    /// Its files, with shards and the `config.json` beside them. What is missing is said with where it is to be had.
     pub(in super::super) fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         let mut files = Vec::new();
         for file in self.files() {
@@ -23,6 +23,12 @@ impl Kontext<'_> {
             for shard in learned::flux::shards(&first.path) {
                 let name = shard.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 files.push(if shard == first.path { first.clone() } else { root.beside(&first, &name) });
+            }
+        }
+        for file in [self.transformer, self.vae] {
+            let config = root.beside(&root.file(file), "config.json");
+            if config.path.exists() && !files.contains(&config) {
+                files.push(config);
             }
         }
         match files.iter().find(|file| !file.path.exists()) {
