@@ -127,7 +127,9 @@ impl Config {
         if let Some(axes) = config.beside(source.path())? {
             config.axes = axes;
         }
-        if config.axes.iter().sum::<usize>() != head || config.axes.iter().any(|axis| axis % 2 != 0) {
+        if config.axes.iter().fold(0, |sum: usize, axis| sum.saturating_add(*axis)) != head
+            || config.axes.iter().any(|axis| axis % 2 != 0)
+        {
             return Err(source.wrong(format!(
                 "its heads have {head} numbers, which do not divide as {:?}; put the `config.json` of the model \
                  beside it, which says how they do",
@@ -151,7 +153,7 @@ impl Config {
         let Ok(text) = std::fs::read(&path) else { return Ok(None) };
         let Ok(json) = serde_json::from_slice::<File>(&text) else { return Ok(None) };
         let said = Self {
-            hidden: json.num_attention_heads * json.attention_head_dim,
+            hidden: json.num_attention_heads.saturating_mul(json.attention_head_dim),
             heads: json.num_attention_heads,
             in_channels: json.in_channels,
             context: json.joint_attention_dim,

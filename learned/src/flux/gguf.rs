@@ -46,6 +46,9 @@ pub(crate) fn header(file: &mut File, path: &Path, index: usize) -> Result<BTree
     for _ in 0..tensors {
         let name = header.text()?;
         let entry = header.tensor(&name, index)?;
+        if entries.contains_key(&name) {
+            return Err(header.wrong(format!("tensor `{name}` stands in it twice")));
+        }
         entries.insert(name, entry);
     }
     let first = header.file.stream_position().map_err(Error::io(path))?.next_multiple_of(alignment);

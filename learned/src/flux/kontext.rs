@@ -129,6 +129,10 @@ impl Kontext {
     /// The picture that latents stand for, in 0..1.
     pub fn decode(&self, latents: &Tensor, settings: &Settings, watch: &mut dyn Watch) -> Result<Tensor> {
         let made = self.vae.decode(latents, settings.edge(), watch)?;
+        if !made.abs()?.sum_all()?.to_scalar::<f32>()?.is_finite() {
+            let what = "the model gave NaN or infinity; its weights, the LoRA or the prompt are damaged";
+            return Err(Error::Mismatch(what.to_owned()));
+        }
         Ok(((made * 0.5)? + 0.5)?.clamp(0.0, 1.0)?)
     }
 

@@ -178,6 +178,22 @@ fn what_is_wrong_with_a_lora_is_named() {
 }
 
 #[test]
+fn a_prompt_of_nan_makes_no_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let transformer = fixture().join("transformer/diffusion_pytorch_model.safetensors");
+    let prompt = folder.path().join("nan.safetensors");
+    let nan = |rows, columns| Tensor::full(f32::NAN, (rows, columns), &Device::Cpu).unwrap();
+    save(&BTreeMap::from([("t5".to_owned(), nan(3, 24)), ("clip".to_owned(), nan(1, 16))]), &prompt);
+    let vae = fixture().join("vae/diffusion_pytorch_model.safetensors");
+    let files = Files { transformer, vae, prompt, loras: Vec::new() };
+    let kontext = Kontext::load(&files, &Device::Cpu, DType::F32).unwrap();
+    let settings = Settings { steps: 1, guidance: 2.5, seed: 0, seamless: false };
+    let picture = Tensor::zeros((3, 32, 64), DType::F32, &Device::Cpu).unwrap();
+    let message = kontext.darker(&picture, 1, &settings, &mut ()).unwrap_err().to_string();
+    assert!(message.contains("NaN or infinity"), "{message}");
+}
+
+#[test]
 fn damaged_headers_are_refused_and_never_panic() {
     let folder = tempfile::tempdir().unwrap();
     let (path, config) = (folder.path().join("a"), Config::kontext());
