@@ -8,8 +8,8 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use crate::diag::{Code, Diagnostic, Source, shown};
-use crate::overlay::Overlays;
 use crate::knob::PRESETS;
+use crate::overlay::Overlays;
 use crate::param::InputFile;
 use crate::root::SourceRoot;
 use crate::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};

@@ -155,8 +155,14 @@ fn mistakes_of_overlays_lie_in_them() {
             &["mine.ron:1:1\n", "an overlay begins with `Overlay(`"],
         ),
         (source().overlaid("mine.ron", "Overlay(nodes: ("), &["mine.ron:1:16\n", "no matching"]),
-        (source().with_preset("bigg", &registry()), &["--preset:1:1\n", "no preset `bigg`", "did you mean `big`?"]),
-        (source().with_preset("big", &registry()), &["graph.ron:1:63\n", "no node is named `tow`", "did you mean `two`?"]),
+        (
+            source().with_preset("bigg", &registry()),
+            &["--preset:1:1\n", "no preset `bigg`", "did you mean `big`?"],
+        ),
+        (
+            source().with_preset("big", &registry()),
+            &["graph.ron:1:63\n", "no node is named `tow`", "did you mean `two`?"],
+        ),
         (source().with_preset("small", &registry()), &["graph.ron:1:", "is not a node"]),
         (
             engine::apply(&source(), &["two.by=\"a\"".parse().unwrap()]),
