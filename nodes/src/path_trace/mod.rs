@@ -62,7 +62,7 @@ engine::params! {
         object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
         /// Whether the receiver is the light that the environment shows of it, so that a lamp on a wall lights
         /// each point from where it is.
-        near_field: NearField = NearField::Auto, other("On");
+        near_field: NearField = NearField::Auto, other("Off");
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Filter, "", "", "", "0.0");
