@@ -27,6 +27,9 @@ pub(crate) fn node_key<'s>(
     to.str("kind", node.kind.name);
     to.u64("version", node.kind.version.into());
     to.str("profile", node.kind.profile);
+    if !node.kind.data.is_empty() {
+        to.digest("data", Digest::of(node.kind.data));
+    }
     node.step.write_key(&mut to);
     for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
         to.list(port.name, |to| {

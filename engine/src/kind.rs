@@ -73,6 +73,9 @@ pub trait Kind: 'static {
     /// What may change the bits: `portable`, or the profile of a library that promises none.
     const PROFILE: &'static str = "portable";
 
+    /// What is compiled into the program and may be exchanged without a new version, such as weights; its
+    /// digest is in the key.
+    const DATA: &'static [u8] = &[];
     /// Whether `run` takes microseconds whatever its inputs are. A plan then runs it, so that it can tell
     /// exactly what follows.
     const INSTANT: bool = false;
@@ -190,6 +193,8 @@ pub struct KindEntry {
     pub store: Keep,
     /// [`Kind::PROFILE`].
     pub profile: &'static str,
+    /// [`Kind::DATA`].
+    pub data: &'static [u8],
     /// [`Kind::INSTANT`].
     pub instant: bool,
     /// [`Kind::FOLDERS`].
@@ -214,6 +219,7 @@ impl KindEntry {
             reads: K::READS,
             store: K::STORE,
             profile: K::PROFILE,
+            data: K::DATA,
             instant: K::INSTANT,
             folders: K::FOLDERS,
             read: |fields| {

@@ -3,4 +3,5 @@
 //!
 //! The crate knows tensors and files of weights, and neither graphs nor images: `nodes` hands it arrays.
 
+pub mod exposure;
 pub mod flux;

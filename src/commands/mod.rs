@@ -17,6 +17,8 @@ mod plan;
 mod report;
 mod run;
 mod splats;
+#[cfg(feature = "learned")]
+mod train_exposure;
 mod tune;
 mod unpack;
 mod verify;
@@ -74,6 +76,9 @@ enum Verb {
     Convert(convert::Convert),
     /// Tells what a scene of splats is like: size, floor, up, what looks wrong
     Inspect(inspect::Inspect),
+    /// Trains the learned exposure prediction on HDR panoramas
+    #[cfg(feature = "learned")]
+    TrainExposure(train_exposure::TrainExposure),
     /// Prints completions for a shell
     Completions(completions::Completions),
     /// Prints the manual page, or writes one for each verb
@@ -116,6 +121,8 @@ impl Command {
             Verb::Pack(verb) => verb.run(),
             Verb::Unpack(verb) => verb.run(),
             Verb::Verify(verb) => verb.run(),
+            #[cfg(feature = "learned")]
+            Verb::TrainExposure(verb) => verb.run(),
             Verb::Completions(verb) => verb.run(),
             Verb::Manual(verb) => verb.run(),
         }

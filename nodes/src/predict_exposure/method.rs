@@ -8,9 +8,18 @@ use super::kontext::Kontext;
 /// How hidden light is estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Method {
+    /// By two small networks: how much light is hidden in all, judged by what is visible, and how it is
+    /// shared out among what is clipped.
+    Learned,
     /// For each connected clipped region, its mean brightness by a regression on nine numbers (its
-    /// size, height, surroundings, shape); needs no weights.
+    /// size, height, surroundings, shape).
     Region,
+    /// As the user says; what is clipped elsewhere stays clipped.
+    Manual {
+        /// Lights, each by azimuth (clockwise from forward), elevation, and radius of the clipped pixels it acts
+        /// on, in degrees, and how many stops brighter than white these are.
+        emitters: Vec<[f64; 4]>,
+    },
     /// Not at all: what is clipped stays clipped.
     Skip,
     /// As the paper does: by Flux.1 Kontext, a diffusion model, and a LoRA that takes three stops off the exposure,
@@ -102,7 +111,7 @@ impl ParamType for Method {
     const ROLE: Role = Role::Input;
 
     fn describe() -> String {
-        "Region | Skip | FluxKontext(transformer: path, vae: path, prompt: path, lora: path, strength: 1.0, \
+        "Learned | Region | Manual(emitters: [(azimuth, elevation, radius, stops)]) | Skip | FluxKontext(transformer: path, vae: path, prompt: path, lora: path, strength: 1.0, \
          steps: 28, guidance: 2.5, width_px: 1024, seamless: true, seed: 0)"
             .to_owned()
     }

@@ -2,19 +2,32 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use glam::DVec3;
+
+use self::grid::Grid;
+use self::spread::{Given, Spread};
 
 use crate::color::srgb_from_linear;
+use crate::equirect::axes;
 use crate::error::Error;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use crate::light::measure;
+use crate::light::regions::{self, Regions};
 use crate::num;
 use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Srgb, Table};
 
+mod grid;
 mod kontext;
+mod learned;
 #[cfg(feature = "learned")]
 pub mod lora;
+mod manual;
 mod method;
 mod region;
+mod spread;
+#[cfg(feature = "learned")]
+pub mod training;
 pub use method::Method;
 
 engine::params! {
@@ -26,7 +39,7 @@ engine::params! {
         /// Exposures to derive, in stops below the panorama (which is EV 0), in any order.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// How hidden light is estimated.
-        method: Method = Method::Region, other("Skip");
+        method: Method = Method::Learned, other("Skip");
     }
 }
 
@@ -60,7 +73,8 @@ const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
+    const DATA: &'static [u8] = learned::WEIGHTS;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -74,6 +88,9 @@ impl Kind for PredictExposure {
         let evs = sorted(&params.evs);
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
+        }
+        if let Method::Manual { emitters } = &params.method {
+            manual::check(emitters)?;
         }
         params.method.kontext().map_or(Ok(()), |kontext| kontext.check())
     }
@@ -90,19 +107,26 @@ impl Kind for PredictExposure {
         let clipped = mask.iter().filter(|&&m| m).count() as u64;
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
-        let (log2_gain, regions) = if params.method == Method::Skip {
-            if clipped > 0 {
-                notes.warning("clipping-kept", format!("{clipped} clipped pixels stay as they are (Skip)"));
+        let nothing = || (vec![0.0; mask.len()], Vec::new());
+        let on_grid = || Clipped::new(pano, &pixels, &mask);
+        let (log2_gain, regions) = match &params.method {
+            _ if clipped == 0 => {
+                notes.decision("nothing-clipped", "no pixel is clipped, so nothing is predicted");
+                nothing()
             }
-            (vec![0.0; mask.len()], Vec::new())
-        } else if clipped == 0 {
-            notes.decision("nothing-clipped", "no pixel is clipped, so nothing is predicted");
-            (vec![0.0; mask.len()], Vec::new())
-        } else if let Some(kontext) = params.method.kontext() {
-            let darkest = params.evs.iter().copied().fold(0.0, f64::min);
-            (kontext.predict(&pixels, &mask, darkest, &mut notes, cx)?, Vec::new())
-        } else {
-            region::predict(pano.up, &pixels, &mask, &pano.alpha.samples, cx)?
+            Method::Learned => learned::predict(&on_grid(), &mut notes, cx)?,
+            Method::Region => region::predict(&on_grid(), cx)?,
+            Method::Manual { emitters } => manual::predict(emitters, &on_grid(), &mut notes, cx)?,
+            Method::Skip => {
+                notes.warning("clipping-kept", format!("{clipped} clipped pixels stay as they are (Skip)"));
+                nothing()
+            }
+            Method::FluxKontext { .. } => {
+                let darkest = params.evs.iter().copied().fold(0.0, f64::min);
+                let kontext = params.method.kontext();
+                let gain = kontext.map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut notes, cx));
+                (gain.transpose()?.unwrap_or_default(), Vec::new())
+            }
         };
         if regions.iter().any(|region| region.sun) {
             notes.decision("sun", "a small clipped region in a blue sky is taken for the sun");
@@ -125,6 +149,60 @@ impl Kind for PredictExposure {
         let table = Arc::new(report.clone());
         let brackets = Arc::new(Brackets { log2_gain, evs, exposures, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
+    }
+}
+
+/// What is clipped of a panorama, on the grid that light is judged on.
+struct Clipped<'a> {
+    up: Up,
+    pixels: &'a LinearPixels,
+    mask: &'a [bool],
+    grid: Grid,
+    labels: Regions,
+    /// The cells of each region.
+    members: Vec<Vec<usize>>,
+}
+
+/// What was found about one region.
+struct Found {
+    sun: bool,
+    azimuth_deg: f64,
+    elevation_deg: f64,
+    solid_angle: f64,
+    mean_log2_gain: f64,
+    peak_log2_gain: f64,
+    /// How far off the mean gain may be, in stops, one standard deviation; `None` where it is not known.
+    uncertainty: Option<f64>,
+}
+
+impl<'a> Clipped<'a> {
+    fn new(pano: &Panorama, pixels: &'a LinearPixels, mask: &'a [bool]) -> Self {
+        let grid = Grid::new(pixels, mask, &pano.alpha.samples);
+        let labels = regions::label(&grid.clipped, grid.width);
+        let mut members = vec![Vec::new(); labels.count];
+        for (cell, region) in labels.of.iter().enumerate() {
+            if let Some(region) = region {
+                members[*region as usize].push(cell);
+            }
+        }
+        Self { up: pano.up, pixels, mask, grid, labels, members }
+    }
+
+    /// Region `i`, whose light was shared out by `spread`.
+    fn found(&self, i: usize, spread: &Spread, given: Given) -> Found {
+        let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.solid_angle(c);
+        let centre: DVec3 = self.members[i].iter().map(toward).sum();
+        let centre = centre.try_normalize().unwrap_or(axes(self.up)[2]);
+        let (azimuth_deg, elevation_deg) = measure::angles_deg(self.up, centre);
+        Found {
+            sun: false,
+            azimuth_deg,
+            elevation_deg,
+            solid_angle: spread.solid_angle[i],
+            mean_log2_gain: given.mean_log2_gain,
+            peak_log2_gain: given.peak_log2_gain,
+            uncertainty: None,
+        }
     }
 }
 
@@ -171,9 +249,11 @@ fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
     samples
 }
 
-fn report(method: &Method, clipped: u64, pixels: u64, regions: &[region::Found]) -> Report {
+fn report(method: &Method, clipped: u64, pixels: u64, regions: &[Found]) -> Report {
     let name = match method {
+        Method::Learned => "learned",
         Method::Region => "region regression",
+        Method::Manual { .. } => "manual",
         Method::Skip => "skip",
         Method::FluxKontext { .. } => "Flux.1 Kontext",
     };
@@ -193,12 +273,14 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[region::Found])
         "solid angle (sr)",
         "mean gain (stops)",
         "peak gain (stops)",
+        "uncertainty of the mean gain (stops)",
         "taken for",
     ];
-    let row = |r: &region::Found| {
+    let row = |r: &Found| {
         let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];
+        let uncertainty = r.uncertainty.map_or(Cell::Missing, Cell::Number);
         let name = if r.sun { "the sun" } else { "a light" };
-        numbers.map(Cell::Number).into_iter().chain([Cell::Text(name.to_owned())]).collect()
+        numbers.map(Cell::Number).into_iter().chain([uncertainty, Cell::Text(name.to_owned())]).collect()
     };
     let table = Table {
         name: "regions".to_owned(),

@@ -1,0 +1,417 @@
+//! Training of the exposure network: how much light clipping hides in a panorama, and where.
+//!
+//! Two small networks read numbers about a photographed panorama. One gives the amount: log2 of hidden over
+//! visible flux. Light that a place receives leaves it again, so what is visible tells much of what is hidden,
+//! whatever the size of the lamp. The other scores each clipped cell, and the exponentials of the scores are a
+//! distribution of that amount. A distribution is not timid: all light may be in one cell.
+
+use candle_core::{D, Device, Result, Tensor, Var};
+
+/// Photographed panoramas, each with the same number of clipped cells: chosen by chance where there are more,
+/// padded with cells of no weight where there are fewer. Row by row.
+pub struct Examples {
+    /// How many.
+    pub count: usize,
+    /// Cells of each.
+    pub cells: usize,
+    /// Numbers about each panorama.
+    pub overview: Vec<f32>,
+    /// Numbers about each cell.
+    pub features: Vec<f32>,
+    /// log of the visible flux of each cell, and of the number of cells that it stands for; -1e9 for padding.
+    pub log_flux: Vec<f32>,
+    /// Hidden flux of each cell, and of those it stands for.
+    pub hidden: Vec<f32>,
+    /// Cosine to the plane on which contrast is measured, for cells near the dominant light, else 0.
+    pub near: Vec<f32>,
+    /// The same for the other cells.
+    pub far: Vec<f32>,
+    /// Of each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three
+    /// of the truth; visible flux that is not clipped; hidden flux.
+    pub fluxes: Vec<[f32; 8]>,
+    /// How much each counts.
+    pub weight: Vec<f32>,
+}
+
+/// What is chosen about training. The values are those of the shipped weights.
+#[derive(Debug, Clone)]
+pub struct Recipe {
+    /// Hidden units of the amount and of the score.
+    pub units: [usize; 2],
+    /// Steps of gradient descent (Adam).
+    pub steps: usize,
+    /// Examples of a step.
+    pub batch: usize,
+    /// Rate of the first steps; it falls to 0.
+    pub rate: f64,
+    /// Weight of contrast in the loss, against 1 for the flux.
+    pub contrast: f64,
+    /// Weight of the cross-entropy of the distribution.
+    pub place: f64,
+    /// Weight of the amount itself.
+    pub amount: f64,
+    /// Penalty of squared weights: of the amount, of the affine score, of the network's score.
+    pub decay: [f64; 3],
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            units: [6, 12],
+            steps: 200,
+            batch: 48,
+            rate: 0.02,
+            contrast: 0.3,
+            place: 2.5,
+            amount: 0.1,
+            decay: [0.05, 0.005, 0.003],
+        }
+    }
+}
+
+/// Mean and spread of each number.
+#[derive(Debug, Clone)]
+pub struct Scale {
+    /// Means.
+    pub mean: Vec<f32>,
+    /// Standard deviations.
+    pub spread: Vec<f32>,
+}
+
+impl Scale {
+    /// Of rows of `columns` numbers, those that `counts` says.
+    pub fn of(values: &[f32], columns: usize, counts: impl Fn(usize) -> bool) -> Self {
+        let (mut sums, mut squares, mut n) = (vec![0.0_f64; columns], vec![0.0_f64; columns], 0.0);
+        for (_, row) in values.chunks_exact(columns).enumerate().filter(|(i, _)| counts(*i)) {
+            n += 1.0;
+            for ((sum, square), v) in sums.iter_mut().zip(&mut squares).zip(row) {
+                *sum += f64::from(*v);
+                *square += f64::from(*v) * f64::from(*v);
+            }
+        }
+        let n = f64::max(n, 1.0);
+        let mean = sums.iter().map(|s| (s / n) as f32).collect();
+        let spread = sums
+            .iter()
+            .zip(&squares)
+            .map(|(s, q)| ((q / n - s / n * (s / n)).max(0.0).sqrt() + 1e-4) as f32)
+            .collect();
+        Self { mean, spread }
+    }
+
+    /// Values in units of the spread, cut off at `limit`.
+    pub fn apply(&self, values: &mut [f32], limit: f32) {
+        for row in values.chunks_exact_mut(self.mean.len()) {
+            for ((v, mean), spread) in row.iter_mut().zip(&self.mean).zip(&self.spread) {
+                *v = ((*v - mean) / spread).clamp(-limit, limit);
+            }
+        }
+    }
+}
+
+/// One trained network, on scaled numbers.
+#[derive(Debug, Clone)]
+pub struct Network {
+    /// Names, shapes and values, as in the file of weights.
+    pub tensors: Vec<(&'static str, Vec<usize>, Vec<f32>)>,
+}
+
+struct Weights {
+    amount: Var,
+    amount_units: Var,
+    amount_unit_bias: Var,
+    amount_out: Var,
+    amount_bias: Var,
+    linear: Var,
+    cell: Var,
+    overview: Var,
+    bias: Var,
+    out: Var,
+}
+
+/// Numbers of a seeded sequence, by splitmix64; even in (-1, 1).
+struct Random(u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn even(&mut self) -> f32 {
+        ((self.bits() >> 40) as f32 / (1_u64 << 23) as f32) - 1.0
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.bits() % n.max(1) as u64) as usize
+    }
+}
+
+/// Slope of the units below 0.
+const LEAK: f64 = 0.1;
+
+fn unit(x: &Tensor) -> Result<Tensor> {
+    x.relu()? + ((x - x.relu()?)? * LEAK)?
+}
+
+impl Weights {
+    fn new(columns: (usize, usize), units: [usize; 2], bias: f64, random: &mut Random) -> Result<Self> {
+        let (overview, cell) = columns;
+        let mut var = |rows: usize, columns: usize, size: f64| {
+            // Even numbers of the same variance as normal ones of spread `size`.
+            let values: Vec<f32> =
+                (0..rows * columns).map(|_| random.even() * (size * 1.732_050_8) as f32).collect();
+            Var::from_vec(values, (rows, columns), &Device::Cpu)
+        };
+        Ok(Self {
+            amount: var(overview, 1, 0.0)?,
+            amount_units: var(overview, units[0], 1.0 / (overview as f64).sqrt())?,
+            amount_unit_bias: var(1, units[0], 0.0)?,
+            amount_out: var(units[0], 1, 0.1 / (units[0] as f64).sqrt())?,
+            amount_bias: Var::from_vec(vec![bias as f32], 1, &Device::Cpu)?,
+            linear: var(cell, 1, 0.0)?,
+            cell: var(cell, units[1], 1.0 / (cell as f64).sqrt())?,
+            overview: var(overview, units[1], 0.3 / (overview as f64).sqrt())?,
+            bias: var(1, units[1], 0.0)?,
+            out: var(units[1], 1, 0.3 / (units[1] as f64).sqrt())?,
+        })
+    }
+
+    fn of(network: &Network) -> Result<Self> {
+        // A row for each unit, in the file; a column, here.
+        let var = |k: usize| {
+            let (_, shape, values) = &network.tensors[k];
+            let (columns, rows) = match shape[..] {
+                [units, numbers] => (units, numbers),
+                [numbers] => (1, numbers),
+                _ => (1, values.len()),
+            };
+            let tensor = Tensor::from_vec(values.clone(), (columns, rows), &Device::Cpu)?;
+            Var::from_tensor(&tensor.t()?.contiguous()?)
+        };
+        let row = |k: usize| Var::from_tensor(&var(k)?.t()?.contiguous()?);
+        Ok(Self {
+            amount: var(0)?,
+            amount_units: var(1)?,
+            amount_unit_bias: row(2)?,
+            amount_out: var(3)?,
+            amount_bias: Var::from_tensor(&var(4)?.flatten_all()?)?,
+            linear: var(5)?,
+            cell: var(6)?,
+            overview: var(7)?,
+            bias: row(8)?,
+            out: var(9)?,
+        })
+    }
+
+    fn vars(&self) -> [&Var; 10] {
+        [
+            &self.amount,
+            &self.amount_units,
+            &self.amount_unit_bias,
+            &self.amount_out,
+            &self.amount_bias,
+            &self.linear,
+            &self.cell,
+            &self.overview,
+            &self.bias,
+            &self.out,
+        ]
+    }
+
+    /// The amount of each panorama, and the log of the share of each cell.
+    fn forward(&self, overview: &Tensor, features: &Tensor, log_flux: &Tensor) -> Result<(Tensor, Tensor)> {
+        let (n, cells, columns) = features.dims3()?;
+        let bent = unit(&overview.matmul(&self.amount_units)?.broadcast_add(&self.amount_unit_bias)?)?;
+        let amount = (overview.matmul(&self.amount)? + bent.matmul(&self.amount_out)?)?;
+        let amount = amount.squeeze(1)?.broadcast_add(&self.amount_bias)?;
+        let flat = features.reshape((n * cells, columns))?;
+        let about = overview.matmul(&self.overview)?.broadcast_add(&self.bias)?.unsqueeze(1)?;
+        let units = self.out.dim(0)?;
+        let inner = flat.matmul(&self.cell)?.reshape((n, cells, units))?.broadcast_add(&about)?;
+        let bent = unit(&inner)?.reshape((n * cells, units))?.matmul(&self.out)?;
+        let score = (flat.matmul(&self.linear)? + bent)?.reshape((n, cells))?;
+        let score = (score + log_flux)?;
+        let largest = score.max_keepdim(D::Minus1)?.detach();
+        let score = score.broadcast_sub(&largest)?;
+        let total = score.exp()?.sum_keepdim(D::Minus1)?.log()?;
+        Ok((amount, score.broadcast_sub(&total)?))
+    }
+}
+
+/// About |x|, smooth at 0.
+fn magnitude(x: &Tensor) -> Result<Tensor> {
+    (x.sqr()? + 0.05)?.sqrt()
+}
+
+fn log2(x: &Tensor) -> Result<Tensor> {
+    x.log()? * std::f64::consts::LOG2_E
+}
+
+/// The examples of one step, as tensors.
+struct Batch {
+    overview: Tensor,
+    features: Tensor,
+    log_flux: Tensor,
+    hidden: Tensor,
+    near: Tensor,
+    far: Tensor,
+    fluxes: [Tensor; 8],
+    weight: Tensor,
+}
+
+impl Batch {
+    fn new(examples: &Examples, chosen: &[usize]) -> Result<Self> {
+        let (n, cells) = (chosen.len(), examples.cells);
+        let gather = |values: &[f32]| {
+            let width = values.len() / examples.count;
+            let rows: Vec<f32> =
+                chosen.iter().flat_map(|&i| &values[i * width..(i + 1) * width]).copied().collect();
+            Tensor::from_vec(rows, (n, width), &Device::Cpu)
+        };
+        let features = gather(&examples.features)?;
+        let columns = features.dim(1)? / cells;
+        let mut fluxes = Vec::with_capacity(8);
+        for k in 0..8 {
+            let column: Vec<f32> = chosen.iter().map(|&i| examples.fluxes[i][k]).collect();
+            fluxes.push(Tensor::from_vec(column, n, &Device::Cpu)?);
+        }
+        let fluxes = fluxes.try_into().map_err(|_| candle_core::Error::Msg("eight fluxes".to_owned()))?;
+        Ok(Self {
+            overview: gather(&examples.overview)?,
+            features: features.reshape((n, cells, columns))?,
+            log_flux: gather(&examples.log_flux)?,
+            hidden: gather(&examples.hidden)?,
+            near: gather(&examples.near)?,
+            far: gather(&examples.far)?,
+            fluxes,
+            weight: gather(&examples.weight)?.squeeze(1)?,
+        })
+    }
+
+    fn loss(&self, weights: &Weights, recipe: &Recipe) -> Result<Tensor> {
+        let (amount, log_share) = weights.forward(&self.overview, &self.features, &self.log_flux)?;
+        let share = log_share.exp()?;
+        let [all, near, far, true_all, true_near, true_far, open, hidden] = &self.fluxes;
+        let predicted = (open * (amount.clamp(-8.0, 8.0)? * std::f64::consts::LN_2)?.exp()?)?;
+        let flux = log2(&((all + &predicted)? / true_all)?)?;
+        let on_plane = |own: &Tensor, toward: &Tensor| -> Result<Tensor> {
+            own + (&predicted * (&share * toward)?.sum(D::Minus1)?)?
+        };
+        let (near, far) = (on_plane(near, &self.near)?, on_plane(far, &self.far)?);
+        let ratio = |near: &Tensor, far: &Tensor| log2(&((near + 1e-4)? / (far + 1e-9)?)?);
+        let contrast = (ratio(&near, &far)? - ratio(true_near, true_far)?)?;
+        // Cross-entropy of where the light is, by how much it matters.
+        let total = (self.hidden.sum(D::Minus1)? + 1e-12)?;
+        let place = ((&self.hidden * &log_share)?.sum(D::Minus1)?.neg()? / total)?;
+        let place = (place * (hidden / true_all)?)?;
+        let wanted = log2(&(hidden / open)?.clamp(0.02, 1e9)?)?;
+        let loss = (magnitude(&flux)? + (magnitude(&contrast)? * recipe.contrast)?)?;
+        let loss = (loss + (place * recipe.place)?)?;
+        let loss = (loss + (magnitude(&(amount - wanted)?)? * recipe.amount)?)?;
+        let loss = ((loss * &self.weight)?.sum_all()? / self.weight.sum_all()?)?;
+        let square = |var: &Var| var.sqr()?.sum_all();
+        let inner = (square(&weights.cell)? + (square(&weights.overview)? * 2.0)?)?;
+        let inner = (inner + square(&weights.out)?)?;
+        let amount = (square(&weights.amount)? + square(&weights.amount_units)?)?;
+        let amount = (amount + square(&weights.amount_out)?)?;
+        let loss = (loss + (amount * recipe.decay[0])?)?;
+        let loss = (loss + (square(&weights.linear)? * recipe.decay[1])?)?;
+        loss + (inner * recipe.decay[2])?
+    }
+}
+
+/// The moments of Adam.
+struct Adam {
+    first: Vec<Tensor>,
+    second: Vec<Tensor>,
+}
+
+impl Adam {
+    fn step(&mut self, vars: &[&Var], loss: &Tensor, rate: f64, count: usize) -> Result<()> {
+        let gradients = loss.backward()?;
+        // Powers by repeated products, so that they are the same everywhere.
+        let power = |base: f64| (0..count).fold(1.0, |p, _| p * base);
+        let (one, two) = (1.0 - power(0.9), 1.0 - power(0.98));
+        for (i, var) in vars.iter().enumerate() {
+            let Some(gradient) = gradients.get(var) else { continue };
+            self.first[i] = ((&self.first[i] * 0.9)? + (gradient * 0.1)?)?;
+            self.second[i] = ((&self.second[i] * 0.98)? + (gradient.sqr()? * 0.02)?)?;
+            let change = ((&self.first[i] / one)? / ((&self.second[i] / two)?.sqrt()? + 1e-6)?)?;
+            var.set(&(var.as_tensor() - (change * rate)?)?)?;
+        }
+        Ok(())
+    }
+}
+
+/// Trains one network on the `chosen` examples, whose numbers are scaled. `tell` hears of each step the loss
+/// and says whether to go on; a training that is stopped gives `None`.
+pub fn train(
+    examples: &Examples,
+    chosen: &[usize],
+    recipe: &Recipe,
+    seed: u64,
+    mut tell: impl FnMut(usize, f32) -> bool,
+) -> Result<Option<Network>> {
+    let columns = (
+        examples.overview.len() / examples.count.max(1),
+        examples.features.len() / (examples.count * examples.cells).max(1),
+    );
+    let mut random = Random(seed);
+    let log2_ratio =
+        |i: &usize| f64::from(examples.fluxes[*i][7] / examples.fluxes[*i][6].max(1e-12)).max(0.02);
+    let mean: f64 = chosen.iter().map(log2_ratio).sum::<f64>() / chosen.len().max(1) as f64;
+    let bias = f64::from(Tensor::new(mean as f32, &Device::Cpu)?.log()?.to_scalar::<f32>()?)
+        * std::f64::consts::LOG2_E;
+    let weights = Weights::new(columns, recipe.units, bias.clamp(-2.0, 4.0), &mut random)?;
+    let vars = weights.vars();
+    let zeros = || vars.iter().map(|var| var.zeros_like()).collect::<Result<Vec<_>>>();
+    let mut adam = Adam { first: zeros()?, second: zeros()? };
+    for step in 0..recipe.steps {
+        let batch: Vec<usize> =
+            (0..recipe.batch.min(chosen.len())).map(|_| chosen[random.below(chosen.len())]).collect();
+        let loss = Batch::new(examples, &batch)?.loss(&weights, recipe)?;
+        let done = step as f64 / recipe.steps as f64;
+        let rate = recipe.rate * (1.0 - done) * f64::min(1.0, (step + 1) as f64 / 20.0);
+        adam.step(&vars, &loss, rate, step + 1)?;
+        if !tell(step + 1, loss.to_scalar()?) {
+            return Ok(None);
+        }
+    }
+    let flat = |var: &Var| var.flatten_all()?.to_vec1::<f32>();
+    let transposed = |var: &Var| var.t()?.contiguous()?.flatten_all()?.to_vec1::<f32>();
+    let tensors = vec![
+        ("amount.linear", vec![columns.0], flat(&weights.amount)?),
+        ("amount.units", vec![recipe.units[0], columns.0], transposed(&weights.amount_units)?),
+        ("amount.unit_bias", vec![recipe.units[0]], flat(&weights.amount_unit_bias)?),
+        ("amount.out", vec![recipe.units[0]], flat(&weights.amount_out)?),
+        ("amount.bias", vec![1], flat(&weights.amount_bias)?),
+        ("score.linear", vec![columns.1], flat(&weights.linear)?),
+        ("score.cell", vec![recipe.units[1], columns.1], transposed(&weights.cell)?),
+        ("score.overview", vec![recipe.units[1], columns.0], transposed(&weights.overview)?),
+        ("score.bias", vec![recipe.units[1]], flat(&weights.bias)?),
+        ("score.out", vec![recipe.units[1]], flat(&weights.out)?),
+    ];
+    Ok(Some(Network { tensors }))
+}
+
+/// What a network says of one panorama, whose numbers are scaled: log2 of hidden over visible flux, and the
+/// share of each cell.
+pub fn predict(
+    network: &Network,
+    overview: &[f32],
+    features: &[f32],
+    log_flux: &[f32],
+) -> Result<(f32, Vec<f32>)> {
+    let cells = log_flux.len();
+    let tensor = |values: &[f32], shape: &[usize]| Tensor::from_vec(values.to_vec(), shape, &Device::Cpu);
+    let (amount, log_share) = Weights::of(network)?.forward(
+        &tensor(overview, &[1, overview.len()])?,
+        &tensor(features, &[1, cells, features.len() / cells.max(1)])?,
+        &tensor(log_flux, &[1, cells])?,
+    )?;
+    Ok((amount.squeeze(0)?.to_scalar()?, log_share.exp()?.squeeze(0)?.to_vec1()?))
+}

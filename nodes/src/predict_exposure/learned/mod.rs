@@ -1,0 +1,119 @@
+//! The learned prediction: how much light clipping hides, and where.
+
+mod blur;
+mod net;
+mod scene;
+
+use engine::{Context, NodeError, Notes};
+
+use super::spread::Spread;
+use super::{Clipped, Found};
+use crate::num;
+
+#[cfg(feature = "learned")]
+pub(super) use self::net::LIMITS;
+pub(super) use self::net::Network;
+pub(super) use self::scene::{CELL, OVERVIEW, Scene};
+
+/// The shipped weights: safetensors in f16, made by `train-exposure` as docs/light.md tells.
+pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../weights/exposure.safetensors");
+const FILE: &str = "exposure.safetensors";
+
+/// The light hidden in each clipped cell, averaged over the members of a network, and how far the members
+/// disagree about each region, in stops.
+pub(super) struct Hidden {
+    pub cells: Vec<f64>,
+    pub disagreement: Vec<f64>,
+}
+
+/// Averages what the members of `network` say about `scene`.
+pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
+    let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
+    let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
+    let predictions = network.predict(&scene.overview, &features, &flux);
+    let count = predictions.len().max(1) as f64;
+    let amount = predictions.iter().map(|p| p.amount).sum::<f64>() / count;
+    let total = scene.open_flux * num::f64::exp2(amount);
+    let mut cells = vec![0.0; flux.len()];
+    let mut logs = vec![Vec::with_capacity(predictions.len()); regions];
+    for prediction in &predictions {
+        let mut of_region = vec![0.0; regions];
+        for ((sum, share), cell) in cells.iter_mut().zip(&prediction.shares).zip(&scene.cells) {
+            *sum += total * share / count;
+            of_region[cell.region] += share;
+        }
+        for (log, share) in logs.iter_mut().zip(of_region) {
+            log.push(prediction.amount + num::f64::log2(share.max(1e-12)));
+        }
+    }
+    let deviation = |logs: &Vec<f64>| {
+        let mean = logs.iter().sum::<f64>() / count;
+        (logs.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count).sqrt()
+    };
+    Hidden { cells, disagreement: logs.iter().map(deviation).collect() }
+}
+
+/// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
+pub(super) fn predict(
+    clipped: &Clipped<'_>,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
+    let Clipped { up, pixels, mask, ref grid, ref labels, .. } = *clipped;
+    let network = Network::parse(FILE, WEIGHTS, OVERVIEW, CELL)?;
+    let scene = Scene::new(grid, up, labels);
+    cx.check()?;
+    cx.progress(0.4);
+    let mut log2_gain = vec![0.0_f32; mask.len()];
+    if scene.open_flux <= 0.0 {
+        let text = "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
+        notes.warning("nothing-visible", text);
+        return Ok((log2_gain, Vec::new()));
+    }
+    let hidden = hidden(&network, &scene, labels.count);
+    // Log of hidden over visible light of each clipped cell; neighbours in a region are interpolated between.
+    let mut log_ratio = vec![None; grid.rgb.len()];
+    let mut excess = vec![0.0; labels.count];
+    for (cell, hidden) in scene.cells.iter().zip(&hidden.cells) {
+        excess[cell.region] += hidden;
+        if cell.flux > 0.0 {
+            log_ratio[cell.index] = Some(num::f64::log2((hidden / cell.flux).max(1e-12)));
+        }
+    }
+    let profile = |region: usize, at: usize| {
+        let (x, y) = (at % pixels.width, at / pixels.width);
+        let place = |i: usize, n: usize, cells: usize| {
+            let at = (i as f64 + 0.5) * cells as f64 / n as f64 - 0.5;
+            (at.floor(), at - at.floor())
+        };
+        let ((left, right_part), (top, low_part)) =
+            (place(x, pixels.width, grid.width), place(y, pixels.height, grid.height));
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (row, of_row) in [(top, 1.0 - low_part), (top + 1.0, low_part)] {
+            for (column, of_column) in [(left, 1.0 - right_part), (left + 1.0, right_part)] {
+                let row = row.clamp(0.0, (grid.height - 1) as f64) as usize;
+                let column = (column + grid.width as f64) as usize % grid.width;
+                let (cell, weight) = (row * grid.width + column, of_row * of_column);
+                if let Some(ratio) = log_ratio[cell]
+                    && labels.of[cell] == Some(region as u32)
+                {
+                    sum += weight * ratio;
+                    total += weight;
+                }
+            }
+        }
+        if total > 0.0 { num::f64::exp2(sum / total) } else { 1.0 }
+    };
+    let spread = Spread::new(pixels, mask, grid, labels, profile, cx)?;
+    let mut found = Vec::with_capacity(labels.count);
+    for (i, excess) in excess.into_iter().enumerate() {
+        let given = spread.apply(i, excess, pixels, &mut log2_gain);
+        // What is not hidden is certain: the gain is off by its hidden part's share of the error.
+        let share = 1.0 - num::f64::exp2(-given.mean_log2_gain);
+        let disagreement = hidden.disagreement[i];
+        let error = (network.residual * network.residual + disagreement * disagreement).sqrt();
+        found.push(Found { uncertainty: Some(share * error), ..clipped.found(i, &spread, given) });
+    }
+    cx.progress(0.8);
+    Ok((log2_gain, found))
+}

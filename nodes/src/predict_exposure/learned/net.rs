@@ -1,0 +1,244 @@
+//! The forward pass of the exposure network: the same bits everywhere, since every sum has one order.
+
+use crate::error::Error;
+use crate::nn::Weights;
+use crate::num;
+
+/// Slope of the units below 0.
+const LEAK: f32 = 0.1;
+/// Scaled numbers are cut off at so many spreads: of the whole, and of a cell.
+pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
+/// Hidden light is at most 2^8 of what is visible, and at least 2^-8.
+const AMOUNT: f64 = 8.0;
+
+/// Several networks of one shape, whose predictions are averaged.
+pub(in super::super) struct Network {
+    /// Mean and spread of the numbers about the whole, and of those about a cell.
+    scales: [(Vec<f32>, Vec<f32>); 2],
+    members: Vec<Member>,
+    /// What the disagreement of the members leaves out of the uncertainty, in stops.
+    pub residual: f64,
+}
+
+struct Member {
+    amount: Affine,
+    amount_units: Vec<Affine>,
+    amount_out: Vec<f32>,
+    linear: Vec<f32>,
+    cell: Vec<f32>,
+    overview: Vec<Affine>,
+    out: Vec<f32>,
+}
+
+struct Affine {
+    weight: Vec<f32>,
+    bias: f32,
+}
+
+/// What one member predicts.
+pub(in super::super) struct Prediction {
+    /// log2 of hidden over visible flux.
+    pub amount: f64,
+    /// The share of each cell.
+    pub shares: Vec<f64>,
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b)
+}
+
+fn unit(x: f32) -> f32 {
+    if x > 0.0 { x } else { LEAK * x }
+}
+
+impl Affine {
+    fn apply(&self, x: &[f32]) -> f32 {
+        dot(&self.weight, x) + self.bias
+    }
+}
+
+impl Network {
+    /// Reads a file of weights. `file` is the name for messages.
+    pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
+        let weights = Weights::parse(file, bytes)?;
+        let wrong = |name: &str, shape: &[usize], wanted: &str| {
+            Error::format(file, format!("tensor `{name}` has shape {shape:?}; {wanted} is wanted"))
+        };
+        let sized = |name: &str, columns: usize| {
+            let (shape, values) = weights.tensor(name)?;
+            if values.len() != columns {
+                return Err(wrong(name, &shape, &format!("[{columns}]")));
+            }
+            Ok(values)
+        };
+        // A tensor of one row of `columns` for each member, or of several rows each.
+        let rows = |name: &str, members: usize, columns: Option<usize>| {
+            let (shape, values) = weights.tensor(name)?;
+            let fits = shape.first() == Some(&members) && columns.is_none_or(|n| shape.last() == Some(&n));
+            if !fits || values.is_empty() {
+                let columns = columns.map_or("...".to_owned(), |n| n.to_string());
+                return Err(wrong(name, &shape, &format!("[{members}, {columns}]")));
+            }
+            let each = values.len() / members;
+            Ok(values.chunks_exact(each).map(<[f32]>::to_vec).collect::<Vec<_>>())
+        };
+        let count = weights.tensor("amount.bias")?.1.len();
+        let (amount, bias) = (rows("amount.linear", count, Some(overview))?, sized("amount.bias", count)?);
+        let units = rows("amount.units", count, Some(overview))?;
+        let unit_bias = rows("amount.unit_bias", count, None)?;
+        let amount_out = rows("amount.out", count, None)?;
+        let linear = rows("score.linear", count, Some(cell))?;
+        let cells = rows("score.cell", count, Some(cell))?;
+        let about = rows("score.overview", count, Some(overview))?;
+        let about_bias = rows("score.bias", count, None)?;
+        let out = rows("score.out", count, None)?;
+        let affine = |weight: &[f32], bias: &[f32]| -> Vec<Affine> {
+            let rows = weight.chunks_exact(overview).zip(bias);
+            rows.map(|(row, bias)| Affine { weight: row.to_vec(), bias: *bias }).collect()
+        };
+        let mut members = Vec::with_capacity(count);
+        for m in 0..count {
+            let (inner, scored) = (amount_out[m].len(), out[m].len());
+            let whole = units[m].len() == inner * overview
+                && unit_bias[m].len() == inner
+                && cells[m].len() == scored * cell
+                && about[m].len() == scored * overview
+                && about_bias[m].len() == scored;
+            if !whole {
+                return Err(Error::format(file, "its tensors have different numbers of units"));
+            }
+            members.push(Member {
+                amount: Affine { weight: amount[m].clone(), bias: bias[m] },
+                amount_units: affine(&units[m], &unit_bias[m]),
+                amount_out: amount_out[m].clone(),
+                linear: linear[m].clone(),
+                cell: cells[m].clone(),
+                overview: affine(&about[m], &about_bias[m]),
+                out: out[m].clone(),
+            });
+        }
+        let scale = |name: &str, columns: usize| {
+            let spread = sized(&format!("{name}.spread"), columns)?;
+            if spread.iter().any(|v| *v <= 0.0) {
+                return Err(Error::format(file, format!("tensor `{name}.spread` holds a value not above 0")));
+            }
+            Ok((sized(&format!("{name}.mean"), columns)?, spread))
+        };
+        let scales = [scale("overview", overview)?, scale("cell", cell)?];
+        let residual = f64::from(sized("residual", 1)?[0]);
+        Ok(Self { scales, members, residual })
+    }
+
+    /// The predictions of every member. `flux` is what each cell shows.
+    pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Vec<Prediction> {
+        let scaled = |which: usize, values: &[f32]| -> Vec<f32> {
+            let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
+            let scaled = values.iter().zip(mean).zip(spread).map(|((v, m), s)| (v - m) / s);
+            scaled.map(|v| v.clamp(-limit, limit)).collect()
+        };
+        let overview = scaled(0, overview);
+        let cells: Vec<Vec<f32>> = cells.iter().map(|cell| scaled(1, cell)).collect();
+        self.members.iter().map(|member| member.predict(&overview, &cells, flux)).collect()
+    }
+}
+
+impl Member {
+    fn predict(&self, overview: &[f32], cells: &[Vec<f32>], flux: &[f64]) -> Prediction {
+        let bent: Vec<f32> = self.amount_units.iter().map(|u| unit(u.apply(overview))).collect();
+        let amount = self.amount.apply(overview) + dot(&self.amount_out, &bent);
+        let about: Vec<f32> = self.overview.iter().map(|u| u.apply(overview)).collect();
+        let score = |cell: &Vec<f32>| {
+            let rows = self.cell.chunks_exact(cell.len());
+            let inner = rows
+                .zip(&about)
+                .zip(&self.out)
+                .fold(0.0, |sum, ((row, about), out)| sum + out * unit(dot(row, cell) + about));
+            f64::from(dot(&self.linear, cell) + inner)
+        };
+        let scores: Vec<f64> = cells.iter().map(score).collect();
+        let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> =
+            scores.iter().zip(flux).map(|(score, flux)| num::f64::exp(score - largest) * flux).collect();
+        let total: f64 = weights.iter().sum();
+        let share = |w: f64| if total > 0.0 { w / total } else { 0.0 };
+        Prediction {
+            amount: f64::from(amount).clamp(-AMOUNT, AMOUNT),
+            shares: weights.into_iter().map(share).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::predict_exposure::learned::{CELL, OVERVIEW, WEIGHTS};
+    use safetensors::SafeTensors;
+    use safetensors::tensor::{Dtype, TensorView, serialize};
+
+    /// The shipped weights with the bytes and shapes of each tensor changed.
+    fn changed(change: impl Fn(&str, &mut Vec<usize>, &mut Vec<u8>) -> bool) -> Result<Network, Error> {
+        let tensors = SafeTensors::deserialize(WEIGHTS).expect("is sound");
+        let mut kept = Vec::new();
+        for (name, view) in tensors.tensors() {
+            let (mut shape, mut bytes) = (view.shape().to_vec(), view.data().to_vec());
+            if change(&name, &mut shape, &mut bytes) {
+                kept.push((name, shape, bytes));
+            }
+        }
+        let view = |(name, shape, bytes)| (name, TensorView::new(Dtype::F16, shape, bytes).expect("fits"));
+        let views =
+            kept.iter().map(|(name, shape, bytes)| view((name.as_str(), shape.clone(), bytes.as_slice())));
+        let file = serialize(views, None).expect("serializes");
+        Network::parse("w", &file, OVERVIEW, CELL)
+    }
+
+    /// What is wrong with weights is told by the name of the tensor.
+    /// Mutation: `is_finite` dropped in `Weights::tensor`.
+    #[test]
+    fn row_25_wrong_weights_are_refused_by_name() {
+        let names =
+            SafeTensors::deserialize(WEIGHTS).expect("is sound").names().into_iter().map(String::from);
+        for name in names.collect::<Vec<_>>() {
+            let said =
+                |result: Result<Network, Error>| result.err().map(|e| e.to_string()).unwrap_or_default();
+            let missing = said(changed(|n, _, _| n != name));
+            assert!(missing.contains(&format!("`{name}` is missing")), "{missing}");
+            let nan = said(changed(|n, _, bytes| {
+                if n == name {
+                    bytes[1] = 0x7e;
+                }
+                true
+            }));
+            assert!(nan.contains(&name) && nan.contains("NaN"), "{nan}");
+            let longer = said(changed(|n, shape, bytes| {
+                if n == name {
+                    let last = shape.len() - 1;
+                    let rows: usize = shape[..last].iter().product();
+                    shape[last] += 1;
+                    bytes.resize(bytes.len() + 2 * rows, 0);
+                }
+                true
+            }));
+            assert!(!longer.is_empty(), "{name}");
+        }
+    }
+
+    /// The largest weights that f16 holds overflow nothing.
+    /// Mutation: `score - largest` to `score` in `Member::predict`.
+    #[test]
+    fn row_26_the_largest_weights_stay_finite() {
+        let network = changed(|name, _, bytes| {
+            if !name.contains("spread") {
+                bytes.chunks_exact_mut(2).for_each(|b| b.copy_from_slice(&[0xff, 0x7b]));
+            }
+            true
+        })
+        .expect("is sound");
+        let cells = [[1e4; CELL], [-1e4; CELL], [0.0; CELL]];
+        let views: Vec<&[f32]> = cells.iter().map(|cell| cell.as_slice()).collect();
+        for prediction in network.predict(&[1e4; OVERVIEW], &views, &[1.0, 2.0, 3.0]) {
+            assert!(prediction.amount.abs() <= AMOUNT);
+            assert!((prediction.shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        }
+    }
+}

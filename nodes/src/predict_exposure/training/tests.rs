@@ -1,0 +1,86 @@
+use learned::exposure::{Network, Scale};
+
+use super::super::learned::LIMITS;
+use super::truth::{Shot, Truth};
+use super::*;
+
+#[test]
+fn files_of_one_place_go_together() {
+    assert_eq!(place("brown_photostudio_03"), place("brown_photostudio_07"));
+    assert_eq!(place("kloppenheim_01_puresky"), place("kloppenheim_07"));
+    assert_ne!(place("snowy_field"), place("snow_field_puresky"));
+    assert_eq!(place("kiara_1_dawn"), "kiara_1_dawn");
+}
+
+// A training of a few steps on panoramas made by formula: the same bytes again, whether in one go or with
+// networks kept from before; and the file is one that the forward pass reads.
+#[test]
+fn a_training_repeats_and_resumes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recipe = Recipe { steps: 4, batch: 4, ..Recipe::default() };
+    let plan = Plan { seed: 3, members: 2, folds: 2, procedural: 6, recipe };
+    let panoramas =
+        || (0..4).map(|i| (format!("place{i}_x"), procedural::panorama(9, i))).collect::<Vec<_>>();
+    let run = |parts: &Path, stop: usize| {
+        let mut told = 0;
+        train(panoramas(), &plan, parts, &mut |progress| {
+            told += usize::from(matches!(progress, Progress::Step { .. }));
+            told < stop
+        })
+        .expect("trains")
+    };
+    assert!(run(folder.path(), 6).is_none(), "stopped");
+    let resumed = run(folder.path(), 1000).expect("is done");
+    let fresh = run(tempfile::tempdir().expect("a folder").path(), 1000).expect("is done");
+    assert!(resumed.weights == fresh.weights && resumed.scores.len() == 4);
+    assert!(Forward::parse("w", &fresh.weights, OVERVIEW, CELL).is_ok());
+}
+
+// Clipping hides what it hides: visible and hidden light add up to the truth where nothing is softened.
+#[test]
+fn an_example_keeps_the_books() {
+    for index in 0..6 {
+        let truth = Truth::new(procedural::panorama(5, index)).expect("has light");
+        let example = truth.example(Shot::plain(0.5)).expect("photographs");
+        let hidden: f64 = example.hidden.iter().sum();
+        let sum = example.visible[0] + hidden;
+        assert!((sum / example.truth[0] - 1.0).abs() < 0.02, "{index}: {sum} {:?}", example.truth);
+    }
+}
+
+// The forward pass that ships against candle's, with the shipped weights.
+#[test]
+fn the_forward_pass_agrees_with_candle() {
+    let weights = crate::nn::Weights::parse("w", super::super::learned::WEIGHTS).expect("is sound");
+    let tensor = |name: &str| weights.tensor(name).expect("is there");
+    let scale = |name: &str| Scale {
+        mean: tensor(&format!("{name}.mean")).1,
+        spread: tensor(&format!("{name}.spread")).1,
+    };
+    let forward = Forward::parse("w", super::super::learned::WEIGHTS, OVERVIEW, CELL).expect("is sound");
+    let members = tensor("amount.bias").1.len();
+    for index in 0..4 {
+        let truth = Truth::new(procedural::panorama(2, index)).expect("has light");
+        let scene = truth.example(Shot::plain(0.3)).expect("photographs").scene;
+        let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
+        let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
+        let ours = forward.predict(&scene.overview, &features, &flux);
+        let (mut overview, mut flat) = (scene.overview.to_vec(), features.concat());
+        scale("overview").apply(&mut overview, LIMITS[0]);
+        scale("cell").apply(&mut flat, LIMITS[1]);
+        let log_flux: Vec<f32> = flux.iter().map(|v| num::f64::ln(*v) as f32).collect();
+        for (member, ours) in ours.iter().enumerate() {
+            let one = |name: &'static str| {
+                let (shape, values) = tensor(name);
+                let each = values.len() / members;
+                (name, shape[1..].to_vec(), values[member * each..][..each].to_vec())
+            };
+            let network = Network { tensors: weights::TENSORS.map(one).to_vec() };
+            let (amount, shares) = exposure::predict(&network, &overview, &flat, &log_flux).expect("runs");
+            assert!((f64::from(amount) - ours.amount).abs() < 1e-5, "{amount} {}", ours.amount);
+            for (a, b) in shares.iter().zip(&ours.shares) {
+                assert!((f64::from(*a) - b).abs() < 1e-5, "{a} {b}");
+            }
+        }
+    }
+}

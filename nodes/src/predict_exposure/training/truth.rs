@@ -1,0 +1,194 @@
+//! Examples to learn from: HDR panoramas, photographed so that they clip, with the light that this hides.
+
+use engine::Up;
+use glam::DVec3;
+
+use super::super::grid::Grid;
+use super::super::learned::Scene;
+use super::super::{clip_mask, clipped_light};
+use super::WIDTH;
+use crate::color::{code8, srgb_from_linear};
+use crate::equirect::{axes, direction, pixel_solid_angle};
+use crate::light::measure::{self, DOMINANT_COS};
+use crate::light::regions;
+use crate::num;
+use crate::sampling::{hash, unit};
+use crate::types::{Environment, Image, Linear, Panorama, Srgb};
+
+/// An HDR panorama of [`WIDTH`] columns and where its strongest light is.
+pub struct Truth {
+    /// Linear light, scaled to EV 0.
+    pub image: Image<Linear>,
+    /// Towards the dominant light.
+    pub light: DVec3,
+}
+
+/// How a panorama is photographed.
+#[derive(Debug, Clone, Copy)]
+pub struct Shot {
+    /// Stops above EV 0.
+    pub ev: f64,
+    /// Gain of each channel.
+    pub balance: [f64; 3],
+    /// Whether the picture is softened after it clipped, as splats that were trained on it would.
+    pub soft: bool,
+    /// Codes of 8 bits by which samples are off, at most, as after compression.
+    pub grain: f64,
+    /// Seed of the grain.
+    pub seed: u32,
+    /// Sine of the elevation below which nothing was seen.
+    pub hole: f64,
+}
+
+impl Shot {
+    /// A photograph without any fault.
+    pub fn plain(ev: f64) -> Self {
+        Self { ev, balance: [1.0; 3], soft: false, grain: 0.0, seed: 0, hole: -1.0 }
+    }
+}
+
+/// One photographed panorama.
+pub struct Example {
+    /// The photograph on the grid, linear.
+    pub rgb: Vec<[f64; 3]>,
+    /// What the network is shown.
+    pub scene: Scene,
+    /// Light hidden in each clipped cell: true less visible luminance, times solid angle.
+    pub hidden: Vec<f64>,
+    /// For each clipped cell, cosine to the plane that contrast is measured on where the cell is within 15
+    /// degrees of the dominant light (first) or not (second), else 0.
+    pub toward: Vec<[f64; 2]>,
+    /// Flux of the visible panorama: all, and on the plane from near the dominant light and from elsewhere.
+    pub visible: [f64; 3],
+    /// The same of the truth.
+    pub truth: [f64; 3],
+}
+
+/// Averages linear RGB of any size down to [`WIDTH`] columns, by solid angle.
+pub fn shrink(width: usize, height: usize, rgb: &[f32]) -> Image<Linear> {
+    let mut sums = vec![[0.0_f64; 4]; WIDTH * WIDTH / 2];
+    for y in 0..height {
+        let solid_angle = pixel_solid_angle(width, height, y);
+        for x in 0..width {
+            let (column, row) = ((2 * x + 1) * WIDTH / (2 * width), (2 * y + 1) * (WIDTH / 2) / (2 * height));
+            let sum = &mut sums[row * WIDTH + column];
+            sum[3] += solid_angle;
+            for c in 0..3 {
+                sum[c] += solid_angle * f64::from(rgb[(y * width + x) * 3 + c].max(0.0));
+            }
+        }
+    }
+    let mean = |[r, g, b, w]: [f64; 4]| [r, g, b].map(|v| (v / w.max(f64::MIN_POSITIVE)) as f32);
+    Image::from_samples(WIDTH, WIDTH / 2, 3, sums.into_iter().flat_map(mean).collect())
+}
+
+impl Truth {
+    /// Scales a panorama to EV 0: the median of its positive samples, raised to 1/2.4, becomes 0.5, but at
+    /// most 15 % of the sphere exceed 1. `None` for a panorama without light.
+    pub fn new(mut image: Image<Linear>) -> Option<Self> {
+        let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
+        if positive.is_empty() {
+            return None;
+        }
+        positive.sort_by(f32::total_cmp);
+        let (low, high) = (positive[(positive.len() - 1) / 2], positive[positive.len() / 2]);
+        let root = |v: f32| num::pow(f64::from(v), 1.0 / 2.4);
+        let scale = num::pow(0.5 / (0.5 * (root(low) + root(high))), 2.4);
+        let (width, height) = (image.width, image.height);
+        let mut peaks: Vec<(f32, f64)> = (0..width * height)
+            .map(|i| {
+                let [r, g, b] = image.rgb(i % width, i / width);
+                let (sine, _) =
+                    num::sin_cos(std::f64::consts::PI * ((i / width) as f64 + 0.5) / height as f64);
+                (r.max(g).max(b), sine)
+            })
+            .collect();
+        peaks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let total: f64 = peaks.iter().map(|p| p.1).sum();
+        let mut sum = 0.0;
+        let limit = peaks.iter().find(|(_, weight)| {
+            sum += weight;
+            sum >= 0.85 * total
+        });
+        let scale = limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak).max(1e-12)));
+        image.samples.iter_mut().for_each(|v| *v = (f64::from(*v) * scale) as f32);
+        let env = Environment { image, up: Up::PlusZ, origin: None };
+        let light = measure::dominant(&measure::cells(&env, WIDTH / 2), &measure::cells(&env, WIDTH))?;
+        Some(Self { image: env.image, light })
+    }
+
+    /// Photographs it, in 8 bits.
+    pub fn photograph(&self, shot: Shot) -> Panorama {
+        let exposure = num::f64::exp2(shot.ev);
+        let (width, height) = (self.image.width, self.image.height);
+        let expose = |(i, v): (usize, &f32)| {
+            srgb_from_linear((f64::from(*v) * exposure * shot.balance[i % 3]).min(1.0) as f32)
+        };
+        let mut codes: Vec<f32> = self.image.samples.iter().enumerate().map(expose).collect();
+        if shot.soft {
+            codes = soften(&codes, width);
+        }
+        for (i, code) in codes.iter_mut().enumerate() {
+            let off = f64::from(unit(hash(shot.seed, i as u32))) * 2.0 - 1.0;
+            *code = f32::from(code8(*code + (off * shot.grain / 255.0) as f32)) / 255.0;
+        }
+        let seen = |i: usize| {
+            let up = num::f64::cos(std::f64::consts::PI * ((i / width) as f64 + 0.5) / height as f64);
+            if up < shot.hole { 0.0 } else { 1.0 }
+        };
+        Panorama {
+            image: Image::<Srgb>::from_samples(width, height, 3, codes).into(),
+            alpha: Image::from_samples(width, height, 1, (0..width * height).map(seen).collect()),
+            up: Up::PlusZ,
+            origin: DVec3::ZERO,
+        }
+    }
+
+    /// The example of one photograph.
+    pub fn example(&self, shot: Shot) -> Option<Example> {
+        let pano = self.photograph(shot);
+        let pixels = clipped_light(&pano, &mut engine::Notes::none()).ok()?;
+        let mask = clip_mask(&pano, &pixels);
+        let grid = Grid::new(&pixels, &mask, &pano.alpha.samples);
+        let scene = Scene::new(&grid, pano.up, &regions::label(&grid.clipped, grid.width));
+        let exposure = num::f64::exp2(shot.ev);
+        let (width, height) = (self.image.width, self.image.height);
+        let up = axes(pano.up)[2];
+        let normal = if self.light.dot(up) > 0.1 { up } else { self.light };
+        let (mut visible, mut truth) = ([0.0; 3], [0.0; 3]);
+        let mut of_cell = Vec::with_capacity(width * height);
+        for i in 0..width * height {
+            let (x, y) = (i % width, i / width);
+            let d = direction(pano.up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
+            let (size, cosine) = (pixel_solid_angle(width, height, y), d.dot(normal).max(0.0));
+            let toward = if d.dot(self.light) > DOMINANT_COS { [cosine, 0.0] } else { [0.0, cosine] };
+            let rgb = self.image.rgb(x, y);
+            let real: [f64; 3] = std::array::from_fn(|c| f64::from(rgb[c]) * exposure * shot.balance[c]);
+            let fluxes = [measure::luminance(real), measure::luminance(grid.rgb[i])].map(|l| l * size);
+            for (sums, flux) in [&mut truth, &mut visible].into_iter().zip(fluxes) {
+                sums[0] += flux;
+                sums[1] += flux * toward[0];
+                sums[2] += flux * toward[1];
+            }
+            of_cell.push((toward, (fluxes[0] - fluxes[1]).max(0.0)));
+        }
+        let hidden = scene.cells.iter().map(|cell| of_cell[cell.index].1).collect();
+        let toward = scene.cells.iter().map(|cell| of_cell[cell.index].0).collect();
+        Some(Example { rgb: grid.rgb, scene, hidden, toward, visible, truth })
+    }
+}
+
+/// Means of 3x3 samples by 1, 2, 1 across and down; rows wrap, the poles repeat.
+fn soften(samples: &[f32], width: usize) -> Vec<f32> {
+    let height = samples.len() / (3 * width);
+    let sample = |x: usize, y: usize, c: usize| samples[(y * width + x % width) * 3 + c];
+    let across = |x: usize, y: usize, c: usize| {
+        0.25 * sample(x + width - 1, y, c) + 0.5 * sample(x, y, c) + 0.25 * sample(x + 1, y, c)
+    };
+    let mean = |i: usize| {
+        let (c, x, y) = (i % 3, i / 3 % width, i / (3 * width));
+        let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        0.25 * across(x, above, c) + 0.5 * across(x, y, c) + 0.25 * across(x, below, c)
+    };
+    (0..samples.len()).map(mean).collect()
+}

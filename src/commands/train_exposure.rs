@@ -1,0 +1,141 @@
+//! `train-exposure`: makes the weights of the learned exposure prediction anew.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use nodes::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
+
+use crate::report;
+use crate::session::Error;
+
+/// Trains the learned exposure prediction on HDR panoramas.
+#[derive(Debug, Args)]
+pub struct TrainExposure {
+    /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
+    panoramas: PathBuf,
+    /// The file of weights to write; networks that are done are kept beside it, so that a training that was
+    /// stopped goes on where it was
+    #[arg(long, default_value = "exposure.safetensors")]
+    out: PathBuf,
+    /// Seed of everything that is left to chance
+    #[arg(long, default_value_t = 7)]
+    seed: u64,
+    /// Networks whose predictions are averaged
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=64))]
+    members: u64,
+    /// Parts that the places are divided into for cross-validation; 0 for none
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
+    folds: u64,
+    /// Panoramas made by formula, beside those of the folder
+    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    procedural: u32,
+    /// Steps of training of each network
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    steps: u64,
+    /// A folder for what each network of the cross-validation recovers of the panoramas it never saw
+    #[arg(long)]
+    recovered: Option<PathBuf>,
+}
+
+impl TrainExposure {
+    /// Exit code 0, 1 where a file cannot be read or written, or 130 when stopped.
+    pub fn run(self) -> Result<u8, Error> {
+        match self.train() {
+            Ok(code) => Ok(code),
+            Err(message) => {
+                report::error(&message);
+                Ok(1)
+            }
+        }
+    }
+
+    fn train(&self) -> Result<u8, String> {
+        let panoramas = read_folder(&self.panoramas)?;
+        let recipe = Recipe { steps: self.steps as usize, ..Recipe::default() };
+        let plan = Plan {
+            seed: self.seed,
+            members: self.members as usize,
+            folds: self.folds as usize,
+            procedural: self.procedural,
+            recipe,
+        };
+        let stopped = Arc::new(AtomicBool::new(false));
+        let heard = stopped.clone();
+        // A second handler in one program is our bug; without any, the program just ends.
+        drop(ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed)));
+        let bar = ProgressBar::new(0);
+        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
+            bar.set_style(style);
+        }
+        let mut tell = |progress: Progress| {
+            let (text, at, of) = match progress {
+                Progress::Examples(at, of) => ("photographs".to_owned(), at, of),
+                Progress::Step { network, networks, step, steps, loss } => {
+                    (format!("network {network} of {networks}, loss {loss:.3}"), step, steps)
+                }
+            };
+            bar.set_length(of as u64);
+            bar.set_position(at as u64);
+            bar.set_message(text);
+            !stopped.load(Ordering::Relaxed)
+        };
+        let parts = self.out.with_extension("parts");
+        let trained = training::train(panoramas, &plan, &parts, &mut tell).map_err(|e| e.to_string())?;
+        bar.finish_and_clear();
+        let Some(trained) = trained else {
+            report::error("stopped; the same command goes on from here");
+            return Ok(130);
+        };
+        cache::publish_file(&self.out, &trained.weights).map_err(|e| e.to_string())?;
+        if let Some(folder) = &self.recovered {
+            for (name, bytes) in &trained.recovered {
+                cache::publish_file(&folder.join(format!("{name}.exr")), bytes).map_err(|e| e.to_string())?;
+            }
+        }
+        let text =
+            format!("{}{}: {} bytes\n", table(&trained.scores), self.out.display(), trained.weights.len());
+        super::print(&text).map_err(|e| e.to_string())?;
+        Ok(0)
+    }
+}
+
+fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
+    let told = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
+        .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
+        .map_err(told)?;
+    paths.retain(|path| path.extension().is_some_and(|end| end == "exr" || end == "hdr"));
+    paths.sort();
+    if paths.is_empty() {
+        return Err(format!("`{}` holds no .exr or .hdr file", folder.display()));
+    }
+    let read = |path: &PathBuf| {
+        let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{}`: {e}", path.display()))?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let image = training::read(&path.display().to_string(), &bytes).map_err(|e| e.to_string())?;
+        Ok((name, image))
+    };
+    paths.iter().map(read).collect()
+}
+
+/// Mean and median of the errors of panoramas that took no part, in stops.
+fn table(scores: &[Score]) -> String {
+    if scores.is_empty() {
+        return String::new();
+    }
+    let mut text = "cross-validated by place, |log2 error| in stops   mean  median\n".to_owned();
+    let mut row = |name: &str, value: &dyn Fn(&Score) -> f64| {
+        let mut values: Vec<f64> = scores.iter().map(|score| value(score).abs()).collect();
+        values.sort_by(f64::total_cmp);
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        text += &format!("{name:<48} {mean:>6.3} {:>7.3}\n", values[values.len() / 2]);
+    };
+    row("irradiance as photographed", &|s| s.irradiance[0]);
+    row("irradiance recovered", &|s| s.irradiance[1]);
+    row("contrast as photographed", &|s| s.contrast[0]);
+    row("contrast recovered", &|s| s.contrast[1]);
+    text
+}
