@@ -70,6 +70,12 @@ impl Points {
         Self { stream: self.stream, index: self.index.wrapping_mul(count).wrapping_add(number) }
     }
 
+    /// The same sample in another stream: numbers that have nothing to do with these.
+    #[inline]
+    pub fn branch(&self, number: u32) -> Self {
+        Self { stream: hash(self.stream, number), index: self.index }
+    }
+
     /// A point of the unit square, as 32-bit fractions, for a pair of dimensions.
     #[inline]
     pub fn bits(&self, pair: u32) -> [u32; 2] {

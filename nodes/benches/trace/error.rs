@@ -18,42 +18,42 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Prints the table.
-pub fn table(data: &Path) {
-    let front = EnvBlock::FrontFace { max_layers: 3 };
-    for (name, block, bounce) in [
-        ("sunny_plane", EnvBlock::Solid, Bounce::Solid),
-        ("closed_room", front, Bounce::Env),
-        ("closed_room", front, Bounce::Solid),
-    ] {
-        let case = Case::load(data, name);
-        println!("{name} {block:?} {bounce:?}");
-        // The same estimator with other random numbers: what it has in common with ours beside them, the tests
-        // against other programs would show.
-        let own = case.trace(99, 256, true, block, bounce);
-        let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
-        let outside = match name {
-            "sunny_plane" => Some(case.reference("ref-mitsuba/R0.exr")),
-            _ => None,
-        };
-        for samples in [4, 16, 64] {
-            let alone = case.trace(7, samples, false, block, bounce);
-            let all = case.trace(7, samples, true, block, bounce);
-            let [r0, r1, o] = [&all.out.without, &all.out.with, &all.out.object].map(|i| rgb(i));
-            println!(
-                "  {samples:4}: R0 {:.3} CPU-s {:.2e} ({:.2e}); R1 + O {:.3} CPU-s, R1 {:.2e}, O {:.2e}, S {:.4}; setup {:.3}",
-                alone.seconds,
-                relative_mse(&r0, &b0),
-                outside.as_ref().map_or(f64::NAN, |b| relative_mse(&r0, b)),
-                all.seconds - alone.seconds,
-                relative_mse(&r1, &b1),
-                relative_mse(&o, &bo),
-                ratio_error(&r0, &r1, &b0, &b1),
-                all.setup,
-            );
-            if samples == 64 {
-                println!("        {} | {}", alone.counts, all.counts);
-            }
-        }
+/// Prints the table of the open scene.
+pub fn plane(data: &Path) {
+    let case = Case::load(data, "sunny_plane");
+    let outside = case.reference("ref-mitsuba/R0.exr");
+    table("sunny_plane", &case, EnvBlock::Solid, Bounce::Solid, Some(&outside));
+}
+
+/// Prints those of the closed room.
+pub fn rooms(data: &Path) {
+    let case = Case::load(data, "closed_room");
+    for bounce in [Bounce::Env, Bounce::Solid] {
+        table("closed_room", &case, EnvBlock::FrontFace { max_layers: 3 }, bounce, None);
+    }
+}
+
+fn table(name: &str, case: &Case, block: EnvBlock, bounce: Bounce, outside: Option<&[f32]>) {
+    println!("{name} {block:?} {bounce:?}");
+    // The same estimator with other random numbers: what it has in common with ours beside them, the tests
+    // against other programs would show.
+    let own = case.trace(99, 256, true, block, bounce);
+    let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
+    for samples in [4, 16, 64] {
+        let alone = case.trace(7, samples, false, block, bounce);
+        let all = case.trace(7, samples, true, block, bounce);
+        let [r0, r1, o] = [&all.out.without, &all.out.with, &all.out.object].map(|i| rgb(i));
+        println!(
+            "  {samples:4}: R0 {:.3} CPU-s {:.2e} ({:.2e}); R1 + O {:.3} CPU-s, R1 {:.2e}, O {:.2e}, S {:.4}; setup {:.3}",
+            alone.seconds,
+            relative_mse(&r0, &b0),
+            outside.map_or(f64::NAN, |b| relative_mse(&r0, b)),
+            all.seconds - alone.seconds,
+            relative_mse(&r1, &b1),
+            relative_mse(&o, &bo),
+            ratio_error(&r0, &r1, &b0, &b1),
+            all.setup,
+        );
+        println!("        {} | {}", alone.counts, all.counts);
     }
 }

@@ -1,5 +1,5 @@
 //! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [error|rays]`, where DATA holds `render-refs` and
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|rooms|rays]`, where DATA holds `render-refs` and
 //! `gltf`. `rays` compares with Embree where that is installed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
@@ -26,8 +26,11 @@ fn main() {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let asked = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
     one.install(|| {
-        if asked("error") {
-            error::table(&data);
+        if asked("plane") {
+            error::plane(&data);
+        }
+        if asked("rooms") {
+            error::rooms(&data);
         }
         if asked("rays") {
             rays::table(&data);

@@ -1,9 +1,9 @@
 //! Which part of the sky to sample for a surface: in proportion to its light times the cosine.
 //!
-//! The sky is cut into a grid of cells and the sphere of normals into bins. For each bin stands a
-//! distribution over the cells, by their power times a bound of the cosine that any normal of the bin and
-//! any direction of the cell can have, so that no light is ever left out. What is far from the horizon is
-//! sampled in proportion to power times cosine, and below the horizon nothing is.
+//! The sky is cut into a grid of cells, narrow where it is bright. For a cone of normals, and perhaps a cone of
+//! directions that are of interest, stands a distribution over the cells: by the light that each brings to
+//! the middle of the normals, and at least by half a bound of what it can bring to any, so that no light is
+//! ever left out. A table holds one for each bin of the sphere of normals.
 
 use glam::Vec3;
 
@@ -12,26 +12,70 @@ const SIDE: usize = 24;
 /// The bin of surfaces that light may reach from all sides.
 const ANY: usize = SIDE * SIDE;
 
+/// A cone of directions around a unit axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cone {
+    /// The middle.
+    pub axis: Vec3,
+    /// Cosine of the angle from the axis to the farthest direction; -1 for all directions.
+    pub cosine: f32,
+}
+
+impl Cone {
+    /// All directions.
+    pub const ALL: Self = Self { axis: Vec3::Z, cosine: -1.0 };
+
+    /// A cone that holds some unit vectors, with a little more than the farthest for their rounding.
+    pub fn around(directions: impl Iterator<Item = Vec3> + Clone) -> Self {
+        let Some(axis) = directions.clone().sum::<Vec3>().try_normalize() else { return Self::ALL };
+        let cosine = directions.map(|d| d.dot(axis)).fold(1.0, f32::min) - 1e-5;
+        Self { axis, cosine }
+    }
+
+    /// A cone that holds the directions from any point of one box to any point of another.
+    pub fn between(from: [Vec3; 2], to: [Vec3; 2]) -> Self {
+        // All such ways fill a box themselves, and a cone of less than a right angle that holds its corners
+        // holds it.
+        let (low, high) = (to[0] - from[1], to[1] - from[0]);
+        let Some(axis) = (low + high).try_normalize() else { return Self::ALL };
+        let mut cosine = 1.0_f32;
+        for corner in 0..8_u32 {
+            let side = |k: usize| if corner >> k & 1 == 1 { high[k] } else { low[k] };
+            let corner = Vec3::new(side(0), side(1), side(2));
+            cosine = cosine.min(corner.dot(axis) / corner.length());
+        }
+        // NaN, where a corner is the start itself, is not above 0 either.
+        if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
+    }
+
+    /// Whether two cones share a direction; sometimes true where they only nearly do.
+    pub fn meets(&self, other: &Self) -> bool {
+        if self.cosine <= 0.0 || other.cosine <= 0.0 {
+            return true;
+        }
+        let together = self.cosine * other.cosine - sine(self.cosine) * sine(other.cosine);
+        self.axis.dot(other.axis) >= together - 1e-5
+    }
+
+    /// Solid angle.
+    pub fn solid_angle(&self) -> f32 {
+        std::f32::consts::TAU * (1.0 - self.cosine)
+    }
+}
+
+fn sine(cosine: f32) -> f32 {
+    (1.0 - cosine * cosine).max(0.0).sqrt()
+}
+
 /// A part of the sky.
 #[derive(Debug, Clone, Copy)]
 pub struct Cell {
-    /// Middle of its directions, a unit vector.
-    pub axis: Vec3,
-    /// Cosine of the angle from the axis to its farthest direction; below 0 nothing is known of it.
-    pub spread: f32,
+    /// Its directions; with a cosine below 0 nothing is known of them.
+    pub cone: Cone,
     /// Luminance times solid angle.
     pub power: f64,
-}
-
-/// The distributions over the cells.
-#[derive(Debug)]
-pub struct Aim {
-    columns: usize,
-    rows: usize,
-    /// For each bin, cumulative probability of the rows, then of the columns of each row.
-    cumulative: Vec<f64>,
-    /// For each bin, probability of each cell.
-    odds: Vec<f32>,
+    /// Mean direction of its light, shorter than 1.
+    pub towards: Vec3,
 }
 
 /// Index of the first entry of a cumulative distribution above `u`, and where between its neighbours `u`
@@ -89,74 +133,103 @@ fn bin(normal: Option<Vec3>) -> usize {
     index(y) * SIDE + index(x)
 }
 
-/// Greatest share of its power that a cell can bring to a normal of a bin, less where it is above the
-/// horizon as a whole; `cosine` between their middles, `slack` the sine of the sum of their radii.
-fn bound(cosine: f32, slack: f32) -> f64 {
-    f64::from(cosine.max(0.5 * (cosine + slack)).max(0.0))
+/// The normals of a bin.
+fn normals(at: usize) -> Cone {
+    let edge = |i: usize| i as f32 * (2.0 / SIDE as f32) - 1.0;
+    let (x, y) = (at % SIDE, at / SIDE);
+    Cone::around(
+        [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| unfold(edge(x), edge(y))).into_iter(),
+    )
+}
+
+/// The cells of the sky, row by row.
+#[derive(Debug, Clone, Default)]
+pub struct Grid {
+    /// Row by row.
+    pub cells: Vec<Cell>,
+    /// Cells of a row.
+    pub columns: usize,
+}
+
+/// A distribution over the cells of the sky.
+#[derive(Debug, Clone)]
+pub struct Aim {
+    columns: usize,
+    /// Cumulative probability of the rows, then that of the columns of each row.
+    cumulative: Vec<f32>,
+    /// The light that it expects; with none all cells are alike.
+    pub power: f64,
 }
 
 impl Aim {
-    /// Distributions over `columns` by `rows` cells.
-    pub fn new(cells: &[Cell], columns: usize, rows: usize) -> Self {
-        let stride = rows * (columns + 1);
-        let mut aim = Self {
-            columns,
-            rows,
-            cumulative: vec![0.0; (ANY + 1) * stride],
-            odds: Vec::with_capacity((ANY + 1) * cells.len()),
+    /// For surfaces whose normals lie in a cone, if light from one side is all they take, the cells that meet
+    /// a cone of directions.
+    pub fn new(grid: &Grid, normals: Option<Cone>, to: &Cone) -> Self {
+        let Grid { cells, columns } = grid;
+        let rows = cells.len() / columns;
+        let mut aim = Self { columns: *columns, cumulative: vec![0.0; rows + cells.len()], power: 0.0 };
+        let (to_rows, to_columns) = aim.cumulative.split_at_mut(rows);
+        let mut exact = vec![0.0; rows.max(*columns)];
+        let mut narrow = |weights: &[f64], to: &mut [f32]| {
+            let sum = accumulate(weights, &mut exact[..weights.len()]);
+            to.iter_mut().zip(&exact).for_each(|(to, from)| *to = *from as f32);
+            sum
         };
-        let mut weights = vec![0.0; columns];
-        let mut of_rows = vec![0.0; rows];
-        let edge = |i: usize| i as f32 * (2.0 / SIDE as f32) - 1.0;
-        for at in 0..=ANY {
-            let (x, y) = (at % SIDE, at / SIDE);
-            let corners =
-                [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| unfold(edge(x), edge(y)));
-            let middle = (corners[0] + corners[1] + corners[2] + corners[3]).normalize();
-            // A little more than the farthest corner, for the rounding of normals.
-            let radius = corners.iter().map(|c| c.dot(middle)).fold(1.0, f32::min) - 1e-5;
-            let sine = |cosine: f32| (1.0 - cosine * cosine).max(0.0).sqrt();
-            let (to_rows, to_columns) = aim.cumulative[at * stride..(at + 1) * stride].split_at_mut(rows);
-            for row in 0..rows {
-                for (weight, cell) in weights.iter_mut().zip(&cells[row * columns..]) {
-                    let slack = sine(radius) * cell.spread + radius * sine(cell.spread);
-                    // Beyond a right angle together nothing can be ruled out.
-                    let wide = radius * cell.spread <= sine(radius) * sine(cell.spread);
-                    *weight = cell.power
-                        * match at {
-                            ANY => 1.0,
-                            _ => bound(cell.axis.dot(middle), if wide { 3.0 } else { slack }),
-                        };
-                }
-                of_rows[row] = accumulate(&weights, &mut to_columns[row * columns..(row + 1) * columns]);
-            }
-            accumulate(&of_rows, to_rows);
-            for row in 0..rows {
-                let share = |c: &[f64], i: usize| c[i] - if i > 0 { c[i - 1] } else { 0.0 };
-                let columns_of = &to_columns[row * columns..(row + 1) * columns];
-                let of_row = share(to_rows, row);
-                aim.odds.extend((0..columns).map(|column| (of_row * share(columns_of, column)) as f32));
-            }
+        let weight = |cell: &Cell| match to.meets(&cell.cone) {
+            true => cell.power * f64::from(normals.map_or(1.0, |normals| share(cell, &normals))),
+            false => 0.0,
+        };
+        let mut of_rows = Vec::with_capacity(rows);
+        for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(*columns)) {
+            let weights: Vec<f64> = cells.iter().map(weight).collect();
+            of_rows.push(narrow(&weights, to));
         }
+        aim.power = narrow(&of_rows, to_rows);
         aim
     }
 
-    /// Row and column of a cell for a surface of the given unit normal, if light from one side is all it takes, and where the point of the unit
-    /// square lies within the choice.
+    /// Row and column of a cell, and where the point of the unit square lies within the choice.
     #[inline]
-    pub fn choose(&self, normal: Option<Vec3>, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
-        let stride = self.rows * (self.columns + 1);
-        let (rows, columns) = self.cumulative[bin(normal) * stride..][..stride].split_at(self.rows);
+    pub fn choose(&self, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
+        let (rows, columns) = self.cumulative.split_at(self.rows());
         let (row, v) = invert(rows, point[0]);
         let (column, u) = invert(&columns[row * self.columns..(row + 1) * self.columns], point[1]);
         (row, column, [v, u])
     }
 
-    /// Probability of a cell for a surface of the given unit normal.
-    #[inline]
-    pub fn odds(&self, normal: Option<Vec3>, row: usize, column: usize) -> f32 {
-        self.odds[(bin(normal) * self.rows + row) * self.columns + column]
+    fn rows(&self) -> usize {
+        self.cumulative.len() / (self.columns + 1)
     }
+
+    /// Probability of a cell.
+    #[inline]
+    pub fn odds(&self, row: usize, column: usize) -> f32 {
+        let (rows, columns) = self.cumulative.split_at(self.rows());
+        let share = |c: &[f32], i: usize| c[i] - if i > 0 { c[i - 1] } else { 0.0 };
+        share(rows, row) * share(&columns[row * self.columns..], column)
+    }
+}
+
+/// The share of its power that a cell brings to the middle of some normals, at least half of a bound of what
+/// it can bring to any of them.
+fn share(cell: &Cell, normals: &Cone) -> f32 {
+    let (to, from) = (cell.cone.cosine, normals.cosine);
+    // Beyond a right angle together nothing can be ruled out.
+    let slack = if to * from <= sine(to) * sine(from) { 3.0 } else { sine(from) * to + from * sine(to) };
+    let most = 0.5 * (cell.cone.axis.dot(normals.axis) + slack);
+    cell.towards.dot(normals.axis).max(most).max(0.0)
+}
+
+/// A distribution for each bin of the sphere of normals, and one for surfaces that light may reach from all
+/// sides.
+pub fn table(grid: &Grid) -> Vec<Aim> {
+    (0..=ANY).map(|at| Aim::new(grid, (at < ANY).then(|| normals(at)), &Cone::ALL)).collect()
+}
+
+/// The distribution for a unit normal.
+#[inline]
+pub fn of(table: &[Aim], normal: Option<Vec3>) -> &Aim {
+    &table[bin(normal)]
 }
 
 #[cfg(test)]
@@ -206,22 +279,47 @@ mod tests {
         let cells: Vec<Cell> = (0..64)
             .map(|i| {
                 let axis = direction(i, 1);
-                Cell { axis, spread: crate::num::f32::cos(tip), power: 1.0 }
+                let cosine = crate::num::f32::cos(tip);
+                Cell { cone: Cone { axis, cosine }, power: 1.0, towards: axis * 0.99 }
             })
             .collect();
-        let aim = Aim::new(&cells, 8, 8);
+        let table = table(&Grid { cells: cells.clone(), columns: 8 });
         for i in 0..4_000 {
             let normal = direction(i, 2);
-            let total: f32 = (0..64).map(|k| aim.odds(Some(normal), k / 8, k % 8)).sum();
+            let aim = of(&table, Some(normal));
+            let total: f32 = (0..64).map(|k| aim.odds(k / 8, k % 8)).sum();
             assert!((total - 1.0).abs() < 1e-5);
-            let ideal: f32 = cells.iter().map(|c| c.axis.dot(normal).max(0.0)).sum();
+            let ideal: f32 = cells.iter().map(|c| c.cone.axis.dot(normal).max(0.0)).sum();
             for (k, cell) in cells.iter().enumerate() {
                 // The direction of the cell that stands highest above the surface.
-                let angle = crate::num::f32::acos(cell.axis.dot(normal).clamp(-1.0, 1.0)) - tip;
+                let angle = crate::num::f32::acos(cell.cone.axis.dot(normal).clamp(-1.0, 1.0)) - tip;
                 let highest = crate::num::f32::cos(angle.max(0.0));
-                let odds = aim.odds(Some(normal), k / 8, k % 8);
+                let odds = aim.odds(k / 8, k % 8);
                 assert!(odds >= 0.3 * highest / ideal || highest <= 0.0, "{odds} {highest} {ideal}");
             }
         }
+    }
+
+    // What is aimed at from a box is all that can be met from any of its points, and no more cells than need be.
+    #[test]
+    fn cones_hold_every_way_between_two_boxes() {
+        let from = [Vec3::new(-0.2, -0.3, 0.0), Vec3::new(0.3, 0.1, 0.05)];
+        for to in
+            [[Vec3::new(0.5, 1.0, 0.1), Vec3::new(0.9, 1.6, 2.0)], [Vec3::splat(-0.1), Vec3::splat(0.4)]]
+        {
+            let cone = Cone::between(from, to);
+            assert_eq!(cone == Cone::ALL, to[0].x < 0.0);
+            for i in 0..1_000 {
+                let points = Points::new(3, i);
+                let [[a, b], [c, d], [e, f]] = [0, 1, 2].map(|k| points.pair(k));
+                let within = |b: [Vec3; 2], at: Vec3| b[0] + (b[1] - b[0]) * at;
+                let way = within(to, Vec3::new(a, b, c)) - within(from, Vec3::new(d, e, f));
+                assert!(way.normalize().dot(cone.axis) >= cone.cosine);
+                let here = Cone { axis: way.normalize(), cosine: 0.999_9 };
+                assert!(cone.meets(&here) && here.meets(&cone));
+            }
+        }
+        let far = Cone { axis: Vec3::X, cosine: 0.9 };
+        assert!(!far.meets(&Cone { axis: Vec3::Y, cosine: 0.9 }));
     }
 }

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::film::TileSums;
 use super::lens::Lens;
-use super::pair::{receiver_hit, shift};
+use super::pair::shift;
 use super::walk::World;
 use crate::sampling::{hash, stream};
 
@@ -16,7 +16,7 @@ pub(super) fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32
         let key = hash(stream(lens.seed, x, y), 0);
         tile.rays += 2;
         let object = world.objects.bvh.closest(ray, |hit| world.objects.accepts(hit, key, true));
-        let landed = receiver_hit(&world, ray);
+        let landed = world.landing(ray);
         let out = -ray.direction;
         let (t, normal) = match (object, landed) {
             (Some(hit), landed) if landed.is_none_or(|l| hit.t <= l.t + shift(&world, lens, &l, ray)) => {

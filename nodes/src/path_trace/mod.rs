@@ -2,11 +2,14 @@
 
 mod aim;
 pub mod bsdf;
+mod cells;
+mod change;
 pub mod contact;
 mod decide;
 pub mod emitters;
 pub mod film;
 mod front;
+mod globe;
 mod lens;
 pub mod light;
 pub mod lookup;
@@ -18,6 +21,7 @@ pub mod rules;
 pub mod scene;
 mod shot;
 mod stage;
+mod tile;
 mod told;
 pub mod walk;
 
@@ -112,7 +116,8 @@ engine::outputs! {
 
 /// Sums a pixel of the part `r0`: RGB, squared luminance.
 const R0: usize = 4;
-/// Sums a pixel of the part `pair`: RGB and squared luminance of R1; RGB, alpha, squared luminance of O.
+/// Sums a pixel of the part `pair`: RGB of R1 and squared luminance of R1 - R0; RGB, alpha and squared
+/// luminance of O.
 const PAIR: usize = 9;
 /// Values a pixel of the part `front`: depth, normal.
 const FRONT: usize = 4;
@@ -133,7 +138,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     type Params = Self;
@@ -226,7 +231,7 @@ impl Kind for PathTrace {
             };
             let mut running = Running::new(camera);
             for &range in &chunks {
-                let part = Part { name: "r0", version: 2, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 3, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(range, None), || {
                     let world = world();
                     let sums = Sums::trace(cx, camera, R0, step, |tile| trace_r0(world, &lens, tile, range))?;
@@ -234,7 +239,7 @@ impl Kind for PathTrace {
                     Ok(sums)
                 })?;
                 expect_size(&r0, camera, R0)?;
-                let part = Part { name: "pair", version: 4, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 5, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, &r0);

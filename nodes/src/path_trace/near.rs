@@ -73,17 +73,17 @@ impl<'a> Near<'a> {
 
     /// A light sample for a point whose light comes from one side, or from all. Takes one ray. The light is
     /// black where the point does not see the right side of the place; what else stands in the way is
-    /// [`reaches`](Self::reaches)'s to tell.
-    pub fn sample(&self, point: Vec3, side: Option<Vec3>, bits: [u32; 2]) -> Seen {
-        let light = self.sky.sample_about(side, bits);
+    /// [`reaches`](Self::reaches)'s to tell. None where no light comes from that side.
+    pub fn sample(&self, point: Vec3, side: Option<Vec3>, bits: [u32; 2]) -> Option<Seen> {
+        let light = self.sky.one_about(side, bits)?;
         let Some(hit) = self.receiver.bvh.closest(Ray::new(self.eye, light.direction), |_| true) else {
-            return (light, None);
+            return Some((light, None));
         };
         let place = self.place(&hit);
-        let pdf = light.pdf * self.spread(&place, point);
+        let density = light.density * self.spread(&place, point);
         let direction = (place.position - point).normalize_or_zero();
-        let radiance = if pdf > 0.0 && pdf.is_finite() { light.radiance } else { Vec3::ZERO };
-        (FromSky { direction, radiance, pdf }, Some(place))
+        let radiance = if density > 0.0 && density.is_finite() { light.radiance } else { Vec3::ZERO };
+        Some((FromSky { direction, radiance, density }, Some(place)))
     }
 
     /// The part of a ray that lies before a light.
@@ -103,10 +103,10 @@ impl<'a> Near<'a> {
     /// hit. Takes one ray.
     pub fn found(&self, ray: Ray, side: Option<Vec3>, hit: Option<&Hit>) -> Option<Seen> {
         let Some(hit) = hit else {
-            let light = self.sky.lookup_about(side, ray.direction);
+            let light = self.sky.find_about(side, ray.direction);
             // What is sky from here may lie behind a wall from there.
             let open = !self.receiver.bvh.any(Ray::new(self.eye, ray.direction), |_| true);
-            return Some((FromSky { pdf: if open { light.pdf } else { 0.0 }, ..light }, None));
+            return Some((FromSky { density: if open { light.density } else { 0.0 }, ..light }, None));
         };
         let place = self.place(hit);
         let way = place.position - self.eye;
@@ -115,13 +115,13 @@ impl<'a> Near<'a> {
         if spread == 0.0 {
             return None;
         }
-        let light = self.sky.lookup_about(side, way / distance);
+        let light = self.sky.find_about(side, way / distance);
         let first = self.receiver.bvh.closest(Ray::new(self.eye, way / distance), |_| true);
         let gap = first.map_or(0.0, |first| distance - first.t) / distance;
         let same = first.is_some_and(|first| first.triangle == hit.triangle || gap.abs() <= SAME);
-        let pdf = if same { light.pdf * spread } else { 0.0 };
+        let density = if same { light.density * spread } else { 0.0 };
         let seen = same || (gap <= NEARLY && !self.is_lamp(light.radiance));
-        seen.then_some((FromSky { direction: ray.direction, pdf, ..light }, Some(place)))
+        seen.then_some((FromSky { direction: ray.direction, density, ..light }, Some(place)))
     }
 
     /// Whether a light is too bright to be light that a surface reflects: brighter than a white wall which all

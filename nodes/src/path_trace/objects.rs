@@ -207,7 +207,7 @@ impl Objects {
             .bvh
             .closest(ray, |hit| there(hit) && unit(hash(!key, hit.triangle)) >= passing(hit).max_element());
         let (mut weight, mut body) = (Vec3::ONE, Body::default());
-        let reach = found.map_or(f32::INFINITY, |hit| hit.t);
+        let reach = found.map_or(ray.t_max, |hit| hit.t);
         self.bvh.any(Ray { t_max: reach, ..ray }, |hit| {
             let (mine, share) = (found.is_some_and(|f| f.triangle == hit.triangle), passing(hit));
             if !there(hit) || (!mine && (share == Vec3::ZERO || hit.t >= reach)) {

@@ -2,15 +2,18 @@
 
 use glam::Vec3;
 
+use super::aim::Cone;
+use super::change::Reach;
 use super::film::{Sums, TileSums};
 use super::lens::Lens;
+use super::tile::Tile;
 use super::walk::{Vertex, Walk, World};
 use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
 use crate::color::luminance;
 
 /// Adds a sample, unless it is not finite.
-pub(super) fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
+fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
     if !light.is_finite() {
         *broken += 1;
         return false;
@@ -22,14 +25,9 @@ pub(super) fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
     true
 }
 
-pub(super) fn squared_luminance(light: Vec3) -> f64 {
+fn squared_luminance(light: Vec3) -> f64 {
     let y = f64::from(luminance(light.to_array()));
     y * y
-}
-
-/// What a ray of the camera meets of the receiver.
-pub(super) fn receiver_hit(world: &World<'_>, ray: Ray) -> Option<Hit> {
-    if world.rules.printed { None } else { world.receiver.bvh.closest(ray, |_| true) }
 }
 
 /// The receiver without the objects over some pixels.
@@ -39,29 +37,28 @@ pub(super) fn trace_r0(
     pixels: &[(u32, u32)],
     range: (u32, u32),
 ) -> TileSums {
-    let mut tile = TileSums::default();
-    for &pixel in pixels {
+    let mut sums_of_tile = TileSums::default();
+    let tile = Tile::new(world, lens, pixels, range);
+    for samples in tile.samples.chunks_exact((range.1 - range.0) as usize) {
         let mut sums = [0.0; R0];
-        for sample in range.0..range.1 {
-            let (points, key, ray) = lens.sample(pixel, sample);
-            let mut walk = Walk::new(world, points, key, false);
-            let light = match receiver_hit(&world, ray) {
-                Some(hit) => walk.radiance::<false>(Vertex::Receiver(hit), ray.direction),
-                None => world.sky.seen(ray.direction),
+        for sample in samples {
+            let mut walk = Walk { look: tile.look(), ..Walk::new(world, sample.points, sample.key, false) };
+            let light = match sample.hit {
+                Some(hit) => walk.radiance(Vertex::Receiver(hit), sample.ray.direction),
+                None => world.sky.seen(sample.ray.direction),
             };
-            tile.rays += walk.rays + 1;
-            if add(&mut sums, light, &mut tile.broken) {
+            sums_of_tile.rays += walk.rays + 1;
+            if add(&mut sums, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
             }
         }
-        tile.push(&sums);
+        sums_of_tile.push(&sums);
     }
-    tile
+    sums_of_tile
 }
 
 /// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples
-/// without objects: a sample none of whose rays meets an object is in them already, bit for bit, so only
-/// the others are traced, with and without the objects, for what these change.
+/// without objects, to which only what these change is added.
 pub(super) fn trace_pair(
     world: World<'_>,
     lens: &Lens<'_>,
@@ -69,64 +66,78 @@ pub(super) fn trace_pair(
     range: (u32, u32),
     r0: &Sums,
 ) -> TileSums {
-    let mut tile = TileSums::default();
+    let mut sums_of_tile = TileSums::default();
     let objects = world.objects;
-    for &pixel in pixels {
+    let Some((low, high)) = objects.bvh.bounds() else {
+        // Without objects nothing is cast.
+        for pixel in pixels {
+            let mut sums = [0.0; PAIR];
+            sums[..3].copy_from_slice(&known(r0, lens, *pixel));
+            sums_of_tile.push(&sums);
+        }
+        sums_of_tile.untouched = pixels.len() as u64;
+        return sums_of_tile;
+    };
+    let tile = Tile::new(world, lens, pixels, range);
+    let place = |s: &super::tile::Sample| {
+        let hit = s.hit?;
+        let shift = shift(&world, lens, &hit, s.ray);
+        Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
+    };
+    let towards = tile.towards(tile.samples.iter().filter_map(|s| Some(place(s)?.0)));
+    for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
-        let at = (pixel.1 as usize * lens.camera.width_px as usize + pixel.0 as usize) * R0;
-        let known: [f64; R0] = std::array::from_fn(|k| f64::from(r0.sums[at + k]));
-        let (mut with, mut without) = ([0.0; R0], [0.0; R0]);
-        let mut touched = 0;
-        let samples = if objects.is_empty() { range.0..range.0 } else { range.0..range.1 };
+        let mut change = [0.0; 3];
+        let mut touched = false;
         for sample in samples {
-            let (points, key, ray) = lens.sample(pixel, sample);
-            tile.rays += 2;
-            let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, key, true));
-            let landed = receiver_hit(&world, ray).map(|hit| (hit, shift(&world, lens, &hit, ray)));
+            let (ray, landed) = (sample.ray, place(sample));
+            sums_of_tile.rays += 2;
+            let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
             if let Some(front) = front
-                && landed.is_none_or(|(hit, shift)| front.t <= hit.t + shift)
+                && landed.is_none_or(|(_, hit, shift)| front.t <= hit.t + shift)
             {
-                let mut walk = Walk::new(world, points, key, true);
-                walk.spread = lens.spread;
-                let light = walk.radiance::<false>(Vertex::Object(front), ray.direction);
-                tile.rays += walk.rays;
-                if add(&mut sums[4..], light, &mut tile.broken) {
+                let mut walk =
+                    Walk { spread: lens.spread, ..Walk::new(world, sample.points, sample.key, true) };
+                let light = walk.radiance(Vertex::Object(front), ray.direction);
+                sums_of_tile.rays += walk.rays;
+                if add(&mut sums[4..], light, &mut sums_of_tile.broken) {
                     sums[7] += 1.0;
                     sums[8] += squared_luminance(light);
                 }
             }
-            let Some((hit, shift)) = landed else { continue };
-            let lift = ray.direction * shift;
-            let mut probe = Walk::new(world, points, key, true);
-            probe.lift = lift;
-            probe.radiance::<true>(Vertex::Receiver(hit), ray.direction);
-            tile.rays += probe.rays;
-            if !probe.touched {
-                continue;
-            }
-            touched += 1;
-            for (there, sums) in [(true, &mut with), (false, &mut without)] {
-                let mut walk = Walk::new(world, points, key, there);
-                walk.lift = lift;
-                let light = walk.radiance::<false>(Vertex::Receiver(hit), ray.direction);
-                tile.rays += walk.rays;
-                let mut counted = 0;
-                if add(sums, light, &mut counted) {
-                    sums[3] += squared_luminance(light);
-                }
-                // Without the objects it was counted before.
-                tile.broken += if there { counted } else { 0 };
+            let Some((start, hit, shift)) = landed else { continue };
+            let mut walk = Walk::new(world, sample.points, sample.key, true);
+            let side = world.receiver.surface(&hit).bsdf.lit_side();
+            let towards = towards.as_ref().map(|aims| aims.each_ref());
+            let look = towards.or(tile.look()).unwrap_or_else(|| world.sky.look(side));
+            let cone = Cone::between([start; 2], [low, high]);
+            let light = walk.change(hit, ray.direction, &Reach { look, cone, lift: ray.direction * shift });
+            sums_of_tile.rays += walk.rays;
+            touched |= light != Vec3::ZERO;
+            if add(&mut change, light, &mut sums_of_tile.broken) {
+                sums[3] += squared_luminance(light);
             }
         }
-        // Where every sample is touched nothing of the sums without objects is left, nor of their rounding.
-        let all = touched == range.1 - range.0;
-        for k in 0..R0 {
-            sums[k] = if all { with[k] } else { (known[k] + (with[k] - without[k])).max(0.0) };
+        for (k, known) in known(r0, lens, *pixel).into_iter().enumerate() {
+            sums[k] = (known + change[k]).max(0.0);
         }
-        tile.untouched += u64::from(touched == 0);
-        tile.push(&sums);
+        sums_of_tile.untouched += u64::from(!touched);
+        sums_of_tile.push(&sums);
     }
-    tile
+    sums_of_tile
+}
+
+/// RGB of the sums of a pixel without objects.
+fn known(r0: &Sums, lens: &Lens<'_>, (x, y): (u32, u32)) -> [f64; 3] {
+    let at = (y as usize * lens.camera.width_px as usize + x as usize) * R0;
+    std::array::from_fn(|k| f64::from(r0.sums[at + k]))
+}
+
+impl World<'_> {
+    /// What a ray of the camera meets of the receiver.
+    pub(super) fn landing(&self, ray: Ray) -> Option<Hit> {
+        if self.rules.printed { None } else { self.receiver.bvh.closest(ray, |_| true) }
+    }
 }
 
 /// How far the camera's hit of the receiver moves along its ray to lie where objects stand.

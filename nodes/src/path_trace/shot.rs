@@ -94,6 +94,7 @@ pub(super) fn finish(camera: &Camera, samples: u32, running: &Running, front: &S
     for index in 0..width * height {
         let (x, y) = (index % width, index / width);
         let sums = &running.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)];
+        let (mut means_of, mut errors_of) = ([0.0_f64; 3], [0.0_f64; 3]);
         let groups: [(usize, usize); 3] = [(0, 3), (R0, R0 + 3), (R0 + 4, R0 + 8)];
         for (k, (first, square)) in groups.into_iter().enumerate() {
             let channels = images[k].channels;
@@ -102,7 +103,16 @@ pub(super) fn finish(camera: &Camera, samples: u32, running: &Running, front: &S
             }
             let rgb = [sums[first] / n, sums[first + 1] / n, sums[first + 2] / n];
             let mean = f64::from(luminance(rgb.map(|v| v as f32)));
-            let spread = ((sums[square] / n - mean * mean) / (n - 1.0).max(1.0)).max(0.0);
+            let of_mean = |square: f64, mean: f64| ((square / n - mean * mean) / (n - 1.0).max(1.0)).max(0.0);
+            let spread = match k {
+                // R1 is R0 and a change, whose errors may go the same way.
+                1 => {
+                    let root = of_mean(sums[square], mean - means_of[0]).sqrt() + errors_of[0].sqrt();
+                    root * root
+                }
+                _ => of_mean(sums[square], mean),
+            };
+            (means_of[k], errors_of[k]) = (mean, spread);
             variance.pixel_mut(x, y)[k] = spread as f32;
             means[k] += mean;
             errors[k] += spread;

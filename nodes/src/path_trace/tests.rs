@@ -4,11 +4,7 @@
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
 
-use super::light::{Sky, constant};
-use super::pair::receiver_hit;
-use super::rules::Block;
-use super::scene::Receiver;
-use super::walk::{Vertex, Walk};
+use super::light::constant;
 use super::*;
 use crate::color::luminance;
 use crate::testing::context;

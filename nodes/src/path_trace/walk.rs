@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::bsdf::{Lobe, Scatter};
-use super::light::Sky;
+use super::light::{FromSky, Look, Sky, TIERS};
 use super::near::{Near, Seen};
 use super::objects::Objects;
 use super::rules::{Block, Rules};
@@ -12,16 +12,19 @@ use crate::bvh::{Hit, Ray};
 use crate::sampling::{Points, hash, unit};
 
 /// Pairs of dimensions used by one vertex of a path: light, direction, choice of lobe, survival.
-const PAIRS: u32 = 4;
+pub(super) const PAIRS: u32 = 4;
 /// First of the pairs for light of the objects: choice and place, for each vertex.
 const LAMPS: u32 = 1 << 16;
 /// First of the pairs for what objects take from the light of a place, for each vertex.
-const DIMMING: u32 = 1 << 17;
-/// Light samples at the first vertex of a path: they cost less than another path, and what the picture
-/// shows of their noise is not blurred by anything. Later vertices take one.
-const LIGHTS: u32 = 4;
+const DIMMING: u32 = 3 << 17;
+/// Most light samples of a vertex.
+const MANY: usize = 5;
+/// Light samples at the first vertex where the receiver is the light.
+const NEAR_LIGHTS: u32 = 4;
 /// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
 const BLUR: f32 = 0.05;
+/// Between the pairs for light of one tier of the sky and those for the next.
+const TIER: u32 = 1 << 18;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 
@@ -62,11 +65,13 @@ impl Vertex {
 /// that paths with and without objects stay the same until an object comes in the way.
 #[derive(Debug)]
 pub struct Walk<'a> {
-    world: World<'a>,
-    points: Points,
-    key: u32,
+    pub(super) world: World<'a>,
+    pub(super) points: Points,
+    pub(super) key: u32,
     /// Whether the objects are there.
-    objects: bool,
+    pub(super) objects: bool,
+    /// Where the first vertex looks for light of the sky, if that is known better than by its normal.
+    pub look: Option<Look<'a>>,
     /// Added to the start of rays to objects from the first vertex: see [`super::contact`].
     pub lift: Vec3,
     /// Width of the camera's ray for each unit of its length, for the textures of objects.
@@ -75,6 +80,19 @@ pub struct Walk<'a> {
     pub rays: u64,
     /// Whether a ray met an object.
     pub touched: bool,
+}
+
+/// How a path came to a vertex.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Way {
+    /// Unit direction of the ray that found the vertex.
+    pub direction: Vec3,
+    /// How often light was scattered before.
+    pub bounce: u32,
+    /// What of the light from the vertex comes to the eye.
+    pub weight: Vec3,
+    /// Weight of what the vertex emits, beside light samples of the one before.
+    pub glow: f32,
 }
 
 /// Balance of two strategies by the squares of their densities (Veach 1997, power heuristic).
@@ -93,7 +111,7 @@ fn power(a: f32, b: f32) -> f32 {
 
 impl<'a> World<'a> {
     /// The receiver as the light, if it is.
-    fn near(&self) -> Option<Near<'a>> {
+    pub(super) fn near(&self) -> Option<Near<'a>> {
         let near = |eye| Near { receiver: self.receiver, sky: self.sky, eye: Vec3::from_array(eye) };
         self.rules.near.map(near)
     }
@@ -103,7 +121,17 @@ impl<'a> Walk<'a> {
     /// The paths of a sample, with or without the objects.
     pub fn new(world: World<'a>, points: Points, key: u32, objects: bool) -> Self {
         let objects = objects && !world.objects.is_empty();
-        Self { world, points, key, objects, lift: Vec3::ZERO, spread: 0.0, rays: 0, touched: false }
+        Self {
+            world,
+            points,
+            key,
+            objects,
+            look: None,
+            lift: Vec3::ZERO,
+            spread: 0.0,
+            rays: 0,
+            touched: false,
+        }
     }
 
     fn surface(&self, vertex: &Vertex, out: Vec3, width: f32) -> Surface {
@@ -115,7 +143,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The nearest object along a ray that left by a lobe, and the weight of what the ray finds.
-    fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> (Option<Vertex>, f32, Vec3) {
+    pub(super) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> (Option<Vertex>, f32, Vec3) {
         if !self.objects {
             return (None, f32::INFINITY, Vec3::ONE);
         }
@@ -133,7 +161,7 @@ impl<'a> Walk<'a> {
 
     /// What the objects let through along a ray, by the lobe that it serves.
     /// One triangle may be excepted: the one that shines at the end.
-    fn unshaded(&mut self, ray: Ray, key: u32, except: Option<u32>) -> [Vec3; 2] {
+    pub(super) fn unshaded(&mut self, ray: Ray, key: u32, except: Option<u32>) -> [Vec3; 2] {
         if !self.objects {
             return [Vec3::ONE; 2];
         }
@@ -148,7 +176,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Light of the objects that a light sample brings to a surface. The receiver hides it like any body.
-    fn lamps<const PROBE: bool>(&mut self, surface: &Surface, key: u32, bounce: u32) -> Vec3 {
+    pub(super) fn lamps(&mut self, surface: &Surface, key: u32, bounce: u32) -> Vec3 {
         let objects = self.world.objects;
         if !self.objects || objects.emitters.is_empty() {
             return Vec3::ZERO;
@@ -169,9 +197,6 @@ impl<'a> Walk<'a> {
             return Vec3::ZERO;
         }
         self.touched = true;
-        if PROBE {
-            return Vec3::ZERO;
-        }
         let unshaded = self.unshaded(ray, key, Some(lamp.hit.triangle));
         let weighed = |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power(pdf, s.pdf);
         let arrived: Vec3 = lobes.iter().zip(unshaded).map(weighed).sum();
@@ -179,7 +204,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The weight of what shines at a hit that a scattered ray of some density found.
-    fn glow(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
+    pub(super) fn glow(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
         let density = self.world.objects.emitters.density(hit.triangle);
         if density == 0.0 || !self.passes(Block::Solid, Ray { t_max: hit.t, ..ray }) {
             // What is never sampled as a lamp shines in full, if at all.
@@ -189,9 +214,35 @@ impl<'a> Walk<'a> {
         power(pdf, density * hit.t * hit.t / cosine.max(1e-12))
     }
 
-    fn passes(&mut self, block: Block, ray: Ray) -> bool {
+    pub(super) fn passes(&mut self, block: Block, ray: Ray) -> bool {
         self.rays += u64::from(block != Block::Pass);
         block.passes(self.world.receiver, ray)
+    }
+
+    /// Light samples for a vertex. The first of a path takes several of each tier: they cost less than another
+    /// path, and what the picture shows of their noise is not blurred by anything. Later ones take one.
+    pub(super) fn lights(
+        &self,
+        look: Look<'_>,
+        pair: u32,
+        first: bool,
+    ) -> impl Iterator<Item = FromSky> + use<> {
+        let sky = self.world.sky;
+        let numbers = sky.numbers(look, first);
+        let mut draws = [(0, [0; 2]); MANY];
+        let mut known = 0;
+        for tier in (0..TIERS).filter(|&tier| first && look[tier].power > 0.0) {
+            let count = sky.lights[tier];
+            for (number, draw) in (0..count).zip(&mut draws[known..]) {
+                *draw = (tier, self.points.twig(number, count).bits(pair + TIER * tier as u32));
+            }
+            known += count as usize;
+        }
+        if !first && look.iter().any(|aim| aim.power > 0.0) {
+            draws[0] = sky.tier(look, self.points.bits(pair));
+            known = 1;
+        }
+        sky.sample::<MANY>(look, numbers, &draws[..known]).into_iter().flatten()
     }
 
     /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
@@ -207,31 +258,25 @@ impl<'a> Walk<'a> {
         let Some(place) = place.filter(|_| self.objects && !near.is_lamp(light.radiance)) else {
             return Vec3::ONE;
         };
-        let direction = self.world.sky.sample(Some(place.normal), points.bits(DIMMING + pair)).direction;
-        if direction.dot(place.normal) <= 0.0 {
+        let light = self.world.sky.one(Some(place.normal), points.bits(DIMMING + pair));
+        let Some(light) = light.filter(|light| light.direction.dot(place.normal) > 0.0) else {
             return Vec3::ONE;
-        }
-        let ray = Ray::new(place.position + place.normal * place.margin, direction);
+        };
+        let ray = Ray::new(place.position + place.normal * place.margin, light.direction);
         self.unshaded(ray, key ^ 4, None)[0]
     }
 
-    /// What one of `lights` light samples brings to a surface. `twig` are its points.
-    fn light_sample<const PROBE: bool>(
+    /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points
+    /// of the sample.
+    fn light_sample(
         &mut self,
         surface: &Surface,
         lift: Vec3,
-        lights: u32,
-        (twig, pair): (Points, u32),
+        seen: &Seen,
+        near: Option<(&Near<'_>, (Points, u32))>,
         key: u32,
     ) -> Vec3 {
-        let (side, point) = (surface.bsdf.lit_side(), twig.bits(pair));
-        let near = self.world.near();
-        let seen = match &near {
-            Some(near) => near.sample(surface.position, side, point),
-            None => (self.world.sky.sample(side, point), None),
-        };
         let (from_sky, place) = seen;
-        self.rays += u64::from(near.is_some());
         let lobes = surface.bsdf.eval(from_sky.direction);
         let useful = |s: &Scatter| s.value != Vec3::ZERO;
         if from_sky.radiance == Vec3::ZERO || !lobes.iter().any(useful) {
@@ -239,11 +284,11 @@ impl<'a> Walk<'a> {
         }
         let ray = Near::towards(surface.leave(from_sky.direction), place.as_ref());
         let mut unshaded = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
-        if let Some(near) = &near {
-            let dimming = self.dimming(near, &seen, (twig, pair), key);
+        if let Some((near, points)) = near {
+            let dimming = self.dimming(near, seen, points, key);
             unshaded = unshaded.map(|passes| passes * dimming);
         }
-        if unshaded == [Vec3::ZERO; 2] || PROBE {
+        if unshaded == [Vec3::ZERO; 2] {
             return Vec3::ZERO;
         }
         let mut arrived = Vec3::ZERO;
@@ -256,10 +301,10 @@ impl<'a> Walk<'a> {
                 continue;
             }
             let block = self.world.rules.sight(lobe).shadow;
-            let passes = match (told, &near) {
+            let passes = match (told, near) {
                 (Some((b, passes)), _) if b == block => passes,
                 (_, None) => self.passes(block, ray),
-                (_, Some(near)) => {
+                (_, Some((near, _))) => {
                     self.rays += 1;
                     near.reaches(ray, place.as_ref())
                 }
@@ -268,28 +313,28 @@ impl<'a> Walk<'a> {
             if passes {
                 let share = match surface.bsdf.is_matte() && near.is_none() {
                     true => 1.0,
-                    false => power(lights as f32 * from_sky.pdf, scatter.pdf),
+                    false => power(from_sky.density, scatter.pdf),
                 };
                 arrived += unshaded * scatter.value * share;
             }
         }
-        arrived * from_sky.radiance / from_sky.pdf
+        arrived * from_sky.radiance / from_sky.density
     }
 
-    /// Radiance that leaves a vertex against the unit direction of the ray that found it.
-    ///
-    /// With `PROBE` nothing is summed: the walk takes the same turns, skips what cannot meet an object,
-    /// and stops as soon as one is met.
-    pub fn radiance<const PROBE: bool>(&mut self, first: Vertex, ray_direction: Vec3) -> Vec3 {
+    /// Radiance that leaves a vertex against the unit direction of the ray of the camera that found it.
+    pub fn radiance(&mut self, first: Vertex, direction: Vec3) -> Vec3 {
+        self.onward(first, Way { direction, bounce: 0, weight: Vec3::ONE, glow: 1.0 })
+    }
+
+    /// What a vertex gives to the eye, seen on some way.
+    pub(super) fn onward(&mut self, mut vertex: Vertex, way: Way) -> Vec3 {
         let World { sky, rules, .. } = self.world;
         let near = self.world.near();
-        let (mut vertex, mut out) = (first, -ray_direction);
-        let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
+        let Way { bounce: start, mut weight, mut glow, .. } = way;
         // How wide the ray is at the vertex, and how fast it widens.
-        let (mut width, mut spread) = (0.0, self.spread);
-        // Weight of what the vertex emits, beside light samples of the one before.
-        let mut glow = 1.0;
-        for bounce in 0..=rules.max_bounces + 1 {
+        let (mut width, mut spread) = (0.0, if start == 0 { self.spread } else { BLUR });
+        let (mut out, mut light) = (-way.direction, Vec3::ZERO);
+        for bounce in start..=rules.max_bounces + 1 {
             width += spread * vertex.distance();
             let surface = self.surface(&vertex, out, width);
             weight *= surface.way;
@@ -299,26 +344,37 @@ impl<'a> Walk<'a> {
             }
             let pair = 1 + bounce * PAIRS;
             let key = hash(self.key, pair);
-            let lift = if bounce == 0 { self.lift } else { Vec3::ZERO };
-            let lifted = |ray: Ray| Ray { origin: ray.origin + lift, ..ray };
+            let first = bounce == 0;
+            let usual = sky.look(surface.bsdf.lit_side());
+            let look = if first { self.look.unwrap_or(usual) } else { usual };
+
+            let lift = if first { self.lift } else { Vec3::ZERO };
 
             // Light sampling.
-            let lights = if bounce == 0 { LIGHTS } else { 1 };
             let mut lit = Vec3::ZERO;
-            for number in 0..lights {
-                let twig = (self.points.twig(number, lights), pair);
-                lit += self.light_sample::<PROBE>(&surface, lift, lights, twig, key.wrapping_add(number));
-                if PROBE && self.touched {
-                    return Vec3::ZERO;
+            let side = surface.bsdf.lit_side();
+            let near_lights = if first { NEAR_LIGHTS } else { 1 };
+            if let Some(near) = &near {
+                for number in 0..near_lights {
+                    let points = (self.points.twig(number, near_lights), pair);
+                    self.rays += 1;
+                    let Some(mut seen) = near.sample(surface.position, side, points.0.bits(pair)) else {
+                        continue;
+                    };
+                    seen.0.density *= near_lights as f32;
+                    let key = key.wrapping_add(number);
+                    lit += self.light_sample(&surface, lift, &seen, Some((near, points)), key);
+                }
+            } else {
+                for (number, from_sky) in self.lights(look, pair, first).enumerate() {
+                    let key = key.wrapping_add(number as u32);
+                    lit += self.light_sample(&surface, lift, &(from_sky, None), None, key);
                 }
             }
-            light += rules.clamped(bounce, weight * lit / lights as f32);
+            light += rules.clamped(bounce, weight * lit);
 
-            let lamps = self.lamps::<PROBE>(&surface, key ^ 2, bounce);
+            let lamps = self.lamps(&surface, key ^ 2, bounce);
             light += rules.clamped(bounce, weight * lamps);
-            if PROBE && self.touched {
-                break;
-            }
 
             // Scattering. Light samples bring a matte surface all light of a sky that is far, so from there a ray
             // looks for surfaces only.
@@ -330,12 +386,10 @@ impl<'a> Walk<'a> {
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let sight = rules.sight(lobe);
             let ray = surface.leave(direction);
-            let (object, reach, passed) = self.object(lifted(ray), key ^ 1, lobe);
+            let (object, reach, passed) =
+                self.object(Ray { origin: ray.origin + lift, ..ray }, key ^ 1, lobe);
             let throughput = passed * scatter.value / scatter.pdf;
-            if PROBE && self.touched {
-                break;
-            }
-            let to_sky = near.is_some() || !(PROBE || matte);
+            let to_sky = near.is_some() || !matte;
             let landed = if sight.lands && (go_on || (to_sky && sight.block == Block::Solid)) {
                 self.rays += 1;
                 self.world.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
@@ -344,21 +398,21 @@ impl<'a> Walk<'a> {
             };
             if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
                 self.rays += 1;
-                if let Some(seen) = near.found(ray, surface.bsdf.lit_side(), landed.as_ref()) {
+                if let Some(seen) = near.found(ray, side, landed.as_ref()) {
                     let dimming = self.dimming(&near, &seen, (self.points, pair + 1), key);
-                    let arrived = seen.0.radiance * power(scatter.pdf, lights as f32 * seen.0.pdf);
+                    let arrived = seen.0.radiance * power(scatter.pdf, near_lights as f32 * seen.0.density);
                     light += rules.clamped(bounce, weight * throughput * dimming * arrived);
                     break;
                 }
             } else if object.is_none() && to_sky {
-                let found = sky.lookup(surface.bsdf.lit_side(), direction);
+                let found = sky.lookup(look, sky.numbers(look, first), direction);
                 if found.radiance != Vec3::ZERO {
                     let passes = match (sight.block, sight.lands) {
                         (Block::Solid, true) => landed.is_none(),
                         (block, _) => self.passes(block, ray),
                     };
                     if passes {
-                        let arrived = found.radiance * power(scatter.pdf, lights as f32 * found.pdf);
+                        let arrived = found.radiance * power(scatter.pdf, found.density);
                         light += rules.clamped(bounce, weight * throughput * arrived);
                     }
                 }
@@ -377,15 +431,19 @@ impl<'a> Walk<'a> {
             if lobe == Lobe::Diffuse {
                 spread = f32::max(spread, BLUR);
             }
-            if bounce + 1 >= ROULETTE_FROM {
-                let survival = weight.max_element().clamp(0.05, 0.95);
-                if unit(self.points.bits(pair + 3)[0]) >= survival {
-                    break;
-                }
-                weight /= survival;
-            }
+            let Some(left) = self.survives(bounce, weight) else { break };
+            weight = left;
         }
         light
+    }
+
+    /// The weight of a path after some bounces if it goes on; those that bring little may end at random.
+    pub(super) fn survives(&self, bounce: u32, weight: Vec3) -> Option<Vec3> {
+        if bounce + 1 < ROULETTE_FROM {
+            return Some(weight);
+        }
+        let survival = weight.max_element().clamp(0.05, 0.95);
+        (unit(self.points.bits(1 + bounce * PAIRS + 3)[0]) < survival).then(|| weight / survival)
     }
 }
 

@@ -134,7 +134,7 @@ impl Frame {
     }
 
     /// A direction of this frame in the scene.
-    fn from(&self, d: Vec3) -> Vec3 {
+    pub(super) fn from(&self, d: Vec3) -> Vec3 {
         self.0[0] * d.x + self.0[1] * d.y + self.0[2] * d.z
     }
 

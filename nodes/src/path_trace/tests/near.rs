@@ -3,7 +3,9 @@
 use super::*;
 use crate::bvh::Ray;
 use crate::equirect;
+use crate::path_trace::light::Sky;
 use crate::path_trace::near::Near;
+use crate::path_trace::scene::Receiver;
 use crate::sampling::{Points, circle};
 
 /// Where the panoramas below were taken.
@@ -110,10 +112,10 @@ fn light_samples_have_the_density_they_claim() {
             let ray = Ray::new(point, Vec3::new(r * cos, r * sin, z));
             let hit = receiver.bvh.closest(ray, |_| true).expect("a closed room");
             let (found, place) = near.found(ray, side, Some(&hit)).expect("all is seen");
-            let density = f64::from(found.pdf) * 4.0 * std::f64::consts::PI / f64::from(n);
+            let density = f64::from(found.density) * 4.0 * std::f64::consts::PI / f64::from(n);
             total += density;
             right += if place.expect("a wall").position.x > 1.999 { density } else { 0.0 };
-            let (_, place) = near.sample(point, side, Points::new(2, i).bits(0));
+            let (_, place) = near.sample(point, side, Points::new(2, i).bits(0)).expect("light");
             sampled += f64::from(u8::from(place.expect("a wall").position.x > 1.999)) / f64::from(n);
         }
         assert!((total - 1.0).abs() < 0.01, "{total}");

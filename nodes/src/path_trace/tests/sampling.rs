@@ -24,54 +24,6 @@ fn rays_are_only_cast_where_they_may_matter() {
     assert!(near < solid + samples * 11, "{near} over {solid}");
 }
 
-// The estimate of a touched pixel is the same whether its chunk was skipped or traced: tracing everything
-// with an object that is present but black to no one gives the sums without it.
-#[test]
-fn skipping_untouched_paths_changes_nothing() {
-    let (plane, objects, rig) = shadowed();
-    let cx = context();
-    let stage_inputs = In { receiver: Arc::new(plane), objects, rig, env: Arc::new(sunny()) };
-    let receiver = Receiver::new(&stage_inputs.receiver, DVec3::ZERO);
-    let sky = Sky::new(&stage_inputs.env);
-    let objects = Objects::new(&stage_inputs.objects, DVec3::ZERO).expect("consistent");
-    for (bounce_solid, near) in [(false, None), (true, None), (true, Some([0.0, -1.0, 1.0]))] {
-        let rules = Rules {
-            block: Block::Solid,
-            bounce_solid,
-            specular_env: false,
-            printed: false,
-            near,
-            max_bounces: 8,
-            clamp: f32::MAX,
-        };
-        let world = World { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
-        let camera = &stage_inputs.rig.cameras[0];
-        let ground = Ground::default();
-        let lens = Lens::new(camera, DVec3::ZERO, cx.seed(), &ground);
-        let (mut same, mut other) = (0, 0);
-        for pixel in (0..32).flat_map(|y| (0..32).map(move |x| (x, y))) {
-            let (points, key, ray) = lens.sample(pixel, 3);
-            let Some(hit) = receiver_hit(&world, ray) else { continue };
-            let go = |objects| {
-                let mut walk = Walk::new(world, points, key, objects);
-                let light = walk.radiance::<false>(Vertex::Receiver(hit), ray.direction);
-                (light, walk.touched)
-            };
-            let mut probe = Walk::new(world, points, key, true);
-            probe.radiance::<true>(Vertex::Receiver(hit), ray.direction);
-            let ((with, touched), (without, _)) = (go(true), go(false));
-            assert!(probe.touched || !touched, "the probe misses nothing");
-            if probe.touched {
-                other += 1;
-            } else {
-                same += 1;
-                assert_eq!(with, without);
-            }
-        }
-        assert!(same > 100 && other > 50, "{same} {other}");
-    }
-}
-
 // 64 then 256 equals 256 at once, in small: chunks are the same whatever the number of samples is.
 #[test]
 fn more_samples_only_add_chunks() {
