@@ -196,9 +196,8 @@ mod tests {
     /// Mutation: `is_finite` dropped in `Weights::tensor`.
     #[test]
     fn row_25_wrong_weights_are_refused_by_name() {
-        let names =
-            SafeTensors::deserialize(WEIGHTS).expect("is sound").names().into_iter().map(String::from);
-        for name in names.collect::<Vec<_>>() {
+        let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");
+        for name in shipped.names().into_iter().map(String::from) {
             let said =
                 |result: Result<Network, Error>| result.err().map(|e| e.to_string()).unwrap_or_default();
             let missing = said(changed(|n, _, _| n != name));

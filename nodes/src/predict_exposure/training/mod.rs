@@ -43,8 +43,19 @@ pub struct Plan {
 pub enum Progress {
     /// Panoramas photographed, of how many.
     Examples(usize, usize),
-    /// A step of a network: the network, of how many, the step, of how many, the loss.
-    Step { network: usize, networks: usize, step: usize, steps: usize, loss: f32 },
+    /// A step of a network.
+    Step {
+        /// The network, from 1.
+        network: usize,
+        /// How many networks are trained.
+        networks: usize,
+        /// The step, from 1.
+        step: usize,
+        /// How many steps each takes.
+        steps: usize,
+        /// The mean loss since the last report.
+        loss: f32,
+    },
 }
 
 /// The errors for one panorama that took no part in the training of what predicted it, in stops.
