@@ -65,8 +65,10 @@ pub fn sphere_error(
     if tt <= 0.0 {
         return Ok(None);
     }
-    // min over s of |s f - t|^2 is |t|^2 - (f.t)^2 / |f|^2.
-    let scaled = if ff > 0.0 { (tt - ft * ft / ff).max(0.0) } else { tt };
+    // The factor that makes the square least. Summed anew, so that equal spheres differ by exactly 0.
+    let best = if ff > 0.0 { ft / ff } else { 0.0 };
+    let rest = |(f, t): &([f64; 3], [f64; 3])| (DVec3::from(*f) * best - DVec3::from(*t)).length_squared();
+    let scaled: f64 = rows.iter().flatten().map(rest).sum();
     Ok(Some(SphereError {
         relative: (error / tt).sqrt(),
         scaled: (scaled / tt).sqrt(),
