@@ -146,7 +146,8 @@ fn heat(picture: &Picture) -> Option<Raster> {
 
 /// The mean of blocks, so that the picture is at most so many pixels wide.
 fn halved(of: Raster, widest: usize) -> Raster {
-    let step = of.width.div_ceil(widest.max(1)).max(1);
+    // A low picture stays wider, so that a row of it is left.
+    let step = of.width.div_ceil(widest.max(1)).min(of.height).max(1);
     if step == 1 {
         return of;
     }

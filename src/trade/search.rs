@@ -58,7 +58,8 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
 /// error of a position, `None` once there is to be no more measuring; a position is measured once. Gives
 /// everything that was tried, and which of it serves the goal best.
 ///
-/// The best start that fits is taken. In each round every knob is turned by one value, down where work is to be
+/// To save work the best start that fits is taken, to save error the cheapest, and of the turns of a round only the
+/// best is kept. In each round every knob is turned by one value, down where work is to be
 /// saved and up where error is, and the turns are tried together in the order of what each gained for what it
 /// lost, each kept where the goal still holds. A turn that alone breaks the goal is not tried again from a
 /// position that is worse in every knob, so the number of measurements is at most about the sum of `sizes`
@@ -95,7 +96,14 @@ pub fn search(
         (next < sizes[knob]).then(|| position[knob] = next)?;
         Some(position)
     };
-    while let Some(from) = best_of(&tried) {
+    // Work is saved from the best start, error from the cheapest: what a dear knob that does little has taken of the
+    // cost is not given back by turning others up.
+    let cheapest = |tried: &[Tried]| {
+        let fitting = (0..tried.len()).filter(|&index| tried[index].fits(goal));
+        fitting.reduce(|best, index| if tried[index].cost < tried[best].cost { index } else { best })
+    };
+    let mut next_from = if down { best_of(&tried) } else { cheapest(&tried) };
+    while let Some(from) = next_from {
         let here = tried[from].clone();
         let mut turns = Vec::new();
         for knob in 0..sizes.len() {
@@ -115,6 +123,9 @@ pub fn search(
             }
         }
         turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        if !down {
+            turns.truncate(1);
+        }
         let mut at = from;
         for (_, knob) in turns {
             let Some(position) = turned(&tried[at].position, knob) else { continue };
@@ -126,9 +137,7 @@ pub fn search(
                 at = next;
             }
         }
-        if at == from {
-            break;
-        }
+        next_from = Some(at).filter(|at| *at != from);
     }
     let best = best_of(&tried);
     (tried, best)
