@@ -47,8 +47,8 @@ pub enum Error {
     #[error(transparent)]
     Engine(#[from] engine::EngineError),
     /// Something to watch that cannot change.
-    #[error("only a file can be watched: `-` stands for standard input, and a bundle is unpacked first")]
-    Unwatchable,
+    #[error("{0}")]
+    Unwatchable(&'static str),
     /// A time that is none.
     #[error("`{0}` is not a time; write a number with m, h or d, such as 30d")]
     Time(String),
@@ -183,7 +183,7 @@ pub enum When {
 
 /// A checked graph and the nodes that are wanted of it.
 pub struct Loaded {
-    pub graph: Graph,
+    pub graph: Arc<Graph>,
     pub only: Vec<usize>,
     /// Where its lock lies, or would.
     pub lock: Option<PathBuf>,
@@ -194,25 +194,36 @@ pub struct Loaded {
 impl GraphArgs {
     /// Reads and checks the graph.
     pub fn load(&self) -> Result<Loaded, Error> {
-        self.load_noting(&mut Vec::new())
+        let parse = |source, registry: &_, root| {
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
+        };
+        self.load_by(&mut Vec::new(), parse)
     }
 
-    /// The same; the files that the graph itself consists of go to `texts`, found or not.
-    pub fn load_noting(&self, texts: &mut Vec<PathBuf>) -> Result<Loaded, Error> {
-        let parse = |source, registry: &_, root| Graph::parse(source, registry, root).map_err(Error::Graph);
-        self.load_by(texts, parse)
+    /// The same by way of the compiled form in a store; `known` if that is the graph. The files that the graph
+    /// itself consists of go to `texts`, found or not.
+    pub fn load_again(
+        &self,
+        store: &Store,
+        known: Option<&Arc<Graph>>,
+        texts: &mut Vec<PathBuf>,
+    ) -> Result<Loaded, Error> {
+        self.load_by(texts, |source, registry, root| match known {
+            Some(known) if known.source == source => Ok(known.clone()),
+            _ => Graph::parse_cached(source, registry, root, store).map(Arc::new).map_err(Error::Graph),
+        })
     }
 
-    /// The same, and an engine. A large graph comes by way of its compiled form; a wrong one that is small
-    /// leaves no cache behind.
+    /// Reads and checks the graph, and opens an engine. A large graph comes by way of its compiled form; a wrong
+    /// one that is small leaves no cache behind.
     pub fn load_with(&self, engine: &EngineArgs) -> Result<(Loaded, Engine), Error> {
         let mut opened = None;
         let loaded = self.load_by(&mut Vec::new(), |source, registry, root| {
             if source.text.len() < Graph::WORTH_COMPILING {
-                return Graph::parse(source, registry, root).map_err(Error::Graph);
+                return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
             }
             let engine = opened.insert(engine.open()?);
-            Graph::parse_cached(source, registry, root, engine.store()).map_err(Error::Graph)
+            Graph::parse_cached(source, registry, root, engine.store()).map(Arc::new).map_err(Error::Graph)
         })?;
         let engine = opened.map_or_else(|| engine.open(), Ok)?;
         Ok((loaded, engine))
@@ -221,7 +232,7 @@ impl GraphArgs {
     fn load_by(
         &self,
         texts: &mut Vec<PathBuf>,
-        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Graph, Error>,
+        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
     ) -> Result<Loaded, Error> {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::axis::{Axis, at_point, axes_read};
+use crate::compiled::Places;
 use crate::context::{Scene, Up};
 use crate::diag::{Code, Diagnostic, Source, shown};
 use crate::expand::{GATHER, Gather, Template};
@@ -273,7 +274,7 @@ impl<'t, 'a> Check<'t, 'a> {
             sink_path,
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
-            fields: places,
+            places: Places::Read(places),
             step: step.into(),
         };
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })

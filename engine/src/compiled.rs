@@ -23,7 +23,7 @@ use crate::root::{SourceFile, SourceRoot};
 use crate::syntax::{Fields, RawField};
 
 /// Raised when the bytes change their form.
-const FORMAT: &str = "lightharmony compiled graph 1";
+const FORMAT: &str = "lightharmony compiled graph 2";
 
 impl Graph {
     /// Shorter texts are parsed in less time than it takes to look for their compiled form, in bytes.
@@ -132,11 +132,7 @@ fn encode(graph: &Graph) -> Vec<u8> {
             to.str(value);
         }
         span(&mut to, &node.span);
-        to.u32(node.fields.len() as u32);
-        for (name, place) in &node.fields {
-            to.u32(names(&node.kind).position(|known| known == *name).unwrap_or_default() as u32);
-            span(&mut to, place);
-        }
+        to.u8s(&node.places.encode(&node.kind));
         to.u8s(&texts(node));
         to.u8s(&key_fields(&*node.step));
     }
@@ -178,15 +174,11 @@ fn decode(
         let axes = 0..from.count(16)?;
         let point = axes.map(|_| Ok((from.str()?, from.str()?))).collect::<Result<_, Corrupt>>()?;
         let place = read_span(&mut from, text)?;
-        let field = |from: &mut Decoder<'_>| {
-            let name = names(&kind).nth(from.u32()? as usize).ok_or_else(unknown)?;
-            Ok((name, read_span(from, text)?))
-        };
-        let fields = (0..from.count(12)?).map(|_| field(&mut from)).collect::<Result<_, Corrupt>>()?;
+        let places = Places::Stored(bytes.clone(), from.raw_range(bytes)?);
         let texts = from.raw_range(bytes)?;
         let key_fields = from.raw_range(bytes)?;
         let step = LazyStep::of(Stored { bytes: bytes.clone(), kind: kind.clone(), texts, key_fields });
-        nodes.push(Node { id, kind, inputs, sink_path, point, span: place, fields, step });
+        nodes.push(Node { id, kind, inputs, sink_path, point, span: place, places, step });
     }
     let order: Vec<usize> = from.u32s()?.into_iter().map(|node| node as usize).collect();
     from.end()?;
@@ -280,6 +272,44 @@ fn span(to: &mut Encoder, span: &Range<usize>) {
 fn read_span(from: &mut Decoder<'_>, text: &str) -> Result<Range<usize>, Corrupt> {
     let span = from.u32()? as usize..from.u32()? as usize;
     text.get(span.clone()).map(|_| span).ok_or_else(|| Corrupt("a place beyond the text".to_owned()))
+}
+
+/// Where the fields of a node stand in the text: read, or in a compiled graph, where only mistakes ask for them.
+#[derive(Clone)]
+pub(crate) enum Places {
+    Read(Vec<(&'static str, Range<usize>)>),
+    Stored(Arc<Vec<u8>>, Range<usize>),
+}
+
+impl Places {
+    /// The place of a field, where it is written.
+    pub fn of(&self, kind: &KindEntry, field: &str) -> Option<Range<usize>> {
+        let (bytes, range) = match self {
+            Self::Read(places) => {
+                return places.iter().find(|(name, _)| *name == field).map(|(_, place)| place.clone());
+            }
+            Self::Stored(bytes, range) => (bytes, range.clone()),
+        };
+        let wanted = names(kind).position(|name| name == field)? as u32;
+        let entries = bytes.get(range)?.as_chunks::<12>().0.iter();
+        let mut numbers = entries.map(|entry| entry.as_chunks::<4>().0).map(|numbers| {
+            let number = |index: usize| numbers.get(index).map_or(0, |raw| u32::from_le_bytes(*raw));
+            (number(0), number(1) as usize..number(2) as usize)
+        });
+        numbers.find(|(name, _)| *name == wanted).map(|(_, place)| place)
+    }
+
+    /// For each field the number of its name among those that the kind has, and its place.
+    fn encode(&self, kind: &KindEntry) -> Vec<u8> {
+        let mut to = Encoder::default();
+        for (number, name) in names(kind).enumerate() {
+            if let Some(place) = self.of(kind, name) {
+                to.u32(number as u32);
+                span(&mut to, &place);
+            }
+        }
+        to.finish()
+    }
 }
 
 /// The parameters of a node: read, or as text that is read when first asked for.

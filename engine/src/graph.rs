@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::check::Check;
-use crate::compiled::{LazyStep, Parts};
+use crate::compiled::{LazyStep, Parts, Places};
 use crate::context::{Point, Scene};
 use crate::diag::{Code, Diagnostic, Diagnostics, Source};
 use crate::error::NodeError;
@@ -41,15 +41,14 @@ pub struct Node {
     pub point: Point,
     /// Where it stands in the text.
     pub span: Range<usize>,
-    pub(crate) fields: Vec<(&'static str, Range<usize>)>,
+    pub(crate) places: Places,
     pub(crate) step: LazyStep,
 }
 
 impl Node {
     /// Where a field stands in the text, or the whole node.
     pub(crate) fn place(&self, field: Option<&str>) -> Range<usize> {
-        let named = field.and_then(|name| self.fields.iter().find(|(known, _)| *known == name));
-        named.map_or(self.span.clone(), |(_, span)| span.clone())
+        field.and_then(|name| self.places.of(&self.kind, name)).unwrap_or(self.span.clone())
     }
 
     /// Every parameter with its value in canonical text.
@@ -328,20 +327,32 @@ impl Graph {
 
     /// The value of a parameter that is a whole number.
     pub fn number(&self, node: usize, parameter: &str) -> Option<u64> {
+        if !self.nodes[node].kind.params.iter().any(|param| param.name == parameter) {
+            return None;
+        }
         let values = self.nodes[node].values();
         values.iter().find(|(name, _)| *name == parameter)?.1.parse().ok()
     }
 
-    /// The same graph with a parameter at most `level` in every node that has it, and the nodes where that
-    /// makes a difference; `None` where there is none.
+    /// The same graph with a parameter at most `level` in every node that has it, and what kinds say of previews
+    /// beside it; and the nodes where that makes a difference. `None` where the parameter makes none.
     pub fn capped(&self, parameter: &str, level: u64) -> Option<(Self, Vec<usize>)> {
-        let over = |&node: &usize| self.number(node, parameter).is_some_and(|number| number > level);
-        let capped: Vec<usize> = (0..self.nodes.len()).filter(over).collect();
-        let mut graph = self.clone();
-        for &index in &capped {
-            graph.nodes[index].step = self.nodes[index].with(parameter, &level.to_string())?.into();
+        let over = |node: usize, name: &str, cap: u64| self.number(node, name).is_some_and(|n| n > cap);
+        if !(0..self.nodes.len()).any(|node| over(node, parameter, level)) {
+            return None;
         }
-        (!capped.is_empty()).then_some((graph, capped))
+        let mut graph = self.clone();
+        let mut capped = Vec::new();
+        for index in 0..self.nodes.len() {
+            let caps =
+                std::iter::once((parameter, level)).chain(self.nodes[index].kind.rough.iter().copied());
+            for (name, cap) in caps.filter(|(name, cap)| over(index, name, *cap)) {
+                graph.nodes[index].step = graph.nodes[index].with(name, &cap.to_string())?.into();
+                capped.push(index);
+            }
+        }
+        capped.dedup();
+        Some((graph, capped))
     }
 
     /// The nodes of a name: one, every instance of a node that axes multiply, or all of a subgraph.

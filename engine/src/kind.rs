@@ -80,6 +80,13 @@ pub trait Kind: 'static {
     /// exactly what follows.
     const INSTANT: bool = false;
 
+    /// Whole numbers that a preview while watching caps, and at what: those that cost much and show little.
+    const ROUGH: &'static [(&'static str, u64)] = &[];
+
+    /// The parameter in whose steps the work is kept in parts: raising it pays only for what is new. A forecast
+    /// counts no more than that.
+    const REFINES: Option<&'static str> = None;
+
     /// Parameters, by [`params!`](crate::params).
     type Params: Params;
     /// Inputs, by [`inputs!`](crate::inputs).
@@ -197,6 +204,10 @@ pub struct KindEntry {
     pub data: &'static [u8],
     /// [`Kind::INSTANT`].
     pub instant: bool,
+    /// [`Kind::REFINES`].
+    pub refines: Option<&'static str>,
+    /// [`Kind::ROUGH`].
+    pub rough: &'static [(&'static str, u64)],
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
     /// Whether a parameter names a file to read.
@@ -221,6 +232,8 @@ impl KindEntry {
             profile: K::PROFILE,
             data: K::DATA,
             instant: K::INSTANT,
+            refines: K::REFINES,
+            rough: K::ROUGH,
             folders: K::FOLDERS,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));

@@ -6,13 +6,16 @@
 
 use cache::{Change, Digest, Manifest};
 
-use crate::action::{Action, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes};
+use crate::action::{
+    Action, last_keys, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
+};
 use crate::artifact::AnyArtifact;
 use crate::context::Context;
 use crate::error::NodeError;
 use crate::forecast::Pace;
 use crate::graph::{Graph, Wire};
 use crate::job::{encode, guarded, stored_value};
+use crate::known::Known;
 use crate::record::{Output, Record, Spent};
 use crate::schedule::Engine;
 use crate::syntax::parse_value;
@@ -141,6 +144,8 @@ pub(crate) struct Outlook<'a> {
     /// Of nodes whose outputs are known by digest, whether they were made or only found out.
     pub records: Vec<Option<Record>>,
     pub actions: Vec<Action>,
+    /// What the last run looked up.
+    known: Known,
     /// Values of instant nodes that were found out.
     values: Vec<Option<Vec<AnyArtifact>>>,
 }
@@ -152,6 +157,7 @@ impl<'a> Outlook<'a> {
             graph,
             records: graph.nodes.iter().map(|_| None).collect(),
             actions: graph.nodes.iter().map(|_| Action::default()).collect(),
+            known: Known::read(engine.store(), &last_keys(graph), graph.nodes.len()),
             values: graph.nodes.iter().map(|_| None).collect(),
         }
     }
@@ -167,7 +173,8 @@ impl<'a> Outlook<'a> {
             Ok(action) => action,
             Err(error) => return Fate::Fails(error.to_string()),
         };
-        let record = look_up(store, node, &action.digest());
+        let key = action.digest();
+        let record = self.known.record(graph, index, &key).or_else(|| look_up(store, node, &key));
         self.actions[index] = action;
         if let Some(record) = record {
             let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);
@@ -194,7 +201,8 @@ impl<'a> Outlook<'a> {
         let forecast = runs
             .then(|| self.work(index).or_else(last))
             .flatten()
-            .and_then(|work| Pace::of(store, &node.kind).seconds(work));
+            .and_then(|work| Pace::of(store, &node.kind).seconds(work))
+            .map(|seconds| seconds * new_share(&fate, node.kind.refines));
         let manifest = key.map(|key| key.manifest.clone());
         Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
     }
@@ -278,6 +286,19 @@ impl<'a> Outlook<'a> {
         self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
         self.values[index] = Some(values);
         Some(())
+    }
+}
+
+/// How much of the work is new, where all that changed is the parameter in whose steps it is kept.
+fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
+    let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
+    let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
+    else {
+        return 1.0;
+    };
+    match (old.parse::<f64>(), new.parse::<f64>()) {
+        (Ok(old), Ok(new)) if path == refines && new > 0.0 => ((new - old) / new).clamp(0.0, 1.0),
+        _ => 1.0,
     }
 }
 

@@ -5,12 +5,13 @@
 //! of its content follows at the end. So renaming, reordering and comments in the graph file leave the recipe
 //! as it is.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use crate::context::{ReadSource, Scene};
 use crate::edit::replace_strings;
 use crate::graph::Graph;
+use crate::kind::KindEntry;
 use crate::param::Role;
 use crate::port::Arity;
 
@@ -31,47 +32,47 @@ pub(crate) fn recipe<'s>(
         number[node] = index;
     }
     let Scene { up, metres_per_unit, seed } = graph.scene;
-    let kinds: BTreeSet<String> = order
-        .iter()
-        .map(|&node| &graph.nodes[node].kind)
-        .map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile))
-        .collect();
-    let kinds: Vec<String> = kinds.into_iter().collect();
+    let kinds: BTreeMap<&str, &KindEntry> =
+        order.iter().map(|&node| &graph.nodes[node].kind).map(|kind| (kind.name, &**kind)).collect();
+    let kinds: Vec<String> =
+        kinds.values().map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile)).collect();
     let mut text = format!(
         "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
         kinds.join(", "),
         up.name()
     );
     let mut files = String::new();
+    // Writing to a string cannot fail. A large graph has many fields, so each is written where it belongs at once.
     for &index in &order {
         let node = &graph.nodes[index];
-        let mut fields: Vec<String> = Vec::new();
-        node.step.texts(&node.kind, &mut |index, text| {
+        let _ = write!(text, "n{}:{}(", number[index], node.kind.camel_name());
+        let start = text.len();
+        node.step.texts(&node.kind, &mut |index, value| {
             let Some(spec) = node.kind.params.get(index) else { return };
-            fields.push(match spec.role {
-                Role::Value => format!("{}:{text}", spec.name),
+            let _ = match spec.role {
+                Role::Value => write!(text, "{}:{value},", spec.name),
                 Role::Input => {
-                    format!("{}:{}", spec.name, replace_strings(text, |path| last(path).to_owned()))
+                    write!(text, "{}:{},", spec.name, replace_strings(value, |path| last(path).to_owned()))
                 }
-                Role::Output => format!("{}:{}", spec.name, replace_strings(text, output_name)),
-            });
+                Role::Output => write!(text, "{}:{},", spec.name, replace_strings(value, output_name)),
+            };
         });
-        for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
-            let names: Vec<String> = wires
-                .iter()
-                .map(|wire| {
-                    let output = graph.nodes[wire.node].kind.outputs[wire.port].name;
-                    format!("\"n{}.{output}\"", number[wire.node])
-                })
-                .collect();
-            match (port.arity, names.as_slice()) {
-                (_, []) => {}
-                (Arity::Many, names) => fields.push(format!("{}:[{}]", port.name, names.join(","))),
-                (_, [name, ..]) => fields.push(format!("{}:{name}", port.name)),
+        for (port, wires) in node.kind.inputs.iter().zip(&node.inputs).filter(|(_, wires)| !wires.is_empty())
+        {
+            let many = port.arity == Arity::Many;
+            let _ = write!(text, "{}:{}", port.name, if many { "[" } else { "" });
+            for wire in wires {
+                let output = graph.nodes[wire.node].kind.outputs[wire.port].name;
+                let _ = write!(text, "\"n{}.{output}\",", number[wire.node]);
+            }
+            if many {
+                text.truncate(text.len() - 1);
+                text.push_str("],");
             }
         }
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "n{}:{}({}),", number[index], node.kind.camel_name(), fields.join(","));
+        // The comma behind the last field.
+        text.truncate(text.len().saturating_sub(1).max(start));
+        text.push_str("),\n");
         for source in sources(index) {
             let _ = writeln!(
                 files,

@@ -100,6 +100,10 @@ pub(crate) fn expand<'t>(
             inner
         };
         open.extend(file.nodes.iter().rev().map(inside));
+        // What the file runs along, the graph does, unless it has an axis of that name itself.
+        let known = |axis: &RawField<'t>| document.axes.iter().any(|own| own.name == axis.name);
+        let axes: Vec<RawField<'t>> = file.axes.iter().filter(|axis| !known(axis)).cloned().collect();
+        document.axes.extend(axes);
         let broken = file.broken.iter().map(|name| format!("{}{name}", scope.prefix).into());
         document.broken.extend(broken);
         document.scopes.push(scope);

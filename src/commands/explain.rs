@@ -2,8 +2,9 @@
 
 use clap::Args;
 
+use super::plan::{changes_json, planned_json};
 use crate::causes::trail;
-use crate::report::{counts_text, seconds_text};
+use crate::report::{self, counts_text, seconds_text};
 use crate::session::{EngineArgs, Error, GraphArgs, find, size_text};
 
 /// Tells why a node would run again, or did when it last ran, back to where it begins.
@@ -16,6 +17,9 @@ pub struct Explain {
     /// Also tell everything that its key is made of
     #[arg(long)]
     key: bool,
+    /// One JSON object on standard output
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     engine: EngineArgs,
 }
@@ -29,6 +33,20 @@ impl Explain {
         let engine = self.engine.open()?;
         let plan = engine.plan(graph, &[index]);
         let trail = trail(&engine, graph, &plan, index);
+        let node = &plan[index];
+        let past = engine.past(graph, index, node);
+        if self.json {
+            let mut told = planned_json(&engine, graph, index, node);
+            told["event"] = "explained".into();
+            told["because"] = trail.roots.into();
+            told["trail"] = trail.lines.into();
+            told["before"] = changes_json(&past.changes).into();
+            if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
+                told["key"] = manifest.to_string().lines().map(str::to_owned).collect::<Vec<_>>().into();
+            }
+            report::json_line(&told);
+            return Ok(0);
+        }
         let mut text = String::new();
         if !trail.roots.is_empty() {
             text.push_str("because\n");
@@ -40,8 +58,7 @@ impl Explain {
         for line in &trail.lines {
             text.push_str(&format!("{line}\n"));
         }
-        let node = &plan[index];
-        if let Some(last) = engine.past(graph, index, node).spent {
+        if let Some(last) = past.spent {
             let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
             let counts = counts_text(&last.counts);
             text.push_str(&format!("\nits code took {seconds} and about {memory} the last time{counts}\n"));

@@ -91,6 +91,8 @@ impl Command {
         match &self.verb {
             Verb::Run(verb) => verb.json,
             Verb::Check(verb) => verb.json,
+            Verb::Plan(verb) => verb.json,
+            Verb::Explain(verb) => verb.json,
             Verb::Inspect(verb) => verb.json,
             Verb::Watch(verb) => verb.json,
             Verb::Tune(verb) => verb.json,

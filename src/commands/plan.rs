@@ -1,10 +1,11 @@
 //! `plan`: what a run would do and why.
 
 use clap::Args;
-use engine::{Fate, Forecast};
+use engine::{Change, Engine, Event, Fate, Forecast, Graph, Planned, Why};
+use serde_json::{Value, json};
 
 use crate::causes::reason;
-use crate::report::{counts_text, forecast_text, seconds_text};
+use crate::report::{self, counts_text, forecast_text, seconds_text};
 use crate::session::{EngineArgs, Error, GraphArgs, size_text};
 
 /// Tells what a run would compute, why, and about how long it takes.
@@ -15,6 +16,9 @@ pub struct Plan {
     /// Tell every node, and what each took the last time
     #[arg(long, short)]
     verbose: bool,
+    /// One JSON object a line on standard output: each node that is wanted, then the sum
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     engine: EngineArgs,
 }
@@ -26,6 +30,9 @@ impl Plan {
         let (graph, only) = (&loaded.graph, &loaded.only);
         let engine = self.engine.open()?;
         let plan = engine.plan(graph, only);
+        if self.json {
+            return Ok(tell_json(&engine, graph, &plan));
+        }
         let mut text = String::new();
         for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
             if node.fate == Fate::Known && !self.verbose {
@@ -44,6 +51,47 @@ impl Plan {
         text.push_str(&forecast_text(&Forecast::of(&plan)));
         text.push('\n');
         super::print(&text)?;
-        Ok(u8::from(plan.iter().any(|node| matches!(node.fate, Fate::Fails(_)))))
+        Ok(exit_code(&plan))
     }
+}
+
+/// 1 where a node would fail.
+fn exit_code(plan: &[Planned]) -> u8 {
+    u8::from(plan.iter().any(|node| matches!(node.fate, Fate::Fails(_))))
+}
+
+fn tell_json(engine: &Engine, graph: &Graph, plan: &[Planned]) -> u8 {
+    for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
+        report::json_line(&planned_json(engine, graph, index, node));
+    }
+    report::json_line(&Event::Plan(Forecast::of(plan)));
+    exit_code(plan)
+}
+
+/// What would become of a node, and what it took when it last ran.
+pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned) -> Value {
+    let (fate, changes, after) = match &node.fate {
+        Fate::Unwanted => ("unwanted", &[][..], None),
+        Fate::Known => ("known", &[][..], None),
+        Fate::Lost => ("lost", &[][..], None),
+        Fate::Runs(Why::New) => ("runs", &[][..], None),
+        Fate::Runs(Why::Changed(changes)) => ("runs", changes.as_slice(), None),
+        Fate::Follows(above) => ("follows", &[][..], Some(above)),
+        Fate::Fails(_) => ("fails", &[][..], None),
+    };
+    let last = engine
+        .past(graph, index, node)
+        .spent
+        .map(|last| json!({"seconds": last.seconds, "memory_bytes": last.memory, "counts": last.counts}));
+    json!({
+        "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after,
+        "forecast": node.forecast, "why": reason(graph, index, &node.fate),
+        "changes": changes_json(changes), "last": last,
+    })
+}
+
+/// What differs between two keys of a node.
+pub fn changes_json(changes: &[Change]) -> Vec<Value> {
+    let change = |change: &Change| json!({"path": change.path, "old": change.old, "new": change.new});
+    changes.iter().map(change).collect()
 }

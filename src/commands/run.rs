@@ -85,6 +85,8 @@ impl Run {
                 return Ok(1);
             }
         }
+        // The process ends: to take a large graph apart, piece by piece, would only take time.
+        std::mem::forget(loaded.graph);
         Ok(outcome.totals.exit_code())
     }
 }

@@ -1,6 +1,7 @@
 //! `watch`: runs a graph again whenever it or a file it reads changes.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
@@ -36,11 +37,17 @@ pub struct Watch {
     poll: bool,
 }
 
+/// Why a bundle or a picture is not watched.
+const STRANGE: &str = "a bundle or a picture is written once and does not change; to edit and watch what is in a bundle, \
+    `lightharmony unpack` it and watch the `graph.ron` in the folder";
+
 impl Watch {
     /// Watches until it is interrupted.
     pub fn run(self) -> Result<u8, Error> {
         if self.graph.graph == Path::new("-") {
-            return Err(Error::Unwatchable);
+            return Err(Error::Unwatchable(
+                "only a file can be watched: `-` stands for standard input, which is read once",
+            ));
         }
         let engine = self.engine.open_for_long()?;
         let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
@@ -58,11 +65,15 @@ impl Watch {
         })?;
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         let (graph, colour) = (self.graph, report::colours() && !self.json);
-        let load = || {
+        let mut last: Option<Arc<Graph>> = None;
+        let load = |same_files: bool| {
             let mut texts = Vec::new();
-            let loaded = graph.load_noting(&mut texts).and_then(|loaded| match loaded.unpacked {
+            let known = last.as_ref().filter(|_| same_files);
+            let loaded = graph.load_again(engine.store(), known, &mut texts);
+            last = loaded.as_ref().ok().map(|loaded| loaded.graph.clone());
+            let loaded = loaded.and_then(|loaded| match loaded.unpacked {
                 None => Ok((loaded.graph, loaded.only)),
-                Some(_) => Err(Error::Unwatchable),
+                Some(_) => Err(Error::Unwatchable(STRANGE)),
             });
             let refusal = |error| match error {
                 Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),

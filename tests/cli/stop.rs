@@ -46,7 +46,9 @@ fn runs_stopped_at_any_moment_keep_what_finished() {
 #[test]
 fn a_reader_that_goes_away_stops_nothing() {
     let place = Place::new(INSERT);
-    for arguments in [&["run", "graph.ron"][..], &["run", "graph.ron", "--json"]] {
+    for arguments in
+        [&["run", "graph.ron"][..], &["run", "graph.ron", "--json"], &["plan", "graph.ron", "--json"]]
+    {
         let mut child =
             place.command(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         drop(child.stdout.take());

@@ -27,7 +27,7 @@ use pace::Pace;
 /// What is watched, as read from its files at one moment.
 pub struct Load {
     /// The graph and the nodes wanted of it (none: its targets), or what is wrong with it.
-    pub graph: Result<(Graph, Vec<usize>), Refusal>,
+    pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
     /// The files that the graph itself was read from, whether they are there or not.
     pub texts: Vec<PathBuf>,
 }
@@ -152,9 +152,15 @@ impl Watch {
         self.handle.clone()
     }
 
-    /// Watches until [`Handle::quit`]. `load` reads the graph, now and after every change. Gives the files
-    /// that do not show what the graph last said.
-    pub fn run(self, engine: &Engine, load: impl FnMut() -> Load, tell: impl FnMut(Event)) -> Vec<PathBuf> {
+    /// Watches until [`Handle::quit`]. `load` reads the graph, now and after every change; it is told whether the
+    /// files that nodes read are as they were, so that a graph of the same text need not be checked again. Gives
+    /// the files that do not show what the graph last said.
+    pub fn run(
+        self,
+        engine: &Engine,
+        load: impl FnMut(bool) -> Load,
+        tell: impl FnMut(Event),
+    ) -> Vec<PathBuf> {
         let Watch { options, inputs, handle, files } = self;
         let pace = Pace::new(options.settle, LONGEST);
         let shown = BTreeMap::new();
@@ -198,9 +204,9 @@ struct Session<'a, L, T> {
     doubted: bool,
 }
 
-impl<L: FnMut() -> Load, T: FnMut(Event)> Session<'_, L, T> {
+impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
     fn run(&mut self) {
-        let mut current = self.read();
+        let mut current = self.read(false);
         loop {
             let next = match &current.graph {
                 Ok((graph, only)) => self.show(&current, graph, only),
@@ -334,12 +340,12 @@ impl<L: FnMut() -> Load, T: FnMut(Event)> Session<'_, L, T> {
         if changed.is_empty() {
             return None;
         }
-        let load = self.read();
         let texts: BTreeSet<PathBuf> =
-            load.texts.iter().filter_map(|p| std::path::absolute(p).ok()).collect();
+            current.texts.iter().filter_map(|p| std::path::absolute(p).ok()).collect();
         let only_texts = changed.iter().all(|path| texts.contains(path));
+        let load = self.read(only_texts);
         let same = match (&current.graph, &load.graph) {
-            (Ok((old, wanted)), Ok((new, now))) => wanted == now && old.same(new),
+            (Ok((old, wanted)), Ok((new, now))) => wanted == now && (Arc::ptr_eq(old, new) || old.same(new)),
             (Err(old), Err(new)) => old == new,
             _ => false,
         };
@@ -357,9 +363,9 @@ impl<L: FnMut() -> Load, T: FnMut(Event)> Session<'_, L, T> {
     }
 
     /// Reads the graph, and once more where it names files that nobody followed while they were read.
-    fn read(&mut self) -> Load {
+    fn read(&mut self, mut same_files: bool) -> Load {
         loop {
-            let load = (self.load)();
+            let load = (self.load)(std::mem::replace(&mut same_files, false));
             let mut paths = load.texts.clone();
             match &load.graph {
                 Ok((graph, _)) => paths.extend(graph.files()),

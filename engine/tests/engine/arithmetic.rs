@@ -278,20 +278,25 @@ engine::params! {
         gain: f64 = 1.0, other("2.0");
     }
 }
-simple!(Series = "series", One, |params, inputs, cx| {
-    let mut sum = 0.0;
-    for first in (0..params.samples).step_by(16) {
-        let last = params.samples.min(first + 16);
-        let part = Part { name: "chunk", version: 1, inputs: &["value"] };
-        let chunk = cx.part(part, &(first, last), || {
-            cx.count("samples", u64::from(last - first));
-            Ok(Num((first..last).map(|n| inputs.value.0 + f64::from(n)).sum()))
-        })?;
-        sum += chunk.0;
-        cx.progress(last as f32 / params.samples as f32);
-    }
-    give(sum / f64::from(params.samples) * params.gain)
-});
+simple!(
+    Series = "series",
+    One,
+    |params, inputs, cx| {
+        let mut sum = 0.0;
+        for first in (0..params.samples).step_by(16) {
+            let last = params.samples.min(first + 16);
+            let part = Part { name: "chunk", version: 1, inputs: &["value"] };
+            let chunk = cx.part(part, &(first, last), || {
+                cx.count("samples", u64::from(last - first));
+                Ok(Num((first..last).map(|n| inputs.value.0 + f64::from(n)).sum()))
+            })?;
+            sum += chunk.0;
+            cx.progress(last as f32 / params.samples as f32);
+        }
+        give(sum / f64::from(params.samples) * params.gain)
+    },
+    const REFINES: Option<&'static str> = Some("samples");
+);
 
 engine::params! {
     /// The numbers from the input upwards.
@@ -324,9 +329,12 @@ engine::params! {
     }
 }
 engine::inputs! { /** A list. */ pub struct Listed { /** The numbers. */ numbers: Arc<Numbers>, } }
-simple!(Sum = "sum", Listed, |params, inputs, _cx| {
-    give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times))
-});
+simple!(
+    Sum = "sum",
+    Listed,
+    |params, inputs, _cx| { give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)) },
+    const ROUGH: &'static [(&'static str, u64)] = &[("times", 1)];
+);
 
 engine::params! {
     /// Passes a number on, or fails.

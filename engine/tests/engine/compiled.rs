@@ -116,3 +116,50 @@ fn damage_to_it_costs_only_time() {
         fs::write(&name, good).unwrap();
     }
 }
+
+/// Where the last runs of a lab's graphs are, as the cache keeps them.
+fn last_runs(lab: &Lab) -> Vec<std::path::PathBuf> {
+    let folder = lab.cache().join("v1/last");
+    lab.cache_files().into_iter().filter(|path| path.starts_with(&folder)).collect()
+}
+
+#[test]
+fn what_the_last_run_looked_up_is_found_by_key_or_not_at_all() {
+    let lab = Lab::on_disk();
+    lab.write("a.txt", "3");
+    let nodes = |by: f64| {
+        format!(
+            "in: LoadNumber(path: \"a.txt\"), s: Scale(value: \"in\", by: {by:?}), t: Round(value: \"s\"), \
+             w: WriteNumber(number: \"t\", path: \"w.txt\")"
+        )
+    };
+    assert_eq!(lab.run(&nodes(2.0)).ran(), "in s t w");
+    assert_eq!(last_runs(&lab).len(), 1, "one for the graph file");
+    // It alone is enough to find that nothing is to be done ..
+    let paths = ["records.log", "records.index"].map(|name| lab.cache().join("v1").join(name));
+    let kept = paths.clone().map(|path| fs::read(path).ok());
+    paths.iter().for_each(|path| drop(fs::remove_file(path)));
+    assert_eq!(lab.run(&nodes(2.0)).ran(), "");
+    for (path, bytes) in paths.iter().zip(&kept) {
+        bytes.iter().for_each(|bytes| fs::write(path, bytes).unwrap());
+    }
+    // .. and what is not as it was is not found: an edit, another content of a file.
+    assert_eq!(lab.run(&nodes(2.1)).ran(), "s", "rounding stops it");
+    lab.write("a.txt", "30");
+    assert_eq!(lab.run(&nodes(2.1)).ran(), "in s t w");
+    lab.write("a.txt", "3");
+    assert_eq!(lab.run(&nodes(2.0)).ran(), "", "known by records, though not by the last run");
+    assert_eq!(lab.out("w.txt"), "6.0\n");
+    // A damaged one costs time only.
+    for cut in [1, 40, 100] {
+        let path = &last_runs(&lab)[0];
+        let bytes = fs::read(path).unwrap();
+        fs::write(path, &bytes[..bytes.len() - cut]).unwrap();
+        assert_eq!(lab.run(&nodes(2.0)).ran(), "");
+    }
+    // What is collected is not found in it.
+    let limits = cache::Limits { max_size: Some(0), ..cache::Limits::default() };
+    lab.engine().store().collect(&limits, &engine::blobs_of, std::time::Duration::from_secs(60)).unwrap();
+    assert_eq!(last_runs(&lab).len(), 0);
+    assert_eq!(lab.run(&nodes(2.0)).ran(), "in s t w");
+}

@@ -109,6 +109,21 @@ fn a_forecast_follows_kind_and_work_and_not_names() {
 }
 
 #[test]
+fn a_forecast_leaves_out_the_parts_that_are_kept() {
+    let lab = Lab::on_disk();
+    lab.run("a: Number(), s: Series(value: \"a\", samples: 100)");
+    let forecast = |nodes: &str| {
+        let graph = lab.parse(&graph_text(nodes)).unwrap();
+        lab.engine().plan(&graph, &[]).last().unwrap().forecast.unwrap()
+    };
+    let all = forecast("a: Number(), new: Series(value: \"a\", samples: 400)");
+    let rest = forecast("a: Number(), s: Series(value: \"a\", samples: 400)");
+    assert!(all > 0.0 && (rest / all - 0.75).abs() < 1e-9, "{rest} of {all}");
+    let other = forecast("a: Number(value: 2.0), s: Series(value: \"a\", samples: 400)");
+    assert_eq!(other, all, "nothing is kept of another value");
+}
+
+#[test]
 fn what_changed_is_remembered_after_the_run() {
     let lab = Lab::on_disk();
     let nodes = "a: Number(value: 30.0), s: Slow(value: \"a\", millis: 1)";

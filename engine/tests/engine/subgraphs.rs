@@ -120,6 +120,15 @@ fn what_is_given_may_be_lists_parts_of_values_axes_and_values_of_those_around() 
 }
 
 #[test]
+fn a_file_brings_its_axes() {
+    let file = r#"Graph(version: 1, axes: (n: Range(0, 3)), nodes: (v: Number(value: Axis("n")),))"#;
+    let lab = Lab::with_parts(&[("file.ron", file)]);
+    let text = graph_text("a: Subgraph(graph: \"parts/file.ron\"), b: Subgraph(graph: \"parts/file.ron\")");
+    assert_eq!(lab.parse(&lab.set(&text, &[])).unwrap().nodes.len(), 6);
+    assert_eq!(lab.parse(&lab.set(&text, &["axes.n=Range(0, 5)"])).unwrap().nodes.len(), 10);
+}
+
+#[test]
 fn paths_begin_where_they_are_written() {
     let file =
         r#"Graph(version: 1, parameters: (own: "one.txt"), nodes: (n: LoadNumber(path: Param("own")),))"#;

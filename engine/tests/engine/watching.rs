@@ -2,6 +2,7 @@
 //! that takes.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -27,12 +28,12 @@ impl Session {
         let (handle, (sender, events)) = (watch.handle(), channel());
         let engine = lab.engine().keeping(1 << 20);
         let (path, folder, registry) = (lab.path("graph.ron"), lab.path(""), crate::arithmetic::registry());
-        let load = move || {
+        let load = move |_: bool| {
             let graph = match std::fs::read_to_string(&path) {
                 Err(error) => Err(Refusal::other(error.to_string())),
                 Ok(text) => {
                     engine::Graph::parse(Source::new("graph.ron", text), &registry, SourceRoot::new(&folder))
-                        .map(|graph| (graph, Vec::new()))
+                        .map(|graph| (Arc::new(graph), Vec::new()))
                         .map_err(|mistakes| Refusal::mistakes(&mistakes, false))
                 }
             };
@@ -243,6 +244,18 @@ fn rough_passes_come_first_and_the_last_one_pays_only_the_rest() {
         events.iter().filter(of).count()
     };
     assert!(parts(State::Ran) > 0 && parts(State::Cached) > 0, "later passes build on earlier ones");
+}
+
+#[test]
+fn a_preview_caps_what_kinds_say_and_the_picture_does_not() {
+    let lab = Lab::in_memory();
+    let nodes = r#"one: Number, r: Ramp(value: "one", count: 5), s: Sum(numbers: "r", times: 3), m: Series(value: "s", samples: 40)"#;
+    let graph = lab.parse(&graph_text(nodes)).unwrap();
+    let (rough, capped) = graph.capped("samples", 4).unwrap();
+    assert_eq!(capped, [2, 3]);
+    assert_eq!((rough.number(2, "times"), rough.number(3, "samples")), (Some(1), Some(4)));
+    assert_eq!((graph.number(2, "times"), graph.number(3, "samples")), (Some(3), Some(40)));
+    assert!(graph.capped("samples", 40).is_none(), "where nothing is refined, nothing is rough");
 }
 
 #[test]

@@ -200,6 +200,8 @@ fn guide<'a>(
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
     const VERSION: u32 = 1;
+    // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
+    const ROUGH: &'static [(&'static str, u64)] = &[("radius_px", 2)];
     type Params = Self;
     type In = In;
     type Out = Out;

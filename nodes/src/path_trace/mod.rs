@@ -141,6 +141,7 @@ impl Kind for PathTrace {
     const VERSION: u32 = 6;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
+    const REFINES: Option<&'static str> = Some("samples");
     type Params = Self;
     type In = In;
     type Out = Out;
