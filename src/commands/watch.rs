@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
-use engine::{Load, Refusal, WatchOptions};
+use engine::{Graph, Load, Refusal, WatchOptions};
 
 use crate::report::{self, Report};
 use crate::session::{EngineArgs, Error, GraphArgs};

@@ -127,9 +127,9 @@ fn mutations_of_the_index_never_panic_and_leave_nothing() {
     let bytes = bundle();
     let end = HEAD + u64::from_le_bytes(*bytes[12..].first_chunk().expect("a head")) as usize;
     let seconds = std::env::var("LIGHTHARMONY_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok());
-    let end = seconds.map(|seconds| Instant::now() + Duration::from_secs(seconds));
+    let until = seconds.map(|seconds| Instant::now() + Duration::from_secs(seconds));
     let (mut opened, mut rounds) = (0, 0);
-    for round in (0_u64..).take_while(|round| end.map_or(*round < 3000, |end| Instant::now() < end)) {
+    for round in (0_u64..).take_while(|round| until.map_or(*round < 3000, |until| Instant::now() < until)) {
         rounds += 1;
         let dice = Digest::of(&round.to_le_bytes());
         let mut dice = dice.as_bytes().iter().map(|byte| usize::from(*byte));

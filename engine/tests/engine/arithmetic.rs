@@ -332,7 +332,7 @@ engine::inputs! { /** A list. */ pub struct Listed { /** The numbers. */ numbers
 simple!(
     Sum = "sum",
     Listed,
-    |params, inputs, _cx| { give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)) },
+    |params, inputs, _cx| give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)),
     const ROUGH: &'static [(&'static str, u64)] = &[("times", 1)];
 );
 
