@@ -19,6 +19,8 @@ mod run;
 mod splats;
 #[cfg(feature = "learned")]
 mod train_exposure;
+#[cfg(feature = "learned")]
+mod train_lora;
 mod tune;
 mod unpack;
 mod verify;

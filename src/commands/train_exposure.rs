@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use nodes::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
 
+use super::train_lora::TrainLora;
 use crate::report;
 use crate::session::Error;
 
@@ -38,6 +39,20 @@ pub struct TrainExposure {
     /// A folder for what each network of the cross-validation recovers of the panoramas it never saw
     #[arg(long)]
     recovered: Option<PathBuf>,
+    /// What is trained
+    #[arg(long, value_enum, default_value_t = Backend::Networks)]
+    backend: Backend,
+    #[command(flatten)]
+    lora: TrainLora,
+}
+
+/// What is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Backend {
+    /// The networks that `predict-exposure` uses by itself
+    Networks,
+    /// A LoRA for `method: FluxKontext(..)`, with weights of your own
+    FluxKontext,
 }
 
 impl TrainExposure {
@@ -53,6 +68,9 @@ impl TrainExposure {
     }
 
     fn train(&self) -> Result<u8, String> {
+        if self.backend == Backend::FluxKontext {
+            return self.lora.run(&panoramas(&self.panoramas)?, &self.out, self.seed, self.steps);
+        }
         let panoramas = read_folder(&self.panoramas)?;
         let recipe = Recipe { steps: self.steps as usize, ..Recipe::default() };
         let plan = Plan {
@@ -102,7 +120,8 @@ impl TrainExposure {
     }
 }
 
-fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
+/// The HDR panoramas in a folder, by name.
+fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let told = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
         .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
@@ -112,13 +131,17 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     if paths.is_empty() {
         return Err(format!("`{}` holds no .exr or .hdr file", folder.display()));
     }
+    Ok(paths)
+}
+
+fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
     let read = |path: &PathBuf| {
         let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{}`: {e}", path.display()))?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let image = training::read(&path.display().to_string(), &bytes).map_err(|e| e.to_string())?;
         Ok((name, image))
     };
-    paths.iter().map(read).collect()
+    panoramas(folder)?.iter().map(read).collect()
 }
 
 /// Mean and median of the errors of panoramas that took no part, in stops.
