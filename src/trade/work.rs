@@ -2,8 +2,8 @@
 
 use engine::Counts;
 
-/// What a count weighs, in rays: about the CPU time of one beside that of a ray of `path-trace`, measured on the
-/// room of `graphs/insert.ron`. Which numbers stand here moves the choice of settings between kinds of work
+/// What a count weighs, in rays: about the CPU time of one beside that of a ray of `path-trace`, estimated and good
+/// to a factor of two or three. Which numbers stand here moves the choice of settings between kinds of work
 /// and never that between more and less of one; what is not listed weighs nothing.
 const WEIGHTS: [(&str, f64); 7] = [
     ("rays", 1.0),
