@@ -40,8 +40,11 @@ pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
     (stamp == *now && stamp.is_settled()).then_some(Digest::from_bytes(digest.try_into().ok()?))
 }
 
-/// Reads the whole file: its digest and its length in bytes.
+/// Reads the whole file: its digest and its length in bytes. A pipe or a device, which may have no end, is refused.
 pub(crate) fn read_digest(path: &Path) -> io::Result<(Digest, u64)> {
+    if !std::fs::metadata(path)?.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
+    }
     let mut file = File::open(path)?;
     let mut writer = DigestWriter::new();
     let mut buffer = vec![0; 256 << 10];

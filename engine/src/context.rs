@@ -324,8 +324,12 @@ impl Context {
     }
 
     fn read_source(&self, wanted: &SourceFile) -> Result<Vec<u8>, NodeError> {
-        let bytes = std::fs::read(&wanted.path)
-            .map_err(|e| NodeError::new(format!("cannot read `{}`: {e}", wanted.path.display())))?;
+        let failed = |e| NodeError::new(format!("cannot read `{}`: {e}", wanted.path.display()));
+        // A pipe or a device may have no end.
+        if !std::fs::metadata(&wanted.path).map_err(failed)?.is_file() {
+            return Err(NodeError::new(format!("`{}` is not a regular file", wanted.path.display())));
+        }
+        let bytes = std::fs::read(&wanted.path).map_err(failed)?;
         if self.parts.is_some() {
             let declared = self.sources.iter().find(|source| source.file == *wanted);
             let declared = declared.unwrap_or_else(|| {

@@ -2,6 +2,8 @@
 //! pictures, one pixel a splat, beside it or in one ZIP archive. Version 2 looks its numbers up in
 //! codebooks, version 1 spaces them evenly between bounds; both become tables of 256 here.
 
+use std::path::{Component, Path};
+
 use engine::{NodeError, Notes};
 use serde::Deserialize;
 
@@ -146,6 +148,12 @@ impl Meta {
         if !bounds.clone().all(|v| v.is_finite()) {
             return Err(Error::format(file, "the bounds of the centres are not finite"));
         }
+        // Pictures lie beside it: a scene from somebody else names no other file of this machine.
+        let inside =
+            |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+        if let Some(name) = meta.files().find(|name| !inside(name)) {
+            return Err(Error::format(file, format!("names `{name}`, which does not lie beside it")));
+        }
         Ok(meta)
     }
 
@@ -261,6 +269,9 @@ impl Pixels {
     }
 }
 
+/// Most bytes of a `meta.json` that is packed; real ones have some ten thousand.
+const META_BYTES: usize = 16 << 20;
+
 /// Loads a ZIP archive that holds `meta.json` and its pictures.
 pub(super) fn load_bundle(
     file: &str,
@@ -273,6 +284,10 @@ pub(super) fn load_bundle(
         return Err(Error::format(file, "the ZIP archive holds no `meta.json`, or several; not SOG").into());
     };
     let folder = name.strip_suffix("meta.json").unwrap_or_default();
+    let length = archive.length(name);
+    if length > META_BYTES {
+        return Err(Error::format(file, format!("its `meta.json` has {length} bytes")).into());
+    }
     let meta = Meta::read(file, &archive.get(name)?)?;
     load(file, &meta, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
 }

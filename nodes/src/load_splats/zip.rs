@@ -69,6 +69,11 @@ impl<'a> Archive<'a> {
         found.next().is_none().then_some(&first.name)
     }
 
+    /// How many bytes an entry says it unpacks to; 0 where there is none of that name.
+    pub fn length(&self, name: &str) -> usize {
+        self.entries.iter().find(|entry| entry.name == name).map_or(0, |entry| entry.length)
+    }
+
     /// The bytes of an entry, its checksum verified.
     pub fn get(&self, name: &str) -> Result<Vec<u8>, Error> {
         let wrong = |what: &str| Error::format(self.file, format!("entry `{name}` {what}"));

@@ -86,6 +86,8 @@ fn bombs_are_refused() {
         .unwrap()
         .replace("\"count\":7", "\"count\":4294967296")
         .into_bytes();
+    let mut blank = build::sog(2);
+    blank[0].1.resize(17 << 20, b' ');
     let text = |from: &str, to: &str| {
         let bytes = build::glb("", "srgb_rec709_display");
         let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
@@ -97,6 +99,7 @@ fn bombs_are_refused() {
         ("spz plain", plain),
         ("ksplat", ksplat),
         ("sog", build::zip("", &sog, false)),
+        ("sog meta", build::zip("", &blank, true)),
         ("glb accessor", text("\"count\":2,", "\"count\":9,")),
     ] {
         assert!(read(&bytes).is_err(), "{name}");

@@ -144,3 +144,18 @@ fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
     assert!(says("{\"version\": 2}").contains("missing field"));
     assert!(says("[").contains("no SOG"));
 }
+
+/// A scene from somebody else reads nothing but what lies beside it. Mutation: the check of names dropped.
+#[test]
+fn sog_meta_names_only_what_lies_beside_it() {
+    let files = build::sog(2);
+    let (_, meta) = files.iter().find(|(name, _)| name == "meta.json").expect("is there");
+    let meta = String::from_utf8(meta.clone()).expect("is text");
+    assert!(sog::Meta::read("meta.json", meta.as_bytes()).is_ok());
+    for name in ["/etc/passwd", "../quats.webp", "a/../../b.webp"] {
+        let text = meta.replace("quats.webp", name);
+        assert_ne!(text, meta);
+        let error = sog::Meta::read("meta.json", text.as_bytes()).err().expect("refused").to_string();
+        assert!(error.contains(&format!("`{name}`")), "{error}");
+    }
+}
