@@ -76,7 +76,9 @@ impl PathTrace {
             (NearField::Off, _) => (false, "as set"),
             (_, None) => (false, "the environment has no point of capture"),
             (_, Some(_)) if !left_to_us => (false, "another rule of visibility is set"),
-            (_, Some(_)) => (true, "the environment was captured in the place"),
+            // Most of the light of an open scene is far, and shadows at the contact are finer by the rules.
+            (_, Some(_)) if solid => (false, "the scene is open"),
+            (_, Some(_)) => (true, "the environment was captured in this closed place"),
         };
         let found = if near { "what it shows of a place in the panorama" } else { "its rules of visibility" };
         let text =

@@ -84,7 +84,7 @@ engine::choices! {
 engine::choices! {
     /// Whether the receiver is the light that the environment shows of it.
     pub enum NearField {
-        /// `On` where the environment was captured in the place and `env_block`, `bounce` and
+        /// `On` where the environment was captured in a place that is closed, and `env_block`, `bounce` and
         /// `object_specular_sees` are left to `Auto`.
         Auto,
         /// Rays that meet the receiver find what the environment shows in the direction of that place, seen
