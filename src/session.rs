@@ -43,9 +43,6 @@ pub enum Error {
     /// The machine gives no home folder to keep a cache in.
     #[error("no folder for the cache is known; name one with `--cache` or LIGHTHARMONY_CACHE")]
     NoCacheFolder,
-    /// Threads cannot be started.
-    #[error(transparent)]
-    Engine(#[from] engine::EngineError),
     /// Something to watch that cannot change.
     #[error("{0}")]
     Unwatchable(&'static str),
@@ -161,7 +158,7 @@ pub struct EngineArgs {
     /// Threads; default, and 0: one for each core
     #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
     pub jobs: Option<u16>,
-    /// Memory for values and running nodes, such as 4G; default: three quarters of what is free. Nodes wait
+    /// Memory for values and running nodes, such as 4G; default, and 0: three quarters of what is free. Nodes wait
     /// for their share, and one that would need more than all of it fails before it starts
     #[arg(long, value_name = "SIZE")]
     pub memory: Option<String>,
@@ -306,23 +303,14 @@ fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
 }
 
 impl EngineArgs {
-    /// The same for a process that runs again and again: a third of the memory keeps values meanwhile.
-    pub fn open_for_long(&self) -> Result<Engine, Error> {
-        let memory = self.memory()?;
-        Ok(self.open_with(memory / 3 * 2)?.keeping(memory / 3))
-    }
-
-    /// Opens the store and starts the threads.
-    pub fn open(&self) -> Result<Engine, Error> {
-        self.open_with(self.memory()?)
-    }
-
-    /// Bytes of memory for values.
+    /// Bytes of memory for values; 0 for what the engine takes by itself.
     pub fn memory(&self) -> Result<u64, Error> {
-        self.memory.as_deref().map_or_else(|| Ok(free_memory() / 4 * 3), size)
+        self.memory.as_deref().map_or(Ok(0), size)
     }
 
-    fn open_with(&self, memory: u64) -> Result<Engine, Error> {
+    /// Opens the store.
+    pub fn open(&self) -> Result<Engine, Error> {
+        let memory = self.memory()?;
         let fsync = match self.fsync {
             When::Batch => Fsync::Batch,
             When::Always => Fsync::Always,
@@ -335,13 +323,12 @@ impl EngineArgs {
             let why = engine::NodeError::from(error).to_string();
             Error::OpenCache { folder: folder.clone(), why }
         })?;
-        Ok(Engine::new(store, self.jobs(), memory)?)
+        Ok(Engine::new(store, self.jobs(), memory))
     }
 
-    /// How many threads.
+    /// How many threads; 0 for what the engine takes by itself.
     pub fn jobs(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.jobs.filter(|jobs| *jobs > 0).map_or_else(cores, usize::from)
+        self.jobs.map_or(0, usize::from)
     }
 }
 
@@ -394,12 +381,4 @@ pub fn size(text: &str) -> Result<u64, Error> {
     };
     let number: f64 = digits.parse().map_err(|_| wrong())?;
     if (0.0..1e9).contains(&number) { Ok((number * (1_u64 << unit) as f64) as u64) } else { Err(wrong()) }
-}
-
-/// Bytes of memory that may be used without swapping; 8 GiB where the system does not tell.
-fn free_memory() -> u64 {
-    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());
-    kib.map_or(8 << 30, |kib| kib << 10)
 }

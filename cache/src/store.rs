@@ -320,6 +320,12 @@ impl Store {
         }
     }
 
+    /// The digest and length in bytes of the file at `path`, if they are known without reading it.
+    pub fn known_digest(&self, path: &Path) -> Option<(Digest, u64)> {
+        let stamp = FileStamp::of(path).ok()?;
+        Some((self.memo_get(path, &stamp)?, stamp.size))
+    }
+
     /// The digest and length in bytes of the file at `path`, read only if no memo serves.
     ///
     /// # Errors

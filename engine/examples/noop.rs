@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (cpu, wall) = (now, Instant::now());
     };
     let store = cache::Store::open(&folder.join("cache"), cache::Options::default())?;
-    let engine = Engine::new(store, 2, 1 << 30)?;
+    let engine = Engine::new(store, 2, 1 << 30);
     stage("open");
     let root = SourceRoot::new(&folder);
     let graph = Graph::parse_cached(source, &arithmetic::registry(), root, engine.store())

@@ -36,8 +36,25 @@ impl Action {
 /// Finds the files that a node reads and digests them.
 pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result<Vec<ReadSource>, NodeError> {
     let node = &graph.nodes[index];
-    let files = node.step.sources(&graph.root)?;
+    digest_sources(node, node.step.sources(&graph.root)?, store)
+}
+
+/// Digests the files that a node reads.
+pub(crate) fn digest_sources(
+    node: &Node,
+    files: Vec<SourceFile>,
+    store: &Store,
+) -> Result<Vec<ReadSource>, NodeError> {
     files.into_iter().map(|file| digest_source(store, node, file)).collect()
+}
+
+/// The same without reading them; `None` unless the digest of each is remembered.
+pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<ReadSource>> {
+    let known = |file: &SourceFile| {
+        let (digest, bytes) = store.known_digest(&file.path)?;
+        Some(ReadSource { file: file.clone(), digest, bytes })
+    };
+    files.iter().map(known).collect()
 }
 
 /// Makes the key of a node, in `memory`. `output` gives what a wire carries, `sources_above` the sources of the

@@ -3,8 +3,9 @@
 //!
 //! Names, wires and the walk of each node's parameters for its key are ready to use; the parameters
 //! themselves are text, read when the node's code is wanted. A graph is checked anew when its text, its
-//! folder, the table of kinds, the program, or a file that it names is another one.
+//! folder, a kind of its nodes, the program, or a file that it names is another one.
 
+use std::collections::BTreeMap;
 use std::ops::{Deref, Range};
 use std::sync::{Arc, OnceLock};
 
@@ -23,7 +24,7 @@ use crate::root::{SourceFile, SourceRoot};
 use crate::syntax::{Fields, RawField};
 
 /// Raised when the bytes change their form.
-const FORMAT: &str = "lightharmony compiled graph 2";
+const FORMAT: &str = "lightharmony compiled graph 3";
 
 impl Graph {
     /// Shorter texts are parsed in less time than it takes to look for their compiled form, in bytes.
@@ -42,7 +43,7 @@ impl Graph {
         if source.text.len() < Self::WORTH_COMPILING {
             return Self::parse(source, registry, root);
         }
-        let key = key(&source.text, registry, &root);
+        let key = key(&source.text, &root);
         if let Some(bytes) = load(store, &key)
             && let Ok(parts) = decode(&Arc::new(bytes), &source.text, registry, &root)
         {
@@ -63,31 +64,34 @@ fn load(store: &Store, key: &Digest) -> Option<Vec<u8>> {
     store.get_blob(&blob).ok()?
 }
 
-/// Everything that what was checked depends on, but for the files it names.
-fn key(text: &str, registry: &Registry, root: &SourceRoot) -> Digest {
-    let mut table = Encoder::default();
-    for kind in registry.iter() {
-        table.str(kind.name);
-        table.u32(kind.version);
-        table.str(kind.profile);
-        for param in &kind.params {
-            let (low, high) = param.range.unwrap_or_default();
-            table.str(param.name);
-            table.str(param.default.as_deref().unwrap_or_default());
-            table.f64s(&[low, high]);
-        }
-        for port in kind.inputs.iter().chain(&kind.outputs) {
-            table.str(port.name);
-            table.str(port.artifact.name);
-            table.u8(port.arity as u8);
-        }
-    }
-    table.str(env!("CARGO_PKG_VERSION"));
-    table.str(FORMAT);
+/// Everything that what was checked depends on, but for the kinds of its nodes and the files it names.
+fn key(text: &str, root: &SourceRoot) -> Digest {
+    let mut of = Encoder::default();
+    of.str(env!("CARGO_PKG_VERSION"));
+    of.str(FORMAT);
     // With the folders that a stranger's graph may read: what was checked for one is not for the other.
-    table.str(&format!("{root:?}"));
-    table.u8s(Digest::of(text.as_bytes()).as_bytes());
-    Digest::of(&table.finish())
+    of.str(&format!("{root:?}"));
+    of.u8s(Digest::of(text.as_bytes()).as_bytes());
+    Digest::of(&of.finish())
+}
+
+/// What nodes of a kind were checked by.
+fn shape(kind: &KindEntry) -> Digest {
+    let mut of = Encoder::default();
+    of.u32(kind.version);
+    of.str(kind.profile);
+    for param in &kind.params {
+        let (low, high) = param.range.unwrap_or_default();
+        of.str(param.name);
+        of.str(&(param.default)().unwrap_or_default());
+        of.f64s(&[low, high]);
+    }
+    for port in kind.inputs.iter().chain(&kind.outputs) {
+        of.str(port.name);
+        of.str(port.artifact.name);
+        of.u8(port.arity as u8);
+    }
+    Digest::of(&of.finish())
 }
 
 /// What a graph consists of beside its text and folder.
@@ -108,15 +112,18 @@ fn encode(graph: &Graph) -> Vec<u8> {
         to.str(&file);
         to.u8s(&stamp);
     }
-    let mut kinds: Vec<&str> = graph.nodes.iter().map(|node| node.kind.name).collect();
-    kinds.sort_unstable();
-    kinds.dedup();
+    let kinds: BTreeMap<&str, &KindEntry> =
+        graph.nodes.iter().map(|node| (node.kind.name, &*node.kind)).collect();
     to.u32(kinds.len() as u32);
-    kinds.iter().for_each(|name| to.str(name));
+    for (name, kind) in &kinds {
+        to.str(name);
+        to.raw(shape(kind).as_bytes());
+    }
+    let numbers: BTreeMap<&str, u32> = kinds.keys().copied().zip(0..).collect();
     to.u32(graph.nodes.len() as u32);
     for node in &graph.nodes {
         to.str(&node.id);
-        to.u32(kinds.binary_search(&node.kind.name).unwrap_or_default() as u32);
+        to.u32(numbers[node.kind.name]);
         for wires in &node.inputs {
             to.u32(wires.len() as u32);
             for wire in wires {
@@ -156,9 +163,14 @@ fn decode(
         }
     }
     let unknown = || Corrupt("a kind is not known".to_owned());
-    let kinds: Vec<Arc<KindEntry>> = (0..from.count(8)?)
-        .map(|_| registry.get(&from.str()?).cloned().ok_or_else(unknown))
-        .collect::<Result<_, _>>()?;
+    let mut kinds = Vec::new();
+    for _ in 0..from.count(8 + 32)? {
+        let kind = registry.get(&from.str()?).ok_or_else(unknown)?;
+        if from.array::<32>()? != *shape(kind).as_bytes() {
+            return Err(Corrupt("a kind is another one".to_owned()));
+        }
+        kinds.push(kind.clone());
+    }
     let count = from.count(30)?;
     let mut nodes = Vec::with_capacity(count);
     for _ in 0..count {

@@ -8,7 +8,7 @@ use crate::error::NodeError;
 use crate::graph::Wire;
 use crate::job::{Job, guarded};
 use crate::record::Output;
-use crate::run::{Run, Scope};
+use crate::run::Run;
 use crate::slot::Life;
 
 /// How long a node waits before it asks again for a key that another process computes.
@@ -17,11 +17,8 @@ const FIRST_PAUSE: Duration = Duration::from_millis(5);
 impl<'a> Run<'a> {
     /// Starts queued code while threads and memory last. One node always runs, however large it is
     /// within the budget as a whole.
-    pub fn launch<'s>(&mut self, scope: Scope<'_, 's>)
-    where
-        'a: 's,
-    {
-        while self.running < self.engine.jobs
+    pub fn launch(&mut self) {
+        while self.running < self.engine.limits().jobs
             && let Some(&(rank, index)) = self.queue.first()
         {
             let bytes = match self.cost(index) {
@@ -31,11 +28,11 @@ impl<'a> Run<'a> {
                     continue;
                 }
             };
-            if self.running > 0 && self.held + self.reserved + bytes > self.engine.memory {
+            if self.running > 0 && self.held + self.reserved + bytes > self.engine.limits().memory {
                 return;
             }
             self.queue.remove(&(rank, index));
-            self.start(index, bytes, scope);
+            self.start(index, bytes);
         }
     }
 
@@ -53,8 +50,8 @@ impl<'a> Run<'a> {
         }
         let (step, inputs) = (&self.graph.nodes[index].step, self.inputs(index));
         let bytes = guarded(|| Ok(step.estimate(inputs)))?.bytes;
-        if bytes > self.engine.memory {
-            let (needs, budget) = (size_text(bytes), size_text(self.engine.memory));
+        if bytes > self.engine.limits().memory {
+            let (needs, budget) = (size_text(bytes), size_text(self.engine.limits().memory));
             return Err(NodeError::new(format!("needs about {needs} of memory, the budget is {budget}"))
                 .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
         }
@@ -62,10 +59,7 @@ impl<'a> Run<'a> {
         Ok(bytes)
     }
 
-    fn start<'s>(&mut self, index: usize, bytes: u64, scope: Scope<'_, 's>)
-    where
-        'a: 's,
-    {
+    fn start(&mut self, index: usize, bytes: u64) {
         let (graph, engine) = (self.graph, self.engine);
         let node = &graph.nodes[index];
         let digest = |w: &Wire| self.slots[w.node].record.as_ref().map(|r| r.outputs[w.port].digest);
@@ -105,8 +99,7 @@ impl<'a> Run<'a> {
         };
         self.reserved += bytes;
         self.running += 1;
-        self.busy += 1;
-        scope.spawn(move |_| job.run());
+        self.send(index, move || job.run());
     }
 
     /// Another process computes the key of this node; its thread is free for others meanwhile.

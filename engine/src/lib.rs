@@ -57,7 +57,7 @@
 //!     three: Add(terms: ["one", "one.sum"], bias: 1.0),
 //! ))"#;
 //! let graph = Graph::parse(Source::new("sums.ron", text), &registry, SourceRoot::new("."))?;
-//! let engine = Engine::new(Store::in_memory(), 2, 1 << 30)?;
+//! let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
 //! let cold = engine.run(&graph, &RunOptions::default(), |_event| {});
 //! assert_eq!((cold.totals.ran, cold.totals.cached), (2, 0));
 //! let warm = engine.run(&graph, &RunOptions::default(), |_event| {});
@@ -158,7 +158,7 @@ pub use port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
 pub use record::{Spent, blobs_of};
 pub use rerun::{Recipe, RecipeError};
 pub use root::{SourceFile, SourceRoot};
-pub use schedule::{Engine, EngineError, Outcome, RunOptions};
+pub use schedule::{Engine, Outcome, RunOptions};
 pub use serde;
 pub use syntax::Fields;
 pub use watch::{Handle, Load, Refusal, Watch, WatchOptions};

@@ -79,6 +79,14 @@ impl Memory {
     }
 }
 
+/// Bytes of memory that may be used without swapping; 8 GiB where the system does not tell.
+pub(crate) fn free_memory() -> u64 {
+    let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
+    let kib = line.and_then(|rest| rest.trim().trim_end_matches(" kB").parse::<u64>().ok());
+    kib.map_or(8 << 30, |kib| kib << 10)
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;

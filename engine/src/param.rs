@@ -204,8 +204,8 @@ pub struct ParamSpec {
     pub doc: &'static str,
     /// What a person writes.
     pub describe: fn() -> String,
-    /// Canonical text of the default; `None` where the parameter must be given.
-    pub default: Option<String>,
+    /// Canonical text of the default, made when asked for; `None` where the parameter must be given.
+    pub default: fn() -> Option<String>,
     /// Closed range of every number in it.
     pub range: Option<(f64, f64)>,
     /// Unit, empty where there is none.
@@ -285,7 +285,7 @@ impl<T: ParamType> ParamValue for T {
 ///     }
 /// }
 /// let specs = <Stitch as engine::Params>::specs();
-/// assert_eq!(specs[0].default.as_deref(), Some("2048"));
+/// assert_eq!((specs[0].default)().as_deref(), Some("2048"));
 /// assert_eq!(specs[0].range, Some((16.0, 16384.0)));
 /// ```
 #[macro_export]
@@ -304,7 +304,7 @@ macro_rules! params {
                     let mut spec = $crate::ParamSpec {
                         name: stringify!($field), doc: concat!($($doc, "\n"),*).trim_ascii(),
                         describe: <$type as $crate::ParamType>::describe,
-                        default: $crate::params!(@default $type $(= $default)?)
+                        default: || $crate::params!(@default $type $(= $default)?)
                             .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
                         range: None, unit: "", other: None, inert: None, knob: None,
                         role: <$type as $crate::ParamType>::ROLE,

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use cache::Digest;
 
-use crate::action::{last_keys, look_up, prepare, read_sources, remember};
+use crate::action::{digest_sources, known_sources, last_keys, look_up, prepare, remember};
 use crate::artifact::AnyArtifact;
 use crate::context::Effort;
 use crate::context::ReadSource;
@@ -37,8 +37,11 @@ pub(crate) enum Task {
     Files(usize),
 }
 
-/// The scope that runs jobs on the engine's threads.
-pub(crate) type Scope<'a, 's> = &'a rayon::Scope<'s>;
+/// What a thread is to do for a node; it tells what came of it.
+pub(crate) struct Errand<'a> {
+    node: usize,
+    act: Box<dyn FnOnce() + Send + 'a>,
+}
 
 pub(crate) struct Run<'a> {
     pub engine: &'a Engine,
@@ -50,6 +53,8 @@ pub(crate) struct Run<'a> {
     /// Position of each node in the order of the graph: what comes first there runs first.
     pub rank: Vec<usize>,
     pub todo: VecDeque<Task>,
+    /// What threads are to do and were not given yet.
+    errands: Vec<Errand<'a>>,
     /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
     pub ready: BTreeSet<(usize, usize)>,
     pub queue: BTreeSet<(usize, usize)>,
@@ -123,6 +128,7 @@ impl<'a> Run<'a> {
             slots,
             rank,
             todo,
+            errands: Vec::new(),
             ready: BTreeSet::new(),
             queue: BTreeSet::new(),
             parked: Vec::new(),
@@ -150,28 +156,63 @@ impl<'a> Run<'a> {
         self.options.cancel.load(Ordering::Relaxed)
     }
 
+    /// Runs to the end. Threads are started only for what needs them: a run that finds nothing to do is over
+    /// before they would be there.
+    pub fn run(&mut self, receiver: &Receiver<Message>) {
+        self.decide();
+        if self.errands.is_empty() {
+            return;
+        }
+        match self.engine.pool() {
+            Ok(pool) => pool.in_place_scope(|scope| self.coordinate(scope, receiver)),
+            Err(error) => {
+                let error = NodeError::from(error).hint("ask for fewer threads with `--jobs`");
+                for Errand { node, .. } in std::mem::take(&mut self.errands) {
+                    match self.slots[node].life {
+                        Life::Done => self.lose(node, Some(&error)),
+                        _ => self.stumble(node, &error),
+                    }
+                }
+            }
+        }
+    }
+
+    /// Does whatever needs no thread, until there is nothing of that.
+    fn decide(&mut self) {
+        while !self.stopped() {
+            match self.todo.pop_front() {
+                Some(Task::Resolve(node)) => self.resolve(node),
+                Some(Task::Gather(node)) => self.gather(node),
+                Some(Task::Bring(wire)) => self.bring(wire),
+                Some(Task::Files(node)) => self.place_files(node),
+                // Launching may fail nodes and supplying may lose values, which gives tasks again.
+                None => {
+                    self.unpark();
+                    self.supply();
+                    self.launch();
+                    if self.todo.is_empty() {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Has a thread do something for a node, of which it tells in a message.
+    pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+        self.busy += 1;
+        self.errands.push(Errand { node, act: Box::new(act) });
+    }
+
     /// Decides until nothing is left to do, or the run is stopped and the threads are idle.
-    pub fn coordinate<'s>(&mut self, scope: Scope<'_, 's>, receiver: &Receiver<Message>)
+    fn coordinate<'s>(&mut self, scope: &rayon::Scope<'s>, receiver: &Receiver<Message>)
     where
         'a: 's,
     {
         loop {
-            while !self.stopped() {
-                match self.todo.pop_front() {
-                    Some(Task::Resolve(node)) => self.resolve(node, scope),
-                    Some(Task::Gather(node)) => self.gather(node),
-                    Some(Task::Bring(wire)) => self.bring(wire, scope),
-                    Some(Task::Files(node)) => self.place_files(node, scope),
-                    // Launching may fail nodes and supplying may lose values, which gives tasks again.
-                    None => {
-                        self.unpark();
-                        self.supply();
-                        self.launch(scope);
-                        if self.todo.is_empty() {
-                            break;
-                        }
-                    }
-                }
+            self.decide();
+            for Errand { act, .. } in self.errands.drain(..) {
+                scope.spawn(move |_| act());
             }
             let idle = self.todo.is_empty() && self.queue.is_empty() && self.parked.is_empty();
             if self.busy == 0 && (self.stopped() || idle) {
@@ -241,20 +282,23 @@ impl<'a> Run<'a> {
     }
 
     /// All inputs of a node are known by digest: so is its key, once the files it reads are.
-    fn resolve<'s>(&mut self, index: usize, scope: Scope<'_, 's>)
-    where
-        'a: 's,
-    {
+    fn resolve(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         if !graph.nodes[index].kind.reads_files {
             return self.look_up(index, Vec::new());
         }
+        let files = match guarded(|| graph.nodes[index].step.sources(&graph.root)) {
+            Ok(files) => files,
+            Err(error) => return self.fail(index, &error),
+        };
+        if let Some(sources) = known_sources(&files, &engine.store) {
+            return self.look_up(index, sources);
+        }
         // Gigabytes may have to be hashed, so this is not for the thread that decides.
         self.slots[index].life = Life::Reading;
-        self.busy += 1;
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
-        scope.spawn(move |_| {
-            let read = || guarded(|| read_sources(graph, index, &engine.store));
+        self.send(index, move || {
+            let read = || guarded(|| digest_sources(&graph.nodes[index], files, &engine.store));
             let sources = tracer.span(&graph.nodes[index].id, "sources", read);
             let _ = sender.send(Message::Sources { node: index, sources });
         });
@@ -390,10 +434,7 @@ impl<'a> Run<'a> {
     }
 
     /// Compares the files of a sink with what lies there, and writes those that differ.
-    fn place_files<'s>(&mut self, index: usize, scope: Scope<'_, 's>)
-    where
-        'a: 's,
-    {
+    fn place_files(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         let node = &graph.nodes[index];
         let (Some(record), Some(template)) = (&self.slots[index].record, &node.sink_path) else { return };
@@ -413,11 +454,13 @@ impl<'a> Run<'a> {
                 return;
             }
         }
+        let confined = graph.root.is_confined().then_some(self.options.out.as_path());
+        if let Some(placed) = sink::in_place(&engine.store, &targets, confined) {
+            return self.placed(index, Ok(Some(placed)));
+        }
         let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
         let tracer = self.tracer.clone();
-        let confined = graph.root.is_confined().then_some(self.options.out.as_path());
-        self.busy += 1;
-        scope.spawn(move |_| {
+        self.send(index, move || {
             let place = || guarded(|| sink::place(&engine.store, targets, value.as_ref(), confined));
             let placed = tracer.span(&node.id, "files", place);
             let _ = sender.send(Message::Placed { node: index, placed });

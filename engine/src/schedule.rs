@@ -1,9 +1,10 @@
 //! [`Engine`]: the threads, the memory and the store that runs of graphs share.
 
+use std::num::NonZero;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
+use std::sync::{Arc, OnceLock};
 
 use cache::Store;
 
@@ -11,15 +12,16 @@ use crate::action::{last_keys, last_outputs};
 use crate::diag::Diagnostics;
 use crate::event::{Event, Totals};
 use crate::graph::{Graph, Wire};
-use crate::memory::Memory;
+use crate::memory::{Memory, free_memory};
 use crate::run::Run;
 
 /// The threads, the memory and the store that runs share.
 pub struct Engine {
     pub(crate) store: Arc<Store>,
-    pub(crate) pool: rayon::ThreadPool,
-    pub(crate) jobs: usize,
-    pub(crate) memory: u64,
+    jobs: usize,
+    memory: u64,
+    limits: OnceLock<Limits>,
+    pool: OnceLock<rayon::ThreadPool>,
     pub(crate) kept: Memory,
 }
 
@@ -48,30 +50,61 @@ pub struct Outcome {
     pub failures: Option<Diagnostics>,
 }
 
-/// Why an engine cannot be made.
+/// What a run may take.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Limits {
+    /// Threads.
+    pub jobs: usize,
+    /// Bytes of values and of what running code was admitted with.
+    pub memory: u64,
+}
+
+/// Why there are no threads.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot start {jobs} threads: {source}")]
-pub struct EngineError {
+#[error("cannot start {jobs} threads")]
+pub(crate) struct EngineError {
     jobs: usize,
     source: rayon::ThreadPoolBuildError,
 }
 
 impl Engine {
-    /// An engine of `jobs` threads (at least 1) that keeps at most about `memory` bytes of values.
-    pub fn new(store: Store, jobs: usize, memory: u64) -> Result<Self, EngineError> {
-        let jobs = jobs.max(1);
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(jobs)
-            .thread_name(|index| format!("node-{index}"))
-            .build()
-            .map_err(|source| EngineError { jobs, source })?;
-        Ok(Self { store: Arc::new(store), pool, jobs, memory, kept: Memory::new(0) })
+    /// An engine of `jobs` threads (0: one for each core) that keeps at most about `memory` bytes of values
+    /// (0: three quarters of what is free). Threads are started, and the machine is asked, when a run first
+    /// has something to do.
+    pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
+        let (limits, pool) = (OnceLock::new(), OnceLock::new());
+        Self { store: Arc::new(store), jobs, memory, limits, pool, kept: Memory::new(0) }
     }
 
-    /// Keeps values in memory from one run to the next, at most `bytes` of them: for a process that runs
-    /// a graph again and again. A part of them is what the running graph holds anyhow.
-    pub fn keeping(self, bytes: u64) -> Self {
-        Self { kept: Memory::new(bytes), ..self }
+    /// What runs may take.
+    pub(crate) fn limits(&self) -> Limits {
+        *self.limits.get_or_init(|| {
+            let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
+            Limits {
+                jobs: if self.jobs > 0 { self.jobs } else { cores() },
+                memory: if self.memory > 0 { self.memory } else { free_memory() / 4 * 3 },
+            }
+        })
+    }
+
+    /// The threads.
+    pub(crate) fn pool(&self) -> Result<&rayon::ThreadPool, EngineError> {
+        if let Some(pool) = self.pool.get() {
+            return Ok(pool);
+        }
+        let jobs = self.limits().jobs;
+        let builder = rayon::ThreadPoolBuilder::new().num_threads(jobs);
+        let pool = builder.thread_name(|index| format!("node-{index}")).build();
+        let pool = pool.map_err(|source| EngineError { jobs, source })?;
+        Ok(self.pool.get_or_init(|| pool))
+    }
+
+    /// Keeps values in memory from one run to the next, in a third of what it may take: for a process that
+    /// runs a graph again and again. A part of them is what the running graph holds anyhow.
+    pub fn keeping(self) -> Self {
+        let Limits { jobs, memory } = self.limits();
+        let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
+        Self { kept: Memory::new(memory / 3), limits, ..self }
     }
 
     /// The store of this engine.
@@ -85,7 +118,7 @@ impl Engine {
         let _running = self.store.begin_run(&last_keys(graph), &cancelled);
         let (sender, receiver) = channel();
         let mut run = Run::new(self, graph, options, sender, &mut tell);
-        self.pool.in_place_scope(|scope| run.coordinate(scope, &receiver));
+        run.run(&receiver);
         run.finish()
     }
 

@@ -13,15 +13,15 @@ use crate::event::Event;
 use crate::graph::Wire;
 use crate::job::{Finished, load};
 use crate::record::Output;
-use crate::run::{Run, Scope, Task};
+use crate::run::{Run, Task};
 use crate::slot::{Life, Waiter};
 
 impl<'a> Run<'a> {
     /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
     /// memory is full, so that a wide graph does not come to memory all at once.
     pub fn supply(&mut self) {
-        while self.supplied < self.engine.jobs
-            && (self.held + self.reserved < self.engine.memory || self.supplied + self.running == 0)
+        while self.supplied < self.engine.limits().jobs
+            && (self.held + self.reserved < self.engine.limits().memory || self.supplied + self.running == 0)
             && let Some((_, index)) = self.ready.pop_first()
         {
             self.slots[index].life = Life::Gathering;
@@ -58,10 +58,7 @@ impl<'a> Run<'a> {
     }
 
     /// Loads an output, or has it made once more.
-    pub fn bring<'s>(&mut self, wire: Wire, scope: Scope<'_, 's>)
-    where
-        'a: 's,
-    {
+    pub fn bring(&mut self, wire: Wire) {
         let Wire { node, port } = wire;
         let slot = &mut self.slots[node];
         if slot.lost {
@@ -81,8 +78,7 @@ impl<'a> Run<'a> {
         if slot.begin_loading(port) {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
             let tracer = self.tracer.clone();
-            self.busy += 1;
-            scope.spawn(move |_| {
+            self.send(node, move || {
                 let read = || load(&engine.store, graph, wire, &output, &sender);
                 tracer.span(&graph.nodes[node].id, "load", read);
             });

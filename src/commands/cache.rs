@@ -172,7 +172,7 @@ impl Gc {
 /// The graph, its name for people, and the keys of what is known of it.
 fn known(graph: &GraphArgs, store: Store) -> Result<(Vec<Digest>, usize, Engine), Error> {
     let Loaded { graph, only, .. } = graph.load()?;
-    let engine = Engine::new(store, 1, 0)?;
+    let engine = Engine::new(store, 1, 0);
     let plan = engine.plan(&graph, &only);
     let wanted = plan.iter().filter(|node| node.fate != Fate::Unwanted).count();
     let known = plan.iter().filter(|node| node.fate == Fate::Known);

@@ -124,7 +124,7 @@ impl Diff {
         let place = TempFolder::create()?;
         let store = Store::open(&place.0, cache::Options::default())?;
         bundle.fill(&store).map_err(|source| Error::Bundle { path: path.to_owned(), source })?;
-        let engine = Engine::new(store, self.engine.jobs(), self.engine.memory()?)?;
+        let engine = Engine::new(store, self.engine.jobs(), self.engine.memory()?);
         Ok(Side { loaded, engine, _place: Some(place) })
     }
 }

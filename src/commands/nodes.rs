@@ -61,7 +61,7 @@ fn describe(kind: &KindEntry) -> String {
     }
     for param in &kind.params {
         let mut facts = vec![(param.describe)()];
-        match &param.default {
+        match (param.default)() {
             Some(default) => facts.push(format!("default {default}")),
             None => facts.push("required".to_owned()),
         }
@@ -107,8 +107,8 @@ fn markdown(kind: &KindEntry) -> String {
     for param in &kind.params {
         let range = param.range.map(|(low, high)| format!("{low} to {high}")).unwrap_or_default();
         let unit = if param.unit.is_empty() { String::new() } else { format!(" {}", param.unit) };
-        let default = match (&param.default, param.role) {
-            (Some(default), _) => format!("`{}`", cell(default)),
+        let default = match ((param.default)(), param.role) {
+            (Some(default), _) => format!("`{}`", cell(&default)),
             (None, Role::Value) => "required".to_owned(),
             (None, _) => "required path".to_owned(),
         };

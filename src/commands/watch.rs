@@ -49,7 +49,7 @@ impl Watch {
                 "only a file can be watched: `-` stands for standard input, which is read once",
             ));
         }
-        let engine = self.engine.open_for_long()?;
+        let engine = self.engine.open()?.keeping();
         let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
         if self.no_preview {
             options.refine = None;

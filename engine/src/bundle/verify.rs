@@ -100,7 +100,7 @@ pub fn verify<R: Read + Seek>(
     let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
     let open = |name: &str| -> Result<Engine, BundleError> {
         let store = Store::open(&place.0.join(name), Options::default()).map_err(|e| refused(&e))?;
-        Engine::new(store, options.jobs, options.memory).map_err(|e| refused(&e))
+        Ok(Engine::new(store, options.jobs, options.memory))
     };
 
     // What the bundle tells of each node, by the keys that this program makes.

@@ -20,7 +20,7 @@ fn cached(lab: &Lab, store: &Store, text: &str) -> Result<Graph, Diagnostics> {
 
 /// Runs on an empty store: keys, files, and what failed.
 fn run(lab: &Lab, graph: &Graph) -> (Vec<(String, String)>, String) {
-    let engine = Engine::new(Store::in_memory(), 2, 1 << 30).unwrap();
+    let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
     let mut keys = Vec::new();
     let outcome = engine.run(graph, &options, |event| {

@@ -142,7 +142,7 @@ fn records() {
     let lab = Lab::on_disk();
     lab.write("a.txt", "3");
     let graph = lab.parse(&text()).unwrap();
-    let engine = Engine::new(Store::in_memory(), 1, 1 << 30).unwrap();
+    let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     run(&lab, &engine, &graph);
     let store = engine.store();
     let good: Vec<(Digest, Vec<u8>)> =
@@ -168,7 +168,7 @@ fn compiled_graphs() {
         let (source, root) = (Source::new("graph.ron", &*text), SourceRoot::new(lab.path("")));
         Graph::parse_cached(source, &lab.registry, root, store).unwrap()
     };
-    let engine = Engine::new(Store::in_memory(), 1, 1 << 30).unwrap();
+    let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let store = engine.store();
     load(store);
     let key = store.record_keys()[0];

@@ -38,7 +38,7 @@ fn child() {
     let source = Source::new("graph.ron", graph());
     let graph = Graph::parse(source, &registry(), SourceRoot::new(folder)).unwrap();
     let store = Store::open(&folder.join("cache"), cache::Options::default()).unwrap();
-    let engine = Engine::new(store, 2, 1 << 30).unwrap();
+    let engine = Engine::new(store, 2, 1 << 30);
     let options = RunOptions { out: folder.join("out"), ..RunOptions::default() };
     let outcome = engine.run(&graph, &options, |_| {});
     assert_eq!(outcome.totals.failed, 0);

@@ -36,7 +36,7 @@ impl Lab {
 
     /// With a cache in memory.
     pub fn in_memory() -> Self {
-        let engine = Engine::new(Store::in_memory(), 2, 1 << 30).unwrap();
+        let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
         Self { memory: Some(engine), ..Self::on_disk() }
     }
 
@@ -79,7 +79,7 @@ impl Lab {
 
     pub fn engine(&self) -> Engine {
         let store = Store::open(&self.cache(), self.options).unwrap();
-        Engine::new(store, self.jobs, self.budget).unwrap()
+        Engine::new(store, self.jobs, self.budget)
     }
 
     pub fn parse(&self, text: &str) -> Result<Graph, Diagnostics> {

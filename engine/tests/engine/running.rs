@@ -269,6 +269,6 @@ fn a_stored_value_can_be_looked_at() {
     let wire = engine::Wire { node: graph.find("s").unwrap(), port: 0 };
     let value: Option<crate::arithmetic::Num> = lab.engine().value(&graph, wire);
     assert_eq!(value, Some(crate::arithmetic::Num(4.0)));
-    let engine = Engine::new(Store::in_memory(), 1, 1 << 20).unwrap();
+    let engine = Engine::new(Store::in_memory(), 1, 1 << 20);
     assert_eq!(engine.value::<crate::arithmetic::Num>(&graph, wire), None);
 }

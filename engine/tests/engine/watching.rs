@@ -26,7 +26,7 @@ impl Session {
         let options = WatchOptions { out: lab.path("out"), poll, ..WatchOptions::default() };
         let watch = Watch::new(options);
         let (handle, (sender, events)) = (watch.handle(), channel());
-        let engine = lab.engine().keeping(1 << 20);
+        let engine = lab.engine().keeping();
         let (path, folder, registry) = (lab.path("graph.ron"), lab.path(""), crate::arithmetic::registry());
         let load = move |_: bool| {
             let graph = match std::fs::read_to_string(&path) {

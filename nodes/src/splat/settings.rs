@@ -200,8 +200,10 @@ mod tests {
         Drawing::default().visit(&mut |name, value: &dyn ParamValue| {
             given.push((name, value.text().expect("finite")));
         });
-        let declared: Vec<_> =
-            Drawing::specs().into_iter().map(|spec| (spec.name, spec.default.expect("has one"))).collect();
+        let declared: Vec<_> = Drawing::specs()
+            .into_iter()
+            .map(|spec| (spec.name, (spec.default)().expect("has one")))
+            .collect();
         assert_eq!(given, declared);
     }
 }

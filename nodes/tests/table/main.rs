@@ -33,7 +33,7 @@ impl Fixture {
     fn new() -> Self {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("table");
         std::fs::create_dir_all(&folder).unwrap();
-        let engine = Engine::new(engine::Store::in_memory(), 2, 8 << 30).unwrap();
+        let engine = Engine::new(engine::Store::in_memory(), 2, 8 << 30);
         let fixture = Self { registry: nodes::registry(), engine, folder };
         fixture.make_files();
         fixture
@@ -111,7 +111,7 @@ fn every_kind_is_documented_and_its_parameters_are_complete() {
                 param.other.is_some() || param.inert.is_some() || param.role != Role::Value,
                 "{name} has no second value"
             );
-            assert_ne!(param.other, param.default.as_deref(), "{name}: its second value is the default");
+            assert_ne!(param.other, (param.default)().as_deref(), "{name}: its second value is the default");
         }
     }
 }
@@ -143,7 +143,7 @@ fn a_compiled_graph_gives_what_its_text_gives() {
     assert_eq!(fixture.run(&compiled), fixture.run(&parsed));
     // Its code runs on the values that were read from it.
     let cold = Fixture {
-        engine: Engine::new(engine::Store::in_memory(), 2, 8 << 30).unwrap(),
+        engine: Engine::new(engine::Store::in_memory(), 2, 8 << 30),
         registry: nodes::registry(),
         folder: fixture.folder.clone(),
     };
@@ -158,7 +158,7 @@ fn values_outside_their_range_are_refused() {
         for spec in &node.kind.params {
             let Some((low, high)) = spec.range else { continue };
             let number = |text: &str| text.trim().parse::<f64>().is_ok();
-            if !spec.default.as_deref().or(spec.other).is_some_and(number) {
+            if !(spec.default)().as_deref().or(spec.other).is_some_and(number) {
                 continue;
             }
             for wrong in [low - 1.0 - low.abs(), high + 1.0 + high.abs(), f64::NAN, f64::INFINITY] {
