@@ -1,5 +1,6 @@
 //! `denoise`: less noise in the ratio of light and in the objects, from the same samples.
 
+mod firefly;
 mod means;
 
 use std::sync::Arc;
@@ -19,7 +20,8 @@ engine::params! {
     /// `variance` tells. `without` and `with` are averaged with the same weights, which come from their ratio
     /// and its variance: the texture of the place does not matter, a pixel whose surroundings no object
     /// touches stays as it is, bit for bit, and an edge of the shadow stays where it is stronger than
-    /// the noise. The object's colour is averaged within its alpha, which stays. With more samples the filter
+    /// the noise. A single pixel that a lucky path has lit far beyond all around it takes their ratio, and is
+    /// counted. The object's colour is averaged within its alpha, which stays. With more samples the filter
     /// fades by itself.
     pub struct Denoise {
         /// How far pixels may differ to be averaged, relative to their noise; 0 leaves all as it is.
@@ -100,8 +102,8 @@ impl View<'_> {
         field
     }
 
-    /// R0 and R1, told apart by their ratio.
-    fn receiver(&self) -> Field {
+    /// R0 and R1, told apart by their ratio, and how many fireflies were taken out.
+    fn receiver(&self) -> (Field, u64) {
         let mut field = self.field(|i, alpha, pixel| {
             let colour = |image: &Image<Linear>| -> [f32; 3] {
                 let at = i * image.channels;
@@ -110,7 +112,9 @@ impl View<'_> {
             let (r0, r1) = (colour(self.without), colour(self.with));
             pixel.values = [r0[0], r0[1], r0[2], r1[0], r1[1], r1[2]];
             let variance = self.variance.samples()[i * 4 + 3];
-            pixel.there = pixel.values.iter().all(|v| v.is_finite()) && luminance(r0) > 0.0;
+            // Beyond the receiver there is nothing that objects change, whatever lies beside it.
+            let met = pixel.nearness[0] > 0.0;
+            pixel.there = met && pixel.values.iter().all(|v| v.is_finite()) && luminance(r0) > 0.0;
             if pixel.there {
                 let ratio = |k: usize| if r0[k] > 0.0 { (r1[k] / r0[k]).clamp(0.0, MOST) } else { 1.0 };
                 pixel.signal = [ratio(0), ratio(1), ratio(2)];
@@ -121,9 +125,13 @@ impl View<'_> {
                 pixel.normal = Vec3::ZERO;
             }
         });
+        // Only what is brighter than it would be without objects: in a shadow few paths may bring all there is.
+        let fireflies = field.quench(1.0, |values, ratio| {
+            (0..3).for_each(|k| values[3 + k] = values[k] * ratio[k]);
+        });
         // A few chunks of samples tell a variance with few degrees of freedom.
         field.smooth_variance(3);
-        field
+        (field, fireflies)
     }
 
     /// The object, by its colour.
@@ -153,16 +161,17 @@ impl Denoise {
         }
     }
 
-    fn view(&self, view: &View<'_>, cx: &Context) -> Result<[Image<Linear>; 3], NodeError> {
+    /// The layers with less noise, and how many fireflies they had.
+    fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64), NodeError> {
         let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
         if self.strength == 0.0 {
-            return Ok(out);
+            return Ok((out, 0));
         }
         let set = |image: &mut Image<Linear>, i: usize, rgb: &[f32]| {
             let at = i * image.channels;
             image.samples[at..at + 3].copy_from_slice(rgb);
         };
-        let field = view.receiver();
+        let (field, fireflies) = view.receiver();
         let averages: Vec<[f32; VALUES]> = field.average(self.reach(0), cx)?;
         for (i, values) in averages.iter().enumerate().filter(|(i, _)| field.pixels[*i].there) {
             set(&mut out[0], i, &values[..3]);
@@ -177,7 +186,7 @@ impl Denoise {
                 set(&mut out[2], i, &[values[0] * share, values[1] * share, values[2] * share]);
             }
         }
-        Ok(out)
+        Ok((out, fireflies))
     }
 }
 
@@ -199,7 +208,7 @@ fn guide<'a>(
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
     const ROUGH: &'static [(&'static str, u64)] = &[("radius_px", 2)];
     type Params = Self;
@@ -216,6 +225,7 @@ impl Kind for Denoise {
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut sets: [Vec<NamedImage>; 3] = Default::default();
         let views = &inputs.without.0;
+        let mut fireflies = 0;
         for (index, view) in views.iter().enumerate() {
             cx.check()?;
             let without = linear(&view.picture, "without")?;
@@ -230,13 +240,21 @@ impl Kind for Denoise {
                 normal: guide(&inputs.normal, "normal", name, size, 3)?,
                 variance: guide(&inputs.variance, "variance", name, size, 4)?,
             };
-            for (set, image) in sets.iter_mut().zip(params.view(&layers, cx)?) {
+            let (images, found) = params.view(&layers, cx)?;
+            fireflies += found;
+            for (set, image) in sets.iter_mut().zip(images) {
                 set.push(NamedImage { name: name.clone(), picture: image.into() });
             }
             cx.progress((index + 1) as f32 / views.len() as f32);
         }
         let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
-        Ok((Out { without, with, object }, Notes::none()))
+        let mut notes = Notes::none();
+        if fireflies > 0 {
+            let what =
+                "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";
+            notes.count("fireflies", fireflies, what);
+        }
+        Ok((Out { without, with, object }, notes))
     }
 }
 

@@ -17,7 +17,8 @@ fn truth(x: usize) -> f32 {
 fn noisy(seed: u32) -> In {
     let [mut without, mut with] = [3, 3].map(|c| Image::<Linear>::new(SIZE, SIZE, c));
     let mut object = Image::<Linear>::new(SIZE, SIZE, 4);
-    let [depth, normal, mut variance] = [1, 3, 4].map(|c| Image::<Data>::new(SIZE, SIZE, c));
+    let [mut depth, normal, mut variance] = [1, 3, 4].map(|c| Image::<Data>::new(SIZE, SIZE, c));
+    depth.samples.fill(2.0);
     let random = |i: usize, s: u32, k: u32| unit(mix(mix(mix(seed ^ i as u32) ^ s) ^ k));
     for i in 0..SIZE * SIZE {
         let (x, y) = (i % SIZE, i / SIZE);
@@ -62,6 +63,14 @@ fn samples(images: &Images) -> &[f32] {
     images.0[0].picture.samples()
 }
 
+fn samples_mut(images: &mut Arc<Images>) -> &mut [f32] {
+    match &mut Arc::make_mut(images).0[0].picture {
+        Picture::Linear(image) => &mut image.samples,
+        Picture::Data(image) => &mut image.samples,
+        Picture::Srgb(_) => unreachable!("linear"),
+    }
+}
+
 fn run(strength: f64, inputs: In) -> Out {
     Denoise::run(&Denoise { strength, radius_px: 7 }, inputs, &context()).unwrap_or_else(|e| panic!("{e}")).0
 }
@@ -101,6 +110,21 @@ fn what_no_object_touches_stays() {
     assert_eq!(samples(&before.object), samples(&off.object));
 }
 
+// The sky behind a floor stays the sky, however noisy the floor is beside it.
+#[test]
+fn the_sky_stays() {
+    let mut inputs = noisy(7);
+    let sky = 10 * SIZE;
+    samples_mut(&mut inputs.without)[..sky * 3].fill(0.01);
+    samples_mut(&mut inputs.with)[..sky * 3].fill(0.01);
+    samples_mut(&mut inputs.depth)[..sky].fill(f32::INFINITY);
+    (0..sky).for_each(|i| samples_mut(&mut inputs.variance)[i * 4 + 3] = 0.0);
+    let out = run(1.0, inputs);
+    for images in [&out.without, &out.with] {
+        assert!(samples(images)[..sky * 3].iter().all(|v| *v == 0.01));
+    }
+}
+
 #[test]
 fn objects_are_averaged_within_their_alpha() {
     let (before, after) = (noisy(3), run(1.0, noisy(3)));
@@ -131,6 +155,35 @@ fn what_is_not_finite_does_not_spread() {
     inputs.with = Arc::new(Images::single("v", image));
     let out = run(1.0, inputs);
     assert_eq!(samples(&out.with).iter().filter(|v| !v.is_finite()).count(), 2);
+}
+
+// One pixel with all the light of a lucky path leaves the shadow beside it as it is without; one that is as
+// bright in every chunk of samples stays.
+#[test]
+fn fireflies_are_taken_out_and_highlights_stay() {
+    let at = 24 * SIZE + 32;
+    let lit = |variance: f32| {
+        let mut inputs = noisy(6);
+        let change =
+            |images: &mut Arc<Images>, i: usize, v: f32| match &mut Arc::make_mut(images).0[0].picture {
+                Picture::Linear(image) => image.samples[i] = v,
+                Picture::Data(image) => image.samples[i] = v,
+                Picture::Srgb(_) => unreachable!("linear"),
+            };
+        let r0 = samples(&inputs.without)[at * 3];
+        (0..3).for_each(|k| change(&mut inputs.with, at * 3 + k, 20.0 * r0));
+        change(&mut inputs.variance, at * 4 + 3, variance);
+        let run = Denoise::run(&Denoise { strength: 1.0, radius_px: 7 }, inputs, &context());
+        run.unwrap_or_else(|e| panic!("{e}"))
+    };
+    let calm = run(1.0, noisy(6));
+    let (out, notes) = lit(400.0);
+    assert!(notes.iter().any(|note| note.id == "fireflies" && note.text.starts_with("1 ")));
+    let largest = samples(&out.with).iter().zip(samples(&calm.with)).map(|(a, b)| (a - b).abs() / b);
+    assert!(largest.clone().fold(0.0, f32::max) < 0.2, "{}", largest.fold(0.0, f32::max));
+    let (out, notes) = lit(1e-3);
+    assert!(notes.iter().next().is_none());
+    assert!(samples(&out.with)[at * 3] > 10.0 * samples(&calm.with)[at * 3]);
 }
 
 #[test]

@@ -1,0 +1,56 @@
+//! Single pixels that one lucky path has lit.
+//!
+//! A path that meets a sun by way of an object may bring a pixel many times the light of its place. It is
+//! seldom, so that what is right on average stands in one pixel of hundreds. A mean over the pixels around
+//! does not dilute it enough: it would leave a bright patch in a thin shadow, and its variance would make
+//! everything near it look alike.
+
+use super::means::Field;
+
+/// How many times brighter than all around it a firefly is.
+const BRIGHTER: f32 = 2.0;
+/// A firefly has this many times the mean variance of the pixels around it: a highlight that is there in every
+/// chunk of samples has not.
+const LESS_SURE: f32 = 16.0;
+
+impl Field {
+    /// Gives fireflies the light of the pixels around them, and how sure that is. `least` is a signal below
+    /// which nothing is one; `relight` sets the values of a pixel by its new signal. Gives how many there were.
+    pub fn quench(&mut self, least: f32, relight: impl Fn(&mut [f32], [f32; 3])) -> u64 {
+        let found: Vec<_> = (0..self.pixels.len())
+            .filter_map(|i| self.around_firefly(i, least).map(|(signal, variance)| (i, signal, variance)))
+            .collect();
+        for &(i, signal, variance) in &found {
+            let pixel = &mut self.pixels[i];
+            (pixel.signal, pixel.variance) = (signal, variance);
+            relight(&mut pixel.values, signal);
+        }
+        found.len() as u64
+    }
+
+    /// The mean signal and variance of the pixels around a firefly; none where a pixel is not one.
+    fn around_firefly(&self, at: usize, least: f32) -> Option<([f32; 3], f32)> {
+        let pixel = &self.pixels[at];
+        let bright = |signal: &[f32; 3]| signal.iter().sum::<f32>() / 3.0;
+        if !pixel.there || bright(&pixel.signal) <= least {
+            return None;
+        }
+        let (x, y) = (at % self.width, at / self.width);
+        let (mut signal, mut variance, mut highest, mut count) = ([0.0; 3], 0.0, 0.0_f32, 0.0);
+        for j in y.saturating_sub(1)..=(y + 1).min(self.height - 1) {
+            for i in x.saturating_sub(1)..=(x + 1).min(self.width - 1) {
+                let other = &self.pixels[j * self.width + i];
+                if other.there && (i, j) != (x, y) {
+                    (0..3).for_each(|k| signal[k] += other.signal[k]);
+                    variance += other.variance;
+                    highest = highest.max(bright(&other.signal));
+                    count += 1.0;
+                }
+            }
+        }
+        let alone = count > 0.0
+            && bright(&pixel.signal) > BRIGHTER * highest
+            && pixel.variance * count > LESS_SURE * variance;
+        alone.then(|| (signal.map(|sum| sum / count), variance / count))
+    }
+}
