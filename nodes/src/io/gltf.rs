@@ -72,6 +72,7 @@ pub struct File {
 /// Reads the container and the JSON of a glTF or GLB file.
 pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let (text, blob) = if bytes.starts_with(b"glTF") { split(name, bytes)? } else { (bytes, None) };
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     let mut json: Value = serde_json::from_slice(text)
         .map_err(|e| Error::format(name, format!("neither GLB nor glTF: its JSON does not parse: {e}")))?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
@@ -94,6 +95,13 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     if let Some(top) = json.as_object_mut() {
         // Checked above; the crate knows fewer of them than we do.
         top.remove("extensionsRequired");
+    }
+    // A texture may have its picture in the extension alone, which the crate does not know.
+    for texture in json.get_mut("textures").and_then(Value::as_array_mut).into_iter().flatten() {
+        let webp = texture["extensions"]["EXT_texture_webp"]["source"].clone();
+        if let Some(texture) = texture.as_object_mut().filter(|texture| !texture.contains_key("source")) {
+            texture.insert("source".to_owned(), webp);
+        }
     }
     // Bounds of positions, which the crate insists on, are often missing and never needed.
     for accessor in json.get_mut("accessors").and_then(Value::as_array_mut).into_iter().flatten() {

@@ -20,6 +20,8 @@ struct Tally {
     points_and_lines: u64,
     not_finite: u64,
     without_area: u64,
+    left_over: u64,
+    unmapped: u64,
     normals: u64,
     colours: u64,
     tangents_made: u64,
@@ -105,7 +107,13 @@ impl<'a> Geometry<'a> {
         }
         self.tell(notes);
         if primitives.is_empty() {
-            return Err(self.bad("holds no triangles").into());
+            let t = &self.tally;
+            let why = match (t.without_area, t.points_and_lines) {
+                (0, 0) => String::new(),
+                (0, n) => format!(", but points or lines in {n} primitives"),
+                (n, _) => format!(" with an area, of {n}; are they smaller than the steps of its numbers?"),
+            };
+            return Err(self.bad(format!("holds no triangles{why}")).into());
         }
         Ok(primitives)
     }
@@ -253,7 +261,13 @@ impl<'a> Geometry<'a> {
                 named as u32
             }
         };
-        let set = materials.get(p.material as usize).and_then(Material::tangent_set);
+        let material = materials.get(p.material as usize);
+        let pictures = material.into_iter().flat_map(|m| {
+            [m.base_colour_texture, m.metallic_roughness_texture, m.emissive_texture].into_iter().flatten()
+        });
+        let mapped = |set: u32| !if set == 0 { &p.uv0 } else { &p.uv1 }.is_empty();
+        self.tally.unmapped += u64::from(pictures.into_iter().any(|picture| !mapped(picture.uv_set)));
+        let set = material.and_then(Material::tangent_set);
         self.shading_frame(&mut p, set.map(|set| set == 1));
         if !p.is_consistent() {
             return Err(self.bad("a primitive names what it does not have"));
@@ -282,7 +296,7 @@ impl<'a> Geometry<'a> {
         Ok(())
     }
 
-    fn triangles(&self, primitive: &gltf::Primitive<'_>, n: usize) -> Result<Vec<[u32; 3]>, Error> {
+    fn triangles(&mut self, primitive: &gltf::Primitive<'_>, n: usize) -> Result<Vec<[u32; 3]>, Error> {
         let indices: Vec<u32> = match primitive.indices() {
             Some(accessor) => {
                 let numbers = self.numbers(&accessor)?;
@@ -304,7 +318,11 @@ impl<'a> Geometry<'a> {
             Mode::TriangleFan => {
                 indices.windows(2).skip(1).map(|pair| [indices[0], pair[0], pair[1]]).collect()
             }
-            _ => indices.as_chunks::<3>().0.to_vec(),
+            _ => {
+                let (whole, rest) = indices.as_chunks::<3>();
+                self.tally.left_over += rest.len() as u64;
+                whole.to_vec()
+            }
         })
     }
 
@@ -433,6 +451,12 @@ impl<'a> Geometry<'a> {
                 "triangles-dropped",
                 t.without_area,
                 "triangles without area or with such vertices were dropped",
+            ),
+            ("indices-left-over", t.left_over, "indices at the end make no whole triangle"),
+            (
+                "no-coordinates",
+                t.unmapped,
+                "primitives have a texture but not its coordinates; all of them show its corner",
             ),
             ("normals-repaired", t.normals, "normals without length were made from the faces around"),
             ("colours-clamped", t.colours, "vertex colours outside of 0 to 1 were clamped"),

@@ -206,7 +206,32 @@ fn webp_pictures_are_read_and_preferred() {
     json["textures"] = json!([{"source": 0, "extensions": {"EXT_texture_webp": {"source": 1}}}]);
     json["materials"] = json!([{"emissiveTexture": {"index": 0}}]);
     let (object, _) = good(&json);
-    assert_eq!(object.textures, [Texture { width: 1, height: 1, rgba: vec![10, 20, 30, 40] }]);
+    let decoded = [Texture { width: 1, height: 1, rgba: vec![10, 20, 30, 40] }];
+    assert_eq!(object.textures, decoded);
+    // As the extension is used where it is required: without a picture for readers that do not know it.
+    json["images"].as_array_mut().expect("a list").remove(0);
+    json["textures"] = json!([{"extensions": {"EXT_texture_webp": {"source": 0}}}]);
+    json["extensionsRequired"] = json!(["EXT_texture_webp"]);
+    json["materials"] = json!([{"emissiveTexture": {"index": 0, "texCoord": 1}}]);
+    json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let (object, notes) = good(&json);
+    assert_eq!(object.textures, decoded);
+    assert!(notes.iter().any(|n| n.id == "no-coordinates"), "there is no second set");
+    json["textures"] = json!([{"extensions": {"EXT_texture_webp": {"source": 7}}}]);
+    assert!(load_value(&json, None).is_err(), "no such picture");
+    json["textures"] = json!([{"extensions": {"EXT_texture_webp": 1}}]);
+    assert!(load_value(&json, None).is_err(), "not an extension");
+}
+
+#[test]
+fn what_makes_no_triangle_is_told() {
+    let mut json = triangle(json!({"mesh": 0}));
+    let told = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    json["meshes"][0]["primitives"][0]["mode"] = json!(0);
+    assert!(told(&json).contains("points or lines in 1"), "{}", told(&json));
+    json["meshes"][0]["primitives"][0]["mode"] = json!(4);
+    json["nodes"][0]["scale"] = json!([1.0, 0.0, 0.0]);
+    assert!(told(&json).contains("with an area, of 1"), "{}", told(&json));
 }
 
 #[test]
