@@ -326,6 +326,34 @@ mod tests {
         row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
     }
 
+    /// Mutation: any `range` of `ShadowRatio` left out.
+    #[test]
+    fn row_55_parameters_out_of_range_are_named() {
+        for (field, values) in [
+            ("epsilon", ["-1e-9", "1.1"]),
+            ("min_energy", ["-1.0", "1e7"]),
+            ("s_max", ["-0.1", "101.0"]),
+            ("gamma", ["0.0", "1.01"]),
+            ("s_min", ["-0.1", "1.01"]),
+            ("lambda", ["-0.1", "1.01"]),
+        ] {
+            for value in values.into_iter().chain(["NaN", "inf"]) {
+                let graph = format!(
+                    "Graph(version: 1, scene: (up: \"+z\"), nodes: (\n\
+                     a: LoadImage(path: \"a.exr\"),\n\
+                     s: ShadowRatio(without: \"a\", with: \"a\", {field}: {value}),\n))"
+                );
+                let source = engine::Source::new("graph.ron", &*graph);
+                let parsed = engine::Graph::parse(source, &crate::registry(), engine::SourceRoot::new("."));
+                let told = parsed.err().map(|errors| errors.to_string()).unwrap_or_default();
+                assert!(
+                    told.contains(field) && told.contains("graph.ron:3"),
+                    "{field}: {value} gives {told:?}"
+                );
+            }
+        }
+    }
+
     /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
     /// Mutation: a threshold in place of the fade.
     #[test]

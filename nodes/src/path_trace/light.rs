@@ -254,6 +254,7 @@ mod tests {
     use super::*;
     use crate::equirect;
     use crate::sampling::{Points, stream};
+    use crate::testing::row;
 
     fn noisy(width: usize, height: usize) -> Environment {
         let mut environment = constant(Up::PlusY, [0.0; 3], 2);
@@ -372,31 +373,63 @@ mod tests {
         }
     }
 
-    // Rows 36 and 37: black, and one texel that outshines all others.
+    /// Mutation: `uniform where all are 0` dropped in `accumulate`: the branch `sum > 0.0` taken always.
     #[test]
-    fn black_and_one_hot_skies_are_sampled() {
+    fn row_36_a_black_sky_is_sampled_evenly() {
         let black = Sky::new(&constant(Up::PlusZ, [0.0; 3], 16));
-        let s = black.one(Some(Vec3::X), [1 << 31, 1 << 30]).expect("a direction");
-        assert!(s.density > 0.0 && s.radiance == Vec3::ZERO);
+        assert_eq!(black.power, [0.0; 3]);
+        for normal in [None, Some(Vec3::X), Some(Vec3::NEG_Z)] {
+            for i in 0..64 {
+                let s = black.one(normal, Points::new(3, i).bits(0)).expect("a direction");
+                assert!(s.density > 0.0 && s.density.is_finite() && s.radiance == Vec3::ZERO, "{s:?}");
+                assert!((s.direction.length() - 1.0).abs() < 1e-5);
+            }
+        }
+    }
+
+    /// Towards the hot texel it is chosen, from behind it never is; its light is found in full either way.
+    /// Mutation: `numbers[*tier] * row.odds` to `row.odds` in `Sky::sample`.
+    #[test]
+    fn row_37_one_texel_may_outshine_all_others() {
         let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
         environment.image.pixel_mut(7, 5).fill(1e9);
         environment.image.pixel_mut(3, 3)[0] = f32::NAN;
         let sky = Sky::new(&environment);
         assert_eq!(sky.broken, 1);
-        // Towards the hot texel it is chosen, from behind it never is, and density integrates to 1 anyway.
-        let hot = equirect::direction(Up::PlusZ, 7.5 / 32.0, 5.5 / 16.0).as_vec3();
+        let at = |x: f64, y: f64| equirect::direction(Up::PlusZ, x / 32.0, y / 16.0);
+        let hot = at(7.5, 5.5).as_vec3();
+        let mut off = 0.0_f64;
         for normal in [hot, -hot] {
-            let middle =
-                |x, y| equirect::direction(Up::PlusZ, (x as f64 + 0.5) / 32.0, (y as f64 + 0.5) / 16.0);
-            let density = |x: usize, y: usize| sky.find(Some(normal), middle(x, y).as_vec3()).density;
+            let density = |x: usize, y: usize| {
+                sky.find(Some(normal), at(x as f64 + 0.5, y as f64 + 0.5).as_vec3()).density
+            };
             let total: f64 = (0..16)
                 .flat_map(|y| (0..32).map(move |x| (x, y)))
                 .map(|(x, y)| f64::from(density(x, y)) * pixel_solid_angle(32, 16, y))
                 .sum();
-            assert!((total - 1.0).abs() < 1e-6, "{total}");
+            off = off.max((total - 1.0).abs());
         }
+        row(37, "integral of the density over the sphere, less 1", off, 1e-6);
         let hottest = |normal| sky.one(Some(normal), [1 << 31, 1 << 31]).expect("light").radiance.x == 1e9;
         assert!(hottest(hot) && !hottest(-hot));
+        // Irradiance of a surface that faces it: its texel cut finely, against samples as a first vertex has them.
+        let fine = 64;
+        let cosines = (0..fine * fine).map(|i| {
+            let [u, v] = [i % fine, i / fine].map(|k| (f64::from(k) + 0.5) / f64::from(fine));
+            at(7.0 + u, 5.0 + v).dot(hot.as_dvec3())
+        });
+        let mean = cosines.sum::<f64>() / f64::from(fine * fine);
+        let (look, n) = (sky.look(Some(hot)), 1 << 12);
+        let arrived = |i| {
+            let draws: Vec<_> =
+                (0..sky.lights[0]).map(|k| Points::new(5, i).twig(k, sky.lights[0])).collect();
+            let draws: Vec<_> = draws.iter().map(|points| (0, points.bits(0))).collect();
+            let found = sky.sample::<8>(look, sky.numbers(look, true), &draws).into_iter().flatten();
+            found.map(|s| f64::from(s.radiance.x * s.direction.dot(hot) / s.density)).sum::<f64>()
+        };
+        let got = (0..n).map(arrived).sum::<f64>() / f64::from(n);
+        let exact = 1e9 * pixel_solid_angle(32, 16, 5) * mean;
+        row(37, "relative error of the irradiance of 4096 points", (got / exact - 1.0).abs(), 1e-4);
     }
 
     // Chi-square of the sampler against its density, by texel, with several texels a cell.

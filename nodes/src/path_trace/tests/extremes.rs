@@ -1,6 +1,7 @@
 //! The ends of the range: rows of the table of extremes.
 
 use super::*;
+use crate::testing::row;
 
 // A closed object on a passing receiver in a white sky: the furnace. Matte white gives 1, and so does metal.
 #[test]
@@ -27,10 +28,12 @@ fn furnace_holds_in_the_scene() {
     }
 }
 
-// Row 43: contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in
-// through it, and no light leaks at gap 0.
+/// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
+/// and no light leaks at gap 0.
+/// Mutation: `self.objects = false` dropped before the path without objects in `Walk::both`, or
+/// `Vec3::ONE - straight` halved in `Walk::taken`.
 #[test]
-fn contact_shadow_is_dark_and_monotone_in_the_gap() {
+fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);
     let mut last = 0.0;
     for gap in [0.0, 1e-6, 1e-4, 1e-2, 1e-1] {
@@ -41,14 +44,75 @@ fn contact_shadow_is_dark_and_monotone_in_the_gap() {
         assert!(lit >= last - 1e-3, "gap {gap}: {lit} after {last}");
         if gap <= 1e-6 {
             // What is left is the rounding of what was there before.
-            assert!(lit < 1e-7, "a leak at gap {gap}: {lit}");
+            row(43, "light that leaks under a box without a gap", lit, 1e-7);
         }
         last = lit;
     }
     assert!(last > 0.0);
 }
 
-// Rows 36, 37 and 41, 48: a black sky, a hot one, a subnormal one, broken triangles, an empty receiver.
+/// The error of S over a crop falls at least with the root of the samples, for any seed, and one sample is one
+/// too: finite, and right on average.
+/// Mutation: `index: sample` to `index: 0` in `Points::new`.
+#[test]
+fn row_47_errors_fall_with_samples_whatever_the_seed() {
+    let (plane, objects, rig) = shadowed();
+    let mut small = (*rig).clone();
+    let camera = &mut small.cameras[0];
+    (camera.width_px, camera.height_px) = (12, 12);
+    (camera.cx, camera.cy) = (camera.cx - 10.0, camera.cy - 10.0);
+    let small = Arc::new(small);
+    let with = |n, seed| {
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed }, ".");
+        let (out, _) = render_in(&cx, &params(n, EnvBlock::Solid), &plane, &objects, &small, &sunny());
+        samples(&out.with).iter().map(|v| f64::from(*v)).collect::<Vec<_>>()
+    };
+    let truth = with(4096, 1);
+    let seeds = [0, 1 << 63, u64::MAX - 1, u64::MAX];
+    let error = |n| {
+        let squares = seeds.iter().flat_map(|&seed| {
+            with(n, seed).into_iter().zip(&truth).map(|(a, b)| (a - b) * (a - b)).collect::<Vec<_>>()
+        });
+        squares.sum::<f64>().sqrt()
+    };
+    let (one, few, many) = (error(1), error(4), error(64));
+    row(47, "error at 64 samples over that at 4", many / few, 0.25);
+    row(47, "error at 4 samples over that at 1", few / one, 0.5);
+    let all = |n, seed| with(n, seed).iter().sum::<f64>();
+    let mean = (0..32).map(|seed| all(1, seed * 0x9E37_79B9_7F4A_7C15 + 1)).sum::<f64>() / 32.0;
+    let off = (mean / truth.iter().sum::<f64>() - 1.0).abs();
+    row(47, "bias of one sample, by the mean of 32", off, 0.01);
+}
+
+/// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
+/// Mutation: weights of texels not divided by `power` in `Sky::new` (`scales` of 1).
+#[test]
+fn row_48_light_of_any_strength_gives_the_same_picture() {
+    let (plane, objects, rig) = shadowed();
+    let at = |scale: f32| {
+        let mut env = sunny();
+        env.image.samples.iter_mut().for_each(|v| *v *= scale);
+        let (out, _) = render(&params(8, EnvBlock::Solid), &plane, &objects, &rig, &env);
+        [samples(&out.without).to_vec(), samples(&out.with).to_vec(), samples(&out.object).to_vec()]
+    };
+    let dimmer = f32::from_bits((127 - 80) << 23);
+    let (plain, dim) = (at(1.0), at(dimmer));
+    let changed = |layer: usize, channels: usize| {
+        let pairs = plain[layer].iter().zip(&dim[layer]).enumerate();
+        let colour = pairs.filter(|(i, _)| i % channels < 3);
+        colour.filter(|(_, (a, b))| **a * dimmer != **b).count() as f64
+    };
+    let (without, with, object) = (changed(0, 3), changed(1, 3), changed(2, 4));
+    row(48, "values that differ at 2^-80 of the light", without + with + object, 0.0);
+    let faint = at(1e-40);
+    let ratio = |of: &[Vec<f32>; 3]| -> Vec<f64> {
+        of[1].iter().zip(&of[0]).map(|(a, b)| f64::from(*a) / f64::from(*b).max(1e-300)).collect()
+    };
+    let off = ratio(&plain).iter().zip(ratio(&faint)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    row(48, "change of the ratio at 1e-40 of the light", off, 1e-2);
+}
+
+// A black sky, a hot one, a subnormal one, broken triangles, an empty receiver.
 #[test]
 fn extremes_stay_finite() {
     let (mut plane, objects, rig) = shadowed();

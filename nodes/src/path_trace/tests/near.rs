@@ -56,8 +56,12 @@ fn near(samples: u32) -> PathTrace {
 
 /// Mean of a small view straight down on, or straight at, a point of the room.
 fn at(p: &PathTrace, env: &Environment, point: DVec3, normal: DVec3) -> f64 {
+    of(p, &room(), env, point, normal)
+}
+
+fn of(p: &PathTrace, room: &Mesh, env: &Environment, point: DVec3, normal: DVec3) -> f64 {
     let camera = rig(point + normal, point + DVec3::new(0.0, 1e-6, 0.0), 4, 40.0);
-    mean(&render(p, &room(), &[], &camera, env).0.without)
+    mean(&render(p, room, &[], &camera, env).0.without)
 }
 
 // The whole point: a lamp two metres away lights each point from where it stands. The distant model is wrong
@@ -167,6 +171,43 @@ fn the_shadow_of_an_object_dims_what_lies_in_it() {
     let under = |z| covered(&render(&near(64), &room(), &[lid(z)], &below, &env).0.object);
     let low = under(0.05);
     assert!(low < 0.2, "{low}");
+}
+
+// The sun through a window lights the patch of the floor that it is seen from, wherever the point of capture
+// saw it from: what leaves by the window is far, what meets a wall is not.
+#[test]
+fn the_sun_through_a_window_lights_its_patch() {
+    // The wall at x = 2 with a hole at y from -0.7 to 0.3 and z from 1.5 to 2.5.
+    let mut walls = room();
+    walls.triangles.retain(|t| t.iter().any(|&i| walls.positions[i as usize][0] < 2.0));
+    let strip = |y: [f32; 2], z: [f32; 2]| Mesh {
+        positions: vec![[2.0, y[0], z[0]], [2.0, y[0], z[1]], [2.0, y[1], z[1]], [2.0, y[1], z[0]]],
+        colours: Vec::new(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    for (y, z) in [
+        ([-2.0, -0.7], [0.0, 4.0]),
+        ([0.3, 2.0], [0.0, 4.0]),
+        ([-0.7, 0.3], [0.0, 1.5]),
+        ([-0.7, 0.3], [2.5, 4.0]),
+    ] {
+        walls = merge(walls, strip(y, z));
+    }
+    // A sun 30 degrees up over +x, seen from the point of capture through the window.
+    let (mut env, sun) = (constant(Up::PlusZ, [0.0; 3], 256), DVec3::new(0.866, 0.2, 0.5).normalize());
+    let (u, v) = equirect::uv(Up::PlusZ, sun);
+    let texel = ((u * 256.0) as usize, (v * 128.0) as usize);
+    env.image.pixel_mut(texel.0, texel.1).fill(1000.0);
+    let sun = equirect::direction(Up::PlusZ, (texel.0 as f64 + 0.5) / 256.0, (texel.1 as f64 + 0.5) / 128.0);
+    env.origin = Some(DVec3::new(0.3, -0.6, 1.0));
+    let area = equirect::pixel_solid_angle(256, 128, texel.1);
+    let expected = 0.5 / std::f64::consts::PI * 1000.0 * area * sun.z;
+    // On the floor the patch reaches from x = -2.33 to -0.6 where the walls leave it, and is 1 wide.
+    for (x, y, lit) in [(-1.2, -0.9, true), (-1.2, 0.2, false), (0.3, -0.6, false), (1.5, -0.2, false)] {
+        let got = of(&near(64), &walls, &env, DVec3::new(x, y, 0.0), DVec3::Z);
+        let is = if lit { expected } else { 0.0 };
+        assert!((got - is).abs() < 0.02 * expected, "{x} {y}: {got} for {is}");
+    }
 }
 
 // A point of capture is needed.
