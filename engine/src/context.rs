@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::Digest;
 use rayon::prelude::*;
@@ -259,21 +259,34 @@ impl Context {
         n: usize,
         f: impl Fn(usize) -> T + Send + Sync,
     ) -> Result<Vec<T>, NodeError> {
-        (0..n)
-            .into_par_iter()
-            .map(|index| if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(f(index)) })
-            .collect()
+        // One slot a tile, so that the pool's loop is compiled once and not for every kind's closure.
+        let slots: Vec<Mutex<Option<T>>> = (0..n).map(|_| Mutex::new(None)).collect();
+        self.each(n, &|index| {
+            let made = f(index);
+            *slots[index].lock().unwrap_or_else(PoisonError::into_inner) = Some(made);
+        })?;
+        let made =
+            slots.into_iter().filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
+        Ok(made.collect())
+    }
+
+    fn each(&self, n: usize, tile: &(dyn Fn(usize) + Sync)) -> Result<(), NodeError> {
+        (0..n).into_par_iter().try_for_each(|index| {
+            self.check()?;
+            tile(index);
+            Ok(())
+        })
     }
 
     /// Adds to a deterministic count of work, such as `rays` or `blends`.
     pub fn count(&self, name: &'static str, n: u64) {
-        let mut counts = self.counts.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         *counts.entry(name).or_default() += n;
     }
 
     /// The counts so far.
     pub fn counts(&self) -> BTreeMap<&'static str, u64> {
-        self.counts.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone()
+        self.counts.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Computes a part of the node's work, or takes it from the cache. Its key is made of the kind, the
@@ -291,7 +304,7 @@ impl Context {
         if let Some((stored, spent)) = store.load(part, &extra)
             && let Ok(known) = decode_all::<A>(&stored)
         {
-            self.known.lock().unwrap_or_else(std::sync::PoisonError::into_inner).add(&spent);
+            self.known.lock().unwrap_or_else(PoisonError::into_inner).add(&spent);
             return Ok(Arc::new(known));
         }
         let (start, before) = (std::time::Instant::now(), self.counts());
