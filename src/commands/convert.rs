@@ -1,7 +1,7 @@
 //! `convert`: a scene of splats in another format.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use engine::{Context, NodeError, Notes, Up};
@@ -52,7 +52,12 @@ impl Convert {
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
         let convert = || {
             splats::check(&self.input)?;
+            check_folder(&self.output)?;
             let (scene, notes) = splats::load(&self.input, frame, &cx)?;
+            if scene.is_empty() {
+                let what = format!("`{}` holds no splat that can be drawn", self.input.display());
+                return Err(NodeError::new(format!("{what}\n{}", splats::lines(&notes).trim_end())));
+            }
             let (bytes, mut lost) = encode(&scene, format, (!self.as_stored).then_some(up), &cx)?;
             // Which way is up was our word alone, and it mattered.
             let ours = self.up.is_none() && !notes.iter().any(|note| note.id == "frame");
@@ -75,6 +80,14 @@ impl Convert {
         super::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
         Ok(0)
     }
+}
+
+/// An error where the folder of a file to write is missing, as of `cp`: a typing mistake should not make one.
+fn check_folder(output: &Path) -> Result<(), NodeError> {
+    let folder = output.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let Some(folder) = folder.filter(|folder| !folder.is_dir()) else { return Ok(()) };
+    let what = format!("cannot write `{}`: there is no folder `{}`", output.display(), folder.display());
+    Err(NodeError::new(what).hint("make it first"))
 }
 
 /// Warns where the floor of a scene says that another axis points up than the one that was taken for it.

@@ -1,5 +1,6 @@
 //! What a triangle mesh is like: its size, which way is up, where the floor lies, and whether it is closed.
 
+use glam::DVec3;
 use serde::Serialize;
 
 use super::{Extent, Finding, FloorGuess, Patch, floor_of, percentile};
@@ -51,17 +52,19 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         // A floor is flat: all of its vertices may lie at the lowest percentile.
         Extent { min: at(0.02), max: at(0.98) }
     });
-    let patches = || mesh.triangles.iter().map(|corners| patch(corners.map(|v| mesh.positions[v as usize])));
+    let corners = |of: &[u32; 3]| of.map(|v| mesh.positions[v as usize]);
+    let area: f64 = mesh.triangles.iter().map(|of| cross(corners(of)).length() * 0.5).sum();
     let (open_edges, odd_edges) = edges(mesh);
     let mut found = Inspection {
         vertices: mesh.positions.len(),
         triangles: mesh.triangles.len(),
         coloured: !mesh.colours.is_empty(),
         bounds,
-        area: patches().map(|patch| patch.weight).sum(),
+        area,
         open_edges,
         odd_edges,
-        floor: core.and_then(|core| floor_of(patches(), &core)),
+        floor: core
+            .and_then(|core| floor_of(mesh.triangles.iter().map(|of| patch(corners(of), area)), &core)),
         findings: Vec::new(),
     };
     for (id, holds, text) in [
@@ -89,15 +92,23 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
     found
 }
 
-/// A triangle as a piece of surface.
-fn patch([a, b, c]: [[f32; 3]; 3]) -> Patch {
-    let [a, b, c] = [a, b, c].map(|p| glam::DVec3::from(p.map(f64::from)));
-    let cross = (b - a).cross(c - a);
+/// Normal of a triangle, twice as long as its area.
+fn cross([a, b, c]: [[f32; 3]; 3]) -> DVec3 {
+    let [a, b, c] = [a, b, c].map(|p| DVec3::from(p.map(f64::from)));
+    (b - a).cross(c - a)
+}
+
+/// A triangle as a piece of a surface of this area. It is no sample but the surface itself: each ten-thousandth of
+/// the whole counts as an observation.
+fn patch(corners: [[f32; 3]; 3], whole: f64) -> Patch {
+    let cross = cross(corners);
     let length = cross.length();
+    let weight = 0.5 * length;
     Patch {
-        middle: ((a + b + c) / 3.0).to_array(),
+        middle: [0, 1, 2].map(|k| corners.iter().map(|corner| f64::from(corner[k])).sum::<f64>() / 3.0),
         normal: (length > 0.0).then(|| (cross / length).to_array()),
-        weight: 0.5 * length,
+        weight,
+        variance: weight * weight.min(whole / 10_000.0),
     }
 }
 

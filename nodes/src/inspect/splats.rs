@@ -175,10 +175,14 @@ fn floor(splats: &Splats, core: &Extent) -> Option<FloorGuess> {
     let mut areas: Vec<f32> = splats.scales.iter().map(|s| area(*s) as f32).collect();
     // A few splats of the sky would outweigh all others.
     let largest = percentile(&mut areas, 0.95);
-    let patches = (0..splats.len()).map(|i| Patch {
-        middle: splats.means[i].map(f64::from),
-        normal: normal(splats.scales[i], splats.quats[i]),
-        weight: area(splats.scales[i]).min(largest) * f64::from(splats.opacities[i]),
+    let patches = (0..splats.len()).map(|i| {
+        let weight = area(splats.scales[i]).min(largest) * f64::from(splats.opacities[i]);
+        Patch {
+            middle: splats.means[i].map(f64::from),
+            normal: normal(splats.scales[i], splats.quats[i]),
+            weight,
+            variance: weight * weight,
+        }
     });
     floor_of(patches, core)
 }
@@ -304,6 +308,39 @@ mod tests {
                 assert_eq!(floor.up, name);
                 assert!((floor.height + 1.0).abs() < 0.05, "{floor:?}");
                 assert!(floor.confidence > 0.3, "{floor:?}");
+            }
+        }
+    }
+
+    // However many splats: of noise nothing lies flat in one plane more than by chance, whatever its shape.
+    #[test]
+    fn no_floor_is_found_in_noise() {
+        let mut state = 1_u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        for (count, tries) in [(3, 40), (30, 40), (300, 40), (3000, 40), (30_000, 8)] {
+            for attempt in 0..tries {
+                let mut splats = crate::testing::no_splats();
+                for _ in 0..count {
+                    // A box, or a ball that is denser in the middle.
+                    let mut sum = || (0..if attempt % 2 == 0 { 1 } else { 4 }).map(|_| next() - 0.5).sum();
+                    splats.means.push([sum(), sum(), sum()]);
+                    // Along the axes, or any way.
+                    let aligned = attempt % 4 < 2;
+                    splats.quats.push(if aligned { [1.0, 0.0, 0.0, 0.0] } else { [0; 4].map(|_| sum()) });
+                    splats.scales.push([0; 3].map(|_| num::f64::exp(f64::from(next() * 4.0 - 6.0)) as f32));
+                    splats.opacities.push(next());
+                    splats.sh.push([0.0; 3]);
+                }
+                for quat in &mut splats.quats {
+                    let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
+                    *quat = quat.map(|q| q / length);
+                }
+                let found = inspect(&splats, &context()).unwrap();
+                assert_eq!(found.floor, None, "{count} splats, try {attempt}");
+                assert!(found.findings.iter().any(|finding| finding.id == "floor-unclear"));
             }
         }
     }

@@ -10,26 +10,29 @@ use crate::Error;
 /// Deflate turns at most 258 bytes into 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;
 
-/// Unpacks a whole gzip stream of at most `limit(first 16 bytes)` bytes; its checksum is verified.
+/// Unpacks a whole gzip stream of at most `limit(first 16 bytes)` bytes; its checksum is verified. Also how many bytes
+/// lie behind it.
 pub fn gunzip(
     file: &str,
     packed: &[u8],
     limit: impl FnOnce(&[u8; 16]) -> Result<usize, Error>,
-) -> Result<Vec<u8>, Error> {
+) -> Result<(Vec<u8>, usize), Error> {
     let broken = |e: std::io::Error| Error::format(file, format!("broken gzip stream: {e}"));
     let mut stream = flate2::bufread::GzDecoder::new(packed);
     let mut head = [0; 16];
     stream.read_exact(&mut head).map_err(broken)?;
     let limit = limit(&head)?;
     let mut out = head.to_vec();
-    stream.take((limit.saturating_sub(15)) as u64).read_to_end(&mut out).map_err(broken)?;
+    let mut stream = stream.take((limit.saturating_sub(15)) as u64);
+    stream.read_to_end(&mut out).map_err(broken)?;
     if out.len() > limit {
         return Err(Error::format(
             file,
             format!("holds more than the {limit} bytes that its header promises"),
         ));
     }
-    Ok(out)
+    let behind = stream.into_inner().into_inner().len();
+    Ok((out, behind))
 }
 
 /// Unpacks a raw deflate stream of exactly `length` bytes.

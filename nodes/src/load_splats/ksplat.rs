@@ -32,16 +32,18 @@ const LEVELS: [Level; 3] = [
     Level { real: 2, harmonic: 1, scale: 6, rotation: 12, colour: 20, harmonics: 24, steps: 32_767 },
 ];
 
-/// True where the bytes begin like such a file: version 0.1 and up, a known level, room for the headers.
+/// True where the bytes begin like such a file, be it cut off: version 0.1 and up, a known level, at least one section,
+/// no more in use than there are, the same of splats.
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
-    let sections = u32_at(bytes, 4) as usize;
-    bytes.len() >= HEADER
+    let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
+    bytes.len() >= 22
         && u8_at(bytes, 0) == 0
         && u8_at(bytes, 1) >= 1
         && u16_at(bytes, 2) == 0
         && u16_at(bytes, 20) <= 2
         && sections >= 1
-        && sections <= (bytes.len() - HEADER) / SECTION_HEADER
+        && used_sections <= sections
+        && used <= room
 }
 
 /// One section: its rows, and the buckets that their centres are relative to.
@@ -148,6 +150,7 @@ pub(super) fn load(
         .iter()
         .map(|head| Section::read(file, bytes, head, level, &mut at));
     let sections = read.collect::<Result<Vec<_>, _>>()?;
+    super::left_over(file, bytes.len() - at, notes);
     let count: usize = sections.iter().map(|section| section.count).sum();
     if count != promised {
         let what = format!("the header promises {promised} splats, the sections hold {count}");

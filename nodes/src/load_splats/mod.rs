@@ -177,6 +177,14 @@ impl Loaded {
     }
 }
 
+/// Tells of bytes that the format has no place for.
+fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
+    if bytes > 0 {
+        let text = format!("`{file}` goes on for {bytes} bytes after its splats; they are passed over");
+        notes.warning("bytes-left-over", text);
+    }
+}
+
 fn load(
     file: &str,
     bytes: &[u8],
@@ -187,11 +195,11 @@ fn load(
     match Format::of(file, bytes)? {
         Format::Ply => {
             let header = ply_header::Header::read(file, bytes)?;
-            if ply_packed::is_packed(&header) {
-                ply_packed::load(file, bytes, &header, reading, notes)
-            } else {
-                ply::load(file, bytes, &header, reading, notes)
-            }
+            let packed = ply_packed::is_packed(&header);
+            let read = if packed { ply_packed::load } else { ply::load };
+            let loaded = read(file, bytes, &header, reading, notes)?;
+            left_over(file, header.end.map_or(0, |end| bytes.len().saturating_sub(end)), notes);
+            Ok(loaded)
         }
         Format::Spz => spz::load(file, bytes, None, reading, notes),
         Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, fetch, reading, notes),

@@ -117,6 +117,8 @@ impl Element {
 pub struct Header {
     /// Its elements, in order.
     pub elements: Vec<Element>,
+    /// Where its last row ends, unless an element before that has rows of varying length.
+    pub end: Option<usize>,
     /// How its rows are written, where it is another way than ours.
     foreign: Option<String>,
 }
@@ -192,7 +194,7 @@ impl Header {
             let length = element.count.checked_mul(element.stride).filter(|_| !element.varies);
             start = start.and_then(|start| length.and_then(|length| start.checked_add(length)));
         }
-        Ok(Self { elements, foreign })
+        Ok(Self { elements, end: start, foreign })
     }
 
     /// An error where the rows are not binary and little-endian, as every program writes splats.

@@ -14,7 +14,7 @@ pub enum RowFault {
     ZeroQuaternion,
     /// An axis is longer than `max_extent`.
     TooLarge,
-    /// A scale is below 0, where the format stores it as it is.
+    /// A scale is below 0, where the format stores it as it is, or `filter_3D` is.
     NegativeScale,
     /// An opacity is not between 0 and 1, where the format stores it as it is.
     BadOpacity,
@@ -51,7 +51,7 @@ impl RowFault {
             Self::NotFinite => "with a field that is NaN or infinite",
             Self::ZeroQuaternion => "with a zero quaternion",
             Self::TooLarge => "with an axis longer than `max_extent`",
-            Self::NegativeScale => "with a scale below 0",
+            Self::NegativeScale => "with a scale or a filter below 0",
             Self::BadOpacity => "with an opacity that is not between 0 and 1",
             Self::NoSuchEntry => "that point past the end of a table of the file",
         }
@@ -92,6 +92,9 @@ impl Row {
         let mut scale = log_scale.map(num::f64::exp);
         let mut opacity = 1.0 / (1.0 + num::f64::exp(-logit));
         if let Some(filter) = filter {
+            if filter < 0.0 {
+                return Err(RowFault::NegativeScale);
+            }
             let mut kept = 1.0;
             for s in &mut scale {
                 let wide = (*s * *s + filter * filter).sqrt();

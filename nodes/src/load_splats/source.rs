@@ -10,6 +10,9 @@ use super::sog::Meta;
 use super::{ksplat, splat, spz};
 use crate::Error;
 
+/// Endings of files of splats.
+const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];
+
 /// A format of splats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
@@ -84,10 +87,16 @@ impl Format {
         if splat::is_splat(bytes) {
             return Ok(Self::Splat);
         }
-        let what = if bytes.is_empty() {
-            "the file is empty"
-        } else {
-            "no known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"
+        let named = ENDINGS.iter().find(|ending| file.to_ascii_lowercase().ends_with(*ending));
+        let what = match named {
+            _ if bytes.is_empty() => "the file is empty".to_owned(),
+            Some(ending) => format!(
+                "{} bytes that do not begin as a `{ending}` does, nor as splats of any format; is the file whole?",
+                bytes.len()
+            ),
+            None => {
+                "no known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)".to_owned()
+            }
         };
         Err(Error::format(file, what))
     }

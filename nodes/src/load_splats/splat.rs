@@ -11,9 +11,8 @@ use crate::Error;
 /// Bytes of a splat.
 const ROW: usize = 32;
 
-/// True where the bytes can be such a file: whole rows, and of the first ones at least half with finite
-/// numbers and sizes that are not negative. A first coordinate below 1e-38 is none, it is the head of a
-/// `.ksplat` that was cut off.
+/// True where the bytes can be such a file, be it cut off: a row, and of the first ones at least half with finite
+/// numbers and sizes that are not negative. A first coordinate below 1e-38 is none, it is the head of another file.
 pub(super) fn is_splat(bytes: &[u8]) -> bool {
     if f32_at(bytes, 0).is_subnormal() {
         return false;
@@ -27,9 +26,7 @@ pub(super) fn is_splat(bytes: &[u8]) -> bool {
             && scales.iter().all(|s| (0.0..1e9).contains(s))
     };
     let first = rows.iter().take(64);
-    bytes.len().is_multiple_of(ROW)
-        && first.len() > 0
-        && first.clone().filter(|r| sane(r)).count() * 2 >= first.len()
+    first.len() > 0 && first.clone().filter(|r| sane(r)).count() * 2 >= first.len()
 }
 
 /// Loads a file.
@@ -41,7 +38,11 @@ pub(super) fn load(
 ) -> Result<Loaded, NodeError> {
     let (rows, rest) = bytes.as_chunks::<ROW>();
     if !rest.is_empty() {
-        let what = format!("{} bytes are no whole number of splats of {ROW} bytes", bytes.len());
+        let what = format!(
+            "it begins like a .splat and ends within a splat: {} whole ones of {ROW} bytes and {} bytes more",
+            rows.len(),
+            rest.len()
+        );
         return Err(Error::format(file, what).into());
     }
     let turn = reading.turn(file, None, false, notes);

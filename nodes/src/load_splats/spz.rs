@@ -86,6 +86,8 @@ struct Attributes {
     /// In the order of [`Header::sizes`].
     streams: [Vec<u8>; 6],
     extensions: Vec<u8>,
+    /// Bytes of the file after the last of them.
+    left_over: usize,
 }
 
 /// Unpacks a file of any version.
@@ -97,7 +99,7 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
             _ => split(file, bytes, header),
         };
     }
-    let plain = gunzip(file, bytes, |head| {
+    let (plain, left_over) = gunzip(file, bytes, |head| {
         let header = Header::read(file, head)?;
         let each: usize = header.sizes().iter().sum();
         let count = believed(file, header.count, bytes.len(), DEFLATE_RATIO as f64 / each as f64)?;
@@ -107,7 +109,7 @@ fn unpack(file: &str, bytes: &[u8]) -> Result<Attributes, Error> {
     if header.version == 4 {
         return Err(Error::format(file, "version 4 of SPZ inside of a gzip stream"));
     }
-    split(file, &plain, header)
+    Ok(Attributes { left_over, ..split(file, &plain, header)? })
 }
 
 /// Splits the one stream of versions 1 to 3.
@@ -121,7 +123,7 @@ fn split(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Error> 
         at += stream.len();
     }
     let extensions = bytes.get(at..).unwrap_or_default().to_vec();
-    Ok(Attributes { header, count, streams, extensions })
+    Ok(Attributes { header, count, streams, extensions, left_over: 0 })
 }
 
 fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Error> {
@@ -159,7 +161,7 @@ fn unpack_4(file: &str, bytes: &[u8], header: Header) -> Result<Attributes, Erro
         return Err(Error::format(file, "more streams than attributes"));
     }
     let extensions = bytes.get(HEADER_4..contents).unwrap_or_default().to_vec();
-    Ok(Attributes { header, count, streams, extensions })
+    Ok(Attributes { header, count, streams, extensions, left_over: bytes.len() - at })
 }
 
 /// The orthogonal map from the axes that an extension names to right, up, back; `None` without one.
@@ -215,7 +217,8 @@ pub(super) fn load(
     reading: &Reading<'_>,
     notes: &mut Notes,
 ) -> Result<Loaded, NodeError> {
-    let Attributes { header, count, streams, extensions } = unpack(file, bytes)?;
+    let Attributes { header, count, streams, extensions, left_over } = unpack(file, bytes)?;
+    super::left_over(file, left_over, notes);
     if header.version <= 2 {
         let text =
             format!("`{file}` is SPZ version {}: its rotations are off by up to 12 degrees", header.version);

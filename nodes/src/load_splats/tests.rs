@@ -27,7 +27,7 @@ fn near(a: &[f32], b: &[f32], bar: f32) {
     }
 }
 
-/// Mutation: `largest == 0.0` to `largest < 0.0` in `Row::checked`.
+/// Mutation: `largest == 0.0` to `largest < 0.0` in `Row::checked` (seen red).
 #[test]
 fn row_01_zero_quaternions_are_dropped_and_counted() {
     let mut rows = vec![PlyRow::default(); 5];
@@ -39,7 +39,7 @@ fn row_01_zero_quaternions_are_dropped_and_counted() {
     assert_eq!(splats, others);
 }
 
-/// Mutation: `q / length` to `q` in `Row::checked`.
+/// Mutation: `q / length` to `q` in `Row::checked` (seen red).
 #[test]
 fn row_02_quaternions_of_any_length_become_units() {
     let rows = [1e-20, 1e20, 3e38, 1e-44].map(|length| PlyRow {
@@ -54,7 +54,7 @@ fn row_02_quaternions_of_any_length_become_units() {
 }
 
 /// Every field of its own, dropped, or named when strict.
-/// Mutation: `!value.is_finite()` to `value.is_nan()` in `Row::activate`.
+/// Mutation: `!value.is_finite()` to `value.is_nan()` in `Row::activate` (seen red).
 #[test]
 fn row_03_what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
@@ -89,7 +89,7 @@ fn row_03_what_is_not_finite_is_dropped_or_named() {
 }
 
 /// Beyond `max_extent`, 1e6, a scale is no scale; what is within goes on to the renderer, whose rows 4 bound its work.
-/// Mutation: `*s <= max_extent` to `*s <= f64::MAX` in `Row::checked`.
+/// Mutation: `*s <= max_extent` to `*s <= f64::MAX` in `Row::checked` (seen red).
 #[test]
 fn row_04_scales_that_overflow_are_dropped_and_counted() {
     let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
@@ -99,7 +99,7 @@ fn row_04_scales_that_overflow_are_dropped_and_counted() {
     assert!((splats.scales[0][1] / 984_609.1 - 1.0).abs() < 1e-6);
 }
 
-/// Mutation: `exp(v)` to `exp(v.max(-30.0))` in `Row::activate`.
+/// Mutation: `exp(v)` to `exp(v.max(-30.0))` in `Row::activate` (seen red).
 #[test]
 fn row_05_scales_far_below_a_pixel_are_kept() {
     let row = PlyRow { scale: [-40.0; 3], ..PlyRow::default() };
@@ -110,7 +110,7 @@ fn row_05_scales_far_below_a_pixel_are_kept() {
     }
 }
 
-/// Mutation: `1 / (1 + e^-x)` to `e^x / (e^x + 1)` in `Row::activate`.
+/// Mutation: `1 / (1 + e^-x)` to `e^x / (e^x + 1)` in `Row::activate` (seen red).
 #[test]
 fn row_06_logits_at_both_ends_are_1_and_0() {
     let row = |opacity: f32| PlyRow { opacity, ..PlyRow::default() };
@@ -118,7 +118,7 @@ fn row_06_logits_at_both_ends_are_1_and_0() {
     assert_eq!(splats.opacities, [0.5, 1.0, 0.0, 1.0, 0.0]);
 }
 
-/// Mutation: `bytes.get(start..end)` to `bytes.get(start..)` in `Element::rows`.
+/// Mutation: `bytes.get(start..end)` to `bytes.get(start..)` in `Element::rows` (seen red).
 #[test]
 fn row_07_headers_that_lie_are_told_with_numbers() {
     let bytes = build::ply(&vec![PlyRow::default(); 3], 0);
@@ -139,7 +139,7 @@ fn row_07_headers_that_lie_are_told_with_numbers() {
     assert_eq!(none.len(), 0);
 }
 
-/// Mutation: `filter * filter` to `filter` in `Row::activate`.
+/// Mutation: `filter * filter` to `filter` in `Row::activate` (seen red).
 #[test]
 fn row_08_degrees_extra_fields_and_filters() {
     for degree in 0..=4 {
@@ -163,6 +163,8 @@ fn row_08_degrees_extra_fields_and_filters() {
     near(&splats.opacities, &[(kept / (1.0 + (-0.4_f32 as f64).exp_ref())) as f32], 1e-7);
     let ids: Vec<&str> = notes.iter().map(|note| note.id.as_str()).collect();
     assert_eq!(ids, ["filter-3d", "fields-passed-over"]);
+    let (none, notes) = read(&build::ply_with(&[PlyRow::default()], 0, &[("filter_3D", -0.25)])).unwrap();
+    assert!(none.is_empty() && counts(&notes)[0].0 == "negative-scale");
 }
 
 trait ExpRef {
@@ -341,6 +343,39 @@ fn sog_versions_and_wrappings_agree() {
     let (all, sources) = load(".");
     assert_eq!((all.len(), sources.len()), (4 * two.len(), 8 + 1 + 8 + 1));
     assert_eq!(all.opacities[..one.len()], one.opacities[..]);
+}
+
+// The smallest bytes: what is wrong is told, not that nothing is known of such a file.
+#[test]
+fn files_that_were_cut_off_are_told_as_what_they_were() {
+    let told = |name: &str, bytes: &[u8]| {
+        from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
+    };
+    let splat = build::splat(3);
+    assert!(told("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
+    assert!(told("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
+    let ksplat = build::ksplat(1, 1);
+    assert!(told("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30"));
+    assert!(told("a", &ksplat[..5000]).contains("the headers of sections"));
+    assert!(told("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
+    assert!(told("a.ksplat", &ksplat[..16]).contains("do not begin as a `.ksplat`"));
+}
+
+#[test]
+fn what_follows_the_splats_is_told() {
+    for (name, mut bytes) in [
+        ("ply", build::ply(&[PlyRow::default()], 0)),
+        ("ksplat", build::ksplat(1, 1)),
+        ("spz in gzip", build::spz(3, 1)),
+        ("spz 4", build::spz(4, 1)),
+    ] {
+        let (whole, notes) = read(&bytes).unwrap();
+        assert!(notes.iter().all(|note| note.id != "bytes-left-over"), "{name}");
+        bytes.extend_from_slice(b"more of it");
+        let (splats, notes) = read(&bytes).unwrap();
+        let told = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
+        assert!(splats == whole && told.text.contains("10 bytes"), "{name}: {told:?}");
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use engine::{Context, NodeError, Notes};
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 use super::chunks;
-use crate::load_splats::{SPZ_COLOUR_SCALE, sh_rest};
+use crate::load_splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest};
 use crate::num;
 use crate::types::Splats;
 
@@ -22,20 +22,31 @@ const LARGEST: f64 = 8_388_607.0;
 const HEADER: usize = 16;
 const HEADER_4: usize = 32;
 
-/// The attributes of some splats, each in its own stream, and how many numbers were cut to their range.
+/// Numbers that were cut to the range of a byte: how many, and by how many steps at most.
+#[derive(Default, Clone, Copy)]
+struct Cut {
+    count: u64,
+    steps: f64,
+}
+
+impl Cut {
+    /// Rounds to a byte; counts what lies more than a step outside.
+    fn byte(&mut self, value: f64) -> u8 {
+        let rounded = (value + 0.5).floor();
+        let within = rounded.clamp(0.0, 255.0);
+        if (rounded - within).abs() > 1.0 {
+            self.count += 1;
+            self.steps = self.steps.max((value - within).abs());
+        }
+        within as u8
+    }
+}
+
+/// The attributes of some splats, each in its own stream, and what was cut of scales, colours and harmonics.
 #[derive(Default)]
 struct Part {
     streams: [Vec<u8>; 6],
-    scales: u64,
-    colours: u64,
-    harmonics: u64,
-}
-
-/// Rounds to a byte; adds to `cut` what lies more than a step outside.
-fn byte(value: f64, cut: &mut u64) -> u8 {
-    let rounded = (value + 0.5).floor();
-    *cut += u64::from(!(-1.0..=256.0).contains(&rounded));
-    rounded.clamp(0.0, 255.0) as u8
+    cut: [Cut; 3],
 }
 
 /// Median of the longest axes, in world units; 0 without splats.
@@ -95,40 +106,71 @@ pub(super) fn encode(
     let parts = chunks(splats.len(), cx, |range| {
         let mut part = Part::default();
         let [centres, opacities, colours, scales, rotations, harmonics] = &mut part.streams;
+        let [cut_scales, cut_colours, cut_harmonics] = &mut part.cut;
         for i in range {
             for value in splats.mean(i).to_array() {
                 let fixed = (value * f64::from(1_u32 << bits) + 0.5).floor().clamp(-LARGEST, LARGEST) as i32;
                 centres.extend_from_slice(&fixed.to_le_bytes()[..3]);
             }
-            opacities.push(byte(f64::from(splats.opacities[i]) * 255.0, &mut 0));
+            // Between 0 and 1: never cut.
+            opacities.push(Cut::default().byte(f64::from(splats.opacities[i]) * 255.0));
             let sh = &splats.sh[i * (rest + 1)..(i + 1) * (rest + 1)];
             for value in sh[0] {
                 let unit = f64::from(value) * SPZ_COLOUR_SCALE + 0.5;
-                colours.push(byte(unit * 255.0, &mut part.colours));
+                colours.push(cut_colours.byte(unit * 255.0));
             }
             for scale in splats.scales[i] {
                 // What is smaller was told of above; only what is too large counts as cut.
                 let log = num::f64::ln(scale.into()).max(-10.0);
-                scales.push(byte((log + 10.0) * 16.0, &mut part.scales));
+                scales.push(cut_scales.byte((log + 10.0) * 16.0));
             }
             rotations.extend_from_slice(&rotation(splats.quats[i]).to_le_bytes());
             for value in sh[1..].as_flattened() {
-                harmonics.push(byte(f64::from(*value) * 128.0 + 128.0, &mut part.harmonics));
+                harmonics.push(cut_harmonics.byte(f64::from(*value) * 128.0 + 128.0));
             }
         }
         part
     })?;
-    for (id, cut, what) in [
-        ("scales-cut", parts.iter().map(|p| p.scales).sum::<u64>(), "scales are cut to e^5.9"),
+    let [scales, colours, harmonics] = [0, 1, 2].map(|which| {
+        parts.iter().map(|part| part.cut[which]).fold(Cut::default(), |sum, part| Cut {
+            count: sum.count + part.count,
+            steps: sum.steps.max(part.steps),
+        })
+    });
+    let width = 3 * splats.len() as u64;
+    let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
+        format!(
+            "{} of {of} {which} lie beyond {range}, which SPZ holds, and are cut to it: {loss}",
+            cut.count
+        )
+    };
+    // A step of a scale is a factor of e^(1/16); colours change by the coefficient times the constant function.
+    for (id, cut, text) in [
+        (
+            "scales-cut",
+            scales,
+            beyond("axes", width, scales, "e^5.94 (379 units)", {
+                format!("the longest shrinks {:.3} times", num::f64::exp(scales.steps / 16.0))
+            }),
+        ),
         (
             "colours-cut",
-            parts.iter().map(|p| p.colours).sum(),
-            "constant coefficients are cut to -3.3 .. 3.3",
+            colours,
+            beyond("constant coefficients", width, colours, "-3.3 to 3.3", {
+                let off = colours.steps / 255.0 / SPZ_COLOUR_SCALE * SH_C0;
+                format!("colours change by up to {off:.3}, where white is 1")
+            }),
         ),
-        ("harmonics-cut", parts.iter().map(|p| p.harmonics).sum(), "other coefficients are cut to -1 .. 1"),
+        (
+            "harmonics-cut",
+            harmonics,
+            beyond("other coefficients", width * rest as u64, harmonics, "-1 to 1", {
+                format!("by up to {:.3}", harmonics.steps / 128.0)
+            }),
+        ),
     ] {
-        if cut > 0 {
-            notes.count(id, cut, what);
+        if cut.count > 0 {
+            notes.warning(id, text);
         }
     }
     let mut header = b"NGSP".to_vec();

@@ -53,12 +53,18 @@ impl Lines {
     }
 
     fn floor(&mut self, floor: Option<&FloorGuess>, ruler: Ruler) {
-        let Some(floor) = floor else { return self.line("up, guessed", "no floor found".to_owned()) };
+        let Some(floor) = floor else {
+            return self.line(
+                "up, guessed",
+                "not found: no plane holds more of the surface than chance explains".to_owned(),
+            );
+        };
         let (axis, sign) = (&floor.up[1..], if floor.up.starts_with('-') { -1.0 } else { 1.0 });
         self.line(
             "up, guessed",
             format!(
-                "{} with confidence {:.2} (next: {}); floor at {axis} = {}, {:.0} % of the surface lies flat in it",
+                "{}{} with confidence {:.2} (next: {}); floor at {axis} = {}, {:.0} % of the surface lies flat in it",
+                if floor.is_clear() { "" } else { "not clear: " },
                 floor.up,
                 floor.confidence,
                 floor.second,
