@@ -242,6 +242,11 @@ impl Context {
         cancelled
     }
 
+    /// Asks to stop, as the end of a run does: for tests of kinds.
+    pub fn stop(&self) {
+        self.cancel.store(true, Ordering::Relaxed);
+    }
+
     /// An error once the run was asked to stop; for loops that have no tiles.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }

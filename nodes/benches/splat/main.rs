@@ -1,5 +1,5 @@
-//! Every table of `docs/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs, how
-//! time and memory grow, and both ways to a panorama.
+//! Every table of `docs/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs and each
+//! skip saves, how time and memory grow, and both ways to a panorama.
 //! `cargo bench -p lightharmony-nodes --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
 //! `splats/playbot_sog` and `splat-refs`. Without DATA, speed alone, on a cloud made from a seed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
@@ -10,6 +10,7 @@ mod knobs;
 mod load;
 mod memory;
 mod panorama;
+mod skips;
 mod speed;
 
 use std::path::{Path, PathBuf};
@@ -233,11 +234,12 @@ fn main() {
         return memory::table(&bench);
     }
     println!("{}", origin());
-    let sections: [Section; 7] = [
+    let sections: [Section; 8] = [
         ("speed", speed::table),
         ("load", load::table),
         ("exact", exact::table),
         ("knobs", knobs::table),
+        ("skips", skips::table),
         ("growth", growth::table),
         ("memory", memory::table),
         ("panorama", panorama::table),

@@ -46,7 +46,7 @@ pub fn table(bench: &Bench) {
             // Turn by turn, so that both see the same neighbours.
             let (mut peak, mut best) = (0.0_f64, None);
             for _ in 0..RUNS {
-                peak = peak.max(calibrate(20_000, level, &thread_seconds));
+                peak = peak.max(calibrate(20_000, level, &thread_seconds, &bench.cx));
                 let seen = bench.one.install(draw);
                 if best.as_ref().is_none_or(|least| total(&seen) < total(least)) {
                     best = Some(seen);

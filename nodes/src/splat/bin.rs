@@ -13,7 +13,7 @@ const DIGIT_BITS: u32 = 11;
 
 /// The order of ascending keys; equal keys stay in their order, which is that of the file. A radix
 /// sort from the lowest digit, leaving out digits that all keys share.
-pub(super) fn order(mut from: Vec<(u64, u32)>) -> Vec<u32> {
+pub(super) fn order(mut from: Vec<(u64, u32)>, cx: &Context) -> Result<Vec<u32>, NodeError> {
     let mask = (1_u64 << DIGIT_BITS) - 1;
     let first = from.first().map_or(0, |item| item.0);
     let varying = from.iter().fold(0, |bits, (key, _)| bits | (key ^ first));
@@ -21,6 +21,7 @@ pub(super) fn order(mut from: Vec<(u64, u32)>) -> Vec<u32> {
     let mut shift = 0;
     while shift < u64::BITS && varying >> shift != 0 {
         if (varying >> shift) & mask != 0 {
+            cx.check()?;
             let mut starts = vec![0_u32; 1 << DIGIT_BITS];
             for (key, _) in &from {
                 starts[((key >> shift) & mask) as usize] += 1;
@@ -38,7 +39,7 @@ pub(super) fn order(mut from: Vec<(u64, u32)>) -> Vec<u32> {
         }
         shift += DIGIT_BITS;
     }
-    from.into_iter().map(|(_, index)| index).collect()
+    Ok(from.into_iter().map(|(_, index)| index).collect())
 }
 
 /// The footprints of every tile, front to back.
@@ -103,7 +104,10 @@ pub(super) fn bin(
     }
     // (footprint, first column, end of columns) of every row, so that a footprint is looked up once.
     let mut by_row: Vec<Vec<(u32, u16, u16)>> = vec![Vec::new(); rows];
-    for index in order {
+    for (done, index) in order.into_iter().enumerate() {
+        if done % (1 << 16) == 0 {
+            cx.check()?;
+        }
         let reach = projected.reach(index);
         for list in &mut by_row[usize::from(reach.y0)..usize::from(reach.y1)] {
             list.push((index, reach.x0, reach.x1));
@@ -157,6 +161,7 @@ fn around(first: u16, end: u16, columns: usize) -> [std::ops::Range<usize>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::context;
 
     #[test]
     fn order_is_stable_for_keys_of_any_size() {
@@ -169,8 +174,9 @@ mod tests {
             let keys: Vec<u64> = (0..5000).map(|_| (next() & ((1 << bits) - 1)) | (5 << 50)).collect();
             let mut expected: Vec<u32> = (0..5000).collect();
             expected.sort_by_key(|index| keys[*index as usize]);
-            assert_eq!(order(keys.iter().copied().zip(0..).collect()), expected, "{bits} bits");
+            let sorted = order(keys.iter().copied().zip(0..).collect(), &context());
+            assert_eq!(sorted.expect("goes on"), expected, "{bits} bits");
         }
-        assert!(order(Vec::new()).is_empty());
+        assert!(order(Vec::new(), &context()).expect("goes on").is_empty());
     }
 }

@@ -77,7 +77,7 @@ const BEHIND: f32 = 1.000_001;
 #[inline(always)]
 fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_>) -> Tile {
     const ZERO: [[f32; LANES]; TILE * HALVES] = [[0.0; LANES]; TILE * HALVES];
-    let &Task { projected, list, area: [x0, y0, width, height], settings, .. } = task;
+    let &Task { projected, list, area: [x0, y0, width, height], settings, cx, .. } = task;
     let mut pixels = Pixels {
         transmittance: ZERO,
         red: ZERO,
@@ -123,7 +123,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_>) -> Tile {
 
     let mut batch = [Footprint::NONE; BATCH];
     for indices in list.chunks(BATCH) {
-        if live == 0 {
+        if live == 0 || cx.cancelled() {
             break;
         }
         for (to, index) in batch.iter_mut().zip(indices) {

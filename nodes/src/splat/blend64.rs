@@ -6,7 +6,7 @@ use crate::num;
 
 /// Blends the footprints of a tile, front to back.
 pub(super) fn blend(task: &Task<'_>) -> Tile {
-    let &Task { projected, list, area: [x0, y0, width, height], settings, .. } = task;
+    let &Task { projected, list, area: [x0, y0, width, height], settings, cx, .. } = task;
     let limits = task.limits();
     let period = projected.period.map(f64::from);
     let mut rgb = vec![[0.0_f64; 3]; TILE * TILE];
@@ -18,7 +18,7 @@ pub(super) fn blend(task: &Task<'_>) -> Tile {
     let mut left = width * height;
     let (mut evaluations, mut blends) = (0, 0);
     for index in list {
-        if left == 0 {
+        if left == 0 || cx.cancelled() {
             break;
         }
         let f = projected.footprint(*index);

@@ -7,6 +7,7 @@ use engine::Up;
 use glam::DVec3;
 
 use super::bin::TILE;
+use super::block::Block;
 use crate::types::Camera;
 use crate::{equirect, num};
 
@@ -65,6 +66,9 @@ pub(super) trait Lens: Sync {
     /// The point at `d` from the eye. `reach` says how far a splat there may spread at most: in world units,
     /// and in pixels beyond that; it is asked where it can spare work.
     fn see(&self, d: DVec3, near: f64, reach: impl Fn() -> (f64, f64)) -> Sight;
+    /// True where [`Lens::see`] has nothing of any splat in the block, each of which spreads over at most `sigmas`
+    /// times its longest axis and so many pixels beyond that.
+    fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
     /// Tiles with a pixel centre inside a box, its edge included.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<Reach>;
     /// Tiles as the INRIA rasterizer counts them: a square of 3 standard deviations of the longer axis
@@ -232,6 +236,22 @@ impl Lens for Pinhole {
         })
     }
 
+    /// The tests of `see` are linear in the centre, so over a box they are largest at a corner.
+    #[inline(always)]
+    fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
+        // By distance, what is behind the plane of the camera is at or below any near depth.
+        let nearest = if self.by_distance { 0.0 } else { near };
+        if block.most(self.forward, -nearest) < 0.0 {
+            return true;
+        }
+        let world = sigmas * block.longest * self.steepest;
+        let (x, y, z) = (self.right * self.fx, self.down * self.fy, self.forward);
+        [x + z * (self.cx + pixels), y + z * (self.cy + pixels)]
+            .into_iter()
+            .chain([z * (self.width - self.cx + pixels) - x, z * (self.height - self.cy + pixels) - y])
+            .any(|inwards| block.most(inwards, world) < 0.0)
+    }
+
     #[inline(always)]
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<Reach> {
         let (half_x, half_y) = (half_x + SLACK_PX, half_y + SLACK_PX);
@@ -320,6 +340,12 @@ impl Lens for Sphere {
             row_y: downwards * (per_radian / distance),
             depth: distance,
         })
+    }
+
+    /// It looks everywhere.
+    #[inline(always)]
+    fn misses(&self, _block: &Block, _near: f64, _sigmas: f64, _pixels: f64) -> bool {
+        false
     }
 
     #[inline(always)]

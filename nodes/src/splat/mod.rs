@@ -10,6 +10,7 @@ mod around;
 mod bin;
 mod blend32;
 mod blend64;
+mod block;
 mod lens;
 mod project;
 mod settings;
@@ -35,11 +36,15 @@ use crate::types::{Camera, Data, Image, Splats};
 /// Work of one view; the same on every machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Work {
-    /// Splats that were read.
+    /// Splats that were looked at one by one.
     pub visited: u64,
+    /// Splats that were left out by blocks, since none of the block can be in the picture.
+    pub skipped: u64,
     /// Splats that were coloured and sorted.
     pub projected: u64,
-    /// Splats at or below the near plane.
+    /// Of these, the ones whose harmonics were summed up in a direction; none of a scene of degree 0.
+    pub directed: u64,
+    /// Splats at or below the near plane; counted where next to nothing is seen, and 0 otherwise.
     pub behind: u64,
     /// Splats whose footprint is not a finite ellipse.
     pub degenerate: u64,
@@ -54,7 +59,9 @@ pub struct Work {
 impl AddAssign for Work {
     fn add_assign(&mut self, other: Self) {
         self.visited += other.visited;
+        self.skipped += other.skipped;
         self.projected += other.projected;
+        self.directed += other.directed;
         self.behind += other.behind;
         self.degenerate += other.degenerate;
         self.tile_pairs += other.tile_pairs;
@@ -67,7 +74,9 @@ impl Work {
     /// Counts it, and notes what was left out of a scene of so many splats.
     pub(crate) fn report(&self, splats: usize, near: f64, cx: &Context, notes: &mut Notes) {
         cx.count("splats_visited", self.visited);
+        cx.count("splats_skipped", self.skipped);
         cx.count("splats_projected", self.projected);
+        cx.count("splats_directed", self.directed);
         cx.count("splat_tile_pairs", self.tile_pairs);
         cx.count("splat_evaluations", self.evaluations);
         cx.count("splat_blends", self.blends);
@@ -76,7 +85,7 @@ impl Work {
         }
         // A scene and an eye in different frames give an empty picture, not an error.
         if self.projected * 100 < splats as u64 {
-            let why = if self.behind * 2 >= self.visited {
+            let why = if self.behind * 2 >= self.visited + self.skipped {
                 format!(
                     "most lie behind or nearer than `near`, {near} world units: is that too far for this scene, or does \
                      the eye look away from it?"
@@ -116,6 +125,7 @@ struct Task<'a> {
     area: [usize; 4],
     limit: Option<&'a Image<Data>>,
     settings: &'a Settings,
+    cx: &'a Context,
 }
 
 impl Task<'_> {
@@ -135,7 +145,7 @@ impl Task<'_> {
     }
 }
 
-/// One finished tile: RGBA, depth and blends of its pixels, in rows of [`TILE`].
+/// One tile, finished unless the run was stopped: RGBA, depth and blends of its pixels, in rows of [`TILE`].
 struct Tile {
     rgba: Vec<[f32; 4]>,
     depth: Vec<f32>,
@@ -194,7 +204,7 @@ pub fn render_at(
 /// Evaluations a second of the blend's arithmetic, by a clock that tells seconds: one tile that stays in the
 /// first cache, every splat covering it, no pixel ever finished. A yardstick for benches.
 #[doc(hidden)]
-pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>) -> f64 {
+pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) -> f64 {
     let wide = Footprint {
         u: 8.0,
         v: 8.0,
@@ -210,7 +220,7 @@ pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>) -> f64 {
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let projected = Projected::of(vec![wide]);
     let area = [0, 0, TILE, TILE];
-    let task = Task { projected: &projected, list: &list, area, limit: None, settings: &settings };
+    let task = Task { projected: &projected, list: &list, area, limit: None, settings: &settings, cx };
     let start = clock();
     let tile = blend32::blend(level, &task);
     std::hint::black_box(&tile.rgba);
@@ -244,7 +254,7 @@ fn draw<L: Lens>(
 
     let projected = project::project(splats, lens, settings, cx, level)?;
     let project_s = lap();
-    let order = bin::order(projected.keys());
+    let order = bin::order(projected.keys(), cx)?;
     let sort_s = lap();
     let (width, height) = lens.size();
     let lists = bin::bin(&projected, order, (width, height), settings, cx)?;
@@ -253,12 +263,14 @@ fn draw<L: Lens>(
     let tiles = cx.for_each_tile(lists.tiles(), |tile| {
         let (list, x0, y0) = lists.tile(tile);
         let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
-        let task = Task { projected: &projected, list, area, limit, settings };
+        let task = Task { projected: &projected, list, area, limit, settings, cx };
         match settings.precision {
             Precision::F32 => blend32::blend(level, &task),
             Precision::F64 => blend64::blend(&task),
         }
     })?;
+    // A tile may take seconds where bounds are `None`, so a blend ends early once the run is stopped.
+    cx.check()?;
     let mut work = Work { tile_pairs: lists.pairs(), ..projected.work() };
     let mut rgba = vec![0.0_f32; width * height * 4];
     let mut depth = vec![f32::INFINITY; width * height];

@@ -8,6 +8,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
 use super::bin::TILE;
+use super::block::{BLOCK, Block};
 use super::lens::{Lens, Reach, SLACK_PX, Seen, Sight};
 use super::{Bounds, Precision, Settings, Sort, Work, sh};
 use crate::num;
@@ -41,7 +42,8 @@ struct Chunk {
     footprints: Vec<Footprint>,
     reaches: Vec<Reach>,
     keys: Vec<u64>,
-    behind: u64,
+    skipped: u64,
+    directed: u64,
     degenerate: u64,
 }
 
@@ -49,8 +51,10 @@ struct Chunk {
 /// longer than all that looks them up.
 pub(crate) struct Projected {
     chunks: Vec<Chunk>,
-    /// Splats that were read.
-    visited: u64,
+    /// Splats of the scene.
+    splats: u64,
+    /// Of these, the ones at or below the near plane; 0 unless next to nothing is seen.
+    behind: u64,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
     /// Columns after which the picture repeats, of a panorama.
@@ -61,7 +65,7 @@ impl Projected {
     /// Of one chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
         let chunks = vec![Chunk { footprints, ..Chunk::default() }];
-        Self { chunks, visited: 0, log2_cut: 0.0, period: None }
+        Self { chunks, splats: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
     /// (sort key, index) of each footprint, in file order; keys ascend from front to back.
@@ -86,13 +90,14 @@ impl Projected {
 
     /// What the projection took.
     pub(super) fn work(&self) -> Work {
-        let mut work = Work { visited: self.visited, ..Work::default() };
+        let mut work = Work { behind: self.behind, ..Work::default() };
         for chunk in &self.chunks {
             work.projected += chunk.footprints.len() as u64;
-            work.behind += chunk.behind;
+            work.skipped += chunk.skipped;
+            work.directed += chunk.directed;
             work.degenerate += chunk.degenerate;
         }
-        work
+        Work { visited: self.splats - work.skipped, ..work }
     }
 }
 
@@ -141,7 +146,25 @@ pub(super) fn project<L: Lens>(
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
         dispatch!(level, simd => chunk(simd, splats, range, lens, settings, log2_cut))
     })?;
-    Ok(Projected { chunks, visited: splats.len() as u64, log2_cut, period: lens.period() })
+    let splats_behind = |job: usize| {
+        let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
+        let drawn = range.filter(|index| is_drawn(splats.opacities[*index], settings));
+        let offsets = drawn.map(|index| splats.mean(index) - lens.eye());
+        offsets.filter(|d| matches!(lens.see(*d, settings.near, || (0.0, 0.0)), Sight::Behind)).count() as u64
+    };
+    let mut projected =
+        Projected { chunks, splats: splats.len() as u64, behind: 0, log2_cut, period: lens.period() };
+    // Only then is it asked for.
+    if projected.work().projected * 100 < projected.splats {
+        projected.behind = cx.for_each_tile(splats.len().div_ceil(CHUNK), splats_behind)?.iter().sum();
+    }
+    Ok(projected)
+}
+
+/// True for an opacity that reaches the cut.
+#[inline(always)]
+fn is_drawn(opacity: f32, settings: &Settings) -> bool {
+    f64::from(opacity) >= settings.alpha_cut && opacity > 0.0
 }
 
 /// The principal axes of a splat, each as long as the standard deviation.
@@ -156,42 +179,63 @@ fn axes(quat: [f32; 4], scale: [f32; 3]) -> [DVec3; 3] {
     ]
 }
 
-/// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
-#[inline(always)]
-fn chunk<S: Simd, L: Lens>(
-    _simd: S,
-    splats: &Splats,
-    range: Range<usize>,
-    lens: &L,
-    settings: &Settings,
+/// What the projection of a splat asks for.
+struct Projection<'a, L> {
+    splats: &'a Splats,
+    lens: &'a L,
+    settings: &'a Settings,
     log2_cut: f64,
-) -> Chunk {
-    let (eye, degree, each) = (lens.eye(), settings.sh_degree.min(splats.sh_degree), splats.sh_len());
-    let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
-    // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
-    let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
-    // A pixel covers rounding, two tiles how INRIA counts them.
-    let rounding = if settings.bounds == Bounds::Exact { 1.0 } else { 2.0 * TILE as f64 };
-    let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
-    let mut out = Chunk::default();
-    for index in range {
-        let opacity = f64::from(splats.opacities[index]);
-        if opacity < settings.alpha_cut || opacity <= 0.0 {
-            continue;
+    eye: DVec3,
+    /// Degree of the harmonics that are used.
+    degree: u32,
+    /// False where every splat is drawn everywhere.
+    bounded: bool,
+    /// Standard deviations that a splat spreads over at most, in the world, and pixels beyond that.
+    sigmas: f64,
+    beyond: f64,
+}
+
+impl<'a, L: Lens> Projection<'a, L> {
+    #[inline(always)]
+    fn new(splats: &'a Splats, lens: &'a L, settings: &'a Settings, log2_cut: f64) -> Self {
+        let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
+        // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
+        let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
+        // A pixel covers rounding, two tiles how INRIA counts them.
+        let rounding = if settings.bounds == Bounds::Exact { 1.0 } else { 2.0 * TILE as f64 };
+        let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
+        let (sigmas, beyond) = if bounded { (sigmas, beyond) } else { (f64::INFINITY, 0.0) };
+        let (eye, degree) = (lens.eye(), settings.sh_degree.min(splats.sh_degree));
+        Self { splats, lens, settings, log2_cut, eye, degree, bounded, sigmas, beyond }
+    }
+
+    /// True where no splat of the block can be in the picture.
+    #[inline(always)]
+    fn is_unseen(&self, block: Range<usize>) -> bool {
+        self.settings.skip_unseen
+            && self.lens.misses(
+                &Block::of(self.splats, block, self.eye),
+                self.settings.near,
+                self.sigmas,
+                self.beyond,
+            )
+    }
+
+    /// Adds what is to be drawn of a splat.
+    #[inline(always)]
+    fn add(&self, index: usize, out: &mut Chunk) {
+        let Self { splats, lens, settings, log2_cut, bounded, .. } = *self;
+        if !is_drawn(splats.opacities[index], settings) {
+            return;
         }
-        let offset = splats.mean(index) - eye;
+        let offset = splats.mean(index) - self.eye;
         let reach = || {
             let [a, b, c] = splats.scales[index].map(f64::from);
-            if bounded { (sigmas * a.max(b).max(c), beyond) } else { (f64::INFINITY, 0.0) }
+            let world = if bounded { self.sigmas * a.max(b).max(c) } else { f64::INFINITY };
+            (world, self.beyond)
         };
-        let Seen { u, v, row_x, row_y, depth } = match lens.see(offset, settings.near, reach) {
-            Sight::Seen(seen) => seen,
-            Sight::Aside => continue,
-            Sight::Behind => {
-                out.behind += 1;
-                continue;
-            }
-        };
+        let Sight::Seen(seen) = lens.see(offset, settings.near, reach) else { return };
+        let Seen { u, v, row_x, row_y, depth } = seen;
 
         let axes = axes(splats.quats[index], splats.scales[index]);
         let p = DVec3::new(row_x.dot(axes[0]), row_x.dot(axes[1]), row_x.dot(axes[2]));
@@ -202,11 +246,11 @@ fn chunk<S: Simd, L: Lens>(
         // By Lagrange's identity, so that the determinant of a needle does not cancel.
         let raw_det = p.cross(q).length_squared();
         let det = raw_det + low_pass * (raw_xx + raw_yy) + low_pass * low_pass;
-        let mut opacity = opacity;
+        let mut opacity = f64::from(splats.opacities[index]);
         if settings.compensate {
             opacity *= (raw_det / det).sqrt();
             if opacity < settings.alpha_cut {
-                continue;
+                return;
             }
         }
         // Exponents are to base 2: half of log2(e) goes into the factor.
@@ -216,7 +260,7 @@ fn chunk<S: Simd, L: Lens>(
             (to_base_2 * root_yy / root_det, -to_base_2 * xy / (root_yy * root_det), to_base_2 / root_yy);
         if !(l11.is_finite() && l21.is_finite() && l11 > 0.0 && l22 > 0.0 && u.is_finite() && v.is_finite()) {
             out.degenerate += 1;
-            continue;
+            return;
         }
 
         let log2_opacity = num::f64::log2(opacity);
@@ -228,12 +272,16 @@ fn chunk<S: Simd, L: Lens>(
                 lens.exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy)
             }
         };
-        let Some(reach) = reach else { continue };
+        let Some(reach) = reach else { return };
 
-        // The constant function asks for no direction.
-        let direction = if degree == 0 { DVec3::ZERO } else { offset / offset.length() };
-        let direction = direction.to_array().map(|c| c as f32);
-        let rgb = sh::colour(degree, &splats.sh[index * each..(index + 1) * each], direction);
+        let mut direction = [0.0; 3];
+        // The constant function asks for none.
+        if self.degree > 0 {
+            direction = (offset / offset.length()).to_array().map(|c| c as f32);
+            out.directed += 1;
+        }
+        let each = splats.sh_len();
+        let rgb = sh::colour(self.degree, &splats.sh[index * each..(index + 1) * each], direction);
         let by = match settings.sort {
             Sort::Depth => depth,
             Sort::Distance => offset.length(),
@@ -257,6 +305,28 @@ fn chunk<S: Simd, L: Lens>(
             rgb,
             z: depth as f32,
         });
+    }
+}
+
+/// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
+#[inline(always)]
+fn chunk<S: Simd, L: Lens>(
+    _simd: S,
+    splats: &Splats,
+    range: Range<usize>,
+    lens: &L,
+    settings: &Settings,
+    log2_cut: f64,
+) -> Chunk {
+    let projection = Projection::new(splats, lens, settings, log2_cut);
+    let mut out = Chunk::default();
+    for first in range.clone().step_by(BLOCK) {
+        let block = first..(first + BLOCK).min(range.end);
+        if projection.is_unseen(block.clone()) {
+            out.skipped += block.len() as u64;
+            continue;
+        }
+        block.for_each(|index| projection.add(index, &mut out));
     }
     out
 }

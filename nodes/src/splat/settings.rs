@@ -66,6 +66,8 @@ engine::params! {
         depth: DepthMode = DepthMode::Expected, other("Median");
         /// Whether to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
+        /// Whether to leave out blocks of splats that cannot be in the picture; the picture is the same bits.
+        skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
     }
 }
 
@@ -84,6 +86,7 @@ impl Default for Drawing {
             stop: of.stop,
             depth: of.depth,
             count_blends: of.count_blends,
+            skip_unseen: of.skip_unseen,
         }
     }
 }
@@ -117,6 +120,7 @@ impl Drawing {
             stop: self.stop,
             depth: self.depth,
             count_blends: self.count_blends,
+            skip_unseen: self.skip_unseen,
         }
     }
 }
@@ -148,6 +152,8 @@ pub struct Settings {
     pub depth: DepthMode,
     /// True to count the blends of each pixel.
     pub count_blends: bool,
+    /// True to leave out blocks of splats that cannot be in the picture.
+    pub skip_unseen: bool,
 }
 
 impl Default for Settings {
@@ -166,6 +172,7 @@ impl Default for Settings {
             stop: 1e-4,
             depth: DepthMode::Expected,
             count_blends: false,
+            skip_unseen: true,
         }
     }
 }

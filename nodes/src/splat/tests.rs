@@ -6,6 +6,7 @@ use crate::num;
 use crate::testing::context;
 
 mod around;
+mod blocks;
 mod extremes;
 mod modes;
 
@@ -110,6 +111,7 @@ const F64: Settings = Settings {
     stop: 1e-4,
     depth: DepthMode::Expected,
     count_blends: false,
+    skip_unseen: true,
 };
 
 /// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Nothing is shared

@@ -36,7 +36,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
 
 /// What a loader drops is as if it had never been in the file; here, what it cannot drop
 /// because it is only invisible.
-/// Mutation: `depth <= near` to `depth.abs() <= near` in `Pinhole::see`.
+/// Mutation: `depth <= near` to `depth.abs() <= near` in `Pinhole::see` (seen red).
 #[test]
 fn row_03_what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -64,7 +64,7 @@ fn row_03_what_cannot_be_seen_changes_no_bit() {
 }
 
 /// A splat as large as a file may hold covers all pixels, once each, at once.
-/// Mutation: `last.min(size as i32 - 1)` to `last` in `lens::tiles`.
+/// Mutation: `last.min(size as i32 - 1)` to `last` in `lens::tiles` (seen red).
 #[test]
 fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
@@ -88,7 +88,7 @@ fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
 }
 
 /// What is far below a pixel, down to nothing at all, shows as the low-pass filter alone.
-/// Mutation: `low_pass * low_pass` to `0.0` in the determinant of `project::chunk`.
+/// Mutation: `low_pass * low_pass` to `0.0` in the determinant of `Projection::add` (seen red).
 #[test]
 fn row_05_scales_of_nothing_show_the_filter() {
     for scale in [num::f64::exp(-40.0) as f32, 1e-30, 1e-45, 0.0] {
@@ -97,7 +97,7 @@ fn row_05_scales_of_nothing_show_the_filter() {
 }
 
 /// Opacity 1 is capped at 0.99, exactly; below the cut there is nothing.
-/// Mutation: `.min(cap)` left out of `blend32::tile`.
+/// Mutation: `.min(cap)` left out of `blend32::tile` (seen red).
 #[test]
 fn row_06_opacities_at_both_ends() {
     row(6, "alpha off the capped formula", off_the_formula(0.2, 1.0), 1e-6);
@@ -117,7 +117,7 @@ fn row_06_opacities_at_both_ends() {
 }
 
 /// A file of no rows is an empty scene.
-/// Mutation: +inf to 0 where nothing is seen in `blend64`.
+/// Mutation: +inf to 0 where nothing is seen in `blend64` (seen red).
 #[test]
 fn row_07_an_empty_scene_is_background() {
     let seen = draw(&empty(0), &camera(8, 8, 60.0), F64);
@@ -125,7 +125,7 @@ fn row_07_an_empty_scene_is_background() {
 }
 
 /// Splats at the eye and behind the near plane are gone, and nothing is infinite.
-/// Mutation: `depth <= near` to `depth <= 0.0` in `Pinhole::see`.
+/// Mutation: `depth <= near` to `depth <= 0.0` in `Pinhole::see` (seen red).
 #[test]
 fn row_09_the_near_plane_culls() {
     let at_eye = one([0.0; 3], [0.5; 3], 0.9, [1.0; 3]);
@@ -140,7 +140,7 @@ fn row_09_the_near_plane_culls() {
 }
 
 /// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
-/// Mutation: `-to_base_2 * xy` to `to_base_2 * xy` in `project::chunk`.
+/// Mutation: `-to_base_2 * xy` to `to_base_2 * xy` in `Projection::add` (seen red).
 #[test]
 fn row_10_needles_are_exact() {
     let camera = camera(200, 150, 60.0);
@@ -161,7 +161,7 @@ fn row_10_needles_are_exact() {
 }
 
 /// Stopping early changes a deep pile by less than what it leaves.
-/// Mutation: `after.simd_ge(stop)` to `after.simd_ge(zero)` in `blend32::tile`.
+/// Mutation: `after.simd_ge(stop)` to `after.simd_ge(zero)` in `blend32::tile` (seen red).
 #[test]
 fn row_11_stopping_early_costs_what_it_says() {
     let mut random = Random(4);
@@ -187,17 +187,19 @@ fn row_11_stopping_early_costs_what_it_says() {
 }
 
 /// Equal depths are drawn in file order; different ones whatever the order of the file.
-/// Mutation: `&from` to `from.iter().rev()` in the second loop of `bin::order`.
+/// Mutation: `&from` to `from.iter().rev()` in the second loop of `bin::order` (seen red).
 #[test]
 fn row_12_ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
     let blue = one([0.05, 0.0, 2.0], [0.3; 3], 0.9, [-1.7, -1.7, 1.7]);
+    // At another depth, so that there is something to sort.
+    let far = one([0.0, 0.0, 4.0], [0.3; 3], 0.9, [-1.7, 1.7, -1.7]);
     let camera = camera(32, 32, 40.0);
     let middle = (16 * 32 + 16) * 4;
     for precision in [Precision::F32, Precision::F64] {
         let settings = Settings { precision, ..F64 };
-        let a = draw(&join(&[&red, &blue]), &camera, settings);
-        let b = draw(&join(&[&blue, &red]), &camera, settings);
+        let a = draw(&join(&[&far, &red, &blue]), &camera, settings);
+        let b = draw(&join(&[&far, &blue, &red]), &camera, settings);
         assert!(a.rgba[middle] > 0.8 && a.rgba[middle + 2] < 0.2);
         assert!(b.rgba[middle] < 0.2 && b.rgba[middle + 2] > 0.8);
         let splats = cloud(200, 5);
@@ -214,7 +216,7 @@ fn row_12_ties_follow_the_file_and_nothing_else_does() {
 }
 
 /// In f64 an offset costs what rounding it costs; the camera is subtracted before anything is rounded further.
-/// Mutation: both of `splats.mean(index) - eye` rounded to f32 in `project::chunk`.
+/// Mutation: both of `splats.mean(index) - eye` rounded to f32 in `Projection::add` (seen red).
 #[test]
 fn row_13_pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
@@ -242,7 +244,7 @@ fn row_13_pictures_do_not_depend_on_where_the_world_is() {
 }
 
 /// `near` is in world units and scales with the scene.
-/// Mutation: `depth <= near` to `depth <= 0.2` in `Pinhole::see`.
+/// Mutation: `depth <= near` to `depth <= 0.2` in `Pinhole::see` (seen red).
 #[test]
 fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
     let splats = cloud(300, 6);
@@ -261,7 +263,7 @@ fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
 }
 
 /// Nothing is cut above: a coefficient that makes 3 arrives as 3 in the picture and in a file of floats.
-/// Mutation: `max(0.0)` to `clamp(0.0, 1.0)` in `sh::colour`.
+/// Mutation: `max(0.0)` to `clamp(0.0, 1.0)` in `sh::colour` (seen red).
 #[test]
 fn row_15_colours_are_cut_at_0_and_nowhere_else() {
     let coefficient = |colour: f64| ((colour - 0.5) / 0.282_094_791_773_878_14) as f32;
@@ -282,7 +284,7 @@ fn row_15_colours_are_cut_at_0_and_nowhere_else() {
 }
 
 /// The widest and the narrowest angle, one pixel and a strip, against the textbook.
-/// Mutation: `GUARD` to 0.1 in `lens`.
+/// Mutation: `GUARD` to 0.1 in `lens` (seen red).
 #[test]
 fn row_16_odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);
@@ -301,7 +303,7 @@ fn row_16_odd_cameras_are_the_textbook() {
     }
 }
 
-/// Mutation: 1.000_000_1 to 1.02 in `blend32::EXP2`.
+/// Mutation: 1.000_000_1 to 1.02 in `blend32::EXP2` (seen red).
 #[test]
 fn row_16_odd_cameras_are_finite_and_match_f64() {
     let splats = cloud(300, 9);
@@ -316,7 +318,7 @@ fn row_16_odd_cameras_are_finite_and_match_f64() {
 }
 
 /// Coverage is a share, no colour is brighter than a splat's times it, and what is farther only adds to it.
-/// Mutation: `before - weight` to `before - alpha` in `blend32::tile`.
+/// Mutation: `before - weight` to `before - alpha` in `blend32::tile` (seen red).
 #[test]
 fn row_17_coverage_grows_and_colours_are_convex_sums() {
     for seed in 0..4 {
@@ -332,6 +334,12 @@ fn row_17_coverage_grows_and_colours_are_convex_sums() {
             assert!((0.0..=1.0).contains(a));
             assert!([r, g, b].iter().all(|c| **c >= 0.0 && **c <= most * a * (1.0 + 1e-5)));
         }
+        // Of one colour, a pixel is that colour times its coverage.
+        let plain =
+            Splats { sh_degree: 0, sh: vec![[0.25 / 0.282_094_8; 3]; splats.len()], ..splats.clone() };
+        let plain = draw(&plain, &camera(60, 60, 80.0), FAST);
+        let off = plain.rgba.as_chunks::<4>().0.iter().map(|[r, _, _, a]| f64::from((r - 0.75 * a).abs()));
+        row(17, "colour off the one colour times alpha", off.fold(0.0, f64::max), 1e-5);
         let camera = camera(60, 60, 80.0);
         let before = |depth: f32| {
             let limit = Image::<Data>::from_samples(60, 60, 1, vec![depth; 60 * 60]);

@@ -114,3 +114,29 @@ fn an_empty_view_is_told_with_its_cause() {
     let text = told(&Camera { world_from_camera: aside, ..ahead }, 0.2);
     assert!(text.contains("share a frame"), "{text}");
 }
+
+// A tile of a large scene may take seconds where every splat is evaluated everywhere; a stopped run must not wait for it.
+#[test]
+fn a_stopped_run_ends_within_a_tile() {
+    let splats = cloud(400, 3);
+    let list: Vec<u32> = (0..50).collect();
+    for precision in [Precision::F32, Precision::F64] {
+        let settings = Settings { precision, bounds: Bounds::None, stop: 0.0, ..F64 };
+        let cx = context();
+        let lens = Pinhole::new(&camera(TILE as u32, TILE as u32, 60.0));
+        let projected = project::project(&splats, &lens, &settings, &cx, Level::new()).expect("projects");
+        let evaluations = || {
+            let area = [0, 0, TILE, TILE];
+            let task =
+                Task { projected: &projected, list: &list, area, limit: None, settings: &settings, cx: &cx };
+            match precision {
+                Precision::F32 => blend32::blend(Level::new(), &task).evaluations,
+                Precision::F64 => blend64::blend(&task).evaluations,
+            }
+        };
+        assert!(evaluations() > 0);
+        cx.stop();
+        assert_eq!(evaluations(), 0, "{precision:?}");
+        assert!(render(&splats, &camera(64, 64, 60.0), None, &settings, &cx).is_err());
+    }
+}
