@@ -1,8 +1,8 @@
 //! `docs/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
 //!
 //! A test belongs to a row by its name, `row_07_short_name`, and names in its doc comment the changed line
-//! that turns it red (`Mutation:`). The page is made by `tests/extremes/page`; here is checked that it tells
-//! of the tests that there are.
+//! that turns it red (`Mutation:`), with `(seen red)` where that was tried. The page is made by
+//! `tests/extremes/page`; here is checked that it tells of the tests that there are.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeMap;
@@ -100,7 +100,7 @@ fn page(folder: &Path) -> String {
     let mut text = "# Numbers at the extremes\n\n\
         Made by `tests/extremes/page`, which runs the tests and writes down what they measured. A value lies within\n\
         its bound or the test fails; a row whose values stand in no column asserts bits, counts or errors. The\n\
-        mutation is one changed line with which the test was seen, or is meant, to fail.\n\n\
+        mutation is one changed line with which the test was seen to fail (`seen red`), or is meant to.\n\n\
         | row | node | extreme | what holds | tests | measured, bound | mutation |\n|---|---|---|---|---|---|---|\n"
         .to_owned();
     let tests = tests();
