@@ -33,7 +33,7 @@ const LEVELS: [Level; 3] = [
 ];
 
 /// True where the bytes begin like such a file, be it cut off: version 0.1 and up, a known level, at least one section,
-/// no more in use than there are, the same of splats.
+/// no more in use than there are, the same of splats, of which some writers leave out how many there is room for.
 pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
     let [sections, used_sections, room, used] = [4, 8, 12, 16].map(|at| u32_at(bytes, at));
     bytes.len() >= 22
@@ -43,7 +43,7 @@ pub(super) fn is_ksplat(bytes: &[u8]) -> bool {
         && u16_at(bytes, 20) <= 2
         && sections >= 1
         && used_sections <= sections
-        && used <= room
+        && (room == 0 || used <= room)
 }
 
 /// One section: its rows, and the buckets that their centres are relative to.

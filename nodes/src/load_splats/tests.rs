@@ -354,7 +354,10 @@ fn files_that_were_cut_off_are_told_as_what_they_were() {
     let splat = build::splat(3);
     assert!(told("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
     assert!(told("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
-    let ksplat = build::ksplat(1, 1);
+    let mut ksplat = build::ksplat(1, 1);
+    // Some writers leave out what is in use and how much room there is.
+    ksplat[8..16].fill(0);
+    assert_eq!(read(&ksplat).unwrap().0.len(), 5);
     assert!(told("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30"));
     assert!(told("a", &ksplat[..5000]).contains("the headers of sections"));
     assert!(told("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));

@@ -140,7 +140,7 @@ pub(super) fn encode(
     let width = 3 * splats.len() as u64;
     let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
         format!(
-            "{} of {of} {which} lie beyond {range}, which SPZ holds, and are cut to it: {loss}",
+            "{} of {of} {which} lie beyond {range}, the range of SPZ, and are cut to it: {loss}",
             cut.count
         )
     };
