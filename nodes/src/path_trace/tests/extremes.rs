@@ -28,6 +28,35 @@ fn furnace_holds_in_the_scene() {
     }
 }
 
+/// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
+/// as large as a million, and with coordinates of some ten thousand sizes.
+/// Mutation: `reach` to `0.0 * reach` in `geometry`.
+#[test]
+fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
+    let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
+    let seen = |scale: f64, at: DVec3, receiver: &Mesh| {
+        let ball = ball(0.8, matte(1.0), DVec3::ZERO);
+        let world_from_object = DMat4::from_translation(at) * DMat4::from_scale(DVec3::splat(scale));
+        let object = [Arc::new(Placed { object: ball.object.clone(), world_from_object })];
+        let mut moved = (*camera).clone();
+        for k in 0..3 {
+            let way = &mut moved.cameras[0].world_from_camera[12 + k];
+            *way = *way * scale + at.to_array()[k];
+        }
+        let (out, _) = render(&params(16, EnvBlock::Solid), receiver, &object, &Arc::new(moved), &white());
+        covered(&out.object)
+    };
+    let empty = Mesh::default();
+    let plain = seen(1.0, DVec3::ZERO, &empty);
+    assert!((plain - 1.0).abs() < 0.01, "{plain}");
+    let change = |scale, at| (seen(scale, at, &empty) - plain).abs();
+    row(42, "change of the light of an object of 1e-6", change(1e-6, DVec3::ZERO), 1e-3);
+    row(42, "change of the light of an object of 1e6", change(1e6, DVec3::ZERO), 1e-3);
+    row(42, "change 1e6 from the origin", change(1.0, DVec3::new(1e6, -2e6, 5e5)), 1e-3);
+    let aside = seen(1.0, DVec3::new(6e3, 0.0, 8e3), &plane(3.0));
+    row(42, "change 1e4 from the receiver", (aside - plain).abs(), 0.01);
+}
+
 /// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
 /// and no light leaks at gap 0.
 /// Mutation: `self.objects = false` dropped before the path without objects in `Walk::both`, or
