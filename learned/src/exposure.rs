@@ -338,7 +338,9 @@ impl Adam {
         let (one, two) = (1.0 - power(0.9), 1.0 - power(0.98));
         for (i, var) in vars.iter().enumerate() {
             let Some(gradient) = gradients.get(var) else { continue };
-            self.first[i] = ((&self.first[i] * 0.9)? + (gradient * 0.1)?)?;
+            // A gradient holds the values it was made of, and the moments would hold those of every step.
+            let gradient = gradient.detach();
+            self.first[i] = ((&self.first[i] * 0.9)? + (&gradient * 0.1)?)?;
             self.second[i] = ((&self.second[i] * 0.98)? + (gradient.sqr()? * 0.02)?)?;
             let change = ((&self.first[i] / one)? / ((&self.second[i] / two)?.sqrt()? + 1e-6)?)?;
             var.set(&(var.as_tensor() - (change * rate)?)?)?;
@@ -414,4 +416,25 @@ pub fn predict(
         &tensor(log_flux, &[1, cells])?,
     )?;
     Ok((amount.squeeze(0)?.to_scalar()?, log_share.exp()?.squeeze(0)?.to_vec1()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // What the moments hold is numbers alone: with the operations that made them they would hold every value
+    // of every step. Mutation: `detach` dropped in `Adam::step`.
+    #[test]
+    fn moments_hold_no_history() {
+        let var = || Var::from_vec(vec![1.0_f32, 2.0], 2, &Device::Cpu).expect("fits");
+        let (a, b) = (var(), var());
+        let zeros = || vec![a.zeros_like().expect("fits"), b.zeros_like().expect("fits")];
+        let mut adam = Adam { first: zeros(), second: zeros() };
+        for count in 1..3 {
+            let loss = (a.as_tensor() * b.as_tensor()).and_then(|t| t.sum_all()).expect("multiplies");
+            adam.step(&[&a, &b], &loss, 0.1, count).expect("steps");
+        }
+        assert!(adam.first.iter().chain(&adam.second).all(|moment| !moment.track_op()));
+        assert!(a.to_vec1::<f32>().expect("is there")[0] < 1.0);
+    }
 }

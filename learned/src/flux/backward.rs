@@ -105,7 +105,8 @@ impl Found<'_> {
     fn take(&mut self, grads: &GradStore) -> Result<()> {
         for var in self.vars {
             if let Some(gradient) = grads.get(var) {
-                self.of.insert(var.id(), gradient.clone());
+                // Detached, or it would hold the values inside of its block.
+                self.of.insert(var.id(), gradient.detach());
             }
         }
         Ok(())

@@ -76,6 +76,8 @@ fn gradients_a_block_at_a_time_are_those_of_the_whole() {
         let (gradient, wanted) = (gradient.as_ref().unwrap(), whole.get(var).unwrap());
         let size = wanted.abs().unwrap().max_all().unwrap().to_scalar::<f32>().unwrap();
         assert!(size > 0.0 && difference(gradient, wanted) < 1e-4 * size, "{:?}", var.dims());
+        // With its history it would hold the values inside of its block.
+        assert!(!gradient.track_op());
     }
     // Against a difference quotient along the gradient itself.
     let (var, gradient) = (&flat[1], gradients[1].as_ref().unwrap());
