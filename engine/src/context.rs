@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cache::Digest;
+use cache::{Digest, Lease};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -107,6 +107,9 @@ pub struct Part<'a> {
 pub(crate) trait PartStore: Send + Sync {
     /// The stored bytes of a part, and what it once took.
     fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)>;
+    /// The right to compute a part, or an error that has the node asked again once whoever has it is done. It
+    /// does not wait: this thread may have the right itself, further up in the same stack of borrowed work.
+    fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
 }
 
@@ -297,7 +300,8 @@ impl Context {
     /// Computes a part of the node's work, or takes it from the cache. Its key is made of the kind, the
     /// part's name and version, the content of the named inputs and `extra`, which must hold every
     /// parameter and number that `value` reads. What `value` counts is kept beside it, so that the node is
-    /// known to stand for all of its work whatever of it was known; so one part at a time.
+    /// known to stand for all of its work whatever of it was known; so one part at a time. Where another node or
+    /// process computes the same part just now, the error, passed on as it is, has this node asked again later.
     pub fn part<A: Artifact>(
         &self,
         part: Part<'_>,
@@ -306,11 +310,19 @@ impl Context {
     ) -> Result<Arc<A>, NodeError> {
         let Some(store) = &self.parts else { return value().map(Arc::new) };
         let extra = canonical(extra)?;
-        if let Some((stored, spent)) = store.load(part, &extra)
-            && let Ok(known) = decode_all::<A>(&stored)
-        {
+        let load = || {
+            let (stored, spent) = store.load(part, &extra)?;
+            let known = decode_all::<A>(&stored).ok()?;
             self.known.lock().unwrap_or_else(PoisonError::into_inner).add(&spent);
-            return Ok(Arc::new(known));
+            Some(Arc::new(known))
+        };
+        if let Some(known) = load() {
+            return Ok(known);
+        }
+        let _lease = store.claim(part, &extra)?;
+        // Whoever had it before may have left its result.
+        if let Some(known) = load() {
+            return Ok(known);
         }
         let (start, before) = (std::time::Instant::now(), self.counts());
         let made = value()?;

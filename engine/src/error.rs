@@ -2,6 +2,8 @@
 
 use std::error::Error as StdError;
 
+use cache::Digest;
+
 /// Why a node stopped: what is wrong, where in the graph file it was asked for, and what to do.
 #[derive(Debug)]
 pub struct NodeError {
@@ -13,6 +15,8 @@ pub struct NodeError {
 #[derive(Debug)]
 pub(crate) enum NodeErrorKind {
     Cancelled,
+    /// A part of it, of this key, is being computed by another node or process: it is asked again once that is over.
+    Busy(Digest),
     Failed(String),
 }
 
@@ -25,6 +29,11 @@ impl NodeError {
     /// The run was asked to stop.
     pub fn cancelled() -> Self {
         Self { kind: NodeErrorKind::Cancelled, field: None, hint: None }
+    }
+
+    /// Another computes a part of this key.
+    pub(crate) fn busy(key: Digest) -> Self {
+        Self { kind: NodeErrorKind::Busy(key), field: None, hint: None }
     }
 
     /// Names the parameter or input that is to blame, so that its text is underlined.
@@ -53,6 +62,7 @@ impl NodeError {
     pub fn message(&self) -> &str {
         match &self.kind {
             NodeErrorKind::Cancelled => "stopped",
+            NodeErrorKind::Busy(_) => "a part of it is being computed elsewhere",
             NodeErrorKind::Failed(message) => message,
         }
     }

@@ -7,12 +7,12 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use cache::{Digest, LeaseState, Store};
+use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::action::{Action, look_up};
 use crate::artifact::{AnyArtifact, ArtifactType};
 use crate::context::{Context, Effort, Part, PartStore, ReadSource};
-use crate::error::NodeError;
+use crate::error::{NodeError, NodeErrorKind};
 use crate::event::{Counts, Event, State};
 use crate::files::Files;
 use crate::forecast::Pace;
@@ -36,9 +36,10 @@ pub(crate) enum Message {
         port: usize,
         value: Option<AnyArtifact>,
     },
-    /// Another process computes this key.
+    /// Another computes this key, which is that of the node or of a part of it.
     Busy {
         node: usize,
+        key: Digest,
     },
     /// `Stored` follows.
     Finished {
@@ -99,7 +100,7 @@ impl Job<'_> {
             let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
         };
         let LeaseState::Acquired(lease) = store.lease(&key) else {
-            let _ = tell.send(Message::Busy { node: index });
+            let _ = tell.send(Message::Busy { node: index, key });
             return;
         };
         let mut error = None;
@@ -118,6 +119,10 @@ impl Job<'_> {
                 let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
                 let (work, graph, tracer) = (self.work, self.graph, self.tracer.clone());
                 match guarded(|| self.compute()) {
+                    Err(NodeError { kind: NodeErrorKind::Busy(key), .. }) => {
+                        let _ = tell.send(Message::Busy { node: index, key });
+                        return;
+                    }
                     Err(error) => finish(Err(error)),
                     Ok((finished, encoded)) => {
                         let kind = &graph.nodes[index].kind;
@@ -262,6 +267,14 @@ impl PartStore for StoredParts {
         self.tracer.tell(&self.id, part.name, begin.elapsed().as_secs_f64());
         self.tell(part, State::Cached, key, 0.0);
         Some((bytes, record.spent))
+    }
+
+    fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError> {
+        let Some(key) = self.key(part, extra) else { return Ok(None) };
+        match self.store.lease(&key) {
+            LeaseState::Acquired(lease) => Ok(Some(lease)),
+            LeaseState::Busy => Err(NodeError::busy(key)),
+        }
     }
 
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError> {

@@ -2,17 +2,20 @@
 
 use std::time::{Duration, Instant};
 
+use cache::{Digest, LeaseState};
+
 use crate::action::{Action, sizes};
 use crate::artifact::AnyArtifact;
 use crate::error::NodeError;
 use crate::graph::Wire;
 use crate::job::{Job, guarded};
 use crate::record::Output;
-use crate::run::Run;
+use crate::run::{Parked, Run};
 use crate::slot::Life;
 
-/// How long a node waits before it asks again for a key that another process computes.
+/// How long a node waits before it asks again for a key that another computes, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
+const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 
 impl<'a> Run<'a> {
     /// Starts queued code while threads and memory last. One node always runs, however large it is
@@ -102,27 +105,32 @@ impl<'a> Run<'a> {
         self.send(index, move || job.run());
     }
 
-    /// Another process computes the key of this node; its thread is free for others meanwhile.
-    pub fn park(&mut self, index: usize) {
-        let slot = &mut self.slots[index];
+    /// Another computes the key of this node or of a part of it; its thread is free for others meanwhile.
+    pub fn park(&mut self, node: usize, key: Digest) {
+        let slot = &mut self.slots[node];
         slot.storing = false;
         slot.life = Life::Parked;
-        let pause = FIRST_PAUSE * (1 << slot.parked.min(4));
-        slot.parked += 1;
-        self.parked.push((Instant::now() + pause, index));
+        self.parked.push(Parked { node, key, when: Instant::now() + FIRST_PAUSE, pause: FIRST_PAUSE });
     }
 
-    /// Queues parked nodes that have waited long enough.
+    /// Queues parked nodes whose key is free.
     pub fn unpark(&mut self) {
         let now = Instant::now();
-        let parked = std::mem::take(&mut self.parked).into_iter();
-        let (due, rest): (Vec<_>, Vec<_>) = parked.partition(|(when, _)| *when <= now);
+        let store = &self.engine.store;
+        let (free, rest): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.parked).into_iter().partition(|parked| {
+                parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
+            });
         self.parked = rest;
-        for (_, index) in due {
-            if self.slots[index].remaking.is_none() {
+        for parked in self.parked.iter_mut().filter(|parked| parked.when <= now) {
+            parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
+            parked.when = now + parked.pause;
+        }
+        for Parked { node, .. } in free {
+            if self.slots[node].remaking.is_none() {
                 self.supplied += 1;
             }
-            self.enqueue(index);
+            self.enqueue(node);
         }
     }
 }

@@ -43,6 +43,15 @@ pub(crate) struct Errand<'a> {
     act: Box<dyn FnOnce() + Send + 'a>,
 }
 
+/// A node that waits for a key that another computes.
+pub(crate) struct Parked {
+    pub node: usize,
+    pub key: Digest,
+    /// When to ask.
+    pub when: Instant,
+    pub pause: Duration,
+}
+
 pub(crate) struct Run<'a> {
     pub engine: &'a Engine,
     pub graph: &'a Graph,
@@ -58,7 +67,7 @@ pub(crate) struct Run<'a> {
     /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
     pub ready: BTreeSet<(usize, usize)>,
     pub queue: BTreeSet<(usize, usize)>,
-    pub parked: Vec<(Instant, usize)>,
+    pub parked: Vec<Parked>,
     /// Nodes being computed, by key, each with those of the same key.
     pub in_flight: HashMap<Digest, Vec<usize>>,
     /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
@@ -248,10 +257,10 @@ impl<'a> Run<'a> {
                     None => self.missing(node, port),
                 }
             }
-            Message::Busy { node } => {
+            Message::Busy { node, key } => {
                 self.busy -= 1;
                 self.end_running(node);
-                self.park(node);
+                self.park(node, key);
             }
             Message::Finished { node, outcome } => {
                 self.end_running(node);

@@ -23,7 +23,7 @@ pub(crate) enum Life {
     Gathering,
     /// Input values are there; waits for a thread and for memory.
     Queued,
-    /// Another process computes its key; asks again in a while.
+    /// Another node or process computes its key or a part of it; asks again in a while.
     Parked,
     /// Its code runs.
     Running,
@@ -77,8 +77,6 @@ pub(crate) struct Slot {
     pub reserved: u64,
     /// What its code will take, once asked for.
     pub cost: Option<u64>,
-    /// How long it has been parked in a row, as a number of times.
-    pub parked: u32,
     /// How it came to its result, and with what work; told once its files are in place.
     pub end: Option<State>,
     pub effort: Effort,
@@ -110,7 +108,6 @@ impl Slot {
             rough: false,
             reserved: 0,
             cost: None,
-            parked: 0,
             end: None,
             effort: Effort::default(),
         }

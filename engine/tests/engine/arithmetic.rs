@@ -276,6 +276,8 @@ engine::params! {
         samples: u32 = 32, range(1, 4096), other("48");
         /// Scales the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
+        /// How long a part takes; no part depends on it.
+        millis: u64 = 0, inert("time is no part of the result");
     }
 }
 simple!(
@@ -287,6 +289,7 @@ simple!(
             let last = params.samples.min(first + 16);
             let part = Part { name: "chunk", version: 1, inputs: &["value"] };
             let chunk = cx.part(part, &(first, last), || {
+                std::thread::sleep(Duration::from_millis(params.millis));
                 cx.count("samples", u64::from(last - first));
                 Ok(Num((first..last).map(|n| inputs.value.0 + f64::from(n)).sum()))
             })?;

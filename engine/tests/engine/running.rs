@@ -6,7 +6,7 @@ use cache::Store;
 use engine::{Engine, Event};
 
 use crate::arithmetic::HEAVY;
-use crate::lab::{Lab, graph_text};
+use crate::lab::{Lab, Log, graph_text};
 
 #[test]
 fn more_samples_compute_only_new_parts() {
@@ -226,6 +226,29 @@ fn another_engine_on_the_same_cache_computes_nothing_twice() {
     let cached: usize = logs.iter().map(|log| log.outcome.totals.cached).sum();
     assert_eq!((ran, cached), (36, 72));
     assert!(logs.windows(2).all(|pair| pair[0].keys() == pair[1].keys()));
+}
+
+#[test]
+fn a_part_that_several_want_at_once_is_computed_once() {
+    let samples = |logs: &[Log]| -> u64 {
+        logs.iter().map(|log| log.outcome.totals.counts.get("samples").copied().unwrap_or(0)).sum()
+    };
+    let series = |gain: u32| format!("s{gain}: Series(value: \"n\", samples: 48, gain: {gain}, millis: 40),");
+    // Two nodes of a run: other keys, the same parts.
+    let lab = Lab::on_disk();
+    let log = lab.run_text(&graph_text(&format!("n: Number(value: 3), {}{}", series(1), series(2))));
+    assert_eq!((log.outcome.totals.ran, samples(&[log])), (3, 48));
+    // Runs beside each other.
+    let lab = Lab::on_disk();
+    let run = |gain| {
+        let text = graph_text(&format!("n: Number(value: 3), {}", series(gain)));
+        lab.run_on(&lab.engine(), &text, &[], |_, _| {})
+    };
+    let logs = std::thread::scope(|scope| {
+        [1, 2, 3].map(|gain| scope.spawn(move || run(gain))).map(|thread| thread.join().unwrap())
+    });
+    assert_eq!(samples(&logs), 48);
+    assert!(logs.iter().all(|log| log.outcome.totals.failed == 0));
 }
 
 #[test]
