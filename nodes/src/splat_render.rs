@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
 
-use crate::splat::{Drawing, MAX_PIXELS, Sort, Work, render};
+use crate::splat::{Blocks, Drawing, MAX_PIXELS, Sort, Work, render_with};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
@@ -104,6 +104,8 @@ impl Kind for SplatRender {
             let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
             notes.decision("limit-view", text);
         }
+        let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));
+        let blocks = blocks.transpose()?;
         let mut views = Vec::with_capacity(rig.cameras.len());
         let (mut alphas, mut depths, mut colours) = (Vec::new(), Vec::new(), Vec::new());
         let mut blends = Vec::new();
@@ -111,7 +113,7 @@ impl Kind for SplatRender {
         for (index, camera) in rig.cameras.iter().enumerate() {
             cx.progress(index as f32 / rig.cameras.len() as f32);
             let limit = limits.as_ref().and_then(|limits| limits.get(index).copied());
-            let seen = render(&splats, camera, limit, &settings, cx)?;
+            let seen = render_with(&splats, blocks.as_ref(), camera, limit, &settings, cx)?;
             total += seen.work;
             let (width, height) = (camera.width_px as usize, camera.height_px as usize);
             let alpha = seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();

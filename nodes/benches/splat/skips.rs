@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use nodes::cube_rig::{self, CubeRig, Turn};
-use nodes::splat::{Around, Settings, Work, panorama, render};
+use nodes::splat::{Around, Blocks, Settings, Work, panorama, render_with};
 use nodes::types::{Camera, Pose, Splats};
 
 use engine::{Kind, Up};
@@ -30,8 +30,9 @@ pub fn table(bench: &Bench) {
         for (picture, cameras) in [("a view of 640x480", vec![camera]), ("6 faces of 256 px", faces)] {
             line(bench, name, picture, |settings| {
                 let mut work = Work::default();
+                let blocks = settings.skip_unseen.then(|| Blocks::of(&scene, &bench.cx).unwrap());
                 cameras.iter().for_each(|c| {
-                    work += render(&scene, c, None, settings, &bench.cx).unwrap().work;
+                    work += render_with(&scene, blocks.as_ref(), c, None, settings, &bench.cx).unwrap().work;
                 });
                 work
             });

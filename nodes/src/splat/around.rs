@@ -13,7 +13,7 @@ use fearless_simd::Level;
 use glam::{DMat4, DVec3};
 
 use super::lens::{Pinhole, Sphere};
-use super::{Clock, Rendered, Settings, Sort, Surface, Work, draw};
+use super::{Blocks, Clock, Rendered, Settings, Sort, Surface, Work, draw};
 use crate::types::{Camera, Splats};
 use crate::{equirect, num};
 
@@ -74,15 +74,17 @@ pub fn panorama_at(
     };
     let before = limit.map(seen_from_belt).transpose()?;
     let belt = Sphere::new(eye, up, width_px, left_out..height - left_out);
-    let belt = draw(splats, &belt, before.as_ref(), &settings, cx, how)?;
+    let belt = draw(splats, None, &belt, before.as_ref(), &settings, cx, how)?;
     drop(before);
     cx.progress(0.5);
 
+    // The belt sees nearly all, a cap next to nothing.
+    let blocks = settings.skip_unseen.then(|| Blocks::of(splats, cx)).transpose()?;
     let seen_by = |camera: &Camera| {
         let side = camera.width_px as usize;
         let direction = |x: usize, y: usize| camera.direction(x as f64 + 0.5, y as f64 + 0.5);
         let before = limit.map(|surface| surface.distances(side, side, direction, cx)).transpose()?;
-        draw(splats, &Pinhole::by_distance(camera), before.as_ref(), &settings, cx, how)
+        draw(splats, blocks.as_ref(), &Pinhole::by_distance(camera), before.as_ref(), &settings, cx, how)
     };
     let cameras = [cap(eye, up, 1.0, width_px), cap(eye, up, -1.0, width_px)];
     let caps = [seen_by(&cameras[0])?, seen_by(&cameras[1])?];

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use engine::{Context, NodeError};
 use glam::DVec3;
 
 use crate::types::Splats;
@@ -10,10 +11,35 @@ use crate::types::Splats;
 /// Splats of a block.
 pub(super) const BLOCK: usize = 64;
 
+/// Blocks a job.
+const CHUNK: usize = 256;
+
+/// The blocks of a scene, in file order: for several pictures of it, since finding them takes as long as what they
+/// spare a single one.
+pub struct Blocks(Vec<Block>);
+
+impl Blocks {
+    /// Of all splats.
+    pub fn of(splats: &Splats, cx: &Context) -> Result<Self, NodeError> {
+        let count = splats.len().div_ceil(BLOCK);
+        let block = |index: usize| Block::of(splats, index * BLOCK..((index + 1) * BLOCK).min(splats.len()));
+        let chunks = cx.for_each_tile(count.div_ceil(CHUNK), |chunk| {
+            (chunk * CHUNK..((chunk + 1) * CHUNK).min(count)).map(block).collect::<Vec<_>>()
+        })?;
+        Ok(Self(chunks.concat()))
+    }
+
+    /// The block that holds a splat, as it lies from an eye.
+    #[inline(always)]
+    pub(super) fn around(&self, splat: usize, eye: DVec3) -> Block {
+        self.0[splat / BLOCK].seen_from(eye)
+    }
+}
+
 /// The box around the centres of some splats, and the longest of their axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
-    /// Middle, seen from the eye, and half the sides.
+    /// Middle and half the sides.
     middle: DVec3,
     half: DVec3,
     /// Longest standard deviation, in world units.
@@ -25,45 +51,27 @@ pub(super) struct Block {
 const SLACK: f64 = 1e-12;
 
 impl Block {
-    /// The block of these splats, at least one, seen from an eye.
-    #[inline(always)]
-    pub(super) fn of(splats: &Splats, range: Range<usize>, eye: DVec3) -> Self {
-        // Four triples at once: the compiler turns a comparison each into one of vectors.
-        let (means, single_means) = splats.means[range.clone()].as_flattened().as_chunks::<12>();
-        let (scales, single_scales) = splats.scales[range].as_flattened().as_chunks::<12>();
-        let (mut low, mut high, mut longest) = ([f32::INFINITY; 12], [f32::NEG_INFINITY; 12], [0.0_f32; 12]);
-        for four in means {
-            for k in 0..12 {
-                low[k] = if four[k] < low[k] { four[k] } else { low[k] };
-                high[k] = if four[k] > high[k] { four[k] } else { high[k] };
-            }
+    /// The block of these splats, at least one.
+    pub(super) fn of(splats: &Splats, range: Range<usize>) -> Self {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let mut longest = 0.0_f32;
+        for (index, scale) in range.clone().zip(&splats.scales[range]) {
+            let mean = splats.mean(index);
+            (low, high) = (low.min(mean), high.max(mean));
+            longest = longest.max(scale[0]).max(scale[1]).max(scale[2]);
         }
-        for (k, value) in single_means.iter().enumerate() {
-            (low[k], high[k]) = (low[k].min(*value), high[k].max(*value));
-        }
-        for four in scales {
-            for k in 0..12 {
-                longest[k] = if four[k] > longest[k] { four[k] } else { longest[k] };
-            }
-        }
-        for (k, value) in single_scales.iter().enumerate() {
-            longest[k] = longest[k].max(*value);
-        }
-        let along = |all: &[f32; 12], of: fn(f32, f32) -> f32| {
-            DVec3::from([0, 1, 2].map(|k| f64::from(of(of(all[k], all[k + 3]), of(all[k + 6], all[k + 9])))))
-        };
-        let (low, high) = (along(&low, f32::min), along(&high, f32::max));
-        // What f32 loses of a centre is half of its last digit, 2^-24 of it, or of the least f32.
         let farthest = low.abs().max(high.abs());
-        let lost = match splats.means_low.is_empty() {
-            true => DVec3::ZERO,
-            false => farthest * f64::from(f32::EPSILON) + f64::from(f32::MIN_POSITIVE),
-        };
         Self {
-            middle: 0.5 * (low + high) - eye,
-            half: 0.5 * (high - low) + lost + (farthest + eye.abs()) * SLACK,
-            longest: f64::from(longest.into_iter().fold(0.0, f32::max)),
+            middle: 0.5 * (low + high),
+            half: 0.5 * (high - low) + farthest * SLACK,
+            longest: f64::from(longest),
         }
+    }
+
+    /// The same, from an eye.
+    #[inline(always)]
+    pub(super) fn seen_from(&self, eye: DVec3) -> Self {
+        Self { middle: self.middle - eye, half: self.half + eye.abs() * SLACK, ..*self }
     }
 
     /// No less than `along . d + constant` for any centre at `d` from the eye, however that is rounded.

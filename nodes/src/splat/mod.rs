@@ -26,6 +26,7 @@ use fearless_simd::Level;
 
 pub use around::{Around, panorama, panorama_at};
 pub use bin::TILE;
+pub use block::Blocks;
 use lens::{Lens, Pinhole};
 use project::{Footprint, Projected};
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
@@ -174,7 +175,20 @@ pub fn render(
     settings: &Settings,
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
-    render_at(splats, camera, limit, settings, cx, (Level::new(), &|| 0.0))
+    render_with(splats, None, camera, limit, settings, cx)
+}
+
+/// [`render`] where blocks that cannot be seen are not looked at: for several pictures of a scene.
+pub fn render_with(
+    splats: &Splats,
+    blocks: Option<&Blocks>,
+    camera: &Camera,
+    limit: Option<&Image<Data>>,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Rendered, NodeError> {
+    check(camera, limit)?;
+    draw(splats, blocks, &Pinhole::new(camera), limit, settings, cx, (Level::new(), &|| 0.0))
 }
 
 /// [`render`] at a given instruction set, which never changes the result, with the stages timed by a clock that
@@ -188,6 +202,12 @@ pub fn render_at(
     cx: &Context,
     how: (Level, Clock<'_>),
 ) -> Result<Rendered, NodeError> {
+    check(camera, limit)?;
+    draw(splats, None, &Pinhole::new(camera), limit, settings, cx, how)
+}
+
+/// An error for a picture that is too large, or a surface of another size.
+fn check(camera: &Camera, limit: Option<&Image<Data>>) -> Result<(), NodeError> {
     checked(camera)?;
     let size = (camera.width_px as usize, camera.height_px as usize, 1);
     let found = limit.map_or(size, |limit| (limit.width, limit.height, limit.channels));
@@ -198,7 +218,7 @@ pub fn render_at(
         );
         return Err(NodeError::new(what).at("limit"));
     }
-    draw(splats, &Pinhole::new(camera), limit, settings, cx, how)
+    Ok(())
 }
 
 /// Evaluations a second of the blend's arithmetic, by a clock that tells seconds: one tile that stays in the
@@ -240,6 +260,7 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
 /// One picture.
 fn draw<L: Lens>(
     splats: &Splats,
+    blocks: Option<&Blocks>,
     lens: &L,
     limit: Option<&Image<Data>>,
     settings: &Settings,
@@ -252,7 +273,7 @@ fn draw<L: Lens>(
         now - std::mem::replace(&mut last, now)
     };
 
-    let projected = project::project(splats, lens, settings, cx, level)?;
+    let projected = project::project(splats, blocks, lens, settings, cx, level)?;
     let project_s = lap();
     let order = bin::order(projected.keys(), cx)?;
     let sort_s = lap();

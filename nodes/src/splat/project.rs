@@ -8,7 +8,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
 use super::bin::TILE;
-use super::block::{BLOCK, Block};
+use super::block::{BLOCK, Blocks};
 use super::lens::{Lens, Reach, SLACK_PX, Seen, Sight};
 use super::{Bounds, Precision, Settings, Sort, Work, sh};
 use crate::num;
@@ -133,9 +133,10 @@ impl Footprint {
     }
 }
 
-/// Projects every splat that can change a pixel.
+/// Projects every splat that can change a pixel; those of blocks that cannot are not looked at.
 pub(super) fn project<L: Lens>(
     splats: &Splats,
+    blocks: Option<&Blocks>,
     lens: &L,
     settings: &Settings,
     cx: &Context,
@@ -144,7 +145,7 @@ pub(super) fn project<L: Lens>(
     let log2_cut = num::f64::log2(settings.alpha_cut);
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
-        dispatch!(level, simd => chunk(simd, splats, range, lens, settings, log2_cut))
+        dispatch!(level, simd => chunk(simd, splats, blocks, range, lens, settings, log2_cut))
     })?;
     let splats_behind = |job: usize| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
@@ -182,6 +183,7 @@ fn axes(quat: [f32; 4], scale: [f32; 3]) -> [DVec3; 3] {
 /// What the projection of a splat asks for.
 struct Projection<'a, L> {
     splats: &'a Splats,
+    blocks: Option<&'a Blocks>,
     lens: &'a L,
     settings: &'a Settings,
     log2_cut: f64,
@@ -197,7 +199,13 @@ struct Projection<'a, L> {
 
 impl<'a, L: Lens> Projection<'a, L> {
     #[inline(always)]
-    fn new(splats: &'a Splats, lens: &'a L, settings: &'a Settings, log2_cut: f64) -> Self {
+    fn new(
+        splats: &'a Splats,
+        blocks: Option<&'a Blocks>,
+        lens: &'a L,
+        settings: &'a Settings,
+        log2_cut: f64,
+    ) -> Self {
         let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
         // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
         let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
@@ -206,19 +214,16 @@ impl<'a, L: Lens> Projection<'a, L> {
         let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
         let (sigmas, beyond) = if bounded { (sigmas, beyond) } else { (f64::INFINITY, 0.0) };
         let (eye, degree) = (lens.eye(), settings.sh_degree.min(splats.sh_degree));
-        Self { splats, lens, settings, log2_cut, eye, degree, bounded, sigmas, beyond }
+        Self { splats, blocks, lens, settings, log2_cut, eye, degree, bounded, sigmas, beyond }
     }
 
-    /// True where no splat of the block can be in the picture.
+    /// True where no splat of the block of this one can be in the picture.
     #[inline(always)]
-    fn is_unseen(&self, block: Range<usize>) -> bool {
-        self.settings.skip_unseen
-            && self.lens.misses(
-                &Block::of(self.splats, block, self.eye),
-                self.settings.near,
-                self.sigmas,
-                self.beyond,
-            )
+    fn is_unseen(&self, first: usize) -> bool {
+        self.blocks.is_some_and(|blocks| {
+            let block = blocks.around(first, self.eye);
+            self.lens.misses(&block, self.settings.near, self.sigmas, self.beyond)
+        })
     }
 
     /// Adds what is to be drawn of a splat.
@@ -313,16 +318,17 @@ impl<'a, L: Lens> Projection<'a, L> {
 fn chunk<S: Simd, L: Lens>(
     _simd: S,
     splats: &Splats,
+    blocks: Option<&Blocks>,
     range: Range<usize>,
     lens: &L,
     settings: &Settings,
     log2_cut: f64,
 ) -> Chunk {
-    let projection = Projection::new(splats, lens, settings, log2_cut);
+    let projection = Projection::new(splats, blocks, lens, settings, log2_cut);
     let mut out = Chunk::default();
     for first in range.clone().step_by(BLOCK) {
         let block = first..(first + BLOCK).min(range.end);
-        if projection.is_unseen(block.clone()) {
+        if projection.is_unseen(first) {
             out.skipped += block.len() as u64;
             continue;
         }

@@ -66,7 +66,8 @@ engine::params! {
         depth: DepthMode = DepthMode::Expected, other("Median");
         /// Whether to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
-        /// Whether to leave out blocks of splats that cannot be in the picture; the picture is the same bits.
+        /// Whether to leave out blocks of splats that cannot be in a picture, where there are several pictures to
+        /// save more than it takes to find the blocks; the pictures are the same bits.
         skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
     }
 }

@@ -223,7 +223,7 @@ fn poles_show_what_a_camera_sees() {
         let as_belt = Settings { sort: Sort::Distance, ..settings };
         let how = (Level::new(), &(|| 0.0) as Clock<'_>);
         let straight =
-            crate::splat::draw(&splats, &layout, None, &as_belt, &context(), how).expect("renders");
+            crate::splat::draw(&splats, None, &layout, None, &as_belt, &context(), how).expect("renders");
         let (mut squares, mut squares_straight, mut count) = (0.0_f64, 0.0_f64, 0.0);
         // Caps and what gives way to them.
         for y in (0..90).filter(|y| !in_the_belt(*y, width)) {

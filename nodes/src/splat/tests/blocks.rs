@@ -1,6 +1,6 @@
 //! What is left out by blocks changes no bit, and what is not asked for is not done.
 
-use super::block::{BLOCK, Block};
+use super::block::{BLOCK, Block, Blocks};
 use super::*;
 
 /// Splats in clumps all around the origin, a block a clump.
@@ -19,6 +19,12 @@ fn clumps(count: usize, seed: u64, spread: f64) -> Splats {
 fn turned(camera: Camera, turn: DMat3, eye: DVec3) -> Camera {
     let matrix = DMat4::from_mat3(turn) * DMat4::from_cols_array(&camera.world_from_camera);
     Camera { world_from_camera: (DMat4::from_translation(eye) * matrix).to_cols_array(), ..camera }
+}
+
+fn draw_by_blocks(splats: &Splats, camera: &Camera, settings: Settings) -> Rendered {
+    let cx = context();
+    let blocks = settings.skip_unseen.then(|| Blocks::of(splats, &cx).expect("goes on"));
+    render_with(splats, blocks.as_ref(), camera, None, &settings, &cx).expect("renders")
 }
 
 /// Work of the same picture with and without blocks, whose bits are the same.
@@ -57,7 +63,7 @@ fn blocks_that_are_left_out_change_no_bit() {
         {
             let of =
                 |skip_unseen| Settings { bounds, alpha_cut, near: 0.05, skip_unseen, ..Settings::default() };
-            skipped += both(|skip| draw(&splats, &camera, of(skip))).skipped;
+            skipped += both(|skip| draw_by_blocks(&splats, &camera, of(skip))).skipped;
         }
         let around = Around { eye, up: engine::Up::PlusZ, width_px: 64 };
         skipped += both(|skip_unseen| {
@@ -76,7 +82,7 @@ fn blocks_that_are_left_out_change_no_bit() {
 fn without_bounds_only_what_is_behind_is_left_out() {
     let splats = clumps(640, 9, 0.2);
     let settings = |skip_unseen| Settings { bounds: Bounds::None, skip_unseen, ..F64 };
-    let work = both(|skip| draw(&splats, &camera(8, 8, 60.0), settings(skip)));
+    let work = both(|skip| draw_by_blocks(&splats, &camera(8, 8, 60.0), settings(skip)));
     let ahead = splats.means.iter().filter(|mean| mean[2] > 0.2).count() as u64;
     assert!(work.skipped > 0 && work.skipped <= 640 - ahead, "{work:?}");
 }
@@ -92,7 +98,7 @@ fn a_block_bounds_its_splats() {
             splats.means_low =
                 vec![[0.4 * f32::EPSILON * size as f32, 0.0, -0.4 * f32::EPSILON * size as f32]; count];
             let eye = DVec3::from([0; 3].map(|_| random.within(-2.0, 2.0) * size));
-            let block = Block::of(&splats, 0..count, eye);
+            let block = Block::of(&splats, 0..count).seen_from(eye);
             let longest = splats.scales.iter().flatten().fold(0.0_f32, |most, v| most.max(*v));
             assert_eq!(block.longest, f64::from(longest));
             for _ in 0..50 {

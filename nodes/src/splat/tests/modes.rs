@@ -124,7 +124,8 @@ fn a_stopped_run_ends_within_a_tile() {
         let settings = Settings { precision, bounds: Bounds::None, stop: 0.0, ..F64 };
         let cx = context();
         let lens = Pinhole::new(&camera(TILE as u32, TILE as u32, 60.0));
-        let projected = project::project(&splats, &lens, &settings, &cx, Level::new()).expect("projects");
+        let projected =
+            project::project(&splats, None, &lens, &settings, &cx, Level::new()).expect("projects");
         let evaluations = || {
             let area = [0, 0, TILE, TILE];
             let task =
