@@ -316,7 +316,11 @@ impl<'t, 'a> Check<'t, 'a> {
     ) -> Option<(Arc<dyn Step>, Option<String>)> {
         for param in kind.params.iter().filter(|param| param.role == Role::Input) {
             if let Some(field) = fields.iter().find(|field| field.name == param.name) {
-                strings(&field.text).into_iter().for_each(|(path, _)| self.source(kind, field, path));
+                // Said of the first file only: one sentence tells where all of them are.
+                let mut supplied = kind.supplied;
+                for (path, _) in strings(&field.text) {
+                    self.source(kind, field, path, &mut supplied);
+                }
             }
         }
         let texts: Vec<RawField<'_>> = fields
@@ -348,8 +352,8 @@ impl<'t, 'a> Check<'t, 'a> {
         Some((step, sink_path))
     }
 
-    /// A file that a field names must be there, and be one.
-    fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String) {
+    /// A file that a field names must be there, and be one. Where it is not, `supplied` says where it is to be had.
+    fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
         let file = self.root.file(&InputFile(path.clone()));
         let place = field.span.clone();
         if self.root.is_outside(&file) {
@@ -359,11 +363,11 @@ impl<'t, 'a> Check<'t, 'a> {
                     .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`"),
             );
         } else if !file.path.exists() {
-            self.report(
-                Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
-                    .label(format!("looked for {}", file.path.display()))
-                    .hint("paths are relative to the folder of the graph file"),
-            );
+            let mut diagnostic = Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
+                .label(format!("looked for {}", file.path.display()))
+                .hint("paths are relative to the folder of the graph file");
+            diagnostic.hints.extend(supplied.take().map(str::to_owned));
+            self.report(diagnostic);
         } else if !kind.folders && file.path.is_dir() {
             let what = format!("`{path}` is a folder; `{}` reads a file", kind.camel_name());
             self.report(Diagnostic::of(Code::MissingFile, place, what));

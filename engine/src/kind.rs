@@ -70,6 +70,8 @@ pub trait Kind: 'static {
     const STORE: Keep = Keep::Always;
     /// Whether the paths it reads may be folders.
     const FOLDERS: bool = false;
+    /// Where files that users must get from elsewhere are to be had: told of one that is missing.
+    const SUPPLIED: Option<&'static str> = None;
     /// What may change the bits: `portable`, or the profile of a library that promises none.
     const PROFILE: &'static str = "portable";
 
@@ -210,6 +212,8 @@ pub struct KindEntry {
     pub rough: &'static [(&'static str, u64)],
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
+    /// [`Kind::SUPPLIED`].
+    pub(crate) supplied: Option<&'static str>,
     /// Whether a parameter names a file to read.
     pub(crate) reads_files: bool,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
@@ -235,6 +239,7 @@ impl KindEntry {
             refines: K::REFINES,
             rough: K::ROUGH,
             folders: K::FOLDERS,
+            supplied: K::SUPPLIED,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)

@@ -153,6 +153,7 @@ simple!(
         give(parsed.map_err(|_| NodeError::new(format!("`{}` is no number", text.trim())).at("path"))?)
     },
     const STORE: Keep = Keep::Cheap;,
+    const SUPPLIED: Option<&'static str> = Some("ask whoever counted");,
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(vec![root.file(&params.path)])
     }

@@ -75,6 +75,7 @@ impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
     const VERSION: u32 = 3;
     const DATA: &'static [u8] = learned::WEIGHTS;
+    const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -11,6 +11,13 @@ mod model;
 #[cfg(feature = "learned")]
 pub(super) mod picture;
 
+/// Where its weights are to be had.
+#[cfg(feature = "learned")]
+pub(super) const SUPPLIED: Option<&str> = Some(learned::flux::WHERE);
+/// A build without it says that instead.
+#[cfg(not(feature = "learned"))]
+pub(super) const SUPPLIED: Option<&str> = None;
+
 /// `Method::FluxKontext` as it is used.
 pub(super) struct Kontext<'a> {
     pub transformer: &'a InputFile,
