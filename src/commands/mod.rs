@@ -21,6 +21,8 @@ mod splats;
 mod train_exposure;
 #[cfg(feature = "learned")]
 mod train_lora;
+#[cfg(feature = "learned")]
+mod training;
 mod tune;
 mod unpack;
 mod verify;

@@ -1,14 +1,13 @@
 //! `train-exposure`: makes the weights of the learned exposure prediction anew.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use nodes::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
 
 use super::train_lora::TrainLora;
+use super::training::Follow;
 use crate::report;
 use crate::session::Error;
 
@@ -80,29 +79,21 @@ impl TrainExposure {
             procedural: self.procedural,
             recipe,
         };
-        let stopped = Arc::new(AtomicBool::new(false));
-        let heard = stopped.clone();
-        // A second handler in one program is our bug; without any, the program just ends.
-        drop(ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed)));
-        let bar = ProgressBar::new(0);
-        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
-            bar.set_style(style);
-        }
+        let mut follow = Follow::new();
+        let stopped = follow.stopped();
         let mut tell = |progress: Progress| {
-            let (text, at, of) = match progress {
-                Progress::Examples(at, of) => ("photographs".to_owned(), at, of),
+            match progress {
+                Progress::Examples(at, of) => follow.tell("photographs".to_owned(), at as u64, of as u64),
                 Progress::Step { network, networks, step, steps, loss } => {
-                    (format!("network {network} of {networks}, loss {loss:.3}"), step, steps)
+                    let text = format!("network {network} of {networks}, loss {loss:.3}");
+                    follow.tell(text, ((network - 1) * steps + step) as u64, (networks * steps) as u64);
                 }
-            };
-            bar.set_length(of as u64);
-            bar.set_position(at as u64);
-            bar.set_message(text);
+            }
             !stopped.load(Ordering::Relaxed)
         };
         let parts = self.out.with_extension("parts");
         let trained = training::train(panoramas, &plan, &parts, &mut tell).map_err(|e| e.to_string())?;
-        bar.finish_and_clear();
+        follow.end();
         let Some(trained) = trained else {
             report::error("stopped; the same command goes on from here");
             return Ok(130);

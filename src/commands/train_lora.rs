@@ -1,13 +1,12 @@
 //! `train-exposure --backend flux-kontext`: a LoRA that makes panoramas three stops darker.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use nodes::predict_exposure::lora::{self, LoraPlan, LoraProgress};
 
+use super::training::Follow;
 use crate::report;
 
 /// What a LoRA needs beside what every training needs.
@@ -50,14 +49,8 @@ impl TrainLora {
             steps,
             width: self.width as usize,
         };
-        let stopped = Arc::new(AtomicBool::new(false));
-        let heard = stopped.clone();
-        // A second handler in one program is our bug; without any, the program just ends.
-        drop(ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed)));
-        let bar = ProgressBar::new(0);
-        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
-            bar.set_style(style);
-        }
+        let mut follow = Follow::new();
+        let stopped = follow.stopped();
         // The mean of the last losses: one alone says little, since each has another noise level.
         let mut smooth: Option<f32> = None;
         let mut tell = |progress: LoraProgress| {
@@ -69,13 +62,11 @@ impl TrainLora {
                     (format!("loss {mean:.4}"), at, of)
                 }
             };
-            bar.set_length(of);
-            bar.set_position(at);
-            bar.set_message(text);
+            follow.tell(text, at, of);
         };
         let is_stopped = || stopped.load(Ordering::Relaxed);
         let done = lora::train(panoramas, &plan, out, &is_stopped, &mut tell).map_err(|e| e.to_string())?;
-        bar.finish_and_clear();
+        follow.end();
         if !done {
             report::error("stopped; the same command goes on from here");
             return Ok(130);
