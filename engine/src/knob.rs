@@ -1,11 +1,12 @@
 //! Knobs: parameters that trade work for accuracy, declared beside their meaning, and the presets over them.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::Serialize;
 
 use crate::diag::Source;
-use crate::graph::Graph;
+use crate::graph::{Graph, Node};
 use crate::include::parse_all;
 use crate::kind::Registry;
 use crate::syntax::RawField;
@@ -132,6 +133,31 @@ impl Graph {
             knob.reaches.dedup();
         }
         knobs
+    }
+
+    /// The fields above the given targets that are no knobs and that another form of this graph, such as one under
+    /// a preset, sets otherwise: node, parameter, and its canonical values here and there. Instances of axes are
+    /// left out.
+    pub fn fields_otherwise(
+        &self,
+        other: &Self,
+        targets: &[usize],
+    ) -> Vec<(String, &'static str, [String; 2])> {
+        let wanted = self.above(targets);
+        let others: BTreeMap<&str, &Node> = other.nodes.iter().map(|node| (&*node.id, node)).collect();
+        let mut fields = Vec::new();
+        for (index, node) in self.nodes.iter().enumerate() {
+            let Some(other) = others.get(&*node.id).filter(|_| wanted[index] && node.point.is_empty()) else {
+                continue;
+            };
+            for ((parameter, here), (_, there)) in node.values().into_iter().zip(other.values()) {
+                let knob = node.kind.params.iter().any(|spec| spec.name == parameter && spec.knob.is_some());
+                if here != there && !knob {
+                    fields.push((node.id.clone(), parameter, [here, there]));
+                }
+            }
+        }
+        fields
     }
 }
 

@@ -151,7 +151,7 @@ impl Kind for SplatPanorama {
         let limit = limit.map(|mesh| Surface::new(&mesh, origin));
         let seen = splat::panorama(&splats, &around, limit.as_ref(), &settings, cx)?;
         cx.progress(0.8);
-        seen.work.report(splats.len(), settings.near, cx, &mut notes);
+        seen.work.report(splats.len(), &settings, cx, &mut notes);
         let (width, height) = (params.width_px as usize, params.width_px as usize / 2);
         let encoded = splats.encoding == SplatEncoding::Srgb;
         let per = params.supersample as usize;

@@ -128,7 +128,7 @@ impl Kind for SplatRender {
             }
             views.push(View { camera: camera.clone(), colour, depth });
         }
-        total.report(splats.len(), settings.near, cx, &mut notes);
+        total.report(splats.len(), &settings, cx, &mut notes);
         let out = Out {
             views: Arc::new(Views(views)),
             colour: Arc::new(Images(colours)),

@@ -10,6 +10,7 @@ use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trade::Metric;
 use crate::trade::bench::{Bench, Miss, Point, Position};
+use crate::trade::blame::{Blame, blames};
 use crate::trade::page::Page;
 use crate::trade::plot::{self, Dot, tick_text};
 use crate::trade::search::{Tried, pareto};
@@ -40,16 +41,6 @@ pub struct MakeReport {
     pub json: bool,
 }
 
-/// What setting one node to the reference gains, and what leaving it alone costs.
-struct Blame {
-    node: String,
-    /// Error with this node alone at the reference.
-    alone: Option<f64>,
-    /// Error with all at the reference but this one.
-    all_but: Option<f64>,
-    work_alone: f64,
-}
-
 impl MakeReport {
     /// Writes the page.
     pub fn run(self) -> Result<u8, Error> {
@@ -58,49 +49,12 @@ impl MakeReport {
         let loaded = self.graph.load()?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
-        let measure = |bench: &mut Bench<'_>, position: Position| -> Result<Option<usize>, Error> {
-            let name = bench.name(&position);
-            match bench.measure(&position) {
-                Ok(at) => {
-                    let point = &bench.points[at];
-                    let error = metric.error(&point.off).map_or("not computed".to_owned(), tick_text);
-                    report::remark(&format!(
-                        "measured {name}: work {}, error {error}",
-                        tick_text(point.work)
-                    ));
-                    Ok(Some(at))
-                }
-                Err(Miss::Stopped) => Ok(None),
-                Err(Miss::Failed(why)) => Err(Error::Setting { setting: name, why }),
-            }
+        let measured = measure_all(&mut bench, &metric, !self.no_reverse);
+        let Measured { presets, now, blames } = match measured {
+            Ok(measured) => measured,
+            Err(Stop::Asked) => return Ok(130),
+            Err(Stop::Wrong(error)) => return Err(error),
         };
-        let stopped = Ok(130);
-        let mut presets = Vec::new();
-        for rung in (0..PRESETS.len()).rev() {
-            let position = bench.preset(rung);
-            let Some(at) = measure(&mut bench, position)? else { return stopped };
-            presets.insert(0, at);
-        }
-        let position = bench.now();
-        let Some(now) = measure(&mut bench, position)? else { return stopped };
-        let mut blames = Vec::new();
-        for node in bench.turned_nodes() {
-            let with = |bench: &Bench<'_>, of: Position, other: Position| -> Position {
-                let dials = bench.dials.iter().zip(of).zip(other);
-                dials.map(|((dial, of), other)| if dial.node == node { of } else { other }).collect()
-            };
-            let alone = with(&bench, bench.preset(3), bench.now());
-            let Some(alone) = measure(&mut bench, alone)? else { return stopped };
-            let mut all_but = None;
-            if !self.no_reverse {
-                let position = with(&bench, bench.now(), bench.preset(3));
-                let Some(at) = measure(&mut bench, position)? else { return stopped };
-                all_but = metric.error(&bench.points[at].off);
-            }
-            let point = &bench.points[alone];
-            let (alone, work_alone) = (metric.error(&point.off), point.work);
-            blames.push(Blame { node, alone, all_but, work_alone });
-        }
         let name = loaded.graph.source.name.clone();
         let page = page(&bench, &metric, &presets, now, &blames).map_err(|miss| match miss {
             Miss::Stopped => Error::Output(std::io::ErrorKind::Interrupted.into()),
@@ -114,6 +68,42 @@ impl MakeReport {
         }
         Ok(0)
     }
+}
+
+/// Why measuring ended early.
+enum Stop {
+    /// By the user.
+    Asked,
+    Wrong(Error),
+}
+
+/// Indices of points, and who is to blame for the error of the graph as it is.
+struct Measured {
+    presets: Vec<usize>,
+    now: usize,
+    blames: Vec<Blame>,
+}
+
+fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<Measured, Stop> {
+    let measure = |bench: &mut Bench<'_>, position: Position| -> Result<usize, Stop> {
+        let name = bench.name(&position);
+        let at = bench.measure(&position).map_err(|miss| match miss {
+            Miss::Stopped => Stop::Asked,
+            Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
+        })?;
+        let point = &bench.points[at];
+        let error = metric.error(&point.off).map_or("not computed".to_owned(), tick_text);
+        report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
+        Ok(at)
+    };
+    let mut presets = Vec::new();
+    // The first one is what others are compared with.
+    for rung in (0..PRESETS.len()).rev() {
+        presets.insert(0, measure(bench, bench.preset(rung))?);
+    }
+    let now = measure(bench, bench.now())?;
+    let blames = blames(bench, metric, reverse, measure)?;
+    Ok(Measured { presets, now, blames })
 }
 
 /// Everything that was measured, for programs.
@@ -296,16 +286,18 @@ fn blame(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames
          is left when all others are. What neither tells is interaction.",
         number(error)
     ));
-    let mut order: Vec<&Blame> = blames.iter().collect();
-    // The worst culprit first: the one whose error alone is largest, or whose repair helps most.
-    order.sort_by(|a, b| {
-        let key = |b: &Blame| (b.all_but.unwrap_or(0.0), -b.alone.unwrap_or(f64::INFINITY));
-        key(b).0.total_cmp(&key(a).0).then(key(b).1.total_cmp(&key(a).1))
-    });
-    let rows: Vec<Vec<String>> = order
-        .iter()
-        .map(|b| vec![b.node.clone(), number(b.alone), number(b.all_but), tick_text(b.work_alone)])
-        .collect();
+    if let [worst, ..] = blames {
+        page.words(&match worst.all_but {
+            Some(own) => format!(
+                "`{}` is the bottleneck: by itself it makes an error of {}.",
+                worst.node,
+                tick_text(own)
+            ),
+            None => format!("Setting `{}` to the reference helps most.", worst.node),
+        });
+    }
+    let row = |b: &Blame| vec![b.node.clone(), number(b.alone), number(b.all_but), tick_text(b.work_alone)];
+    let rows: Vec<Vec<String>> = blames.iter().map(row).collect();
     let columns = ["node", "it alone at the reference", "all but it at the reference", "work with it alone"];
     page.table(&columns, &rows);
 }

@@ -394,22 +394,20 @@ fn outputs(graph: &Graph, asked: &[usize]) -> Vec<Output> {
     wires.into_iter().map(output).collect()
 }
 
-/// The knobs above some nodes with their values. One that varies along an axis stays as it is.
+/// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
+/// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
 fn dials(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Dial>, Error> {
     let preset = |name: &str| {
         let source = graph.source.clone().with_preset(name, registry);
-        let graph = Graph::parse(source, registry, graph.root.clone()).map_err(Error::Graph)?;
-        Ok::<_, Error>(graph.knobs(targets))
+        Graph::parse(source, registry, graph.root.clone()).map_err(Error::Graph)
     };
-    let presets = PRESETS.map(preset);
-    let mut laid = Vec::new();
-    for knobs in presets {
-        laid.push(knobs?);
-    }
-    let mut dials = Vec::new();
+    let [draft, preview, finer, reference] = PRESETS.map(preset);
+    let laid = [draft?, preview?, finer?, reference?];
+    let knobs = laid.each_ref().map(|graph| graph.knobs(targets));
+    let mut dials: Vec<Dial> = Vec::new();
     for knob in graph.knobs(targets).into_iter().filter(|knob| !knob.varies) {
         let of = |rung: usize| {
-            let known = laid[rung].iter().find(|k| k.node == knob.node && k.parameter == knob.parameter);
+            let known = knobs[rung].iter().find(|k| k.node == knob.node && k.parameter == knob.parameter);
             known.map_or(knob.value.as_str(), |k| k.value.as_str())
         };
         let mut values = knob.knob.values();
@@ -419,6 +417,20 @@ fn dials(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Di
         let at = |value: &str| values.iter().position(|known| equal(known, value)).unwrap_or(0);
         let (now, presets) = (at(&knob.value), [0, 1, 2, 3].map(|rung| at(of(rung))));
         dials.push(Dial { node: knob.node.clone(), parameter: knob.parameter, now, presets, values });
+    }
+    for (rung, form) in laid.iter().enumerate() {
+        for (node, parameter, [here, there]) in graph.fields_otherwise(form, targets) {
+            let known = dials.iter().position(|dial| dial.node == node && dial.parameter == parameter);
+            let at = known.unwrap_or_else(|| {
+                dials.push(Dial { node, parameter, now: 0, presets: [0; 4], values: vec![here] });
+                dials.len() - 1
+            });
+            let dial = &mut dials[at];
+            if !dial.values.contains(&there) {
+                dial.values.push(there.clone());
+            }
+            dial.presets[rung] = dial.values.iter().position(|known| *known == there).unwrap_or(0);
+        }
     }
     Ok(dials)
 }

@@ -1,6 +1,7 @@
 //! Work against error, measured: what `tune` and `report` share.
 
 pub mod bench;
+pub mod blame;
 pub mod page;
 pub mod plot;
 pub mod search;

@@ -21,8 +21,8 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// Both axes are logarithmic, in steps of ten; an error of 0 stands below the least other one. `None` where
-/// there is nothing to plot.
+/// Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below the least other one. `None`
+/// where there is nothing to plot.
 pub fn svg(dots: &[Dot], cost: &str, error: &str, bound: Option<f64>) -> Option<String> {
     let log = |value: f64| nodes::num::f64::log10(value);
     let errors = dots.iter().map(|dot| dot.error).chain(bound).filter(|e| *e > 0.0 && e.is_finite());
@@ -59,7 +59,10 @@ pub fn svg(dots: &[Dot], cost: &str, error: &str, bound: Option<f64>) -> Option<
             tick_text(value)
         );
     }
-    for value in ticks(y0, y1) {
+    let exact = dots.iter().any(|dot| dot.error <= 0.0);
+    // Between 0 and the least error the axis is no scale.
+    let values = ticks(y0, y1).into_iter().filter(|value| !exact || *value >= least);
+    for value in values.chain(exact.then_some(0.0)) {
         let at = y(value);
         let _ = writeln!(
             text,
@@ -166,6 +169,8 @@ mod tests {
         assert!(ys.windows(2).all(|pair| pair[0] < pair[1]), "less error is lower: {ys:?}");
         assert!(ys.iter().all(|y| (TOP..=HEIGHT - BOTTOM).contains(y)) && !svg.contains("NaN"));
         assert!(svg.contains("a&lt;b") && svg.contains("class=\"bound\""));
+        let foot = svg.split("text-anchor=\"end\">").filter(|rest| rest.starts_with("0<")).count();
+        assert_eq!(foot, 1, "an axis that has a 0 says where it is");
         assert_eq!(super::svg(&[], "", "", None), None);
     }
 }

@@ -118,7 +118,9 @@ impl Field {
         let (across, down) = (self.width.div_ceil(TILE), self.height.div_ceil(TILE));
         let tiles = cx.for_each_tile(across * down, |index| {
             let tile = Tile::cut(self, index % across * TILE, index / across * TILE, reach.radius + PATCH);
-            tile.average(reach)
+            let radius = if tile.busy() { reach.radius } else { 0 };
+            cx.count("taps", ((2 * radius + 1) * (2 * radius + 1) * TILE * TILE) as u64);
+            tile.average(Reach { radius, ..reach })
         })?;
         let mut out: Vec<_> = self.pixels.iter().map(|pixel| pixel.values).collect();
         for (index, tile) in tiles.iter().enumerate() {
@@ -184,16 +186,25 @@ impl Tile {
         tile
     }
 
+    /// Whether the pixel at an index of the planes takes an average.
+    fn noisy(&self, i: usize) -> bool {
+        self.there[i] > 0.0 && self.variance[i] > 0.0
+    }
+
+    /// Whether any pixel does.
+    fn busy(&self) -> bool {
+        let at = |i: usize| (i / TILE + self.rim) * self.stride + i % TILE + self.rim;
+        (0..TILE * TILE).any(|i| self.noisy(at(i)))
+    }
+
     /// Averages of the tile's pixels, row by row.
     fn average(&self, reach: Reach) -> Vec<[f32; VALUES]> {
         let at = |x: usize, y: usize| (y + self.rim) * self.stride + x + self.rim;
         let own = |y: usize| self.values.each_ref().map(|plane| cut::<TILE>(plane, at(0, y)));
         let mut sums: Vec<[[f32; TILE]; VALUES]> = (0..TILE).map(own).collect();
-        let noisy = |i: usize| self.there[i] > 0.0 && self.variance[i] > 0.0;
         // The pixel itself counts once.
         let mut total = [[1.0_f32; TILE]; TILE];
-        let busy = (0..TILE * TILE).any(|i| noisy(at(i % TILE, i / TILE)));
-        let radius = if busy { reach.radius as isize } else { 0 };
+        let radius = reach.radius as isize;
         let mut patches = Patches::default();
         for dy in -radius..=radius {
             for dx in (-radius..=radius).filter(|&dx| (dx, dy) != (0, 0)) {
@@ -215,7 +226,11 @@ impl Tile {
         }
         let mean = |i: usize| {
             let (x, y) = (i % TILE, i / TILE);
-            if noisy(at(x, y)) { sums[y].map(|row| row[x] / total[y][x]) } else { own(y).map(|row| row[x]) }
+            if self.noisy(at(x, y)) {
+                sums[y].map(|row| row[x] / total[y][x])
+            } else {
+                own(y).map(|row| row[x])
+            }
         };
         (0..TILE * TILE).map(mean).collect()
     }

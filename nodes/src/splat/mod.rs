@@ -73,13 +73,17 @@ impl AddAssign for Work {
 
 impl Work {
     /// Counts it, and notes what was left out of a scene of so many splats.
-    pub(crate) fn report(&self, splats: usize, near: f64, cx: &Context, notes: &mut Notes) {
+    pub(crate) fn report(&self, splats: usize, settings: &Settings, cx: &Context, notes: &mut Notes) {
+        let near = settings.near;
         cx.count("splats_visited", self.visited);
         cx.count("splats_skipped", self.skipped);
         cx.count("splats_projected", self.projected);
         cx.count("splats_directed", self.directed);
         cx.count("splat_tile_pairs", self.tile_pairs);
         cx.count("splat_evaluations", self.evaluations);
+        if settings.precision == Precision::F64 {
+            cx.count("splat_evaluations_f64", self.evaluations);
+        }
         cx.count("splat_blends", self.blends);
         if self.degenerate > 0 {
             notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");

@@ -153,12 +153,14 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
         .collect();
     let rows = cx.for_each_tile(height, |y| {
         let mut sums = vec![[0.0_f64; 5]; width];
+        let mut directions = 0;
         for sub in 0..across {
             let theta = PI * (y as f64 + (sub as f64 + 0.5) / across as f64) / height as f64;
             let (sin_theta, cos_theta) = num::sin_cos(theta);
             let flat = above * cos_theta;
             // Fewer samples where the row is shorter; always a divisor's worth, evenly placed.
             let wanted = ((across as f64 * sin_theta).ceil() as usize).clamp(1, across);
+            directions += (wanted * width) as u64;
             for (x, sum) in sums.iter_mut().enumerate() {
                 for i in 0..wanted {
                     let column = x * across + (2 * i + 1) * across / (2 * wanted);
@@ -176,6 +178,7 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
                 }
             }
         }
+        cx.count("directions", directions);
         sums.iter()
             .map(|sum| [sum[0] / sum[4], sum[1] / sum[4], sum[2] / sum[4], sum[3] / sum[4]].map(|v| v as f32))
             .collect::<Vec<_>>()

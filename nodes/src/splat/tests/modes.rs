@@ -100,7 +100,7 @@ fn an_empty_view_is_told_with_its_cause() {
     let told = |camera: &Camera, near: f64| {
         let mut notes = Notes::none();
         let seen = draw(&splats, camera, Settings { near, ..F64 });
-        seen.work.report(splats.len(), near, &context(), &mut notes);
+        seen.work.report(splats.len(), &Settings { near, ..F64 }, &context(), &mut notes);
         notes.iter().map(|note| format!("{}: {}", note.id, note.text)).collect::<String>()
     };
     let ahead = camera(40, 30, 70.0);

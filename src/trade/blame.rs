@@ -1,0 +1,54 @@
+//! Which node is to blame: each set to the reference alone, and the reverse.
+
+use super::Metric;
+use super::bench::{Bench, Position};
+
+/// What setting one node to the reference gains, and what leaving it as it is costs.
+#[derive(Debug)]
+pub struct Blame {
+    pub node: String,
+    /// Error with this node alone at the reference.
+    pub alone: Option<f64>,
+    /// Error with all at the reference but this one: what it does by itself. `None` where it was not measured.
+    pub all_but: Option<f64>,
+    /// Work with this node alone at the reference.
+    pub work_alone: f64,
+}
+
+/// Every node that has something to turn, the worst first: the one whose own error is largest, and of equal ones
+/// the one whose repair leaves least. `measure` gives the index of a point; its failure ends it all.
+pub fn blames<E>(
+    bench: &mut Bench<'_>,
+    metric: &Metric,
+    reverse: bool,
+    mut measure: impl FnMut(&mut Bench<'_>, Position) -> Result<usize, E>,
+) -> Result<Vec<Blame>, E> {
+    let (now, reference) = (bench.now(), bench.preset(3));
+    let mut blames = Vec::new();
+    for node in bench.turned_nodes() {
+        let with = |bench: &Bench<'_>, of: &Position, others: &Position| -> Position {
+            let dials = bench.dials.iter().zip(of.iter().zip(others));
+            dials.map(|(dial, (of, others))| if dial.node == node { *of } else { *others }).collect()
+        };
+        let position = with(bench, &reference, &now);
+        let alone = measure(bench, position)?;
+        let mut all_but = None;
+        if reverse {
+            let position = with(bench, &now, &reference);
+            let at = measure(bench, position)?;
+            all_but = metric.error(&bench.points[at].off);
+        }
+        let point = &bench.points[alone];
+        let (alone, work_alone) = (metric.error(&point.off), point.work);
+        blames.push(Blame { node, alone, all_but, work_alone });
+    }
+    let key = |blame: &Blame| (blame.all_but.unwrap_or(0.0), blame.alone.unwrap_or(f64::INFINITY));
+    blames.sort_by(|a, b| {
+        let (a, b) = (key(a), key(b));
+        b.0.total_cmp(&a.0).then(a.1.total_cmp(&b.1))
+    });
+    Ok(blames)
+}
+
+#[cfg(test)]
+mod tests;

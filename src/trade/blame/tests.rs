@@ -1,0 +1,104 @@
+//! One node of a graph is made bad on purpose: is it named, and does `tune` find cheap settings all the same?
+
+#![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use engine::{Engine, Graph, Source, SourceRoot, Store};
+
+use super::*;
+use crate::trade::bench::Miss;
+use crate::trade::search::{Goal, search};
+
+const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
+
+/// What is made bad, and the node that is then to blame.
+const BAD: [(&str, &str, &str); 5] = [
+    ("0.3, size_px: 64", "0.3, size_px: 8", "probe"),
+    ("\"demo.rig\", alpha_cut: 0.002, sh_degree: 4", "\"demo.rig\", alpha_cut: 0.002, sh_degree: 0", "view"),
+    ("env: \"env\", samples: 32", "env: \"env\", samples: 1", "trace"),
+    ("-3.0], method: Region", "-3.0], method: Skip", "dark"),
+    ("mesh: \"demo.proxy\"", "mesh: \"demo.proxy\", box_max: Some((0.1, 9.0, 9.0))", "floor"),
+];
+
+/// The bad node with which settings are looked for as well: not all, since each takes seconds. `docs/trade.md` has
+/// the others.
+const TUNED: &str = "probe";
+
+fn bench<'e>(engine: &'e Engine, text: &str) -> Bench<'e> {
+    let source = Source::new("graph.ron", text);
+    let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).unwrap();
+    Bench::new(engine, &graph, &[], Arc::new(AtomicBool::new(false))).unwrap()
+}
+
+fn measured(bench: &mut Bench<'_>, position: Position) -> Result<usize, String> {
+    bench.measure(&position).map_err(|miss| match miss {
+        Miss::Stopped => "stopped".to_owned(),
+        Miss::Failed(why) => why,
+    })
+}
+
+#[test]
+fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
+    let engine = Engine::new(Store::in_memory(), 2, 1 << 30).unwrap();
+    let metric = Metric::of("flip").unwrap();
+    for (good, bad, node) in BAD {
+        assert_eq!(GRAPH.matches(good).count(), 1, "{good}");
+        let mut bench = bench(&engine, &GRAPH.replace(good, bad));
+        let reference = bench.preset(3);
+        measured(&mut bench, reference).unwrap();
+        let now = bench.now();
+        let now = measured(&mut bench, now).unwrap();
+        let error = metric.error(&bench.points[now].off).unwrap();
+        let blames = blames(&mut bench, &metric, true, measured).unwrap();
+        let [worst, second, ..] = blames.as_slice() else { panic!("{blames:?}") };
+        // By itself it makes most of the error, and its repair takes away more than a quarter.
+        assert_eq!(worst.node, node, "{blames:#?}");
+        assert!(
+            worst.all_but > Some(0.6 * error) && worst.all_but > Some(1.2 * second.all_but.unwrap()),
+            "{blames:#?}"
+        );
+        assert!(blames.iter().all(|b| b.node == node || b.alone > worst.alone), "{blames:#?}");
+        assert!(worst.alone < Some(0.75 * error), "{error} {blames:#?}");
+        if node == TUNED {
+            cheap_settings(&mut bench, &metric, node);
+        }
+    }
+    counts_are_known(bench(&engine, GRAPH));
+}
+
+/// What every node does at each preset is the same on every machine, so a change of it is seen here; renewed with
+/// `UPDATE_GOLDEN=1`.
+fn counts_are_known(mut bench: Bench<'_>) {
+    let mut text = "preset\tnode\tcounts\n".to_owned();
+    for (rung, name) in engine::PRESETS.iter().enumerate() {
+        let position = bench.preset(rung);
+        let at = measured(&mut bench, position).unwrap();
+        for node in bench.points[at].nodes.iter().filter(|node| !node.counts.is_empty()) {
+            let counts: Vec<String> = node.counts.iter().map(|(name, n)| format!("{name} {n}")).collect();
+            text.push_str(&format!("{name}\t{}\t{}\n", node.id, counts.join(", ")));
+        }
+    }
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tables/counts.tsv");
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        return std::fs::write(file, text).unwrap();
+    }
+    assert_eq!(text, std::fs::read_to_string(file).unwrap(), "if it is meant, run with UPDATE_GOLDEN=1");
+}
+
+/// `tune` to an error that `preview` reaches comfortably costs less than half of the cheapest preset that does.
+fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) {
+    let goal = Goal::Error(0.02);
+    let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
+    let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
+    let mut left = 22_u32;
+    let (tried, best) = search(&starts, &sizes, goal, |position| {
+        left = left.checked_sub(1)?;
+        let at = measured(bench, position.to_vec()).unwrap();
+        Some((bench.points[at].work, metric.error(&bench.points[at].off).unwrap()))
+    });
+    let found = &tried[best.unwrap()];
+    let naive = tried[..4].iter().filter(|t| t.error <= 0.02).map(|t| t.cost).fold(f64::INFINITY, f64::min);
+    assert!(found.error <= 0.02 && found.cost < 0.5 * naive, "{node}: {found:?} beside {naive}");
+}

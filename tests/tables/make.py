@@ -1,0 +1,169 @@
+#!/usr/bin/env python3
+"""Makes the tables of the docs anew.
+
+usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all
+
+The program is that of target/release, or of LIGHTHARMONY.
+
+Every command prints markdown tables; each takes the place of the table in the page that has the same first row, of
+several those in their order, and gets a line that says by which command and at which commit. Text around them is not
+touched: read it again. Deterministic counts are not made here but guarded by tests (tests/tables/counts.tsv,
+nodes/tests/drift/errors.tsv; UPDATE_GOLDEN=1 cargo test --release renews both).
+"""
+import argparse, json, os, re, resource, shutil, subprocess, sys, tempfile
+
+ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), "../.."))
+HERE = "tests/tables"
+PROGRAM = os.environ.get("LIGHTHARMONY", os.path.join(ROOT, "target/release/lightharmony"))
+PRESETS = ["draft", "preview", "final", "reference"]
+# What is made bad in bad.ron, and the node that is to be named.
+BAD = [
+    ("probe of 8 px", "0.3, size_px: 64", "0.3, size_px: 8", "probe"),
+    ("harmonics left out", '"demo.rig", alpha_cut: 0.002, sh_degree: 4', '"demo.rig", alpha_cut: 0.002, sh_degree: 0', "view"),
+    ("1 sample", 'env: "env", samples: 32', 'env: "env", samples: 1', "trace"),
+    ("clipped light not predicted", "-3.0], method: Region", "-3.0], method: Skip", "dark"),
+    ("receiver cut in half", 'mesh: "demo.proxy"', 'mesh: "demo.proxy", box_max: Some((0.1, 9.0, 9.0))', "floor"),
+]
+
+def call(*command, **more):
+    """What a command prints; ends all where it fails."""
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, **more)
+    if done.returncode:
+        sys.exit(f"{' '.join(command)} ended with {done.returncode}")
+    return done.stdout
+
+def short(value):
+    return f"{value:.2g}" if value < 0.1 else f"{value:.3g}"
+
+def report(graph, metric, cache, page):
+    command = [PROGRAM, "report", graph, "--metric", metric, "--cache", cache, "--out", page, "--json"]
+    return json.loads(call(*command, stderr=subprocess.DEVNULL))
+
+def presets(work):
+    """Work, CPU time of a cold run and error by region of each preset, and the plots."""
+    text = ""
+    for name in ["demo", "plaza"]:
+        graph, page = f"{HERE}/{name}.ron", os.path.join(work, f"{name}.html")
+        told = report(graph, "flip", os.path.join(work, "cache"), page)
+        with open(page) as file:
+            svg = re.search(r"<svg.*?</svg>", file.read(), re.S).group(0)
+        style = ("<style>text{font-family:sans-serif}.frame{fill:#fff;stroke:#999}.grid{stroke:#eee}.tick{font-size:11px;"
+                 "fill:#555}.axis{font-size:12px}.front{fill:none;stroke:#1668b8;stroke-width:1.5}.dot{fill:#bbb}"
+                 ".dot.on{fill:#1668b8}.name{font-size:11px}</style>")
+        head = re.match(r"<svg[^>]*>", svg).group(0)
+        svg = svg.replace(head, head[:-1] + ' xmlns="http://www.w3.org/2000/svg">' + style, 1)
+        with open(os.path.join(ROOT, f"docs/trade-{name}.svg"), "w") as file:
+            file.write(svg + "\n")
+        text += f"| {name} | CPU-s | work | FLIP, whole | FLIP, touched | RMSE, whole | RMSE, touched |\n|---|---|---|---|---|---|---|\n"
+        for preset in PRESETS:
+            point = next(p for p in told["points"] if p["setting"] == preset)
+            folder = os.path.join(work, "cold")
+            shutil.rmtree(folder, ignore_errors=True)
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            call(PROGRAM, "run", graph, "--preset", preset, "--cache", folder, "--out", folder, stderr=subprocess.DEVNULL)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            def worst(region, column):
+                rows = [row["values"].get(column) for row in point["off"]
+                        if row["picture"] == "image" and row["region"] == region]
+                # Equal pictures have no finite PSNR, which JSON tells as null.
+                values = [(10 ** (-v / 20) if v is not None else 0.0) if "psnr" in column else v for v in rows]
+                return short(max(values))
+            cells = [worst(region, column) for column in ["flip mean", "psnr (dB)"] for region in ["whole", "touched"]]
+            text += f"| `{preset}` | {cpu:.1f} | {point['work'] / 1e6:.2f} M | {' | '.join(cells)} |\n"
+        text += "\n"
+    return text
+
+def bad(work):
+    """Which node is named, and what `tune` finds."""
+    with open(os.path.join(ROOT, HERE, "bad.ron")) as file:
+        good = file.read()
+    text = ("| made bad | error | named | its own error | the next one's | left with it repaired | `tune` to 0.02: cost | "
+            "of the cheapest preset |\n|---|---|---|---|---|---|---|---|\n")
+    for what, before, after, node in [("nothing", "", "", None)] + BAD:
+        graph = os.path.join(work, "bad.ron")
+        with open(graph, "w") as file:
+            file.write(good.replace(before, after) if before else good)
+        cache = os.path.join(work, "cache")
+        told = report(graph, "flip", cache, os.path.join(work, "bad.html"))
+        now = next(p for p in told["points"] if p["as_it_is"])
+        worst, second = told["attribution"][:2]
+        tuned = json.loads(call(PROGRAM, "tune", graph, "--max-error", "flip=0.02", "--cache", cache, "--json", "-o",
+                                os.path.join(work, "tuned.ron"), stderr=subprocess.DEVNULL))
+        best = next(p for p in tuned["measured"] if p["best"])
+        naive = min((p for p in tuned["measured"] if p["setting"] in PRESETS and p["error"] <= 0.02), key=lambda p: p["work"])
+        own = "error_with_all_else_at_the_reference"
+        text += (f"| {what} | {now['error']:.4f} | `{worst['node']}` | {worst[own]:.4f} | `{second['node']}` {second[own]:.4f} | "
+                 f"{worst['error_with_it_alone_at_the_reference']:.4f} | {best['work'] / 1e3:.0f} k | "
+                 f"{best['work'] / naive['work']:.2f} of `{naive['setting']}` |\n")
+        if node not in (None, worst["node"]):
+            print(f"{what}: `{worst['node']}` is named and not `{node}`", file=sys.stderr)
+    return text
+
+# Name, page, seed or None, and what makes its tables.
+def tables(data, work):
+    bench = ["cargo", "bench", "-q", "-p", "lightharmony-nodes", "--bench"]
+    return {
+        "presets": ("docs/trade.md", 7, lambda: presets(work)),
+        "bad": ("docs/trade.md", 3, lambda: bad(work)),
+        "weights": ("docs/trade.md", 7, lambda: call("python3", f"{HERE}/weights.py", PROGRAM, os.path.join(work, "weights"))),
+        "extremes": (None, None, lambda: call("tests/extremes/page")),
+        "splats": ("docs/splats.md", None, lambda: call(*bench, "splat", "--", data)),
+        "trace": ("docs/trace.md", None, lambda: call(*bench, "trace", "--", data)),
+        "noop": ("docs/bench.md", None, lambda: call("python3", "tests/noop/ninja.py", PROGRAM, "ninja", os.path.join(work, "noop"))),
+    }
+
+def blocks(lines):
+    """(first, last + 1) of every table."""
+    found, at = [], 0
+    while at < len(lines):
+        end = at
+        while end < len(lines) and lines[end].startswith("|"):
+            end += 1
+        if end > at:
+            found.append((at, end))
+        at = max(end, at + 1)
+    return found
+
+def renew(page, text, note):
+    """Puts the tables of `text` in the places of those of a page that have the same first row."""
+    path = os.path.join(ROOT, page)
+    with open(path) as file:
+        lines = file.read().split("\n")
+    fresh = {}
+    made = text.split("\n")
+    for first, end in blocks(made):
+        fresh.setdefault(made[first].replace(" ", ""), []).append(made[first:end])
+    for first, end in reversed(blocks(lines)):
+        waiting = fresh.get(lines[first].replace(" ", ""))
+        if waiting:
+            after = end + 2 if lines[end + 1:end + 2] and lines[end + 1].startswith("*Made by") else end
+            lines[first:after] = waiting.pop() + ["", note]
+    with open(path, "w") as file:
+        file.write("\n".join(lines))
+    left = [head for head, waiting in fresh.items() if waiting]
+    if left:
+        print(f"{page} has no table (or too few) of: {left}", file=sys.stderr)
+
+def main():
+    parse = argparse.ArgumentParser(usage=__doc__)
+    parse.add_argument("--data", default=os.path.join(ROOT, "../shared/data"))
+    parse.add_argument("--work")
+    parse.add_argument("names", nargs="*")
+    asked = parse.parse_args()
+    work = asked.work or tempfile.mkdtemp()
+    os.makedirs(work, exist_ok=True)
+    known = tables(os.path.abspath(asked.data), work)
+    unknown = [name for name in asked.names if name not in known]
+    if unknown:
+        sys.exit(f"there are no tables {unknown}; there are {', '.join(known)}")
+    commit = call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if call("git", "status", "--short", "-uno") else "")
+    for name in asked.names or known:
+        page, seed, make = known[name]
+        text = make()
+        if page:
+            seeded = f", seed {seed}" if seed is not None else ""
+            renew(page, text, f"*Made by `{HERE}/make.py {name}`, commit {commit}{seeded}.*")
+
+if __name__ == "__main__":
+    main()
