@@ -81,6 +81,7 @@ impl Case {
     pub fn trace(&self, seed: u64, samples: u32, with: bool, block: EnvBlock, bounce: Bounce) -> Traced {
         let params = PathTrace {
             samples,
+            max_error: None,
             max_bounces: 8,
             env_block: block,
             bounce,

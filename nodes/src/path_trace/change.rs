@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::aim::Cone;
 use super::bsdf::Lobe;
-use super::light::{FromSky, Look};
+use super::light::{Drawn, Look};
 use super::scene::Surface;
 use super::walk::{PAIRS, Vertex, Walk, Way};
 use crate::bvh::{Hit, Ray};
@@ -49,8 +49,8 @@ impl Walk<'_> {
             // Light of the sky that they take away.
             let look = if first { reach.look } else { sky.look(surface.bsdf.lit_side()) };
             let mut taken = Vec3::ZERO;
-            for (number, from_sky) in self.lights(look, pair, first).enumerate() {
-                taken += self.taken(&surface, lift, from_sky, key.wrapping_add(number as u32));
+            for (number, drawn) in self.lights(look, pair, first).into_iter().flatten().enumerate() {
+                taken += self.taken(&surface, lift, drawn, key.wrapping_add(number as u32));
             }
             light -= rules.clamped(bounce, weight * taken);
 
@@ -100,18 +100,20 @@ impl Walk<'_> {
         with - self.radiance(Vertex::Receiver(hit), direction)
     }
 
-    /// What the objects take of the light that a light sample brings.
-    fn taken(&mut self, surface: &Surface, lift: Vec3, from_sky: FromSky, key: u32) -> Vec3 {
-        let scatter = surface.bsdf.eval(from_sky.direction)[Lobe::Diffuse as usize];
-        if from_sky.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
+    /// What the objects take of the light that a light sample brings. How much that is asked last, since most
+    /// samples meet no object.
+    fn taken(&mut self, surface: &Surface, lift: Vec3, drawn: Drawn, key: u32) -> Vec3 {
+        let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
+        if scatter.value == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = surface.leave(from_sky.direction);
+        let ray = surface.leave(drawn.direction);
         let [straight, _] = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
         if straight == Vec3::ONE || !self.passes(self.world.rules.sight(Lobe::Diffuse).shadow, ray) {
             return Vec3::ZERO;
         }
-        (Vec3::ONE - straight) * scatter.value * from_sky.radiance / from_sky.density
+        let light = self.world.sky.light(drawn);
+        (Vec3::ONE - straight) * scatter.value * light.radiance / light.density
     }
 
     /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;
@@ -153,7 +155,7 @@ impl Walk<'_> {
     }
 
     fn landing(&mut self, ray: Ray) -> Option<Hit> {
-        self.rays += 1;
+        self.rays.scattered += 1;
         self.world.receiver.bvh.closest(ray, |_| true)
     }
 }

@@ -2,10 +2,86 @@
 
 use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError};
 
+use serde::Serialize;
+
 use crate::types::Camera;
 
 /// Side of the square tiles that are traced at once, in pixels.
-pub const TILE: usize = 8;
+pub const TILE: u32 = 8;
+
+/// A rectangle of pixels that begins where a tile of the picture does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Area {
+    /// First column.
+    pub left: u32,
+    /// First row.
+    pub top: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Area {
+    /// The whole picture of a camera.
+    pub fn whole(camera: &Camera) -> Self {
+        Self { left: 0, top: 0, width: camera.width_px, height: camera.height_px }
+    }
+
+    /// How many pixels it has.
+    pub fn pixels(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// The place of a pixel of the picture in it, row by row.
+    pub fn index(&self, (x, y): (u32, u32)) -> usize {
+        (y - self.top) as usize * self.width as usize + (x - self.left) as usize
+    }
+
+    /// The pieces of a square grid that make it up, row by row; those at the end may be smaller.
+    pub fn pieces(&self, side: u32) -> Vec<Self> {
+        let steps = |length: u32| (0..length).step_by(side as usize);
+        let piece = |x: u32, y: u32| Self {
+            left: self.left + x,
+            top: self.top + y,
+            width: side.min(self.width - x),
+            height: side.min(self.height - y),
+        };
+        steps(self.height).flat_map(|y| steps(self.width).map(move |x| piece(x, y))).collect()
+    }
+
+    /// Its pixels in the picture, row by row.
+    pub fn each(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
+        let Self { left, top, width, height } = *self;
+        (top..top + height).flat_map(move |y| (left..left + width).map(move |x| (x, y)))
+    }
+}
+
+/// Rays that were cast, by what for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Rays {
+    /// To see what the camera sees: each asks the receiver or the objects.
+    pub camera: u64,
+    /// To see what lies between a point and light.
+    pub shadow: u64,
+    /// To see where scattered light comes from.
+    pub scattered: u64,
+}
+
+impl Rays {
+    /// All of them.
+    pub fn all(&self) -> u64 {
+        self.camera + self.shadow + self.scattered
+    }
+}
+
+impl std::ops::AddAssign for Rays {
+    fn add_assign(&mut self, other: Self) {
+        self.camera += other.camera;
+        self.shadow += other.shadow;
+        self.scattered += other.scattered;
+    }
+}
 
 /// For each pixel the sums of some channels over a range of samples. Sums are taken in f64 and kept in
 /// f32; chunks are added in f64 in their order.
@@ -16,7 +92,7 @@ pub struct Sums {
     /// `channels` sums a pixel, row by row.
     pub sums: Vec<f32>,
     /// Rays that it took.
-    pub rays: u64,
+    pub rays: Rays,
     /// Samples that were not finite and were left out.
     pub broken: u64,
     /// Pixels whose sums are those of the objects' absence, bit for bit.
@@ -29,7 +105,7 @@ pub struct TileSums {
     /// Sums of the tile's pixels, in order.
     pub sums: Vec<f32>,
     /// As in [`Sums`].
-    pub rays: u64,
+    pub rays: Rays,
     /// As in [`Sums`].
     pub broken: u64,
     /// As in [`Sums`].
@@ -44,49 +120,50 @@ impl TileSums {
 }
 
 impl Sums {
-    /// Runs `tile` for every tile of a picture, given its pixels, and puts the tiles together.
+    /// Runs `tile` for every tile of an area, given its pixels, and puts the tiles together. Counts rays.
     pub fn trace(
         cx: &Context,
-        camera: &Camera,
+        area: Area,
         channels: usize,
         progress: impl Fn() + Send + Sync,
         tile: impl Fn(&[(u32, u32)]) -> TileSums + Send + Sync,
     ) -> Result<Self, NodeError> {
-        let (width, height) = (camera.width_px as usize, camera.height_px as usize);
-        let across = width.div_ceil(TILE);
-        let pixels = |index: usize| -> Vec<(u32, u32)> {
-            let (left, top) = (index % across * TILE, index / across * TILE);
-            let rows = top..(top + TILE).min(height);
-            rows.flat_map(|y| (left..(left + TILE).min(width)).map(move |x| (x as u32, y as u32))).collect()
-        };
-        let tiles = cx.for_each_tile(across * height.div_ceil(TILE), |index| {
-            let done = tile(&pixels(index));
+        let pieces = area.pieces(TILE);
+        let tiles = cx.for_each_tile(pieces.len(), |index| {
+            let done = tile(&pieces[index].each().collect::<Vec<_>>());
             progress();
             done
         })?;
         let mut all = Self { channels: channels as u32, ..Self::default() };
-        all.sums.resize(width * height * channels, 0.0);
-        for (index, tile) in tiles.into_iter().enumerate() {
+        all.sums.resize(area.pixels() * channels, 0.0);
+        for (piece, tile) in pieces.iter().zip(tiles) {
             all.rays += tile.rays;
             all.broken += tile.broken;
             all.untouched += tile.untouched;
-            for ((x, y), sums) in pixels(index).into_iter().zip(tile.sums.chunks_exact(channels)) {
-                let at = (y as usize * width + x as usize) * channels;
+            for (pixel, sums) in piece.each().zip(tile.sums.chunks_exact(channels)) {
+                let at = area.index(pixel) * channels;
                 all.sums[at..at + channels].copy_from_slice(sums);
             }
         }
+        let Rays { camera, shadow, scattered } = all.rays;
+        cx.count("rays", all.rays.all());
+        cx.count("camera_rays", camera);
+        cx.count("shadow_rays", shadow);
+        cx.count("scattered_rays", scattered);
         Ok(all)
     }
 }
 
 impl Artifact for Sums {
     const TYPE: &'static str = "path-sums";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
 
     fn encode(&self, to: &mut Encoder) {
         to.u32(self.channels);
         to.f32s(&self.sums);
-        to.u64(self.rays);
+        for n in [self.rays.camera, self.rays.shadow, self.rays.scattered] {
+            to.u64(n);
+        }
         to.u64(self.broken);
         to.u64(self.untouched);
     }
@@ -95,7 +172,7 @@ impl Artifact for Sums {
         Ok(Self {
             channels: from.u32()?,
             sums: from.f32s()?,
-            rays: from.u64()?,
+            rays: Rays { camera: from.u64()?, shadow: from.u64()?, scattered: from.u64()? },
             broken: from.u64()?,
             untouched: from.u64()?,
         })
@@ -110,6 +187,9 @@ impl Artifact for Sums {
     }
 }
 
+/// Samples of the first chunk.
+pub const FIRST: u32 = 4;
+
 /// The ranges of samples that parts are made of: they begin at 0, 4, 16, 64 and every further 64, whatever
 /// the number of samples is, so that more samples only add parts.
 pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
@@ -117,8 +197,8 @@ pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
     let mut start = 0;
     while start < samples {
         let end = match start {
-            0 => 4,
-            4 => 16,
+            0 => FIRST,
+            FIRST => 16,
             16 => 64,
             _ => start.saturating_add(64),
         };
@@ -131,6 +211,18 @@ pub fn chunks(samples: u32) -> Vec<(u32, u32)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pieces_cover_an_area_once() {
+        let area = Area { left: 16, top: 8, width: 37, height: 20 };
+        let mut seen = vec![0; area.pixels()];
+        for piece in area.pieces(TILE) {
+            assert!(piece.left % TILE == 0 && piece.top % TILE == 0);
+            piece.each().for_each(|pixel| seen[area.index(pixel)] += 1);
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+        assert_eq!(area.pieces(32).len(), 2);
+    }
 
     #[test]
     fn boundaries_do_not_depend_on_the_number_of_samples() {

@@ -14,7 +14,7 @@ pub(super) fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32
     for &(x, y) in pixels {
         let ray = lens.through(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let key = hash(stream(lens.seed, x, y), 0);
-        tile.rays += 2;
+        tile.rays.camera += 2;
         let object = world.objects.bvh.closest(ray, |hit| world.objects.accepts(hit, key, true));
         let landed = world.landing(ray);
         let out = -ray.direction;

@@ -19,6 +19,16 @@ pub struct FromSky {
     pub density: f32,
 }
 
+/// A direction towards light that is not looked up yet, which may wait for memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Drawn {
+    /// Unit direction towards the light, in the world.
+    pub direction: Vec3,
+    texel: usize,
+    /// Light samples to be expected in its cell.
+    expected: f32,
+}
+
 /// The tiers of a sky: what is bright and small, and the rest.
 pub const TIERS: usize = 2;
 /// Most columns and rows of the cells of each tier.
@@ -137,12 +147,12 @@ impl Sky {
     /// lie a little below the horizon, never so much that light above it is left out. `numbers` are those
     /// of light samples in each tier.
     #[inline]
-    pub fn sample<const N: usize>(
+    pub fn draw<const N: usize>(
         &self,
         look: Look<'_>,
         numbers: [f32; TIERS],
         draws: &[(usize, [u32; 2])],
-    ) -> [Option<FromSky>; N] {
+    ) -> [Option<Drawn>; N] {
         let mut rows: [_; N] = std::array::from_fn(|_| InRow::default());
         for (row, (tier, point)) in rows.iter_mut().zip(draws) {
             *row = self.tiers[*tier].row(look[*tier], point.map(|p| f64::from(p) * SCALE));
@@ -155,12 +165,29 @@ impl Sky {
         for (slot, ((texel, place), (row, (tier, _)))) in
             found.iter_mut().zip(places.iter().zip(rows.iter().zip(draws)))
         {
-            let [r, g, b, density] = self.texels[texel.1 * self.globe.width + texel.0];
             let direction = self.globe.within(*texel, *place);
-            let density = numbers[*tier] * row.odds * density;
-            *slot = Some(FromSky { direction, radiance: Vec3::new(r, g, b), density });
+            let texel = texel.1 * self.globe.width + texel.0;
+            *slot = Some(Drawn { direction, texel, expected: numbers[*tier] * row.odds });
         }
         found
+    }
+
+    /// The light of a direction that was drawn.
+    #[inline]
+    pub fn light(&self, Drawn { direction, texel, expected }: Drawn) -> FromSky {
+        let [r, g, b, density] = self.texels[texel];
+        FromSky { direction, radiance: Vec3::new(r, g, b), density: expected * density }
+    }
+
+    /// [`draw`](Self::draw), looked up.
+    #[inline]
+    pub fn sample<const N: usize>(
+        &self,
+        look: Look<'_>,
+        numbers: [f32; TIERS],
+        draws: &[(usize, [u32; 2])],
+    ) -> [Option<FromSky>; N] {
+        self.draw(look, numbers, draws).map(|drawn| drawn.map(|drawn| self.light(drawn)))
     }
 
     /// A light sample that is alone, for a surface whose light comes from one side, or from all; none where no

@@ -16,6 +16,7 @@ pub mod lookup;
 pub mod near;
 pub mod objects;
 mod pair;
+mod plan;
 pub mod pyramid;
 pub mod rules;
 pub mod scene;
@@ -32,17 +33,18 @@ use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Par
 use serde::Serialize;
 
 use crate::error::Error;
-use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
+use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
 use contact::Ground;
-use film::{Sums, chunks};
+use film::{Area, Sums, TILE, chunks};
 use front::trace_front;
 use lens::{Lens, View};
 use objects::Objects;
 use pair::{trace_pair, trace_r0};
+use plan::Goal;
 use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 use shot::{Running, finish};
 use stage::{Stage, middle};
-use told::{assemble, remark, tell};
+use told::{assemble, remark, tell, tell_plan};
 use walk::World;
 
 engine::params! {
@@ -54,8 +56,13 @@ engine::params! {
     /// room the receiver would keep out the light that the panorama already shows; `env_block`, `bounce` and
     /// `object_specular_sees` say how it treats each sort of ray, and by default that is found out.
     pub struct PathTrace {
-        /// Paths a pixel.
+        /// Paths a pixel, or with `max_error` the most of them.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
+        /// Standard error that is asked for, of the ratio `with / without` where it is seen and of `object` relative
+        /// to its mean: in every tile of 8 by 8 pixels, root mean square over those that have one. 4 samples of the
+        /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until its error
+        /// is reached or `samples` is, which is told. None takes `samples` everywhere.
+        max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5");
         /// How often light may be scattered after the first time.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
         /// How the receiver blocks light of the environment.
@@ -105,9 +112,9 @@ engine::outputs! {
         depth: Arc<Images>,
         /// Unit normal of the same point in world axes, towards the camera; 0 for none.
         normal: Arc<Images>,
-        /// Variance of the mean over samples: of the luminance of `without`, `with` and `object` as if samples
-        /// were independent (stratified points do better, so these are upper estimates), and of the ratio of
-        /// luminance `with / without`, from the spread between chunks of samples.
+        /// Variance of the mean over samples: of the luminance of `without`, `with` and `object`, and of the ratio
+        /// of luminance `with / without`. As if samples were independent: stratified points do better, so these are
+        /// upper estimates.
         variance: Arc<Images>,
         /// Decisions, means, standard errors, rays.
         report: Arc<Report>,
@@ -121,8 +128,9 @@ const R0: usize = 4;
 const PAIR: usize = 9;
 /// Values a pixel of the part `front`: depth, normal.
 const FRONT: usize = 4;
-/// Sums a pixel over chunks, for the variance of the ratio.
-const CROSS: usize = 3;
+
+/// Sums a pixel over chunks, for how far these lie apart.
+const CROSS: usize = 4;
 
 /// What the parts depend on beside their inputs.
 #[derive(Serialize)]
@@ -131,6 +139,7 @@ struct Extra<'a> {
     rules: &'a Rules,
     origin: [f64; 3],
     seed: u64,
+    area: Area,
     range: (u32, u32),
     /// Up and the mesh's error where objects stand; absent for what does not depend on it.
     contact: Option<([f64; 3], Option<f64>)>,
@@ -138,7 +147,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -152,17 +161,24 @@ impl Kind for PathTrace {
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
         // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
-        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 18 * 4) as u64;
+        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 19 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
         Cost { bytes: pixels * pixel_bytes + scene + sky }
     }
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {
-        sizes.of("rig") * f64::from(params.samples)
+        let samples = f64::from(params.samples);
+        // A guess: at the edge of a shadow one sample is off by 0.2, and such tiles are a tenth of the picture.
+        let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
+        sizes.of("rig") * all.min(samples)
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
+        if params.max_error.is_some() && params.samples < film::FIRST {
+            let hint = "with max_error, samples is the most that are taken";
+            return Err(NodeError::new("max_error needs 4 samples or more").at("samples").hint(hint));
+        }
         if params.env_block.within(0.0, 0.0) {
             return Ok(());
         }
@@ -210,60 +226,70 @@ impl Kind for PathTrace {
             Ground::feel(stage.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
         tell(&felt, cx.metres_per_unit(), &mut notes);
         let contact = (up.to_array(), params.contact_metres);
+        // Without an error to reach every sample is in the plan.
         let chunks = chunks(params.samples);
-        let total = inputs.rig.cameras.iter().map(|c| tiles(c) * (2 * chunks.len() + 1)).sum::<usize>();
-        let done = AtomicUsize::new(0);
-        let step = || {
-            let now = done.fetch_add(1, Ordering::Relaxed) + 1;
-            cx.progress(now as f32 / total.max(1) as f32);
-        };
+        let (first, share) =
+            if params.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
         let world =
             || World { receiver: stage.receiver(), objects: &objects, sky: stage.sky(), rules: &rules };
-        let mut shots = Vec::with_capacity(inputs.rig.cameras.len());
-        for camera in &inputs.rig.cameras {
+        let cameras = &inputs.rig.cameras;
+        let mut shots = Vec::with_capacity(cameras.len());
+        for (number, camera) in cameras.iter().enumerate() {
             let lens = Lens::new(camera, origin, seed, &ground);
-            let extra = |range, contact| Extra {
+            let whole = Area::whole(camera);
+            let tell = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
+            let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
+            let step = || tell(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
+            let extra = |area, range, contact| Extra {
                 view: View::of(camera),
                 rules: &rules,
                 origin: origin.to_array(),
                 seed,
+                area,
                 range,
                 contact,
             };
-            let mut running = Running::new(camera);
-            for &range in &chunks {
-                let part = Part { name: "r0", version: 3, inputs: &["receiver", "env"] };
-                let r0 = cx.part(part, &extra(range, None), || {
+            let take = |running: &mut Running, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
+                let part = Part { name: "r0", version: 4, inputs: &["receiver", "env"] };
+                let r0 = cx.part(part, &extra(area, range, None), || {
                     let world = world();
-                    let sums = Sums::trace(cx, camera, R0, step, |tile| trace_r0(world, &lens, tile, range))?;
-                    cx.count("rays", sums.rays);
-                    Ok(sums)
+                    Sums::trace(cx, area, R0, step, |tile| trace_r0(world, &lens, tile, range))
                 })?;
-                expect_size(&r0, camera, R0)?;
-                let part = Part { name: "pair", version: 5, inputs: &["receiver", "objects", "env"] };
-                let pair = cx.part(part, &extra(range, Some(contact)), || {
+                expect_size(&r0, area, R0)?;
+                let part = Part { name: "pair", version: 6, inputs: &["receiver", "objects", "env"] };
+                let pair = cx.part(part, &extra(area, range, Some(contact)), || {
                     let world = world();
-                    let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, &r0);
-                    let sums = Sums::trace(cx, camera, PAIR, step, trace)?;
-                    cx.count("rays", sums.rays);
-                    Ok(sums)
+                    let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, (area, &r0));
+                    Sums::trace(cx, area, PAIR, step, trace)
                 })?;
-                expect_size(&pair, camera, PAIR)?;
-                running.add(&r0, &pair, range);
+                expect_size(&pair, area, PAIR)?;
+                running.add(area, &r0, &pair, range);
+                Ok::<(), NodeError>(())
+            };
+            let mut running = Running::new(whole);
+            for &range in first {
+                take(&mut running, whole, range, &step)?;
             }
+            let goal = params.max_error.map(|asked| Goal::new(asked, params.samples, &running));
+            let more = |running: &mut Running, area, range| take(running, area, range, &|| ());
+            let blocks = |done: f32| tell(share + (1.0 - share) * done);
+            let reached = goal.map(|goal| goal.reach(&mut running, more, blocks)).transpose()?;
             let part = Part { name: "front", version: 2, inputs: &["receiver", "objects"] };
-            let front = cx.part(part, &extra((0, 0), Some(contact)), || {
+            let front = cx.part(part, &extra(whole, (0, 0), Some(contact)), || {
                 let world = world();
-                Sums::trace(cx, camera, FRONT, step, |tile| trace_front(world, &lens, tile))
+                Sums::trace(cx, whole, FRONT, || (), |tile| trace_front(world, &lens, tile))
             })?;
-            expect_size(&front, camera, FRONT)?;
-            shots.push(finish(camera, params.samples, &running, &front));
+            expect_size(&front, whole, FRONT)?;
+            shots.push(finish(camera, &running, &front, reached));
         }
         let broken: u64 = shots.iter().map(|shot| shot.broken).sum();
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
         }
         for (camera, shot) in inputs.rig.cameras.iter().zip(&shots) {
+            if let Some(reached) = &shot.reached {
+                tell_plan(&camera.name, reached, params.samples, &mut notes);
+            }
             let object = &shot.images[2];
             let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
             if !inputs.objects.is_empty() && !seen {
@@ -278,12 +304,8 @@ impl Kind for PathTrace {
     }
 }
 
-fn tiles(camera: &Camera) -> usize {
-    (camera.width_px as usize).div_ceil(film::TILE) * (camera.height_px as usize).div_ceil(film::TILE)
-}
-
-fn expect_size(sums: &Sums, camera: &Camera, channels: usize) -> Result<(), NodeError> {
-    let expected = camera.width_px as usize * camera.height_px as usize * channels;
+fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError> {
+    let expected = area.pixels() * channels;
     if sums.sums.len() == expected { Ok(()) } else { Err(NodeError::new("a stored part has another size")) }
 }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::aim::Cone;
 use super::change::Reach;
-use super::film::{Sums, TileSums};
+use super::film::{Area, Sums, TileSums};
 use super::lens::Lens;
 use super::tile::Tile;
 use super::walk::{Vertex, Walk, World};
@@ -47,7 +47,8 @@ pub(super) fn trace_r0(
                 Some(hit) => walk.radiance(Vertex::Receiver(hit), sample.ray.direction),
                 None => world.sky.seen(sample.ray.direction),
             };
-            sums_of_tile.rays += walk.rays + 1;
+            sums_of_tile.rays += walk.rays;
+            sums_of_tile.rays.camera += 1;
             if add(&mut sums, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
             }
@@ -57,14 +58,14 @@ pub(super) fn trace_r0(
     sums_of_tile
 }
 
-/// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples
-/// without objects, to which only what these change is added.
+/// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples of
+/// an area around them without objects, to which only what these change is added.
 pub(super) fn trace_pair(
     world: World<'_>,
     lens: &Lens<'_>,
     pixels: &[(u32, u32)],
     range: (u32, u32),
-    r0: &Sums,
+    (area, r0): (Area, &Sums),
 ) -> TileSums {
     let mut sums_of_tile = TileSums::default();
     let objects = world.objects;
@@ -72,7 +73,7 @@ pub(super) fn trace_pair(
         // Without objects nothing is cast.
         for pixel in pixels {
             let mut sums = [0.0; PAIR];
-            sums[..3].copy_from_slice(&known(r0, lens, *pixel));
+            sums[..3].copy_from_slice(&known(r0, area, *pixel));
             sums_of_tile.push(&sums);
         }
         sums_of_tile.untouched = pixels.len() as u64;
@@ -91,7 +92,7 @@ pub(super) fn trace_pair(
         let mut touched = false;
         for sample in samples {
             let (ray, landed) = (sample.ray, place(sample));
-            sums_of_tile.rays += 2;
+            sums_of_tile.rays.camera += 2;
             let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
             if let Some(front) = front
                 && landed.is_none_or(|(_, hit, shift)| front.t <= hit.t + shift)
@@ -118,8 +119,9 @@ pub(super) fn trace_pair(
                 sums[3] += squared_luminance(light);
             }
         }
-        for (k, known) in known(r0, lens, *pixel).into_iter().enumerate() {
-            sums[k] = (known + change[k]).max(0.0);
+        for (k, known) in known(r0, area, *pixel).into_iter().enumerate() {
+            // Rounded as `known` is, so that what is taken wholly leaves nothing.
+            sums[k] = (known + f64::from(change[k] as f32)).max(0.0);
         }
         sums_of_tile.untouched += u64::from(!touched);
         sums_of_tile.push(&sums);
@@ -128,8 +130,8 @@ pub(super) fn trace_pair(
 }
 
 /// RGB of the sums of a pixel without objects.
-fn known(r0: &Sums, lens: &Lens<'_>, (x, y): (u32, u32)) -> [f64; 3] {
-    let at = (y as usize * lens.camera.width_px as usize + x as usize) * R0;
+fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
+    let at = area.index(pixel) * R0;
     std::array::from_fn(|k| f64::from(r0.sums[at + k]))
 }
 

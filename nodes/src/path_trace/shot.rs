@@ -1,6 +1,7 @@
 //! From sums over samples to the finished pictures of one camera.
 
-use super::film::Sums;
+use super::film::{Area, Rays, Sums};
+use super::plan::Reached;
 use super::{CROSS, FRONT, PAIR, R0};
 use crate::color::luminance;
 use crate::types::{Camera, Cell, Data, Image, Linear};
@@ -12,124 +13,171 @@ pub(super) struct Shot {
     pub(super) normal: Image<Data>,
     pub(super) variance: Image<Data>,
     pub(super) row: Vec<Cell>,
-    pub(super) rays: u64,
+    pub(super) rays: Rays,
     pub(super) broken: u64,
+    pub(super) reached: Option<Reached>,
 }
 
 /// The chunks of a camera, added in their order as they come, so that memory does not grow with them.
 pub(super) struct Running {
+    pub(super) whole: Area,
     /// `R0 + PAIR` sums a pixel.
-    pub(super) sums: Vec<f64>,
-    /// For the luminances y0 of R0 and y1 of R1, sums over a chunk, divided by its number of samples: y1 y1,
-    /// y1 y0 and y0 y0 of each pixel, added over chunks.
+    sums: Vec<f64>,
+    /// Samples of each pixel.
+    samples: Vec<u32>,
+    /// For the luminances y0 of R0, y1 of R1 and y of O, sums over a chunk: y1 y1, y1 y0, y0 y0 and y y of each
+    /// pixel, divided by the chunk's number of samples and added over chunks.
     cross: Vec<[f64; CROSS]>,
-    pub(super) rays: u64,
-    pub(super) broken: u64,
-    pub(super) untouched: u64,
-    pub(super) chunks: u64,
+    rays: Rays,
+    broken: u64,
+    /// Pixels, each as often as chunks of samples were added to it: all, and those that no object touched.
+    pixels: [u64; 2],
 }
 
 impl Running {
-    pub(super) fn new(camera: &Camera) -> Self {
-        let pixels = camera.width_px as usize * camera.height_px as usize;
+    pub(super) fn new(whole: Area) -> Self {
+        let pixels = whole.pixels();
         Self {
+            whole,
             sums: vec![0.0; pixels * (R0 + PAIR)],
+            samples: vec![0; pixels],
             cross: vec![[0.0; CROSS]; pixels],
-            rays: 0,
+            rays: Rays::default(),
             broken: 0,
-            untouched: 0,
-            chunks: 0,
+            pixels: [0; 2],
         }
     }
 
-    pub(super) fn add(&mut self, r0: &Sums, pair: &Sums, range: (u32, u32)) {
-        let samples = f64::from(range.1 - range.0);
+    /// Adds a range of samples of an area.
+    pub(super) fn add(&mut self, area: Area, r0: &Sums, pair: &Sums, range: (u32, u32)) {
         let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
-        let known = self.sums.chunks_exact_mut(R0 + PAIR).zip(&mut self.cross);
-        for ((sums, cross), (a, b)) in known.zip(parts) {
-            for (sum, v) in sums.iter_mut().zip(a.iter().chain(b)) {
+        for (pixel, (a, b)) in area.each().zip(parts) {
+            let index = self.whole.index(pixel);
+            for (sum, v) in self.sums[index * (R0 + PAIR)..].iter_mut().zip(a.iter().chain(b)) {
                 *sum += f64::from(*v);
             }
-            let [y0, y1] = [a, b].map(|c| f64::from(luminance([c[0], c[1], c[2]])));
-            for (sum, v) in cross.iter_mut().zip([y1 * y1, y1 * y0, y0 * y0]) {
-                *sum += v / samples;
+            self.samples[index] += range.1 - range.0;
+            let light = |c: &[f32]| f64::from(luminance([c[0], c[1], c[2]]));
+            let (y0, y1, y) = (light(a), light(b), light(&b[4..]));
+            for (sum, v) in self.cross[index].iter_mut().zip([y1 * y1, y1 * y0, y0 * y0, y * y]) {
+                *sum += v / f64::from(range.1 - range.0);
             }
         }
-        self.rays += r0.rays + pair.rays;
+        self.rays += r0.rays;
+        self.rays += pair.rays;
         self.broken += r0.broken + pair.broken;
-        self.untouched += pair.untouched;
-        self.chunks += 1;
+        self.pixels[0] += area.pixels() as u64;
+        self.pixels[1] += pair.untouched;
     }
 
-    /// Variance of the ratio of luminances of a pixel, that of a ratio of means: over chunks of n samples
-    /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` for each degree of freedom, over the square of all y0.
-    /// It sees how evenly samples are spread, and that R0 and R1 share their random numbers. One chunk has
-    /// no spread; then a sample counts as light that the object takes wholly or not at all, and S as half a
-    /// sample less sure than it looks: `s (1 - s) / n` where `s = (n S + 1/2) / (n + 1)`.
-    fn ratio_variance(&self, index: usize, samples: f64) -> f64 {
-        let sums = &self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)];
-        let [y0, y1] =
-            [0, R0].map(|k| f64::from(luminance([sums[k], sums[k + 1], sums[k + 2]].map(|v| v as f32))));
-        if y0 <= 0.0 || sums[..3] == sums[R0..R0 + 3] {
-            return 0.0;
+    /// The sums of a pixel and its number of samples.
+    fn pixel(&self, index: usize) -> (&[f64], f64) {
+        (&self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)], f64::from(self.samples[index]))
+    }
+
+    /// Share of a pixel that the objects cover.
+    pub(super) fn alpha(&self, index: usize) -> f64 {
+        let (sums, n) = self.pixel(index);
+        sums[R0 + 7] / n
+    }
+
+    /// Mean luminance of the objects over what they cover.
+    pub(super) fn shine(&self) -> f64 {
+        let (mut light, mut cover) = (0.0, 0.0);
+        for index in 0..self.samples.len() {
+            let (sums, n) = self.pixel(index);
+            light += f64::from(luminance([0, 1, 2].map(|k| (sums[R0 + 4 + k] / n) as f32)));
+            cover += sums[R0 + 7] / n;
         }
-        let (s, [a, b, c]) = (y1 / y0, self.cross[index]);
-        if self.chunks < 2 {
-            let s = (samples * s.clamp(0.0, 1.0) + 0.5) / (samples + 1.0);
-            return s * (1.0 - s) / samples;
-        }
-        let spread = (a - 2.0 * s * b + s * s * c).max(0.0) / (self.chunks - 1) as f64;
-        // Sums of n samples over n have the variance of one: the ratio of all N has that over N.
-        samples * spread / (y0 * y0)
+        if cover > 0.0 { light / cover } else { 0.0 }
+    }
+
+    /// Variances of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio S = R1 / R0 of a
+    /// pixel, each of the mean over its samples as if they were independent; 0 for a single one. Stratified points do
+    /// better, so these are upper estimates. C is estimated beside R0, so S = 1 + C / R0 varies by
+    ///
+    /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
+    ///
+    /// The last term is left out. Where C and R0 share light samples what is taken grows with what there was,
+    /// so the term is negative and the estimate an upper one; elsewhere they share the place in the pixel alone.
+    pub(super) fn spread(&self, index: usize) -> Spread {
+        let (sums, n) = self.pixel(index);
+        let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
+        let of_mean = |square: f64, mean: f64| ((square / n - mean * mean) / (n - 1.0).max(1.0)).max(0.0);
+        let [y0, y1, y] = [0, R0, R0 + 4].map(mean);
+        let without = of_mean(sums[3], y0);
+        let change = of_mean(sums[R0 + 3], y1 - y0);
+        let ratio = match y0 > 0.0 {
+            true => (change + (y1 / y0 - 1.0) * (y1 / y0 - 1.0) * without) / (y0 * y0),
+            false => 0.0,
+        };
+        Spread { without, change, object: of_mean(sums[R0 + 8], y), ratio }
+    }
+
+    /// Variances of the ratio and of the luminance of O from how far some chunks lie apart: over chunks of n samples
+    /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` for each degree of freedom, over the square of all y0. It sees
+    /// how evenly samples are spread, but with few chunks only the mean over many pixels is worth something.
+    pub(super) fn spread_of_chunks(&self, index: usize, chunks: usize) -> [f64; 2] {
+        let (sums, n) = self.pixel(index);
+        let of = |k: usize| f64::from(luminance([0, 1, 2].map(|c| sums[k + c] as f32)));
+        let ([y0, y1, y], [a, b, c, o]) = ([0, R0, R0 + 4].map(of), self.cross[index]);
+        let s = if y0 > 0.0 { y1 / y0 } else { 0.0 };
+        let freedom = (chunks.max(2) - 1) as f64;
+        let ratio = if y0 > 0.0 { n * (a - 2.0 * s * b + s * s * c) / (y0 * y0) } else { 0.0 };
+        [ratio, (o - y * y / n) / n].map(|spread| spread.max(0.0) / freedom)
     }
 }
 
+/// Variances of means over samples: of luminances, and of the ratio of luminances.
+pub(super) struct Spread {
+    without: f64,
+    change: f64,
+    pub(super) object: f64,
+    pub(super) ratio: f64,
+}
+
 /// The pictures of a camera from the sums of all its samples.
-pub(super) fn finish(camera: &Camera, samples: u32, running: &Running, front: &Sums) -> Shot {
+pub(super) fn finish(camera: &Camera, running: &Running, front: &Sums, reached: Option<Reached>) -> Shot {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
     let [mut depth, mut normal, mut variance] = [1, 3, 4].map(|channels| Image::new(width, height, channels));
-    let n = f64::from(samples);
     let (mut means, mut errors) = ([0.0; 3], [0.0; 3]);
     for index in 0..width * height {
         let (x, y) = (index % width, index / width);
-        let sums = &running.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)];
-        let (mut means_of, mut errors_of) = ([0.0_f64; 3], [0.0_f64; 3]);
-        let groups: [(usize, usize); 3] = [(0, 3), (R0, R0 + 3), (R0 + 4, R0 + 8)];
-        for (k, (first, square)) in groups.into_iter().enumerate() {
-            let channels = images[k].channels;
-            for (out, sum) in images[k].pixel_mut(x, y).iter_mut().zip(&sums[first..first + channels]) {
+        let (sums, n) = running.pixel(index);
+        for ((image, first), mean) in images.iter_mut().zip([0, R0, R0 + 4]).zip(&mut means) {
+            let channels = image.channels;
+            let pixel = image.pixel_mut(x, y);
+            for (out, sum) in pixel.iter_mut().zip(&sums[first..first + channels]) {
                 *out = (sum / n) as f32;
             }
-            let rgb = [sums[first] / n, sums[first + 1] / n, sums[first + 2] / n];
-            let mean = f64::from(luminance(rgb.map(|v| v as f32)));
-            let of_mean = |square: f64, mean: f64| ((square / n - mean * mean) / (n - 1.0).max(1.0)).max(0.0);
-            let spread = match k {
-                // R1 is R0 and a change, whose errors may go the same way.
-                1 => {
-                    let root = of_mean(sums[square], mean - means_of[0]).sqrt() + errors_of[0].sqrt();
-                    root * root
-                }
-                _ => of_mean(sums[square], mean),
-            };
-            (means_of[k], errors_of[k]) = (mean, spread);
-            variance.pixel_mut(x, y)[k] = spread as f32;
-            means[k] += mean;
-            errors[k] += spread;
+            *mean += f64::from(luminance([pixel[0], pixel[1], pixel[2]]));
         }
-        variance.pixel_mut(x, y)[3] = running.ratio_variance(index, n) as f32;
+        let spread = running.spread(index);
+        // R1 is R0 and a change, whose errors may go the same way.
+        let with = spread.without.sqrt() + spread.change.sqrt();
+        let spreads = [spread.without, with * with, spread.object];
+        for (sum, v) in errors.iter_mut().zip(spreads) {
+            *sum += v;
+        }
+        let told = variance.pixel_mut(x, y);
+        for (to, v) in told.iter_mut().zip(spreads.into_iter().chain([spread.ratio])) {
+            *to = v as f32;
+        }
         let values = &front.sums[index * FRONT..(index + 1) * FRONT];
         depth.pixel_mut(x, y)[0] = values[0];
         normal.pixel_mut(x, y).copy_from_slice(&values[1..]);
     }
     let all = (width * height).max(1) as f64;
-    let rays = running.rays + front.rays;
+    let mut rays = running.rays;
+    rays += front.rays;
     let mut row = vec![Cell::Text(camera.name.clone())];
     for k in 0..3 {
         row.push(Cell::Number(means[k] / all));
         row.push(Cell::Number((errors[k] / all).sqrt()));
     }
-    row.push(Cell::Count(rays));
-    row.push(Cell::Number(running.untouched as f64 / (all * running.chunks.max(1) as f64)));
-    Shot { images, depth, normal, variance, row, rays, broken: running.broken }
+    row.push(Cell::Count(rays.all()));
+    let [traced, untouched] = running.pixels;
+    row.push(Cell::Number(untouched as f64 / traced.max(1) as f64));
+    Shot { images, depth, normal, variance, row, rays, broken: running.broken, reached }
 }

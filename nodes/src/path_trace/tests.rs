@@ -8,8 +8,9 @@ use super::light::constant;
 use super::*;
 use crate::color::luminance;
 use crate::testing::context;
-use crate::types::{Material, Object, Primitive};
+use crate::types::{Camera, Material, Object, Primitive};
 
+mod adaptive;
 mod extremes;
 mod insertion;
 mod materials;
@@ -113,6 +114,7 @@ fn rig(eye: DVec3, target: DVec3, size: u32, focal: f64) -> Arc<Rig> {
 fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
     PathTrace {
         samples,
+        max_error: None,
         max_bounces: 8,
         env_block,
         bounce: Bounce::Auto,

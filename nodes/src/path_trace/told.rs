@@ -8,7 +8,9 @@ use glam::DVec3;
 use super::Out;
 use super::contact::LARGEST;
 use super::decide::Decided;
+use super::film::Rays;
 use super::objects::Objects;
+use super::plan::Reached;
 use super::shot::Shot;
 use super::stage::Stage;
 use crate::support::Level;
@@ -66,6 +68,23 @@ pub(super) fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Not
     }
 }
 
+/// Tells how many samples an error that was asked for took.
+pub(super) fn tell_plan(view: &str, reached: &Reached, most: u32, notes: &mut Notes) {
+    let Reached { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
+    let text = format!(
+        "`{view}`: {more} of {all} blocks take more than the first samples, {samples:.1} a pixel on average"
+    );
+    notes.decision("sample-plan", format!("{text}; the error is {worst:.4} where {asked} was asked for"));
+    if short > 0 {
+        let text =
+            format!("`{view}`: {most} samples leave {short} of {all} blocks with an error above {asked}");
+        notes.degraded(
+            "error-not-reached",
+            format!("{text}, up to {worst:.4}; raise `samples` or `max_error`"),
+        );
+    }
+}
+
 pub(super) fn assemble(
     rig: &Rig,
     shots: Vec<Shot>,
@@ -74,7 +93,8 @@ pub(super) fn assemble(
 ) -> Out {
     let mut sets: [Vec<NamedImage>; 6] = Default::default();
     let mut rows = Vec::with_capacity(shots.len());
-    let mut rays = 0;
+    let mut plans = Vec::new();
+    let mut rays = Rays::default();
     for (camera, shot) in rig.cameras.iter().zip(shots) {
         let [without, with, object] = shot.images;
         let pictures = [
@@ -89,6 +109,13 @@ pub(super) fn assemble(
             set.push(NamedImage { name: camera.name.clone(), picture });
         }
         rows.push(shot.row);
+        if let Some(Reached { asked, predicted, worst, blocks: [all, more, short], samples }) = shot.reached {
+            let mut row = vec![Cell::Text(camera.name.clone())];
+            row.extend([asked, predicted, worst].map(Cell::Number));
+            row.extend([all, more, short].map(Cell::Count));
+            row.push(Cell::Number(samples));
+            plans.push(row);
+        }
         rays += shot.rays;
     }
     let text = |value: String| Cell::Text(value);
@@ -101,7 +128,10 @@ pub(super) fn assemble(
         ],
         vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
         vec![text("point of capture".to_owned()), text(format!("{:?}", centre.to_array()))],
-        vec![text("rays".to_owned()), Cell::Count(rays)],
+        vec![text("camera rays".to_owned()), Cell::Count(rays.camera)],
+        vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
+        vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],
+        vec![text("rays".to_owned()), Cell::Count(rays.all())],
     ];
     if let Some(twice) = twice {
         decisions.push(vec![text("light that walls counted twice add".to_owned()), Cell::Number(*twice)]);
@@ -111,7 +141,7 @@ pub(super) fn assemble(
         decisions
             .push(vec![text("front faces among the others".to_owned()), Cell::Number(probe.front_share())]);
     }
-    let report = Report {
+    let mut report = Report {
         title: "Path tracing".to_owned(),
         tables: vec![
             Table { name: "decisions".to_owned(), columns: columns(&["what", "value"]), rows: decisions },
@@ -132,6 +162,22 @@ pub(super) fn assemble(
             },
         ],
     };
+    if !plans.is_empty() {
+        report.tables.push(Table {
+            name: "samples".to_owned(),
+            columns: columns(&[
+                "view",
+                "error asked for",
+                "error that the first samples promise",
+                "error reached",
+                "blocks",
+                "blocks with more than the first samples",
+                "blocks short of the error",
+                "samples a pixel",
+            ]),
+            rows: plans,
+        });
+    }
     let [without, with, object, depth, normal, variance] = sets.map(|set| Arc::new(Images(set)));
     Out { without, with, object, depth, normal, variance, report: Arc::new(report) }
 }

@@ -3,7 +3,8 @@
 use glam::Vec3;
 
 use super::bsdf::{Lobe, Scatter};
-use super::light::{FromSky, Look, Sky, TIERS};
+use super::film::Rays;
+use super::light::{Drawn, Look, Sky, TIERS};
 use super::near::{Near, Seen};
 use super::objects::Objects;
 use super::rules::{Block, Rules};
@@ -77,7 +78,7 @@ pub struct Walk<'a> {
     /// Width of the camera's ray for each unit of its length, for the textures of objects.
     pub spread: f32,
     /// Rays cast so far.
-    pub rays: u64,
+    pub rays: Rays,
     /// Whether a ray met an object.
     pub touched: bool,
 }
@@ -129,7 +130,7 @@ impl<'a> Walk<'a> {
             look: None,
             lift: Vec3::ZERO,
             spread: 0.0,
-            rays: 0,
+            rays: Rays::default(),
             touched: false,
         }
     }
@@ -147,7 +148,7 @@ impl<'a> Walk<'a> {
         if !self.objects {
             return (None, f32::INFINITY, Vec3::ONE);
         }
-        self.rays += 1;
+        self.rays.scattered += 1;
         let objects = self.world.objects;
         let straight = objects.clear && lobe == Lobe::Diffuse;
         let (hit, weight) = match straight {
@@ -165,7 +166,7 @@ impl<'a> Walk<'a> {
         if !self.objects {
             return [Vec3::ONE; 2];
         }
-        self.rays += 1;
+        self.rays.shadow += 1;
         let objects = self.world.objects;
         if !objects.bvh.any(ray, |hit| Some(hit.triangle) != except && objects.accepts(hit, key, false)) {
             return [Vec3::ONE; 2];
@@ -215,18 +216,13 @@ impl<'a> Walk<'a> {
     }
 
     pub(super) fn passes(&mut self, block: Block, ray: Ray) -> bool {
-        self.rays += u64::from(block != Block::Pass);
+        self.rays.shadow += u64::from(block != Block::Pass);
         block.passes(self.world.receiver, ray)
     }
 
     /// Light samples for a vertex. The first of a path takes several of each tier: they cost less than another
     /// path, and what the picture shows of their noise is not blurred by anything. Later ones take one.
-    pub(super) fn lights(
-        &self,
-        look: Look<'_>,
-        pair: u32,
-        first: bool,
-    ) -> impl Iterator<Item = FromSky> + use<> {
+    pub(super) fn lights(&self, look: Look<'_>, pair: u32, first: bool) -> [Option<Drawn>; MANY] {
         let sky = self.world.sky;
         let numbers = sky.numbers(look, first);
         let mut draws = [(0, [0; 2]); MANY];
@@ -242,7 +238,7 @@ impl<'a> Walk<'a> {
             draws[0] = sky.tier(look, self.points.bits(pair));
             known = 1;
         }
-        sky.sample::<MANY>(look, numbers, &draws[..known]).into_iter().flatten()
+        sky.draw(look, numbers, &draws[..known])
     }
 
     /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
@@ -305,7 +301,7 @@ impl<'a> Walk<'a> {
                 (Some((b, passes)), _) if b == block => passes,
                 (_, None) => self.passes(block, ray),
                 (_, Some((near, _))) => {
-                    self.rays += 1;
+                    self.rays.shadow += 1;
                     near.reaches(ray, place.as_ref())
                 }
             };
@@ -357,7 +353,7 @@ impl<'a> Walk<'a> {
             if let Some(near) = &near {
                 for number in 0..near_lights {
                     let points = (self.points.twig(number, near_lights), pair);
-                    self.rays += 1;
+                    self.rays.shadow += 1;
                     let Some(mut seen) = near.sample(surface.position, side, points.0.bits(pair)) else {
                         continue;
                     };
@@ -366,7 +362,9 @@ impl<'a> Walk<'a> {
                     lit += self.light_sample(&surface, lift, &seen, Some((near, points)), key);
                 }
             } else {
-                for (number, from_sky) in self.lights(look, pair, first).enumerate() {
+                // Looked up together, they wait for memory together.
+                let lights = self.lights(look, pair, first).map(|drawn| drawn.map(|drawn| sky.light(drawn)));
+                for (number, from_sky) in lights.into_iter().flatten().enumerate() {
                     let key = key.wrapping_add(number as u32);
                     lit += self.light_sample(&surface, lift, &(from_sky, None), None, key);
                 }
@@ -391,13 +389,13 @@ impl<'a> Walk<'a> {
             let throughput = passed * scatter.value / scatter.pdf;
             let to_sky = near.is_some() || !matte;
             let landed = if sight.lands && (go_on || (to_sky && sight.block == Block::Solid)) {
-                self.rays += 1;
+                self.rays.scattered += 1;
                 self.world.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
             } else {
                 None
             };
             if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
-                self.rays += 1;
+                self.rays.scattered += 1;
                 if let Some(seen) = near.found(ray, side, landed.as_ref()) {
                     let dimming = self.dimming(&near, &seen, (self.points, pair + 1), key);
                     let arrived = seen.0.radiance * power(scatter.pdf, near_lights as f32 * seen.0.density);
