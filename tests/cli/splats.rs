@@ -79,3 +79,25 @@ fn what_is_no_file_is_refused_at_once() {
     let (code, text) = said(&place.call(&["convert", "/dev/zero", "a.ply"]));
     assert!(code == Some(1) && text.contains("neither a regular file nor a folder"), "{text}");
 }
+
+#[test]
+fn converting_makes_no_folder_and_no_empty_scene() {
+    let place = Place::new("");
+    let whole = room(1.0, 0.0);
+    std::fs::write(place.path("room.ply"), &whole).unwrap();
+    let (code, text) = said(&place.call(&["convert", "room.ply", "new/room.spz"]));
+    assert!(code == Some(1) && text.contains("there is no folder `new`"), "{text}");
+    assert!(!place.path("new").exists());
+    // Every number NaN.
+    let head = whole.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    let broken: Vec<u8> = whole[..head].iter().copied().chain(vec![0xff; whole.len() - head]).collect();
+    std::fs::write(place.path("broken.ply"), broken).unwrap();
+    let (code, text) = said(&place.call(&["convert", "broken.ply", "a.spz"]));
+    assert!(code == Some(1) && text.contains("no splat that can be drawn"), "{text}");
+    assert!(text.contains("900 splats of `broken.ply` with a field that is NaN"), "{text}");
+    assert!(!place.path("a.spz").exists());
+    // Splats of 1000 units are cut to 379, which is more than a note.
+    std::fs::write(place.path("large.ply"), room(1.0, 10.8)).unwrap();
+    let (code, text) = said(&place.call(&["convert", "large.ply", "large.spz", "--up", "+z"]));
+    assert!(code == Some(0) && text.contains("warning 2100 of 2700 axes lie beyond"), "{text}");
+}
