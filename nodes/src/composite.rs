@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, NodeError, Notes, ViewCount};
 
+use crate::color::luminance;
 use crate::layers::{linear, matching};
-use crate::types::{Image, Images, Linear, NamedImage, Picture};
+use crate::types::{Data, Image, Images, Linear, NamedImage, Picture};
 
 engine::params! {
     /// Puts the rendered objects over the background, which the shadow darkens first.
@@ -34,6 +35,8 @@ engine::inputs! {
         /// What of the background lies in front of the objects, premultiplied, with alpha: a `splat-render` with
         /// `limit: "trace.depth"`. It is laid over them; a mesh in front has cut their alpha already.
         front: Option<Arc<Images>>,
+        /// Variance of the trace that the object and the shadow come from, as `path-trace` gives it, for `error`.
+        variance: Option<Arc<Images>>,
     }
 }
 
@@ -42,6 +45,11 @@ engine::outputs! {
     pub struct Out {
         /// The picture, linear; RGB over the backdrop, or premultiplied RGBA without one.
         image: Arc<Images>,
+        /// Standard error of the luminance of `image` by the noise of the trace, linear, in the unit of `image`; 0
+        /// without `variance`. That of the shadow as `shadow-ratio` leaves it by default, before other shaping;
+        /// an upper one where `denoise` came between. Noise of `added` light and of where the outline of an object
+        /// lies before a brighter background is not in it.
+        error: Arc<Images>,
     }
 }
 
@@ -52,6 +60,28 @@ struct Layers<'a> {
     shadow: Option<Image<Linear>>,
     added: Option<Image<Linear>>,
     front: Option<Cow<'a, Image<Linear>>>,
+    variance: Option<&'a Picture>,
+}
+
+impl Layers<'_> {
+    /// Standard error of the luminance of each pixel. In `B S (1 - M) + O (1 - F)`, with `F` the alpha of what lies
+    /// in front, the noise is that of `S` and `O`.
+    fn error(&self) -> Image<Data> {
+        let Image { width, height, .. } = *self.background;
+        let mut error = Image::new(width, height, 1);
+        let Some(variance) = self.variance else { return error };
+        for (index, told) in variance.samples().chunks_exact(4).enumerate() {
+            let (x, y) = (index % width, index / width);
+            let (b, o) = (self.background.pixel(x, y), self.object.pixel(x, y));
+            let cover = if self.object.channels == 4 { o[3] } else { 1.0 };
+            let front = self.front.as_ref().map_or(0.0, |front| front.pixel(x, y)[3]);
+            let shaded =
+                if self.shadow.is_some() { luminance([b[0], b[1], b[2]]) * (1.0 - cover) } else { 0.0 };
+            let square = shaded * shaded * told[3] + (1.0 - front) * (1.0 - front) * told[2];
+            error.pixel_mut(x, y)[0] = if square.is_finite() { square.max(0.0).sqrt() } else { 0.0 };
+        }
+        error
+    }
 }
 
 impl Composite {
@@ -99,7 +129,7 @@ impl Composite {
 
 impl Kind for Composite {
     const NAME: &'static str = "composite";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -111,6 +141,7 @@ impl Kind for Composite {
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut broken = 0;
         let mut views = Vec::with_capacity(inputs.background.0.len());
+        let mut errors = Vec::with_capacity(inputs.background.0.len());
         for view in &inputs.background.0 {
             cx.check()?;
             let background = linear(&view.picture, "background")?;
@@ -128,21 +159,32 @@ impl Kind for Composite {
                 let error = NodeError::new("what lies in front needs alpha").at("front");
                 return Err(error.hint("wire a splat-render with `limit`"));
             }
+            let variance = match &inputs.variance {
+                Some(images) => Some(matching(images, "variance", &view.name, size)?),
+                None => None,
+            };
+            if let Some((_, _, channels)) = variance.map(Picture::size).filter(|size| size.2 != 4) {
+                let error =
+                    NodeError::new(format!("`variance` has {channels} channels, not 4")).at("variance");
+                return Err(error.hint("wire the output `variance` of a path-trace"));
+            }
             let layers = Layers {
                 background: &background,
                 object: &object,
                 shadow: data(&inputs.shadow, "shadow")?,
                 added: data(&inputs.added, "added")?,
                 front,
+                variance,
             };
             let image = params.view(&layers, &mut broken);
+            errors.push(NamedImage { name: view.name.clone(), picture: layers.error().into() });
             views.push(NamedImage { name: view.name.clone(), picture: image.into() });
         }
         let mut notes = Notes::none();
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and are black"));
         }
-        Ok((Out { image: Arc::new(Images(views)) }, notes))
+        Ok((Out { image: Arc::new(Images(views)), error: Arc::new(Images(errors)) }, notes))
     }
 }
 
@@ -163,7 +205,7 @@ fn factors(picture: &Picture, port: &'static str) -> Result<Image<Linear>, NodeE
 mod tests {
     use super::*;
     use crate::testing::{context, row};
-    use crate::types::{Data, Srgb};
+    use crate::types::Srgb;
 
     fn one(picture: impl Into<Picture>) -> Arc<Images> {
         Arc::new(Images::single("v", picture))
@@ -176,6 +218,7 @@ mod tests {
             shadow: Some(one(Image::<Data>::from_samples(1, 1, 3, s.to_vec()))),
             added: None,
             front: None,
+            variance: None,
         };
         let (out, _) = Composite::run(&Composite { backdrop }, inputs, &context()).expect("runs");
         out.image.0[0].picture.samples().to_vec()
@@ -244,6 +287,7 @@ mod tests {
             shadow: data([0.5; 3]),
             added: data([0.25, 0.0, -9.0]),
             front: None,
+            variance: None,
         };
         let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
         let expected = [0.5 * 0.5 + 0.1, 0.25 * 0.5 + 0.1, 0.1];
@@ -260,6 +304,7 @@ mod tests {
                 shadow: None,
                 added: None,
                 front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.3 * f, 0.0, f]))),
+                variance: None,
             };
             let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
             out.image.0[0].picture.samples().to_vec()
@@ -271,6 +316,29 @@ mod tests {
         assert_eq!(over(0.5, 1.0), [0.25, 0.25 + 0.15, 0.25]);
     }
 
+    // Half covered: half of the background's share of the error of the ratio, beside that of the object, of which
+    // a quarter lies behind something.
+    #[test]
+    fn the_error_is_that_of_the_ratio_and_of_the_object() {
+        let data = |v: Vec<f32>| one(Image::<Data>::from_samples(1, 1, v.len(), v));
+        let inputs = |variance| In {
+            background: one(rgb([0.8; 3])),
+            object: one(Image::<Linear>::from_samples(1, 1, 4, vec![0.1, 0.1, 0.1, 0.5])),
+            shadow: Some(data(vec![0.5; 3])),
+            added: None,
+            front: Some(one(Image::<Linear>::from_samples(1, 1, 4, vec![0.0, 0.0, 0.0, 0.25]))),
+            variance,
+        };
+        let run = |variance| Composite::run(&Composite { backdrop: None }, inputs(variance), &context());
+        let error = |variance| run(variance).expect("runs").0.error.0[0].picture.samples()[0];
+        let told = data(vec![9.0, 9.0, 0.04, 0.09]);
+        let expected = (0.12_f32 * 0.12 + 0.15 * 0.15).sqrt();
+        assert!((error(Some(told)) - expected).abs() < 1e-6);
+        assert_eq!(error(None), 0.0);
+        let wrong = run(Some(data(vec![0.0; 3]))).err().expect("channels");
+        assert!(wrong.message().contains("3 channels"), "{wrong}");
+    }
+
     #[test]
     fn views_of_another_size_are_refused() {
         let inputs = In {
@@ -279,6 +347,7 @@ mod tests {
             shadow: None,
             added: None,
             front: None,
+            variance: None,
         };
         let error = Composite::run(&Composite { backdrop: None }, inputs, &context()).err().expect("sizes");
         assert!(error.message().contains("1x1"), "{error}");
