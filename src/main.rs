@@ -1,5 +1,6 @@
 //! `lightharmony`: inserts 3D objects into captured Gaussian splat scenes with light and shadow that match.
 
+mod budget;
 mod causes;
 mod commands;
 mod origin;

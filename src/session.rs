@@ -77,6 +77,14 @@ pub enum Error {
     /// A file that a graph reads cannot be read.
     #[error("{0}")]
     Sources(engine::NodeError),
+    /// An error or a time for a graph that takes no samples.
+    #[error("no node of this graph takes samples that an error or a time could bound; `path-trace` does")]
+    NoSamples,
+    /// A time for what was never timed.
+    #[error(
+        "how long `{node}` takes is not known: no {kind} has run with this cache; run the graph once, with --preset draft say"
+    )]
+    NoForecast { node: String, kind: &'static str },
     /// A graph that is not what its lock says.
     #[error("the graph is not what its lock says:\n{}\n`lightharmony lock` writes a new one", .0.join("\n"))]
     Locked(Vec<String>),

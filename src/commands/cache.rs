@@ -220,7 +220,7 @@ impl Copy {
 }
 
 /// A time with its unit.
-fn time(text: &str) -> Result<Duration, Error> {
+pub fn time(text: &str) -> Result<Duration, Error> {
     let wrong = || Error::Time(text.to_owned());
     let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
     let unit = match &text[digits.len()..] {

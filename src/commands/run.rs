@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use engine::{Event, RunOptions};
+use engine::{Engine, Event, RunOptions};
+use serde_json::json;
 
 use super::lock;
+use crate::budget;
 use crate::report::{self, Report};
-use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::session::{EngineArgs, Error, GraphArgs, Loaded, on_interrupt};
 use crate::trace::Trace;
 
 /// Runs a graph: computes what is not known and writes the files of its sinks.
@@ -20,6 +22,14 @@ pub struct Run {
     /// Folder that sinks write to
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
+    /// Take samples until the standard error of the shadow and of the object is this, 0.01 say, at most as many as the
+    /// graph says: sets `max_error` of every node that has one
+    #[arg(long, value_name = "ERROR", conflicts_with = "time")]
+    max_error: Option<f64>,
+    /// Take as many samples, at most as many as the graph says, as there is time for by the forecast, such as 10s or
+    /// 5m; the number is told and fixed before the run
+    #[arg(long, value_name = "TIME")]
+    time: Option<String>,
     /// Refuse inputs and kinds that are not those of the graph's lock, and fail where results are not
     #[arg(long)]
     locked: bool,
@@ -37,7 +47,14 @@ pub struct Run {
 impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
-        let (loaded, engine) = self.graph.load_with(&self.engine)?;
+        let seconds = self.time.as_deref().map(super::cache::time).transpose()?;
+        let (mut loaded, engine) = self.graph.load_with(&self.engine)?;
+        if let Some(error) = self.max_error {
+            loaded = budget::to_error(loaded, error)?;
+        }
+        if let Some(seconds) = seconds {
+            loaded = self.in_time(loaded, &engine, seconds.as_secs_f64())?;
+        }
         let (graph, only) = (&loaded.graph, &loaded.only);
         let locked = self.locked.then(|| lock::read(&loaded)).transpose()?;
         if let Some(lock) = &locked {
@@ -88,5 +105,22 @@ impl Run {
         // The process ends: to take a large graph apart, piece by piece, would only take time.
         std::mem::forget(loaded.graph);
         Ok(outcome.totals.exit_code())
+    }
+
+    /// The graph with the samples that there is time for, which are told.
+    fn in_time(&self, loaded: Loaded, engine: &Engine, seconds: f64) -> Result<Loaded, Error> {
+        let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
+        if self.json {
+            let told = json!({"event": "chosen", "settings": chosen, "forecast": forecast, "time": seconds});
+            report::json_line(&told);
+            return Ok(loaded);
+        }
+        let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
+        let text = report::forecast_text(&forecast);
+        report::remark(&format!("{}: {text}", settings.join(" ")));
+        if forecast.seconds > seconds {
+            report::remark("even the fewest samples are forecast to take longer than that");
+        }
+        Ok(loaded)
     }
 }

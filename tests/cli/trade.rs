@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::{INSERT, Place};
+use crate::{INSERT, Place, Told};
 
 #[test]
 fn knobs_tell_what_they_reach_and_presets_set_them() {
@@ -23,6 +23,41 @@ fn knobs_tell_what_they_reach_and_presets_set_them() {
     let text = String::from_utf8(text).unwrap();
     let line = text.lines().find(|line| line.starts_with("trace.samples ")).unwrap();
     assert_eq!(line.split_whitespace().nth(2), Some("16"), "{text}");
+}
+
+/// An error is laid over what takes samples until one is reached; a run that misses it is degraded.
+#[test]
+fn a_run_is_given_an_error() {
+    let place = Place::new(INSERT);
+    let notes = |told: &Told| -> Vec<String> {
+        let trace = told.events.iter().find(|e| e["event"] == "node" && e["id"] == "trace").unwrap();
+        trace["notes"].as_array().unwrap().iter().map(|n| n["id"].as_str().unwrap().to_owned()).collect()
+    };
+    let told = place.run(&["--max-error", "1.0"]);
+    assert_eq!(told.code, 0, "{}", told.errors);
+    assert!(notes(&told).iter().any(|id| id == "sample-plan"));
+    let short = place.run(&["--max-error", "1e-6"]);
+    assert_eq!(short.code, 3, "{}", short.errors);
+    assert!(notes(&short).iter().any(|id| id == "error-not-reached"));
+    assert_eq!(place.run(&["--max-error", "7"]).code, 2);
+    let without = Place::new(r#"Graph(version: 1, scene: (up: "+z"), nodes: (demo: DemoScene()))"#);
+    let told = without.run(&["--max-error", "0.1"]);
+    assert!(told.code == 2 && told.events[0]["message"].as_str().unwrap().contains("takes samples"));
+}
+
+/// A time becomes a number of samples before the run, by what runs of the kind took.
+#[test]
+fn a_run_is_given_a_time() {
+    let place = Place::new(&INSERT.replace("samples: 4", "samples: 16"));
+    let unknown = place.run(&["--time", "10s"]);
+    assert!(unknown.code == 2 && unknown.events[0]["message"].as_str().unwrap().contains("not known"));
+    assert_eq!(place.run(&[]).code, 0);
+    for (time, yaw, samples) in [("9d", "50", "trace.samples=16"), ("0s", "70", "trace.samples=4")] {
+        let told = place.run(&["--time", time, "--set", &format!("pose.yaw_deg={yaw}")]);
+        let chosen = told.events.iter().find(|event| event["event"] == "chosen").unwrap();
+        assert_eq!((told.code, &chosen["settings"]), (0, &serde_json::json!([samples])), "{}", told.errors);
+    }
+    assert_eq!(place.run(&["--time", "soon"]).code, 2);
 }
 
 #[test]
