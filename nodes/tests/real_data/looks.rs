@@ -56,6 +56,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
     };
     let params = PathTrace {
         samples,
+        max_error: None,
         max_bounces: 12,
         env_block: EnvBlock::Solid,
         bounce: Bounce::Solid,
