@@ -6,7 +6,9 @@ use engine::{Context, InputFile, Kind, Scene, Up};
 use fearless_simd::Level;
 use glam::{DMat3, DMat4, DVec3};
 use nodes::load_splats::{self, LoadSplats};
-use nodes::splat::{Around, Bounds, Precision, Rendered, Settings, panorama, render, render_at};
+use nodes::splat::{
+    Around, Blocks, Bounds, Precision, Rendered, Settings, panorama, render, render_at, render_with,
+};
 use nodes::types::{Camera, Splats};
 
 use super::data;
@@ -183,6 +185,26 @@ fn panoramas_of_a_capture_are_exact() {
     println!("panorama, F32 against F64: {psnr:.1} dB, largest {largest:.1e}, {:?}", fast.work);
     // As for cameras: 90 dB against the same constants in f64.
     assert!(psnr >= 90.0, "{psnr:.1} dB");
+}
+
+// Captures are stored along a curve through space, so that blocks of them are small: around a point most are not
+// looked at, and no bit tells.
+#[test]
+fn what_no_view_shows_is_not_looked_at() {
+    let garden = load("splats/garden_sog/2_0/meta.json", &["splats/garden_sog/2_1/meta.json"]);
+    let (view, cx) = (references().remove(0), context());
+    let blocks = Blocks::of(&garden, &cx).unwrap();
+    let mut skipped = 0;
+    for turn in [0.0, 1.3, 2.6, 3.9, 5.2] {
+        let placed = DMat4::from_cols_array(&view.camera.world_from_camera) * DMat4::from_rotation_y(turn);
+        let camera = Camera { world_from_camera: placed.to_cols_array(), ..view.camera.clone() };
+        let draw = |blocks| render_with(&garden, blocks, &camera, None, &Settings::default(), &cx).unwrap();
+        let (with, without) = (draw(Some(&blocks)), draw(None));
+        assert!(with.rgba == without.rgba && with.depth == without.depth);
+        assert_eq!(with.work.skipped + with.work.visited, garden.len() as u64);
+        skipped += with.work.skipped;
+    }
+    assert!(skipped * 2 > 5 * garden.len() as u64, "{skipped}");
 }
 
 #[test]
