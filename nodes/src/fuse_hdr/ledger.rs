@@ -18,10 +18,10 @@ const LARGEST_COMPENSATION: f64 = 8.0;
 
 /// Connected regions of pixels that fusion made brighter.
 pub(super) struct Lights {
-    members: Vec<Vec<usize>>,
+    pub members: Vec<Vec<usize>>,
 }
 
-fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
+pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
     f64::from(luminance(pixels.rgb[at]))
 }
 

@@ -10,6 +10,7 @@ use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::num;
 use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report};
 
+mod feather;
 mod ledger;
 
 engine::choices! {
@@ -33,6 +34,17 @@ engine::choices! {
     }
 }
 
+engine::choices! {
+    /// Where the colour of recovered light comes from.
+    pub enum Hue {
+        /// The panorama, as in the paper; where all channels are clipped that is white.
+        Base,
+        /// The brightest exposure that is not clipped there, as far as the panorama is; where there is none, the
+        /// panorama.
+        Exposures,
+    }
+}
+
 engine::params! {
     /// Fuses a panorama and its predicted exposures into an environment of light.
     /// Where the panorama is clipped the predicted light takes its place, with the panorama's own hue;
@@ -47,6 +59,10 @@ engine::params! {
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
         /// Whether the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
+        /// Where the colour of recovered light comes from.
+        hue: Hue = Hue::Base, other("Exposures");
+        /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without.
+        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("2.0");
     }
 }
 
@@ -114,9 +130,23 @@ impl Kind for FuseHdr {
         if params.gain == Gain::Direct && params.blend == Blend::Ramp {
             lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
         }
+        if params.feather_deg > 0.0 {
+            lights.feather(params.feather_deg, &pixels, &mut fused, cx)?;
+        }
         let mut image = Image::<Linear>::new(width, height, 3);
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
             to.copy_from_slice(&apply(*rgb, fused.luminance));
+        }
+        if params.hue == Hue::Exposures {
+            let coloured = cx.for_each_tile(height, |y| {
+                let row = &image.samples[3 * y * width..][..3 * width];
+                let colour = |x: usize| {
+                    let at = y * width + x;
+                    recolour(params, &brackets, pixels.rgb[at], [0, 1, 2].map(|c| row[3 * x + c]), at)
+                };
+                (0..width).flat_map(colour).collect::<Vec<f32>>()
+            })?;
+            image.samples = coloured.concat();
         }
         let saturated = fused.iter().filter(|fused| fused.saturated).count() as u64;
         if saturated > 0 {
@@ -197,13 +227,18 @@ fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32
     (linear, Fused { luminance: scaled, source: i, saturated: i == 0 && max3(linear) >= 0.999 })
 }
 
+/// How far a picture is clipped, by its brightest channel: 0 at the threshold, 1 at white.
+fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
+    ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
+}
+
 /// One step of the merge: keeps the darker estimate where the brighter picture is clipped.
 fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused) -> Fused {
     match params.blend {
         Blend::Hard if luminance(brighter) > params.threshold => darker,
         Blend::Hard => own,
         Blend::Ramp => {
-            let ramp = ((max3(brighter) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0);
+            let ramp = ramp(params, brighter);
             if ramp == 0.0 || darker.luminance <= own.luminance {
                 return own;
             }
@@ -224,6 +259,28 @@ fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
         return rgb;
     }
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
+}
+
+/// The colour of the brightest exposure that is not clipped at a pixel, at the luminance of `fused`, mixed in as far
+/// as the panorama is clipped. The brightest, since its codes are the least coarse.
+fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
+    let clipped = match params.blend {
+        Blend::Hard if luminance(base) > params.threshold => 1.0,
+        Blend::Hard => 0.0,
+        Blend::Ramp => ramp(params, base),
+    };
+    if clipped == 0.0 {
+        return fused;
+    }
+    let seen = (0..brackets.evs.len()).rev().map(|i| exposure(params, brackets, i, at).0);
+    let Some(colour) = seen.into_iter().find(|rgb| max3(*rgb) <= params.threshold) else { return fused };
+    let (own, wanted) = (f64::from(luminance(colour)), f64::from(luminance(fused)));
+    if own <= 0.0 {
+        return fused;
+    }
+    let m = f64::from(clipped);
+    let mixed = |c: usize| f64::from(fused[c]) * (1.0 - m) + f64::from(colour[c]) * (wanted / own) * m;
+    [0, 1, 2].map(|c| mixed(c).min(f64::from(f32::MAX)) as f32)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, Scene, Up};
 use glam::DVec3;
-use nodes::fuse_hdr::{self, Blend, FuseHdr, Gain};
+use nodes::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
 use nodes::light::linear::Transfer;
 use nodes::predict_exposure::{self, Method, PredictExposure};
 use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
@@ -41,7 +41,14 @@ fn the_sun_of_the_bench_case_is_the_strongest_light() {
     let params = PredictExposure { evs: vec![-6.0, -3.0], method: Method::Region };
     let inputs = predict_exposure::In { pano: base.clone() };
     let (predicted, _) = PredictExposure::run(&params, inputs, &cx()).unwrap();
-    let params = FuseHdr { threshold: 0.9, blend: Blend::Ramp, transfer: Transfer::Srgb, gain: Gain::Direct };
+    let params = FuseHdr {
+        threshold: 0.9,
+        blend: Blend::Ramp,
+        transfer: Transfer::Srgb,
+        gain: Gain::Direct,
+        hue: Hue::Base,
+        feather_deg: 0.0,
+    };
     let inputs = fuse_hdr::In { base, brackets: predicted.brackets };
     let (fused, _) = FuseHdr::run(&params, inputs, &cx()).unwrap();
     let first = &fused.report.tables[0].rows[0];
@@ -63,8 +70,14 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
         exposures,
         report: nodes::types::Report::default(),
     };
-    let params =
-        FuseHdr { threshold: 0.9, blend: Blend::Ramp, transfer: Transfer::Srgb, gain: Gain::Brackets };
+    let params = FuseHdr {
+        threshold: 0.9,
+        blend: Blend::Ramp,
+        transfer: Transfer::Srgb,
+        gain: Gain::Brackets,
+        hue: Hue::Base,
+        feather_deg: 0.0,
+    };
     let inputs = fuse_hdr::In { base: pano(), brackets: Arc::new(brackets) };
     let (fused, notes) = FuseHdr::run(&params, inputs, &cx()).unwrap();
     assert!(notes.iter().any(|note| note.id == "saturated-at-darkest"));
