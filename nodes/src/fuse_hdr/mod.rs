@@ -60,9 +60,9 @@ engine::params! {
         /// Whether the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
         /// Where the colour of recovered light comes from.
-        hue: Hue = Hue::Base, other("Exposures");
+        hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
         /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without.
-        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("2.0");
+        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
     }
 }
 
