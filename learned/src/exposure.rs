@@ -1,9 +1,7 @@
-//! Training of the exposure network: how much light clipping hides in a panorama, and where.
+//! Training of the exposure network: where in a panorama the light is that clipping hides.
 //!
-//! Two small networks read numbers about a photographed panorama. One gives the amount: log2 of hidden over
-//! visible flux. Light that a place receives leaves it again, so what is visible tells much of what is hidden,
-//! whatever the size of the lamp. The other scores each clipped cell, and the exponentials of the scores are a
-//! distribution of that amount. A distribution is not timid: all light may be in one cell.
+//! How much it is in all is fitted before. A small network scores each clipped cell, and the exponentials of the
+//! scores are a distribution of that amount. A distribution is not timid: all light may be in one cell.
 
 use candle_core::{D, Device, Result, Tensor, Var};
 
@@ -27,7 +25,7 @@ pub struct Examples {
     /// The same for the other cells.
     pub far: Vec<f32>,
     /// Of each panorama: visible flux, on the plane from near the light, on it from elsewhere; the same three
-    /// of the truth; visible flux that is not clipped; hidden flux.
+    /// of the truth; hidden flux; hidden flux as the amount that was fitted has it.
     pub fluxes: Vec<[f32; 8]>,
     /// How much each counts.
     pub weight: Vec<f32>,
@@ -36,35 +34,32 @@ pub struct Examples {
 /// What is chosen about training. The values are those of the shipped weights.
 #[derive(Debug, Clone)]
 pub struct Recipe {
-    /// Hidden units of the amount and of the score.
-    pub units: [usize; 2],
+    /// Hidden units of the score.
+    pub units: usize,
     /// Steps of gradient descent (Adam).
     pub steps: usize,
     /// Examples of a step.
     pub batch: usize,
     /// Rate of the first steps; it falls to 0.
     pub rate: f64,
-    /// Weight of contrast in the loss, against 1 for the flux.
+    /// Weight of contrast in the loss.
     pub contrast: f64,
     /// Weight of the cross-entropy of the distribution.
     pub place: f64,
-    /// Weight of the amount itself.
-    pub amount: f64,
-    /// Penalty of squared weights: of the amount, of the affine score, of the network's score.
-    pub decay: [f64; 3],
+    /// Penalty of squared weights: of the affine score, of the network's score.
+    pub decay: [f64; 2],
 }
 
 impl Default for Recipe {
     fn default() -> Self {
         Self {
-            units: [6, 12],
+            units: 12,
             steps: 200,
             batch: 48,
             rate: 0.02,
             contrast: 0.3,
             place: 2.5,
-            amount: 0.1,
-            decay: [0.05, 0.005, 0.003],
+            decay: [0.005, 0.003],
         }
     }
 }
@@ -117,11 +112,6 @@ pub struct Network {
 }
 
 struct Weights {
-    amount: Var,
-    amount_units: Var,
-    amount_unit_bias: Var,
-    amount_out: Var,
-    amount_bias: Var,
     linear: Var,
     cell: Var,
     overview: Var,
@@ -158,7 +148,7 @@ fn unit(x: &Tensor) -> Result<Tensor> {
 }
 
 impl Weights {
-    fn new(columns: (usize, usize), units: [usize; 2], bias: f64, random: &mut Random) -> Result<Self> {
+    fn new(columns: (usize, usize), units: usize, random: &mut Random) -> Result<Self> {
         let (overview, cell) = columns;
         let mut var = |rows: usize, columns: usize, size: f64| {
             // Even numbers of the same variance as normal ones of spread `size`.
@@ -167,16 +157,11 @@ impl Weights {
             Var::from_vec(values, (rows, columns), &Device::Cpu)
         };
         Ok(Self {
-            amount: var(overview, 1, 0.0)?,
-            amount_units: var(overview, units[0], 1.0 / (overview as f64).sqrt())?,
-            amount_unit_bias: var(1, units[0], 0.0)?,
-            amount_out: var(units[0], 1, 0.1 / (units[0] as f64).sqrt())?,
-            amount_bias: Var::from_vec(vec![bias as f32], 1, &Device::Cpu)?,
             linear: var(cell, 1, 0.0)?,
-            cell: var(cell, units[1], 1.0 / (cell as f64).sqrt())?,
-            overview: var(overview, units[1], 0.3 / (overview as f64).sqrt())?,
-            bias: var(1, units[1], 0.0)?,
-            out: var(units[1], 1, 0.3 / (units[1] as f64).sqrt())?,
+            cell: var(cell, units, 1.0 / (cell as f64).sqrt())?,
+            overview: var(overview, units, 0.3 / (overview as f64).sqrt())?,
+            bias: var(1, units, 0.0)?,
+            out: var(units, 1, 0.3 / (units as f64).sqrt())?,
         })
     }
 
@@ -192,42 +177,22 @@ impl Weights {
             let tensor = Tensor::from_vec(values.clone(), (columns, rows), &Device::Cpu)?;
             Var::from_tensor(&tensor.t()?.contiguous()?)
         };
-        let row = |k: usize| Var::from_tensor(&var(k)?.t()?.contiguous()?);
         Ok(Self {
-            amount: var(0)?,
-            amount_units: var(1)?,
-            amount_unit_bias: row(2)?,
-            amount_out: var(3)?,
-            amount_bias: Var::from_tensor(&var(4)?.flatten_all()?)?,
-            linear: var(5)?,
-            cell: var(6)?,
-            overview: var(7)?,
-            bias: row(8)?,
-            out: var(9)?,
+            linear: var(0)?,
+            cell: var(1)?,
+            overview: var(2)?,
+            bias: Var::from_tensor(&var(3)?.t()?.contiguous()?)?,
+            out: var(4)?,
         })
     }
 
-    fn vars(&self) -> [&Var; 10] {
-        [
-            &self.amount,
-            &self.amount_units,
-            &self.amount_unit_bias,
-            &self.amount_out,
-            &self.amount_bias,
-            &self.linear,
-            &self.cell,
-            &self.overview,
-            &self.bias,
-            &self.out,
-        ]
+    fn vars(&self) -> [&Var; 5] {
+        [&self.linear, &self.cell, &self.overview, &self.bias, &self.out]
     }
 
-    /// The amount of each panorama, and the log of the share of each cell.
-    fn forward(&self, overview: &Tensor, features: &Tensor, log_flux: &Tensor) -> Result<(Tensor, Tensor)> {
+    /// The log of the share of each cell.
+    fn forward(&self, overview: &Tensor, features: &Tensor, log_flux: &Tensor) -> Result<Tensor> {
         let (n, cells, columns) = features.dims3()?;
-        let bent = unit(&overview.matmul(&self.amount_units)?.broadcast_add(&self.amount_unit_bias)?)?;
-        let amount = (overview.matmul(&self.amount)? + bent.matmul(&self.amount_out)?)?;
-        let amount = amount.squeeze(1)?.broadcast_add(&self.amount_bias)?;
         let flat = features.reshape((n * cells, columns))?;
         let about = overview.matmul(&self.overview)?.broadcast_add(&self.bias)?.unsqueeze(1)?;
         let units = self.out.dim(0)?;
@@ -238,7 +203,7 @@ impl Weights {
         let largest = score.max_keepdim(D::Minus1)?.detach();
         let score = score.broadcast_sub(&largest)?;
         let total = score.exp()?.sum_keepdim(D::Minus1)?.log()?;
-        Ok((amount, score.broadcast_sub(&total)?))
+        score.broadcast_sub(&total)
     }
 }
 
@@ -293,13 +258,11 @@ impl Batch {
     }
 
     fn loss(&self, weights: &Weights, recipe: &Recipe) -> Result<Tensor> {
-        let (amount, log_share) = weights.forward(&self.overview, &self.features, &self.log_flux)?;
+        let log_share = weights.forward(&self.overview, &self.features, &self.log_flux)?;
         let share = log_share.exp()?;
-        let [all, near, far, true_all, true_near, true_far, open, hidden] = &self.fluxes;
-        let predicted = (open * (amount.clamp(-8.0, 8.0)? * std::f64::consts::LN_2)?.exp()?)?;
-        let flux = log2(&((all + &predicted)? / true_all)?)?;
+        let [_, near, far, true_all, true_near, true_far, hidden, predicted] = &self.fluxes;
         let on_plane = |own: &Tensor, toward: &Tensor| -> Result<Tensor> {
-            own + (&predicted * (&share * toward)?.sum(D::Minus1)?)?
+            own + (predicted * (&share * toward)?.sum(D::Minus1)?)?
         };
         let (near, far) = (on_plane(near, &self.near)?, on_plane(far, &self.far)?);
         let ratio = |near: &Tensor, far: &Tensor| log2(&((near + 1e-4)? / (far + 1e-9)?)?);
@@ -308,19 +271,13 @@ impl Batch {
         let total = (self.hidden.sum(D::Minus1)? + 1e-12)?;
         let place = ((&self.hidden * &log_share)?.sum(D::Minus1)?.neg()? / total)?;
         let place = (place * (hidden / true_all)?)?;
-        let wanted = log2(&(hidden / open)?.clamp(0.02, 1e9)?)?;
-        let loss = (magnitude(&flux)? + (magnitude(&contrast)? * recipe.contrast)?)?;
-        let loss = (loss + (place * recipe.place)?)?;
-        let loss = (loss + (magnitude(&(amount - wanted)?)? * recipe.amount)?)?;
+        let loss = ((magnitude(&contrast)? * recipe.contrast)? + (place * recipe.place)?)?;
         let loss = ((loss * &self.weight)?.sum_all()? / self.weight.sum_all()?)?;
         let square = |var: &Var| var.sqr()?.sum_all();
         let inner = (square(&weights.cell)? + (square(&weights.overview)? * 2.0)?)?;
         let inner = (inner + square(&weights.out)?)?;
-        let amount = (square(&weights.amount)? + square(&weights.amount_units)?)?;
-        let amount = (amount + square(&weights.amount_out)?)?;
-        let loss = (loss + (amount * recipe.decay[0])?)?;
-        let loss = (loss + (square(&weights.linear)? * recipe.decay[1])?)?;
-        loss + (inner * recipe.decay[2])?
+        let loss = (loss + (square(&weights.linear)? * recipe.decay[0])?)?;
+        loss + (inner * recipe.decay[1])?
     }
 }
 
@@ -363,12 +320,7 @@ pub fn train(
         examples.features.len() / (examples.count * examples.cells).max(1),
     );
     let mut random = Random(seed);
-    let log2_ratio =
-        |i: &usize| f64::from(examples.fluxes[*i][7] / examples.fluxes[*i][6].max(1e-12)).max(0.02);
-    let mean: f64 = chosen.iter().map(log2_ratio).sum::<f64>() / chosen.len().max(1) as f64;
-    let bias = f64::from(Tensor::new(mean as f32, &Device::Cpu)?.log()?.to_scalar::<f32>()?)
-        * std::f64::consts::LOG2_E;
-    let weights = Weights::new(columns, recipe.units, bias.clamp(-2.0, 4.0), &mut random)?;
+    let weights = Weights::new(columns, recipe.units, &mut random)?;
     let vars = weights.vars();
     let zeros = || vars.iter().map(|var| var.zeros_like()).collect::<Result<Vec<_>>>();
     let mut adam = Adam { first: zeros()?, second: zeros()? };
@@ -386,36 +338,25 @@ pub fn train(
     let flat = |var: &Var| var.flatten_all()?.to_vec1::<f32>();
     let transposed = |var: &Var| var.t()?.contiguous()?.flatten_all()?.to_vec1::<f32>();
     let tensors = vec![
-        ("amount.linear", vec![columns.0], flat(&weights.amount)?),
-        ("amount.units", vec![recipe.units[0], columns.0], transposed(&weights.amount_units)?),
-        ("amount.unit_bias", vec![recipe.units[0]], flat(&weights.amount_unit_bias)?),
-        ("amount.out", vec![recipe.units[0]], flat(&weights.amount_out)?),
-        ("amount.bias", vec![1], flat(&weights.amount_bias)?),
         ("score.linear", vec![columns.1], flat(&weights.linear)?),
-        ("score.cell", vec![recipe.units[1], columns.1], transposed(&weights.cell)?),
-        ("score.overview", vec![recipe.units[1], columns.0], transposed(&weights.overview)?),
-        ("score.bias", vec![recipe.units[1]], flat(&weights.bias)?),
-        ("score.out", vec![recipe.units[1]], flat(&weights.out)?),
+        ("score.cell", vec![recipe.units, columns.1], transposed(&weights.cell)?),
+        ("score.overview", vec![recipe.units, columns.0], transposed(&weights.overview)?),
+        ("score.bias", vec![recipe.units], flat(&weights.bias)?),
+        ("score.out", vec![recipe.units], flat(&weights.out)?),
     ];
     Ok(Some(Network { tensors }))
 }
 
-/// What a network says of one panorama, whose numbers are scaled: log2 of hidden over visible flux, and the
-/// share of each cell.
-pub fn predict(
-    network: &Network,
-    overview: &[f32],
-    features: &[f32],
-    log_flux: &[f32],
-) -> Result<(f32, Vec<f32>)> {
+/// The share of each cell of one panorama, whose numbers are scaled, as a network has it.
+pub fn predict(network: &Network, overview: &[f32], features: &[f32], log_flux: &[f32]) -> Result<Vec<f32>> {
     let cells = log_flux.len();
     let tensor = |values: &[f32], shape: &[usize]| Tensor::from_vec(values.to_vec(), shape, &Device::Cpu);
-    let (amount, log_share) = Weights::of(network)?.forward(
+    let log_share = Weights::of(network)?.forward(
         &tensor(overview, &[1, overview.len()])?,
         &tensor(features, &[1, cells, features.len() / cells.max(1)])?,
         &tensor(log_flux, &[1, cells])?,
     )?;
-    Ok((amount.squeeze(0)?.to_scalar()?, log_share.exp()?.squeeze(0)?.to_vec1()?))
+    log_share.exp()?.squeeze(0)?.to_vec1()
 }
 
 #[cfg(test)]

@@ -8,8 +8,8 @@ use super::kontext::Kontext;
 /// How hidden light is estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Method {
-    /// By two small networks: how much light is hidden in all, judged by what is visible, and how it is
-    /// shared out among what is clipped.
+    /// By a regression of how much light is hidden in all, judged by what is visible, and small networks
+    /// that share it out among what is clipped.
     Learned,
     /// For each connected clipped region, its mean brightness by a regression on nine numbers (its
     /// size, height, surroundings, shape).

@@ -73,7 +73,7 @@ const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const DATA: &'static [u8] = learned::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;

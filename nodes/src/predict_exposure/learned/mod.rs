@@ -2,6 +2,7 @@
 
 mod blur;
 mod net;
+mod overview;
 mod scene;
 
 use engine::{Context, NodeError, Notes};
@@ -10,10 +11,11 @@ use super::spread::Spread;
 use super::{Clipped, Found};
 use crate::num;
 
-#[cfg(feature = "learned")]
-pub(super) use self::net::LIMITS;
 pub(super) use self::net::Network;
-pub(super) use self::scene::{CELL, OVERVIEW, Scene};
+#[cfg(feature = "learned")]
+pub(super) use self::net::{AMOUNT, LIMITS};
+pub(super) use self::overview::OVERVIEW;
+pub(super) use self::scene::{CELL, Scene};
 
 /// The shipped weights: safetensors in f16, made by `train-exposure` as docs/light.md tells.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../weights/exposure.safetensors");
@@ -30,20 +32,19 @@ pub(super) struct Hidden {
 pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
     let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
     let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
-    let predictions = network.predict(&scene.overview, &features, &flux);
-    let count = predictions.len().max(1) as f64;
-    let amount = predictions.iter().map(|p| p.amount).sum::<f64>() / count;
-    let total = scene.open_flux * num::f64::exp2(amount);
+    let prediction = network.predict(&scene.overview, &features, &flux);
+    let count = prediction.shares.len().max(1) as f64;
+    let total = scene.open_flux * num::f64::exp2(prediction.amount);
     let mut cells = vec![0.0; flux.len()];
-    let mut logs = vec![Vec::with_capacity(predictions.len()); regions];
-    for prediction in &predictions {
+    let mut logs = vec![Vec::with_capacity(prediction.shares.len()); regions];
+    for shares in &prediction.shares {
         let mut of_region = vec![0.0; regions];
-        for ((sum, share), cell) in cells.iter_mut().zip(&prediction.shares).zip(&scene.cells) {
+        for ((sum, share), cell) in cells.iter_mut().zip(shares).zip(&scene.cells) {
             *sum += total * share / count;
             of_region[cell.region] += share;
         }
         for (log, share) in logs.iter_mut().zip(of_region) {
-            log.push(prediction.amount + num::f64::log2(share.max(1e-12)));
+            log.push(num::f64::log2(share.max(1e-12)));
         }
     }
     let deviation = |logs: &Vec<f64>| {

@@ -1,4 +1,4 @@
-//! The forward pass of the exposure network: the same bits everywhere, since every sum has one order.
+//! The forward pass of the exposure networks: the same bits everywhere, since every sum has one order.
 
 use crate::error::Error;
 use crate::nn::Weights;
@@ -9,21 +9,19 @@ const LEAK: f32 = 0.1;
 /// Scaled numbers are cut off at so many spreads: of the whole, and of a cell.
 pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
 /// Hidden light is at most 2^8 of what is visible, and at least 2^-8.
-const AMOUNT: f64 = 8.0;
+pub(in super::super) const AMOUNT: f64 = 8.0;
 
-/// Several networks of one shape, whose predictions are averaged.
+/// How much light is hidden, by one affine map, and several networks of one shape that say where.
 pub(in super::super) struct Network {
     /// Mean and spread of the numbers about the whole, and of those about a cell.
     scales: [(Vec<f32>, Vec<f32>); 2],
+    amount: Affine,
     members: Vec<Member>,
     /// What the disagreement of the members leaves out of the uncertainty, in stops.
     pub residual: f64,
 }
 
 struct Member {
-    amount: Affine,
-    amount_units: Vec<Affine>,
-    amount_out: Vec<f32>,
     linear: Vec<f32>,
     cell: Vec<f32>,
     overview: Vec<Affine>,
@@ -35,12 +33,12 @@ struct Affine {
     bias: f32,
 }
 
-/// What one member predicts.
+/// What is predicted of one panorama.
 pub(in super::super) struct Prediction {
     /// log2 of hidden over visible flux.
     pub amount: f64,
-    /// The share of each cell.
-    pub shares: Vec<f64>,
+    /// The share of each cell, as each member has it.
+    pub shares: Vec<Vec<f64>>,
 }
 
 fn dot(a: &[f32], b: &[f32]) -> f32 {
@@ -82,11 +80,9 @@ impl Network {
             let each = values.len() / members;
             Ok(values.chunks_exact(each).map(<[f32]>::to_vec).collect::<Vec<_>>())
         };
-        let count = weights.tensor("amount.bias")?.1.len();
-        let (amount, bias) = (rows("amount.linear", count, Some(overview))?, sized("amount.bias", count)?);
-        let units = rows("amount.units", count, Some(overview))?;
-        let unit_bias = rows("amount.unit_bias", count, None)?;
-        let amount_out = rows("amount.out", count, None)?;
+        let bias = sized("amount.bias", 1)?[0];
+        let amount = Affine { weight: sized("amount.linear", overview)?, bias };
+        let count = weights.tensor("score.out")?.0.first().copied().unwrap_or_default();
         let linear = rows("score.linear", count, Some(cell))?;
         let cells = rows("score.cell", count, Some(cell))?;
         let about = rows("score.overview", count, Some(overview))?;
@@ -98,19 +94,14 @@ impl Network {
         };
         let mut members = Vec::with_capacity(count);
         for m in 0..count {
-            let (inner, scored) = (amount_out[m].len(), out[m].len());
-            let whole = units[m].len() == inner * overview
-                && unit_bias[m].len() == inner
-                && cells[m].len() == scored * cell
-                && about[m].len() == scored * overview
-                && about_bias[m].len() == scored;
+            let units = out[m].len();
+            let whole = cells[m].len() == units * cell
+                && about[m].len() == units * overview
+                && about_bias[m].len() == units;
             if !whole {
                 return Err(Error::format(file, "its tensors have different numbers of units"));
             }
             members.push(Member {
-                amount: Affine { weight: amount[m].clone(), bias: bias[m] },
-                amount_units: affine(&units[m], &unit_bias[m]),
-                amount_out: amount_out[m].clone(),
                 linear: linear[m].clone(),
                 cell: cells[m].clone(),
                 overview: affine(&about[m], &about_bias[m]),
@@ -126,11 +117,11 @@ impl Network {
         };
         let scales = [scale("overview", overview)?, scale("cell", cell)?];
         let residual = f64::from(sized("residual", 1)?[0]);
-        Ok(Self { scales, members, residual })
+        Ok(Self { scales, amount, members, residual })
     }
 
-    /// The predictions of every member. `flux` is what each cell shows.
-    pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Vec<Prediction> {
+    /// What is hidden, and where. `flux` is what each cell shows.
+    pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Prediction {
         let scaled = |which: usize, values: &[f32]| -> Vec<f32> {
             let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
             let scaled = values.iter().zip(mean).zip(spread).map(|((v, m), s)| (v - m) / s);
@@ -138,14 +129,15 @@ impl Network {
         };
         let overview = scaled(0, overview);
         let cells: Vec<Vec<f32>> = cells.iter().map(|cell| scaled(1, cell)).collect();
-        self.members.iter().map(|member| member.predict(&overview, &cells, flux)).collect()
+        Prediction {
+            amount: f64::from(self.amount.apply(&overview)).clamp(-AMOUNT, AMOUNT),
+            shares: self.members.iter().map(|member| member.shares(&overview, &cells, flux)).collect(),
+        }
     }
 }
 
 impl Member {
-    fn predict(&self, overview: &[f32], cells: &[Vec<f32>], flux: &[f64]) -> Prediction {
-        let bent: Vec<f32> = self.amount_units.iter().map(|u| unit(u.apply(overview))).collect();
-        let amount = self.amount.apply(overview) + dot(&self.amount_out, &bent);
+    fn shares(&self, overview: &[f32], cells: &[Vec<f32>], flux: &[f64]) -> Vec<f64> {
         let about: Vec<f32> = self.overview.iter().map(|u| u.apply(overview)).collect();
         let score = |cell: &Vec<f32>| {
             let rows = self.cell.chunks_exact(cell.len());
@@ -161,10 +153,7 @@ impl Member {
             scores.iter().zip(flux).map(|(score, flux)| num::f64::exp(score - largest) * flux).collect();
         let total: f64 = weights.iter().sum();
         let share = |w: f64| if total > 0.0 { w / total } else { 0.0 };
-        Prediction {
-            amount: f64::from(amount).clamp(-AMOUNT, AMOUNT),
-            shares: weights.into_iter().map(share).collect(),
-        }
+        weights.into_iter().map(share).collect()
     }
 }
 
@@ -223,7 +212,7 @@ mod tests {
     }
 
     /// The largest weights that f16 holds overflow nothing.
-    /// Mutation: `score - largest` to `score` in `Member::predict`.
+    /// Mutation: `score - largest` to `score` in `Member::shares`.
     #[test]
     fn row_26_the_largest_weights_stay_finite() {
         let network = changed(|name, _, bytes| {
@@ -235,9 +224,10 @@ mod tests {
         .expect("is sound");
         let cells = [[1e4; CELL], [-1e4; CELL], [0.0; CELL]];
         let views: Vec<&[f32]> = cells.iter().map(|cell| cell.as_slice()).collect();
-        for prediction in network.predict(&[1e4; OVERVIEW], &views, &[1.0, 2.0, 3.0]) {
-            assert!(prediction.amount.abs() <= AMOUNT);
-            assert!((prediction.shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        let prediction = network.predict(&[1e4; OVERVIEW], &views, &[1.0, 2.0, 3.0]);
+        assert!(prediction.amount.abs() <= AMOUNT);
+        for shares in &prediction.shares {
+            assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
         }
     }
 }

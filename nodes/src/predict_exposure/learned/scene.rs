@@ -1,19 +1,18 @@
-//! What the network reads: numbers about the whole panorama, and numbers about each clipped cell.
+//! What the networks read: numbers about the whole panorama, and numbers about each clipped cell.
 
 use engine::Up;
 use glam::DVec3;
 
 use super::super::grid::Grid;
 use super::blur::Fields;
+use super::overview::OVERVIEW;
 use crate::equirect::axes;
 use crate::light::measure::luminance;
 use crate::light::regions::{self, Regions};
 use crate::num;
 
-/// Numbers about the whole panorama.
-pub(in super::super) const OVERVIEW: usize = 40;
 /// Numbers about each clipped cell.
-pub(in super::super) const CELL: usize = 35;
+pub(in super::super) const CELL: usize = 37;
 /// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
 const RADII: [usize; 4] = [2, 6, 16, 45];
 /// Cells whose brightest channel is above this count as clipped in all channels.
@@ -58,20 +57,20 @@ struct Region {
 }
 
 /// Per-cell quantities that everything below reads.
-struct View<'a> {
-    grid: &'a Grid,
-    up: Up,
+pub(super) struct View<'a> {
+    pub grid: &'a Grid,
+    pub up: Up,
     /// Of each row.
     solid_angle: Vec<f64>,
     /// Sine of the elevation of each row.
     sine: Vec<f64>,
-    rgb: Vec<[f64; 3]>,
-    luminance: Vec<f64>,
+    pub rgb: Vec<[f64; 3]>,
+    pub luminance: Vec<f64>,
     /// Solid angle where seen and not clipped, else 0.
-    open: Vec<f64>,
+    pub open: Vec<f64>,
 }
 
-fn log2(v: f64, least: f64) -> f64 {
+pub(super) fn log2(v: f64, least: f64) -> f64 {
     num::f64::log2(v.max(least))
 }
 
@@ -89,124 +88,16 @@ impl<'a> View<'a> {
         Self { grid, up, solid_angle, sine, rgb, luminance, open }
     }
 
-    fn cells(&self) -> std::ops::Range<usize> {
+    pub fn cells(&self) -> std::ops::Range<usize> {
         0..self.rgb.len()
     }
 
-    fn sine(&self, cell: usize) -> f64 {
+    pub fn sine(&self, cell: usize) -> f64 {
         self.sine[cell / self.grid.width]
     }
 
-    fn solid_angle(&self, cell: usize) -> f64 {
+    pub fn solid_angle(&self, cell: usize) -> f64 {
         self.solid_angle[cell / self.grid.width]
-    }
-
-    /// Mean of `value` by weight, 0 where there is no weight.
-    fn mean(&self, value: impl Fn(usize) -> f64, weight: impl Fn(usize) -> f64) -> f64 {
-        let (mut sum, mut total) = (0.0, 0.0);
-        for cell in self.cells() {
-            let weight = weight(cell);
-            sum += weight * value(cell);
-            total += weight;
-        }
-        sum / total.max(1e-9)
-    }
-
-    /// Quantiles of `values` by weight; ties in the order of the cells.
-    fn quantiles<const N: usize>(
-        &self,
-        values: &[f64],
-        weight: impl Fn(usize) -> f64,
-        at: [f64; N],
-    ) -> [f64; N] {
-        let mut order: Vec<usize> = self.cells().filter(|&cell| weight(cell) > 0.0).collect();
-        order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
-        let total: f64 = order.iter().map(|&cell| weight(cell)).sum();
-        let (mut sum, mut found, mut next) = (0.0, [0.0; N], 0);
-        for &cell in &order {
-            sum += weight(cell);
-            while next < N && sum >= at[next] * total {
-                found[next] = values[cell];
-                next += 1;
-            }
-        }
-        found
-    }
-
-    /// How steeply log luminance changes, in stops per cell of the horizon.
-    fn steepness(&self, log: &[f64]) -> Vec<f64> {
-        let (width, height) = (self.grid.width, self.grid.height);
-        let steepness = |cell: usize| {
-            let (x, y) = (cell % width, cell / width);
-            let row = y * width;
-            let narrow = (1.0 - self.sine[y] * self.sine[y]).sqrt().max(0.2);
-            let across = (log[row + (x + 1) % width] - log[row + (x + width - 1) % width]) / (2.0 * narrow);
-            let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
-            let steps = (below - above).max(1) as f64;
-            let down = (log[below * width + x] - log[above * width + x]) / steps;
-            (across * across + down * down).sqrt()
-        };
-        self.cells().map(steepness).collect()
-    }
-
-    /// The numbers about the whole panorama.
-    fn overview(&self, sizes: &[f64]) -> [f32; OVERVIEW] {
-        let sphere = 4.0 * std::f64::consts::PI;
-        let sky = |c: usize| if self.sine(c) > 0.05 { self.open[c] } else { 0.0 };
-        let ground = |c: usize| if self.sine(c) < -0.05 { self.open[c] } else { 0.0 };
-        let zenith = |c: usize| if self.sine(c) > 0.7 { self.open[c] } else { 0.0 };
-        let nadir = |c: usize| if self.sine(c) < -0.5 { self.open[c] } else { 0.0 };
-        let horizon = |c: usize| if self.sine(c).abs() < 0.25 { self.open[c] } else { 0.0 };
-        let all = |c: usize| self.open[c];
-        let brightness = |weight: &dyn Fn(usize) -> f64| log2(self.mean(|c| self.luminance[c], weight), 1e-4);
-        let hue = |weight: &dyn Fn(usize) -> f64| {
-            log2(self.mean(|c| self.rgb[c][2], weight), 1e-3)
-                - log2(self.mean(|c| self.rgb[c][0], weight), 1e-3)
-        };
-        let log: Vec<f64> = self.luminance.iter().map(|l| log2(*l, 2e-3)).collect();
-        let steepness = self.steepness(&log);
-        let near = regions::grow(&self.grid.clipped, self.grid.width, 2);
-        let away = |weight: f64, c: usize| if near[c] { 0.0 } else { weight };
-        let is = |yes: bool| if yes { 1.0 } else { 0.0 };
-        let blue = |c: usize| is(self.rgb[c][2] > 1.2 * self.rgb[c][0] && self.luminance[c] > 0.03);
-        let clipped = |c: usize| is(self.grid.clipped[c]);
-        let flux = |weight: &dyn Fn(usize) -> f64| -> f64 {
-            self.cells().map(|c| weight(c) * self.luminance[c]).sum()
-        };
-        let (open_flux, total) = (flux(&all), sizes.iter().sum::<f64>());
-        let mut dipole = DVec3::ZERO;
-        for c in self.cells().filter(|&c| self.open[c] > 0.0) {
-            dipole += self.grid.direction(self.up, c) * (self.luminance[c] * self.open[c]);
-        }
-        let dipole = dipole / open_flux.max(1e-6);
-        let saturation = |c: usize| {
-            let [r, g, b] = self.rgb[c];
-            let largest = r.max(g).max(b);
-            (largest - r.min(g).min(b)) / largest.max(1e-3)
-        };
-        let mut numbers = Vec::with_capacity(OVERVIEW);
-        numbers.extend([&sky as &dyn Fn(usize) -> f64, &ground, &zenith, &nadir, &horizon].map(brightness));
-        numbers.extend([&sky as &dyn Fn(usize) -> f64, &ground, &zenith, &horizon].map(hue));
-        numbers.extend(self.quantiles(&log, all, [0.05, 0.25, 0.5, 0.75, 0.95]));
-        numbers.extend(self.quantiles(&log, ground, [0.1, 0.5, 0.9]));
-        numbers.extend(self.quantiles(&log, sky, [0.1, 0.5, 0.9]));
-        numbers.extend(self.quantiles(&steepness, |c| away(ground(c), c), [0.5, 0.9, 0.98]));
-        numbers.extend(self.quantiles(&steepness, |c| away(sky(c), c), [0.5, 0.9, 0.98]));
-        numbers.push(self.mean(blue, |c| if self.sine(c) > 0.05 { self.solid_angle(c) } else { 0.0 }));
-        numbers.push(self.mean(blue, all));
-        numbers.push(self.mean(clipped, |c| if self.sine(c) > 0.0 { self.solid_angle(c) } else { 0.0 }));
-        numbers.push(self.mean(clipped, |c| if self.sine(c) > 0.0 { 0.0 } else { self.solid_angle(c) }));
-        numbers.push(dipole.dot(axes(self.up)[2]));
-        numbers.push(dipole.length());
-        numbers.push(num::f64::log2(1.0 + sizes.len() as f64));
-        numbers.push(sizes.iter().fold(0.0, |a: f64, b| a.max(*b)) / total.max(1e-9));
-        numbers.push(self.mean(saturation, all));
-        numbers.push(self.mean(|c| is(self.luminance[c] < 0.02), all));
-        numbers.push(self.mean(|c| is(self.luminance[c] > 0.5), all));
-        numbers.push(log2(total / sphere, 1e-4));
-        numbers.push(log2(open_flux / sphere, 1e-4));
-        numbers.push(log2(flux(&|c| self.solid_angle(c)) / sphere, 1e-4));
-        std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 
     /// Neighbourhoods of every cell at each radius: share that is clipped, log2 mean of what is not, its
@@ -281,6 +172,11 @@ impl<'a> View<'a> {
         for radius in around {
             numbers.extend(radius[c]);
         }
+        // What faces a light across the eye is lit by it, and a floor mirrors it: how bright that is.
+        let (width, last) = (self.grid.width, self.grid.height - 1);
+        let below = (last - c / width) * width + c % width;
+        let opposite = below - c % width + (c % width + width / 2) % width;
+        numbers.extend([around[3][opposite][1], around[1][below][1]]);
         let (sine, [r, g, b]) = (self.sine(c), self.rgb[c]);
         let angle = self.angle(c, region.centre);
         numbers.extend([log2(depth, 1.0), r.min(g).min(b), sine, sine * sine, sine.abs()]);

@@ -3,7 +3,8 @@
 use engine::Digest;
 use learned::exposure::{Examples, Scale};
 
-use super::super::learned::{CELL, LIMITS, OVERVIEW};
+use super::super::learned::{AMOUNT, CELL, LIMITS, OVERVIEW};
+use super::amount::{Amount, Sample};
 use super::procedural;
 use super::truth::{Example, Shot, Truth};
 use super::{Plan, Progress, place};
@@ -28,6 +29,8 @@ pub(super) struct Course {
     held: Vec<(String, usize, Example)>,
     /// The place of each example; `None` for what is made by formula.
     places: Vec<Option<usize>>,
+    /// Visible flux of each example that is not clipped.
+    open: Vec<f64>,
     raw: Examples,
 }
 
@@ -58,6 +61,7 @@ impl Course {
         let mut course = Self {
             held: Vec::new(),
             places: Vec::new(),
+            open: Vec::new(),
             raw: Examples {
                 count: 0,
                 cells: CELLS,
@@ -138,11 +142,10 @@ impl Course {
         for values in [&mut raw.hidden, &mut raw.near, &mut raw.far] {
             values.resize(cells, 0.0);
         }
-        let sums = [example.visible, example.truth].concat();
-        let hidden: f64 = example.hidden.iter().sum();
-        let fluxes: [f64; 8] =
-            std::array::from_fn(|k| [sums.as_slice(), &[example.scene.open_flux, hidden]].concat()[k]);
-        raw.fluxes.push(fluxes.map(|v| v as f32));
+        let ([a, b, c], [d, e, f]) = (example.visible, example.truth);
+        let hidden = example.hidden.iter().sum();
+        raw.fluxes.push([a, b, c, d, e, f, hidden, 0.0].map(|v| v as f32));
+        self.open.push(example.scene.open_flux);
         raw.weight.push(weight);
     }
 
@@ -164,7 +167,7 @@ impl Course {
     /// The examples that a network learns from: those with light to find, at all places but those of `fold`.
     pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
         let learns = |i: &usize| {
-            let [.., open, hidden] = self.raw.fluxes[*i];
+            let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
             let apart = match (fold, self.places[*i]) {
                 (Some(fold), Some(place)) => Self::fold(place, folds) != fold,
                 _ => true,
@@ -181,8 +184,20 @@ impl Course {
         [Scale::of(&self.raw.overview, OVERVIEW, among), Scale::of(&self.raw.features, CELL, real)]
     }
 
-    /// All examples with their numbers scaled.
-    pub fn scaled(&self, scales: &[Scale; 2]) -> Examples {
+    /// The amount that fits the chosen examples.
+    pub fn amount(&self, chosen: &[usize], scales: &[Scale; 2]) -> Amount {
+        let mut overview = self.raw.overview.clone();
+        scales[0].apply(&mut overview, LIMITS[0]);
+        let sample = |&i: &usize| Sample {
+            numbers: &overview[i * OVERVIEW..][..OVERVIEW],
+            amount: num::f64::log2(f64::from(self.raw.fluxes[i][6]) / self.open[i]),
+            weight: f64::from(self.raw.weight[i]),
+        };
+        Amount::fit(&chosen.iter().map(sample).collect::<Vec<_>>())
+    }
+
+    /// All examples with their numbers scaled and the hidden flux that an amount predicts.
+    pub fn scaled(&self, scales: &[Scale; 2], amount: &Amount) -> Examples {
         let raw = &self.raw;
         let mut scaled = Examples {
             overview: raw.overview.clone(),
@@ -197,6 +212,10 @@ impl Course {
         };
         scales[0].apply(&mut scaled.overview, LIMITS[0]);
         scales[1].apply(&mut scaled.features, LIMITS[1]);
+        let numbers = scaled.overview.chunks_exact(OVERVIEW);
+        for ((fluxes, numbers), open) in scaled.fluxes.iter_mut().zip(numbers).zip(&self.open) {
+            fluxes[7] = (open * num::f64::exp2(amount.of(numbers).clamp(-AMOUNT, AMOUNT))) as f32;
+        }
         scaled
     }
 

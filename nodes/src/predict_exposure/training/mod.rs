@@ -1,5 +1,6 @@
 //! Training of the learned prediction, on HDR panoramas and on ones made by formula.
 
+mod amount;
 mod examples;
 mod procedural;
 mod truth;
@@ -115,6 +116,7 @@ pub fn train(
     let mut team = |fold: Option<usize>, residual: f64| -> Result<Option<Vec<u8>>, Error> {
         let chosen = course.chosen(fold, plan.folds);
         let scales = course.scales(&chosen);
+        let amount = course.amount(&chosen, &scales);
         let mut scaled = None;
         let mut members = Vec::with_capacity(plan.members);
         for member in 0..plan.members {
@@ -125,7 +127,7 @@ pub fn train(
                 members.push(done);
                 continue;
             }
-            let examples = scaled.get_or_insert_with(|| course.scaled(&scales));
+            let examples = scaled.get_or_insert_with(|| course.scaled(&scales, &amount));
             let mut say = |step, loss| {
                 let (network, steps) = (number, plan.recipe.steps);
                 tell(Progress::Step { network, networks, step, steps, loss })
@@ -137,7 +139,7 @@ pub fn train(
             weights::write_part(&path, &network)?;
             members.push(network);
         }
-        weights::file(&scales, &members, residual as f32).map(Some)
+        weights::file(&scales, &amount, &members, residual as f32).map(Some)
     };
     let (mut scores, mut squares, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
     for fold in 0..plan.folds {

@@ -6,22 +6,13 @@ use half::f16;
 use learned::exposure::{Network, Scale};
 use safetensors::tensor::{Dtype, TensorView, serialize};
 
+use super::amount::Amount;
 use crate::error::Error;
 use crate::nn::Weights;
 
 /// Tensors of a network, in order.
-pub(super) const TENSORS: [&str; 10] = [
-    "amount.linear",
-    "amount.units",
-    "amount.unit_bias",
-    "amount.out",
-    "amount.bias",
-    "score.linear",
-    "score.cell",
-    "score.overview",
-    "score.bias",
-    "score.out",
-];
+pub(super) const TENSORS: [&str; 5] =
+    ["score.linear", "score.cell", "score.overview", "score.bias", "score.out"];
 
 fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<u8>, Error> {
     let fail = |error| Error::Mismatch(format!("cannot make a file of weights: {error}"));
@@ -33,11 +24,20 @@ fn write(tensors: &[(String, Vec<usize>, Vec<u8>)], dtype: Dtype) -> Result<Vec<
     serialize(views, None).map_err(fail)
 }
 
-/// The file of a team of networks, in f16.
-pub(super) fn file(scales: &[Scale; 2], members: &[Network], residual: f32) -> Result<Vec<u8>, Error> {
+/// The file of an amount and a team of networks, in f16.
+pub(super) fn file(
+    scales: &[Scale; 2],
+    amount: &Amount,
+    members: &[Network],
+    residual: f32,
+) -> Result<Vec<u8>, Error> {
     let halves =
         |values: &[f32]| values.iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect::<Vec<u8>>();
-    let mut tensors = vec![("residual".to_owned(), vec![1], halves(&[residual]))];
+    let mut tensors = vec![
+        ("residual".to_owned(), vec![1], halves(&[residual])),
+        ("amount.linear".to_owned(), vec![amount.weight.len()], halves(&amount.weight)),
+        ("amount.bias".to_owned(), vec![1], halves(&[amount.bias])),
+    ];
     for (name, scale) in ["overview", "cell"].into_iter().zip(scales) {
         // The smallest spread is one that f16 holds.
         let spread: Vec<f32> = scale.spread.iter().map(|v| v.max(1e-4)).collect();
@@ -46,9 +46,7 @@ pub(super) fn file(scales: &[Scale; 2], members: &[Network], residual: f32) -> R
     }
     for (k, name) in TENSORS.into_iter().enumerate() {
         let mut shape = vec![members.len()];
-        if name != "amount.bias" {
-            shape.extend(members.first().map(|m| m.tensors[k].1.clone()).unwrap_or_default());
-        }
+        shape.extend(members.first().map(|m| m.tensors[k].1.clone()).unwrap_or_default());
         let values: Vec<f32> = members.iter().flat_map(|m| m.tensors[k].2.iter().copied()).collect();
         tensors.push((name.to_owned(), shape, halves(&values)));
     }
