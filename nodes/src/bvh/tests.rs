@@ -49,7 +49,7 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 }
 
 /// Among them rays along the axes, with components 0 and -0.
-/// Mutation: `copysign(d)` dropped of the slope of a ray, in `Bvh::walk`.
+/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::walk`.
 #[test]
 fn row_44_rays_find_what_brute_force_finds() {
     for (n, size) in [(1, 1.0), (2, 1.0), (5, 0.7), (500, 0.15)] {

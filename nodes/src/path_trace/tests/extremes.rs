@@ -57,6 +57,43 @@ fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
     row(42, "change 1e4 from the receiver", (aside - plain).abs(), 0.01);
 }
 
+// A whole scene, receiver and objects and camera, moved by 1e6 or made a million times larger or smaller gives
+// the same picture, but for the samples at an edge that rounding moves across it.
+#[test]
+fn a_scene_may_lie_anywhere_and_have_any_size() {
+    let (plane, objects, rig) = shadowed();
+    let picture = |scale: f64, by: DVec3| {
+        let world = DMat4::from_translation(by) * DMat4::from_scale(DVec3::splat(scale));
+        let mut receiver = plane.clone();
+        for p in &mut receiver.positions {
+            *p = world.transform_point3(DVec3::from_array(p.map(f64::from))).as_vec3().to_array();
+        }
+        let moved = |o: &Arc<Placed>| {
+            Arc::new(Placed { object: o.object.clone(), world_from_object: world * o.world_from_object })
+        };
+        let objects: Vec<_> = objects.iter().map(moved).collect();
+        let mut camera = (*rig).clone();
+        let pose = &mut camera.cameras[0].world_from_camera;
+        for k in 0..3 {
+            pose[12 + k] = pose[12 + k] * scale + by.to_array()[k];
+        }
+        let p = params(16, EnvBlock::Solid);
+        let (out, _) = render(&p, &receiver, &objects, &Arc::new(camera), &sunny());
+        [samples(&out.without).to_vec(), samples(&out.with).to_vec(), samples(&out.object).to_vec()].concat()
+    };
+    let plain = picture(1.0, DVec3::ZERO);
+    let total: f32 = plain.iter().sum();
+    for (scale, by) in [
+        (1e-6, DVec3::ZERO),
+        (1e6, DVec3::ZERO),
+        (1.0, DVec3::new(1e6, -1e6, 1e6)),
+        (1.0 / 1_048_576.0, DVec3::ZERO),
+    ] {
+        let off: f32 = plain.iter().zip(picture(scale, by)).map(|(a, b)| (a - b).abs()).sum();
+        assert!(off < 1e-3 * total, "{scale} {by}: {off} of {total}");
+    }
+}
+
 /// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
 /// and no light leaks at gap 0.
 /// Mutation: `self.objects = false` dropped before the path without objects in `Walk::both`, or

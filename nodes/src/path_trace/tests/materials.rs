@@ -17,6 +17,37 @@ fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
     }
 }
 
+// Only what a material has is modelled: a layer of no strength, whatever else is said of it, changes no bit and
+// costs no ray.
+#[test]
+fn layers_of_no_strength_cost_nothing() {
+    use crate::types::{Anisotropy, Clearcoat, ColourMap, DiffuseTransmission, Iridescence, Sheen};
+    let (plane, _, rig) = shadowed();
+    let go = |material: Material| {
+        let cx = context();
+        let object = [ball(0.4, material, DVec3::new(0.0, 0.0, 0.4))];
+        let (out, _) = render_in(&cx, &params(8, EnvBlock::Solid), &plane, &object, &rig, &sunny());
+        (samples(&out.object).to_vec(), samples(&out.with).to_vec(), cx.counts()["rays"])
+    };
+    let plastic = Material { roughness: 0.4, ior: 1.5, ..matte(0.6) };
+    let odd = Material {
+        clearcoat: Clearcoat { strength: Map::of(0.0), roughness: Map::of(0.3), normal: None },
+        sheen: Sheen { colour: ColourMap::of(0.0), roughness: Map::of(0.7) },
+        anisotropy: Anisotropy { strength: 0.0, rotation: 1.0, texture: None },
+        iridescence: Iridescence {
+            strength: Map::of(0.0),
+            ior: 1.9,
+            thickness_nm: [300.0, 700.0],
+            thickness_texture: None,
+        },
+        diffuse_transmission: DiffuseTransmission { strength: Map::of(0.0), colour: ColourMap::of(1.0) },
+        ..plastic.clone()
+    };
+    let (bare, layered) = (go(plastic), go(odd));
+    assert_eq!(bare.2, layered.2);
+    assert!(bare == layered, "the same bytes");
+}
+
 /// Mean over the hemisphere, weighted by the cosine.
 fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     let n = 2_000;
