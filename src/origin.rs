@@ -39,7 +39,7 @@ const LARGEST: u64 = 4 << 30;
 impl Origin {
     /// Finds out what `path` is and opens it.
     pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
-        let failed = |source| Error::Read { path: path.to_owned(), source };
+        let failed = |source| Error::Read { what: "graph", path: path.to_owned(), source };
         if path == Path::new("-") {
             let mut text = String::new();
             std::io::stdin().read_to_string(&mut text).map_err(failed)?;
@@ -116,7 +116,7 @@ impl Origin {
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
     if let Some(missing) = inputs.iter().find(|folder| !folder.is_dir()) {
         let source = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such folder");
-        return Err(Error::Read { path: missing.clone(), source });
+        return Err(Error::Read { what: "graph", path: missing.clone(), source });
     }
     Ok(SourceRoot::confined(folder, inputs)?)
 }

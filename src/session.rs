@@ -13,9 +13,9 @@ use crate::origin::{Origin, OriginArgs, TempFolder};
 /// Why a verb cannot begin. Exit code 2.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The graph file cannot be read.
-    #[error("cannot read the graph `{}`: {source}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
+    /// The graph file, or one that goes with it, cannot be read.
+    #[error("cannot read the {what} `{}`: {source}", path.display())]
+    Read { what: &'static str, path: PathBuf, source: std::io::Error },
     /// The graph file has mistakes.
     #[error("{0}")]
     Graph(Diagnostics),
@@ -37,9 +37,9 @@ pub enum Error {
         folder.display()
     )]
     OpenCache { folder: PathBuf, why: String },
-    /// A file cannot be written, or the cache not be cared for.
-    #[error(transparent)]
-    Cache(#[from] cache::Error),
+    /// A file cannot be written, or the cache not be cared for: what was tried on which path, and why not.
+    #[error("{0}")]
+    Cache(String),
     /// The machine gives no home folder to keep a cache in.
     #[error("no folder for the cache is known; name one with `--cache` or LIGHTHARMONY_CACHE")]
     NoCacheFolder,
@@ -88,7 +88,10 @@ pub enum Error {
     /// A graph that is not what its lock says.
     #[error("the graph is not what its lock says:\n{}\n`lightharmony lock` writes a new one", .0.join("\n"))]
     Locked(Vec<String>),
-    /// A graph that has no lock.
+    /// A graph whose lock was not written.
+    #[error("there is no lock `{}`; `lightharmony lock` writes it", .0.display())]
+    Unlocked(PathBuf),
+    /// A graph that has no place for a lock.
     #[error("this graph has no place for a lock; name a file with --to")]
     NoLock,
     /// A lock that is none.
@@ -128,6 +131,17 @@ pub enum Error {
     /// Standard output is closed or full.
     #[error("cannot write: {0}")]
     Output(#[from] std::io::Error),
+}
+
+impl From<cache::Error> for Error {
+    fn from(error: cache::Error) -> Self {
+        Self::Cache(causes(error))
+    }
+}
+
+/// The chain of causes: what was tried on which path, and what the system said.
+fn causes(error: cache::Error) -> String {
+    engine::NodeError::from(error).to_string()
 }
 
 /// Which graph, with which values in place of those written in it.
@@ -247,7 +261,7 @@ impl GraphArgs {
             source = source.with_preset(preset, &nodes::registry());
         }
         for path in &self.overlay {
-            let failed = |source| Error::Read { path: path.clone(), source };
+            let failed = |source| Error::Read { what: "overlay", path: path.clone(), source };
             source =
                 source.overlaid(&path.display().to_string(), &std::fs::read_to_string(path).map_err(failed)?);
         }
@@ -326,11 +340,8 @@ impl EngineArgs {
         };
         let options = cache::Options { fsync, ..cache::Options::default() };
         let folder = cache_folder(self.cache.as_deref())?;
-        let store = Store::open(&folder, options).map_err(|error| {
-            // The chain of causes: what was tried on which path, and what the system said.
-            let why = engine::NodeError::from(error).to_string();
-            Error::OpenCache { folder: folder.clone(), why }
-        })?;
+        let store = Store::open(&folder, options)
+            .map_err(|error| Error::OpenCache { folder: folder.clone(), why: causes(error) })?;
         Ok(Engine::new(store, self.jobs(), memory))
     }
 

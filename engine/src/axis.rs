@@ -12,8 +12,9 @@ use ron::value::RawValue;
 use serde::Deserialize;
 
 use crate::diag::{Diagnostic, nearest, shown};
+use crate::document::RawField;
 use crate::subgraph::calls;
-use crate::syntax::{RawField, parse_value};
+use crate::value::parse_value;
 
 /// A named list of values.
 #[derive(Debug, Clone, PartialEq)]

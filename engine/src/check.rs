@@ -10,7 +10,9 @@ use crate::axis::{Axis, at_point, axes_read};
 use crate::compiled::Places;
 use crate::context::{Scene, Up};
 use crate::diag::{Code, Diagnostic, Source, shown};
+use crate::document::{Document, RawField, RawNode, RawScene};
 use crate::expand::{GATHER, Gather, Template};
+use crate::fields::Fields;
 use crate::graph::Node;
 use crate::include::{Piece, folder_of};
 use crate::kind::{KindEntry, Registry, Step};
@@ -18,7 +20,7 @@ use crate::order::Wiring;
 use crate::param::{InputFile, Role};
 use crate::root::SourceRoot;
 use crate::subgraph::{Scope, in_place, strings};
-use crate::syntax::{Document, Fields, RawField, RawNode, RawScene, twice};
+use crate::syntax::twice;
 
 /// What the `scene` block may hold.
 pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];

@@ -14,14 +14,15 @@ use cache::{Digest, FileStamp, KeyWriter, Store};
 use crate::artifact::{AnyArtifact, Corrupt, Decoder, Encoder};
 use crate::context::{Context, Scene, Up};
 use crate::diag::{Diagnostics, Source};
+use crate::document::RawField;
 use crate::error::NodeError;
+use crate::fields::Fields;
 use crate::graph::{Graph, Node, Wire};
 use crate::kind::{Cost, KindEntry, Registry, Sizes, Step, ViewCount};
 use crate::note::Notes;
 use crate::param::{InputFile, ParamValue, Role};
 use crate::port::{Arity, PortSpec, Wired};
 use crate::root::{SourceFile, SourceRoot};
-use crate::syntax::{Fields, RawField};
 
 /// Raised when the bytes change their form.
 const FORMAT: &str = "lightharmony compiled graph 3";

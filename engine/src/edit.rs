@@ -1,7 +1,7 @@
 //! Settings of the command line, as overlays of one field.
 
 use crate::diag::Source;
-use crate::syntax::parse_value;
+use crate::value::parse_value;
 
 /// One `--set node.field=value`; a node of a subgraph is written `left.pose`.
 #[derive(Debug, Clone, PartialEq, Eq)]

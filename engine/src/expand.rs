@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 use crate::axis::Axis;
 use crate::check::{Check, Field, at_each};
 use crate::diag::{Diagnostic, shown};
+use crate::document::RawNode;
 use crate::graph::{Node, Wire};
 use crate::sink::plain_name;
-use crate::syntax::RawNode;
 use crate::wires::{End, wire_names};
 
 /// A node as written, read at the first value of each axis.

@@ -8,14 +8,15 @@ use crate::check::Check;
 use crate::compiled::{LazyStep, Parts, Places};
 use crate::context::{Point, Scene};
 use crate::diag::{Code, Diagnostic, Diagnostics, Source};
+use crate::document::RawField;
 use crate::error::NodeError;
+use crate::fields::Fields;
 use crate::include::parse_all;
 use crate::kind::{KindEntry, Registry, Step, ViewCount};
 use crate::order::{describe_cycle, order_of};
 use crate::param::{InputFile, Role};
 use crate::port::Wired;
 use crate::root::SourceRoot;
-use crate::syntax::{Fields, RawField};
 
 /// One end of a wire: an output of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

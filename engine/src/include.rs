@@ -8,12 +8,14 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use crate::diag::{Code, Diagnostic, Source, shown};
+use crate::document::{Document, RawField};
 use crate::knob::PRESETS;
 use crate::overlay::Overlays;
 use crate::param::InputFile;
 use crate::root::SourceRoot;
 use crate::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
-use crate::syntax::{Document, RawField, Sort, parse_part, parse_preset, parse_setting, parse_value};
+use crate::syntax::{Sort, parse_part, parse_preset, parse_setting};
+use crate::value::parse_value;
 
 /// What a part of a joined text is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

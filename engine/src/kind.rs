@@ -6,11 +6,11 @@ use std::sync::Arc;
 use crate::artifact::AnyArtifact;
 use crate::context::{Context, ContextField};
 use crate::error::NodeError;
+use crate::fields::Fields;
 use crate::note::Notes;
 use crate::param::{ParamSpec, ParamValue, Params, Role};
 use crate::port::{Inputs, Outputs, PortSpec, Wired};
 use crate::root::{SourceFile, SourceRoot};
-use crate::syntax::Fields;
 
 /// Memory of a node, for admission. Zero means negligible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use crate::diag::Source;
+use crate::document::RawField;
 use crate::graph::{Graph, Node};
 use crate::include::parse_all;
 use crate::kind::Registry;
-use crate::syntax::RawField;
 
 /// The presets that every graph has, from the least work to the least error. A graph's own preset of the same
 /// name takes the place of one.

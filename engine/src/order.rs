@@ -9,7 +9,7 @@ use petgraph::algo::{kosaraju_scc, toposort};
 use petgraph::graph::{DiGraph, NodeIndex};
 
 use crate::diag::{Code, Diagnostic};
-use crate::syntax::RawNode;
+use crate::document::RawNode;
 
 /// For each node the nodes it reads, with the span of the wire.
 pub(crate) type Wiring = Vec<Vec<(usize, Range<usize>)>>;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::diag::{Code, Diagnostic, nearest, shown};
-use crate::syntax::{Document, RawField, RawNode, RawScene};
+use crate::document::{Document, RawField, RawNode, RawScene};
 
 /// What is laid over the nodes of a graph, by name of node; those of one name in their order.
 #[derive(Debug, Default)]

@@ -3,8 +3,8 @@
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use crate::fields::Fields;
 use crate::knob::Knob;
-use crate::syntax::Fields;
 
 /// A type that a parameter may have. Its RON form is its canonical form: equal values, equal text.
 pub trait ParamType:

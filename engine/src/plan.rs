@@ -18,7 +18,7 @@ use crate::job::{encode, guarded, stored_value};
 use crate::known::Known;
 use crate::record::{Output, Record, Spent};
 use crate::schedule::Engine;
-use crate::syntax::parse_value;
+use crate::value::parse_value;
 
 /// What a run would do with a node.
 #[derive(Debug, Clone, PartialEq)]

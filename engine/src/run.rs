@@ -359,7 +359,7 @@ impl<'a> Run<'a> {
             self.made.insert(key, index);
             if self.engine.store.is_read_only() {
                 record.outputs.iter_mut().for_each(|output| output.stored = false);
-                self.warn_unstored("cache-read-only", "the cache can only be read".to_owned());
+                self.warn_unstored("cache-read-only", "the cache cannot be written".to_owned());
             }
         }
         for follower in followers {

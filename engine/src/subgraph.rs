@@ -10,10 +10,12 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::diag::{Code, Diagnostic, nearest, shown};
+use crate::document::{Document, RawField, RawNode};
 use crate::include::plain;
 use crate::overlay::Overlays;
 use crate::scan::Scanner;
-use crate::syntax::{Document, RawField, RawNode, parse_value, twice};
+use crate::syntax::twice;
+use crate::value::parse_value;
 
 /// The kind that stands for the nodes of a file.
 pub(crate) const SUBGRAPH: &str = "Subgraph";

@@ -7,12 +7,13 @@ use std::sync::Arc;
 
 use crate::check::Check;
 use crate::diag::{Code, Diagnostic, nearest, shown};
+use crate::document::{RawField, RawNode};
 use crate::graph::Wire;
 use crate::kind::KindEntry;
 use crate::port::{Arity, PortSpec};
 use crate::scan::Scanner;
 use crate::subgraph::{Scope, value_of};
-use crate::syntax::{RawField, RawNode, parse_value, sort_of};
+use crate::value::{parse_value, sort_of};
 
 /// How many wires to nodes that do not exist get a suggestion.
 const MOST_SUGGESTIONS: usize = 20;

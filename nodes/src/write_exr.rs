@@ -98,16 +98,17 @@ impl Kind for WriteExr {
             let (mut channels, mut encodings) = (Vec::new(), Vec::new());
             let (width, height, _) = view.picture.size();
             for (name, images) in &layers {
+                let other = |what: String| {
+                    NodeError::new(what).at("layers").hint("all layers of a file come from one rig")
+                };
                 let picture = images.view(&view.name).ok_or_else(|| {
-                    NodeError::new(format!("layer `{name}` has no view `{}`", view.name)).at("layers")
+                    let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
+                    let there = there.join(", ");
+                    other(format!("layer `{name}` has no view `{}`; it has {there}", view.name))
                 })?;
-                let size = picture.size();
-                if (size.0, size.1) != (width, height) {
-                    return Err(NodeError::new(format!(
-                        "layer `{name}` is {}x{}, another is {width}x{height}",
-                        size.0, size.1
-                    ))
-                    .at("layers"));
+                let (w, h, _) = picture.size();
+                if (w, h) != (width, height) {
+                    return Err(other(format!("layer `{name}` is {w}x{h}, another is {width}x{height}")));
                 }
                 add_layer(name, picture, p.half, &mut channels)?;
                 let name = if name.is_empty() { "image" } else { name };
@@ -253,6 +254,10 @@ mod tests {
                 |n: &str| NamedImage { name: n.to_owned(), picture: Image::<Data>::new(3, 2, 1).into() };
             Arc::new(Images(vec![named(a), named(b)]))
         };
+        let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
+        let Err(told) = run(&node(&["a", "b"]), rigs) else { panic!("other rigs are no layers of one file") };
+        assert_eq!(told.message(), "layer `b` has no view `y`; it has x, z");
+        assert_eq!(told.advice(), Some("all layers of a file come from one rig"));
         for (p, inputs) in [
             (node(&[]), In { image: None, layers: vec![] }),
             (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),

@@ -1,5 +1,6 @@
 //! `lock`: writes down what a graph is made of, by digest.
 
+use std::io::ErrorKind;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -39,8 +40,10 @@ impl MakeLock {
 /// Reads the lock that belongs to a graph.
 pub fn read(loaded: &Loaded) -> Result<Lock, Error> {
     let path = loaded.lock.as_deref().ok_or(Error::NoLock)?;
-    let text =
-        std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    let text = std::fs::read_to_string(path).map_err(|source| match source.kind() {
+        ErrorKind::NotFound => Error::Unlocked(path.to_owned()),
+        _ => Error::Read { what: "lock", path: path.to_owned(), source },
+    })?;
     Ok(Lock::parse(&Source::new(path.display().to_string(), text))?)
 }
 

@@ -62,11 +62,6 @@ impl Run {
         }
         let cancel = on_interrupt()?;
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
-        if engine.store().is_read_only() {
-            let text =
-                "the cache cannot be written: known results are used, new ones are not kept".to_owned();
-            report.tell(&Event::Warning { id: "cache-read-only", text });
-        }
         if let Some(text) = report::no_file(graph, only) {
             report.tell(&Event::Warning { id: "no-file", text });
         }

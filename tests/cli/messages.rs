@@ -194,6 +194,13 @@ fn programs_are_told_mistakes_as_json() {
     let told = place.run(&["--jobs", "0"]).good();
     assert!(told.events.iter().any(|event| event["id"] == "no-file"), "{:?}", told.events);
     assert_eq!(told.events.last().map(|event| &event["event"]), Some(&"done".into()));
+    let told = text(&place.call(&["run", "graph.ron", "--overlay", "gone.ron"]).stderr);
+    assert!(told.contains("cannot read the overlay `gone.ron`: No such file"), "{told}");
+    let told = text(&place.call(&["run", "graph.ron", "--locked"]).stderr);
+    assert!(told.contains("there is no lock `graph.lock`; `lightharmony lock` writes it"), "{told}");
+    // What was tried, and what the system said.
+    let told = text(&place.call(&["init", "graph.ron/below"]).stderr);
+    assert!(told.contains("cannot create graph.ron/below: Not a directory"), "{told}");
     let wrong = place.call(&["run", "graph.ron", "--cache", "graph.ron"]);
     let errors = text(&wrong.stderr);
     assert!(errors.contains("`graph.ron`: cannot create") && errors.contains("os error"), "{errors}");
