@@ -390,9 +390,10 @@ mod tests {
         assert_eq!(turned.map(|m| m.0.positions[3]).ok(), Some([0.0, -0.5, 2.0]), "(x, -z, y) / 0.5");
     }
 
-    // Row 41: unusable vertices and faces go, and are counted.
+    /// Unusable vertices and faces go, and are counted.
+    /// Mutation: faces of dropped vertices kept.
     #[test]
-    fn unusable_parts_are_dropped_and_counted() {
+    fn row_41_unusable_parts_are_dropped_and_counted() {
         let text = String::from_utf8(ascii()).unwrap_or_default();
         let text = text.replace("1 0 0 255", "nan 0 0 255").replace("element face 1", "element face 4");
         let (mesh, notes) = good(format!("{text}3 2 2 3\n3 0 2 3\n3 0 1 3\n").as_bytes());

@@ -241,9 +241,10 @@ mod tests {
         assert_eq!(unit(0), 0.0);
     }
 
-    // Row 37 of the table of extremes, in one dimension.
+    /// In one dimension.
+    /// Mutation: a weight added after its sum was noted.
     #[test]
-    fn inversion_follows_the_weights() {
+    fn row_37_inversion_follows_the_weights() {
         let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];
         let (distribution, sum) = Discrete::new(&weights);
         assert!((sum - 1.3e9).abs() < 1e-6);

@@ -38,11 +38,11 @@ fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// The row and name of a test, from the line `fn row_07_short_name() {`.
-fn named_row(line: &str) -> Option<(usize, &str)> {
+/// The rows and name of a test, from the line `fn row_07_short_name() {`; there may be several numbers.
+fn named_rows(line: &str) -> Option<(Vec<usize>, &str)> {
     let name = line.strip_prefix("fn ")?.split('(').next()?;
-    let number = name.strip_prefix("row_")?.split('_').next()?;
-    Some((number.parse().ok()?, name))
+    let numbers = name.strip_prefix("row_")?.split('_').map_while(|word| word.parse().ok());
+    Some((numbers.collect(), name))
 }
 
 /// Every test that is named after a row, by row and then by name.
@@ -59,13 +59,13 @@ fn tests() -> BTreeMap<usize, Vec<Test>> {
         for line in text.lines().map(str::trim) {
             if let Some(words) = line.strip_prefix("///") {
                 let _ = write!(doc, " {}", words.trim());
-            } else if let Some((number, name)) = named_row(line) {
+            } else if let Some((numbers, name)) = named_rows(line) {
                 let mutation = doc.split_once("Mutation:").map(|(_, rest)| rest.trim().to_owned());
-                rows.entry(number).or_default().push(Test {
-                    name: name.to_owned(),
-                    file: file.clone(),
-                    mutation: mutation.unwrap_or_default(),
-                });
+                let mutation = mutation.unwrap_or_default();
+                for number in numbers {
+                    let (name, file, mutation) = (name.to_owned(), file.clone(), mutation.clone());
+                    rows.entry(number).or_default().push(Test { name, file, mutation });
+                }
                 doc.clear();
             } else if !line.starts_with("#[") {
                 doc.clear();
@@ -132,9 +132,16 @@ fn page(folder: &Path) -> String {
 }
 
 #[test]
-fn every_test_of_a_row_names_one_that_there_is() {
+fn every_row_has_a_test_and_every_test_of_a_row_names_one_that_there_is() {
     let rows = ROWS.lines().count();
     assert_eq!(rows, 69);
+    let tests_of = tests();
+    let bare: Vec<usize> = (1..=rows).filter(|row| !tests_of.contains_key(row)).collect();
+    assert!(bare.is_empty(), "no test is named after rows {bare:?}");
+    let without =
+        |(row, tests): (&usize, &Vec<Test>)| tests.iter().all(|t| t.mutation.is_empty()).then_some(*row);
+    let untold: Vec<usize> = tests_of.iter().filter_map(without).collect();
+    assert!(untold.is_empty(), "no test of rows {untold:?} names a mutation");
     let wrong: Vec<String> = tests().split_off(&(rows + 1)).into_values().flatten().map(|t| t.name).collect();
     assert!(wrong.is_empty(), "there are {rows} rows, none for {wrong:?}");
 }
