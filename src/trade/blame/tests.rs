@@ -41,7 +41,7 @@ fn measured(bench: &mut Bench<'_>, position: Position) -> Result<usize, String> 
 
 #[test]
 fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
-    let engine = Engine::new(Store::in_memory(), 2, 1 << 30).unwrap();
+    let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
     let metric = Metric::of("flip").unwrap();
     for (good, bad, node) in BAD {
         assert_eq!(GRAPH.matches(good).count(), 1, "{good}");
