@@ -8,7 +8,7 @@ The program is that of target/release, or of LIGHTHARMONY.
 Every command prints markdown tables; each takes the place of the table in the page that has the same first row, of
 several those in their order, and gets a line that says by which command and at which commit. Text around them is not
 touched: read it again. Deterministic counts are not made here but guarded by tests (tests/tables/counts.tsv,
-nodes/tests/drift/errors.tsv; UPDATE_GOLDEN=1 cargo test --release renews both).
+which UPDATE_GOLDEN=1 cargo test --release renews).
 """
 import argparse, json, os, re, resource, shutil, subprocess, sys, tempfile
 
