@@ -36,7 +36,10 @@ impl TempFile {
             let path = folder.join(format!(".{}-{count}{SUFFIX}", std::process::id()));
             let options = || OpenOptions::new().write(true).create_new(true).open(&path);
             let file = match options() {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                // The folder is named where it cannot be made, and not the passing file.
+                Err(error)
+                    if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) =>
+                {
                     fs::create_dir_all(folder).at("create", folder)?;
                     options()
                 }

@@ -86,8 +86,13 @@ impl Kind for WriteExr {
         let layers: Vec<(&str, &Images)> = names.into_iter().zip(wired).collect();
         let mut notes = Notes::none();
         let mut files = Vec::new();
-        let views: &[_] =
-            layers.iter().map(|(_, images)| images.0.as_slice()).max_by_key(|v| v.len()).unwrap_or_default();
+        // Of equally many views those of the first layer.
+        let views: &[_] = layers
+            .iter()
+            .rev()
+            .map(|(_, images)| images.0.as_slice())
+            .max_by_key(|v| v.len())
+            .unwrap_or_default();
         if views.is_empty() {
             return Err(NodeError::new("there is no view to write").at("image"));
         }

@@ -33,7 +33,7 @@ fn a_run_is_given_an_error() {
         let trace = told.events.iter().find(|e| e["event"] == "node" && e["id"] == "trace").unwrap();
         trace["notes"].as_array().unwrap().iter().map(|n| n["id"].as_str().unwrap().to_owned()).collect()
     };
-    let told = place.run(&["--max-error", "1.0"]);
+    let told = place.run(&["--max-error", "1.0", "--set", "trace.samples=16"]);
     assert_eq!(told.code, 0, "{}", told.errors);
     assert!(notes(&told).iter().any(|id| id == "sample-plan"));
     let short = place.run(&["--max-error", "1e-6"]);
