@@ -20,7 +20,7 @@ engine::params! {
         /// Height of the point above the foot of the pose, along up.
         height_metres: f64 = 0.5, range(-1000.0, 1000.0), unit("m"), other("0.75");
         /// Width of the panorama, even; the height is half of it.
-        width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
+        width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
         /// Samples a pixel along each axis. The low-pass filter acts on samples: where they are few, fine splats
         /// grow fat, by far the largest error of a small panorama.
@@ -124,7 +124,8 @@ impl Kind for SplatPanorama {
         sizes.of("splats") * 30.0 + fine * fine * 50.0
     }
 
-    fn check((params, _): &Self::Params) -> Result<(), NodeError> {
+    fn check((params, drawing): &Self::Params) -> Result<(), NodeError> {
+        drawing.check()?;
         stitch::check_width(params.width_px)?;
         let fine = u64::from(params.width_px) * u64::from(params.supersample);
         if fine * fine / 2 <= MAX_PIXELS {

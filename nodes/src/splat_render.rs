@@ -86,11 +86,16 @@ impl Kind for SplatRender {
         ViewCount::As(&["rig"])
     }
 
+    fn check((_, drawing): &Self::Params) -> Result<(), NodeError> {
+        drawing.check()
+    }
+
     fn run(
-        (params, drawing): &Self::Params,
+        both @ (params, drawing): &Self::Params,
         In { splats, rig, limit }: In,
         cx: &Context,
     ) -> Result<(Out, Notes), NodeError> {
+        Self::check(both)?;
         let mut notes = Notes::none();
         if rig.cameras.is_empty() {
             return Err(NodeError::new("the rig has no camera").at("rig"));

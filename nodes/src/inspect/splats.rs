@@ -221,7 +221,8 @@ fn findings(
     let list = [
         (
             "scales-not-logarithms",
-            relative > 0.05,
+            // Splats that all lie at one point say nothing of their size.
+            middle > 0.0 && relative > 0.05,
             format!(
                 "half of the splats are larger than {:.0} % of the scene: scales activated twice?",
                 relative * 100.0
@@ -229,7 +230,7 @@ fn findings(
         ),
         (
             "scales-tiny",
-            relative < 1e-6,
+            middle > 0.0 && relative < 1e-6,
             format!("half of the splats are smaller than {relative:.1e} of the scene: nothing would be seen"),
         ),
         (

@@ -16,6 +16,7 @@ use super::frame::Turn;
 use super::rows::{Part, Row, sh_rest};
 use super::{Fetch, Loaded, Reading, spz};
 use crate::Error;
+use crate::num;
 use crate::types::SplatEncoding;
 
 const NAME: &str = "KHR_gaussian_splatting";
@@ -356,12 +357,24 @@ fn primitive(
     if others.clone().any(|reader| reader.count() != count) {
         return Err(Error::format(file, "the attributes of the splats have unequal counts").into());
     }
+    // Lengths are never negative; drafts of the extension had their logarithms here (KhronosGroup/glTF#2563).
+    let below = (0..count).filter(|&index| (0..3).any(|k| scales.get(index, k) < 0.0)).count();
+    let logarithms = below > count / 20;
+    if logarithms {
+        let text = format!(
+            "{below} of {count} splats of `{file}` have a scale below 0: scales are read as logarithms, as drafts \
+             of {NAME} had them"
+        );
+        notes.warning("logarithmic-scales", text);
+    }
+    let length = |scale: f64| if logarithms { num::f64::exp(scale) } else { scale };
     let parts: Vec<Part> = reading.rows_from(first, count, turn, |index, sh| {
         let three = |reader: &Reader<'_>| [0, 1, 2].map(|i| reader.get(index, i));
         let [x, y, z, w] = [0, 1, 2, 3].map(|i| rotations.get(index, i));
         sh.extend(harmonics.iter().map(|reader| three(reader).map(|v| v as f32)));
         let opacity = opacities.get(index, 0);
-        Row::checked(three(&centres), [w, x, y, z], three(&scales), opacity, reading.max_extent)
+        let scale = three(&scales).map(length);
+        Row::checked(three(&centres), [w, x, y, z], scale, opacity, reading.max_extent)
     })?;
     Ok(Loaded::new(parts, count, degree))
 }

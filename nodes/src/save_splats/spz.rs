@@ -94,11 +94,14 @@ pub(super) fn encode(
     let bits = fraction_bits(splats, notes)?;
     // Scales begin at e^-10: what is smaller grows, and shows where the whole scene is small.
     let smallest = num::f64::exp(-10.0);
-    let grown = splats.scales.iter().filter(|s| s.iter().all(|v| f64::from(*v) < 0.9 * smallest)).count();
+    let axes = splats.scales.as_flattened();
+    let grown = axes.iter().filter(|v| f64::from(**v) < 0.9 * smallest).count();
     if grown > 0 {
+        let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
         let text = format!(
-            "{grown} splats are smaller than {smallest:.1e} units, the least that SPZ holds, and grow to it; \
-             scale the scene up where that is to be seen"
+            "{grown} of {} axes of splats are shorter than {smallest:.1e} units, the least that SPZ holds, and grow \
+             to it; the shortest is {least:.1e}. Scale the scene up where that is to be seen",
+            axes.len()
         );
         notes.warning("splats-grown", text);
     }

@@ -1,6 +1,6 @@
 //! How splats are drawn: what every kind that draws them lets its users choose.
 
-use engine::Notes;
+use engine::{NodeError, Notes};
 
 use crate::types::Splats;
 
@@ -123,6 +123,18 @@ impl Drawing {
             count_blends: self.count_blends,
             skip_unseen: self.skip_unseen,
         }
+    }
+
+    /// Whether the numbers fit together.
+    ///
+    /// # Errors
+    /// Where `alpha_cap` lies below `alpha_cut`: no splat could show.
+    pub(crate) fn check(&self) -> Result<(), NodeError> {
+        if self.alpha_cap >= self.alpha_cut {
+            return Ok(());
+        }
+        let what = format!("alpha_cap {} is less than alpha_cut {}", self.alpha_cap, self.alpha_cut);
+        Err(NodeError::new(what).at("alpha_cap").hint("no splat could show"))
     }
 }
 

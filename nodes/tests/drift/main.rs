@@ -31,7 +31,7 @@ struct Run {
 
 impl Run {
     fn new() -> Self {
-        let engine = Engine::new(Store::in_memory(), 2, 1 << 30).unwrap();
+        let engine = Engine::new(Store::in_memory(), 2, 1 << 30);
         let source = Source::new("graph.ron", include_str!("graph.ron"));
         let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).unwrap();
         let options = RunOptions { only: (0..graph.nodes.len()).collect(), ..RunOptions::default() };
