@@ -269,5 +269,8 @@ mod tests {
         assert!(out.pano.alpha.samples[12 * 48] == 0.0 && out.pano.alpha.samples[12 * 48 + 24] > 0.9);
         assert!(SplatPanorama::check(&params(7, 1)).is_err());
         assert!(SplatPanorama::check(&params(16384, 8)).is_err());
+        let (own, mut drawing) = params(64, 1);
+        (drawing.alpha_cap, drawing.alpha_cut) = (0.05, 0.1);
+        assert!(SplatPanorama::check(&(own, drawing)).is_err());
     }
 }

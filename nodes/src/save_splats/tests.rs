@@ -162,3 +162,17 @@ fn equal_scenes_give_equal_files() {
     // No time: bytes 4 to 7 of a gzip header.
     assert_eq!(one[4..8], [0; 4]);
 }
+
+/// Thin axes grow too, though their splats are large otherwise.
+#[test]
+fn every_axis_that_grows_is_told() {
+    let mut scene = scene(40, 0);
+    scene.scales[3] = [0.1, 1e-6, 0.2];
+    scene.scales[7] = [1e-7, 1e-8, 0.2];
+    let (_, notes) = encode(&scene, SaveFormat::Spz, Some(Up::PlusY), &context()).unwrap();
+    let told: Vec<_> = notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
+    assert!(
+        told.len() == 1 && told[0].starts_with("3 of 120 axes") && told[0].contains("1.0e-8"),
+        "{told:?}"
+    );
+}

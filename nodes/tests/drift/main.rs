@@ -124,10 +124,7 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
-// To switch it on: `UPDATE_GOLDEN=1 cargo test --release -p lightharmony-nodes --test drift -- --ignored`, read the
-// file, and take this line away.
 #[test]
-#[ignore = "errors.tsv is not made yet"]
 fn no_error_drifts() {
     let (mut text, mut wrong) = ("node\treference\tvalues\tlargest\t99.9 %\n".to_owned(), String::new());
     for Case { name, against, bound, errors } in cases(&Run::new()) {

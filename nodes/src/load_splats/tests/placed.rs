@@ -97,3 +97,20 @@ fn spz_names_its_axes() {
         }
     }
 }
+
+/// Drafts of `KHR_gaussian_splatting` held logarithms; a length below 0 gives them away.
+#[test]
+fn scales_below_0_of_a_glb_are_logarithms() {
+    let lengths = [0.1_f32, 0.2, 0.3, 0.4, 0.5, 1e-9];
+    let bytes = |values: [f32; 6]| values.map(f32::to_le_bytes).as_flattened().to_vec();
+    let mut draft = build::glb("", "srgb_rec709_display");
+    let stored = bytes([0.1, 0.2, 0.3, 0.4, 0.5, 0.0]);
+    let at = draft.windows(stored.len()).position(|window| window == stored).unwrap();
+    let logarithms = lengths.map(|v| crate::num::f64::ln(v.into()) as f32);
+    draft[at..at + stored.len()].copy_from_slice(&bytes(logarithms));
+    let (splats, notes) = read(&draft).unwrap();
+    near(splats.scales.as_flattened(), &lengths, 1e-6);
+    assert!(notes.iter().any(|note| note.id == "logarithmic-scales" && note.text.starts_with("2 of 2 ")));
+    let (_, notes) = read(&build::glb("", "srgb_rec709_display")).unwrap();
+    assert!(notes.iter().all(|note| note.id != "logarithmic-scales"));
+}
