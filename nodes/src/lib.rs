@@ -30,6 +30,7 @@ pub mod load_environment;
 pub mod load_image;
 pub mod load_mesh;
 pub mod load_object;
+pub mod load_panorama;
 pub mod load_splats;
 pub mod metrics;
 pub mod nn;
@@ -80,6 +81,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<load_image::LoadImage>(),
         KindEntry::of::<load_mesh::LoadMesh>(),
         KindEntry::of::<load_object::LoadObject>(),
+        KindEntry::of::<load_panorama::LoadPanorama>(),
         KindEntry::of::<load_splats::LoadSplats>(),
         KindEntry::of::<override_material::OverrideMaterial>(),
         KindEntry::of::<path_trace::PathTrace>(),

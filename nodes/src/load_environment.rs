@@ -152,7 +152,7 @@ fn replace_impossible(rgb: &mut [f32], scale: f64, notes: &mut Notes) {
 }
 
 /// Moves every row to the left by the turn: light of forward goes to the left of forward.
-fn turn(rgb: &[f32], width: usize, degrees: f64, cx: &Context) -> Result<Vec<f32>, NodeError> {
+pub(crate) fn turn(rgb: &[f32], width: usize, degrees: f64, cx: &Context) -> Result<Vec<f32>, NodeError> {
     let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
     let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
     if whole == 0 && part == 0.0 {

@@ -82,7 +82,8 @@ impl Kind for LoadImage {
             cx.check()?;
             let field = if index == 0 { "path" } else { "more" };
             let bytes = cx.read(file).map_err(|e| e.at(field))?;
-            let picture = decode(p, &file.0, &bytes, &mut notes).map_err(|e| NodeError::from(e).at(field))?;
+            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes)
+                .map_err(|e| NodeError::from(e).at(field))?;
             let stem = file.0.rsplit(['/', '\\']).next().unwrap_or_default();
             let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
             let name = p.names.get(index).map_or(stem, String::as_str).to_owned();
@@ -102,10 +103,17 @@ impl LoadImage {
     }
 }
 
-fn decode(p: &LoadImage, name: &str, bytes: &[u8], notes: &mut Notes) -> Result<Picture, Error> {
+/// The picture that a file holds, in the given encoding; of an OpenEXR file, the given layer.
+pub(crate) fn decode(
+    encoding: FileEncoding,
+    of_layer: &str,
+    name: &str,
+    bytes: &[u8],
+    notes: &mut Notes,
+) -> Result<Picture, Error> {
     let (width, height, channels, samples, linear) = match bytes {
-        [0x89, b'P', b'N', b'G', ..] => whole(png::read(name, bytes)?, p.encoding, notes),
-        [0xff, 0xd8, ..] => whole(jpeg::read(name, bytes)?, p.encoding, notes),
+        [0x89, b'P', b'N', b'G', ..] => whole(png::read(name, bytes)?, encoding, notes),
+        [0xff, 0xd8, ..] => whole(jpeg::read(name, bytes)?, encoding, notes),
         [b'#', b'?', ..] => {
             let picture = hdr::read(name, bytes)?;
             (picture.width, picture.height, 3, picture.rgb, true)
@@ -113,7 +121,7 @@ fn decode(p: &LoadImage, name: &str, bytes: &[u8], notes: &mut Notes) -> Result<
         [0x76, 0x2f, 0x31, 0x01, ..] => {
             let planes = exr::read(name, bytes)?;
             tell(&planes, notes);
-            let found = layer(name, &planes, &p.layer)?;
+            let found = layer(name, &planes, of_layer)?;
             let samples: Vec<f32> = (0..planes.width * planes.height)
                 .flat_map(|i| found.iter().map(move |plane| plane[i]))
                 .collect();
@@ -121,7 +129,7 @@ fn decode(p: &LoadImage, name: &str, bytes: &[u8], notes: &mut Notes) -> Result<
         }
         _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
     };
-    let encoding = match p.encoding {
+    let encoding = match encoding {
         FileEncoding::Auto if linear => FileEncoding::Linear,
         FileEncoding::Auto => FileEncoding::Srgb,
         given => given,
@@ -203,18 +211,9 @@ fn finite(mut samples: Vec<f32>, data: bool, notes: &mut Notes) -> Vec<f32> {
 mod tests {
     use super::*;
 
-    fn node(encoding: FileEncoding, layer: &str) -> LoadImage {
-        LoadImage {
-            path: InputFile("a".into()),
-            encoding,
-            layer: layer.into(),
-            more: Vec::new(),
-            names: Vec::new(),
-        }
-    }
     fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
         let mut notes = Notes::none();
-        (decode(&node(encoding, layer), "a", bytes, &mut notes).unwrap_or_else(|e| panic!("{e}")), notes)
+        (decode(encoding, layer, "a", bytes, &mut notes).unwrap_or_else(|e| panic!("{e}")), notes)
     }
     fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
         let width = codes.len() / channels;
@@ -262,6 +261,6 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
-        assert!(decode(&node(FileEncoding::Auto, "S"), "a", &bytes, &mut Notes::none()).is_err());
+        assert!(decode(FileEncoding::Auto, "S", "a", &bytes, &mut Notes::none()).is_err());
     }
 }

@@ -9,6 +9,7 @@ use super::super::{clip_mask, clipped_light};
 use super::WIDTH;
 use crate::color::{code8, srgb_from_linear};
 use crate::equirect::{axes, direction, pixel_solid_angle};
+use crate::light::exposure::ev0_scale;
 use crate::light::measure::{self, DOMINANT_COS};
 use crate::light::regions;
 use crate::num;
@@ -83,34 +84,9 @@ pub fn shrink(width: usize, height: usize, rgb: &[f32]) -> Image<Linear> {
 }
 
 impl Truth {
-    /// Scales a panorama to EV 0: the median of its positive samples, raised to 1/2.4, becomes 0.5, but at
-    /// most 15 % of the sphere exceed 1. `None` for a panorama without light.
+    /// Scales a panorama to EV 0. `None` for a panorama without light.
     pub fn new(mut image: Image<Linear>) -> Option<Self> {
-        let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
-        if positive.is_empty() {
-            return None;
-        }
-        positive.sort_by(f32::total_cmp);
-        let (low, high) = (positive[(positive.len() - 1) / 2], positive[positive.len() / 2]);
-        let root = |v: f32| num::pow(f64::from(v), 1.0 / 2.4);
-        let scale = num::pow(0.5 / (0.5 * (root(low) + root(high))), 2.4);
-        let (width, height) = (image.width, image.height);
-        let mut peaks: Vec<(f32, f64)> = (0..width * height)
-            .map(|i| {
-                let [r, g, b] = image.rgb(i % width, i / width);
-                let (sine, _) =
-                    num::sin_cos(std::f64::consts::PI * ((i / width) as f64 + 0.5) / height as f64);
-                (r.max(g).max(b), sine)
-            })
-            .collect();
-        peaks.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let total: f64 = peaks.iter().map(|p| p.1).sum();
-        let mut sum = 0.0;
-        let limit = peaks.iter().find(|(_, weight)| {
-            sum += weight;
-            sum >= 0.85 * total
-        });
-        let scale = limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak).max(1e-12)));
+        let scale = ev0_scale(&image)?;
         image.samples.iter_mut().for_each(|v| *v = (f64::from(*v) * scale) as f32);
         let env = Environment { image, up: Up::PlusZ, origin: None };
         let light = measure::dominant(&measure::cells(&env, WIDTH / 2), &measure::cells(&env, WIDTH))?;

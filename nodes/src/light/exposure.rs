@@ -1,0 +1,62 @@
+//! The exposure at which a panorama is judged.
+
+use crate::num;
+use crate::types::{Image, Linear};
+
+/// Samples are raised to 1 / this before the median is taken.
+const GAMMA: f64 = 2.4;
+/// Where the median lies, after that.
+const MIDDLE: f64 = 0.5;
+/// At most this share of the sphere is above white.
+const ABOVE_WHITE: f64 = 0.15;
+
+/// What the light of a panorama is multiplied by to be at EV 0, as a photographer would meter it: the median of its
+/// positive samples becomes 0.5 once raised to 1 / 2.4, but at most 15 % of the sphere are above 1 in their brightest
+/// channel. The rule of DiffusionLight's tone mapping (Phongthawee et al. 2024), with that bound. `None` where there is
+/// no light.
+pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
+    let mut positive: Vec<f32> = image.samples.iter().copied().filter(|v| *v > 0.0).collect();
+    if positive.is_empty() {
+        return None;
+    }
+    positive.sort_unstable_by(f32::total_cmp);
+    let (low, high) = (positive[(positive.len() - 1) / 2], positive[positive.len() / 2]);
+    let root = |v: f32| num::pow(f64::from(v), 1.0 / GAMMA);
+    let scale = num::pow(MIDDLE / (0.5 * (root(low) + root(high))), GAMMA);
+    let (width, height) = (image.width, image.height);
+    let mut peaks: Vec<(f32, f64)> = (0..width * height)
+        .map(|i| {
+            let [r, g, b] = image.rgb(i % width, i / width);
+            let (sine, _) = num::sin_cos(std::f64::consts::PI * ((i / width) as f64 + 0.5) / height as f64);
+            (r.max(g).max(b), sine)
+        })
+        .collect();
+    peaks.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = peaks.iter().map(|p| p.1).sum();
+    let mut sum = 0.0;
+    let limit = peaks.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= (1.0 - ABOVE_WHITE) * total
+    });
+    Some(limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak).max(1e-12))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_goes_to_the_middle_unless_too_much_would_clip() {
+        // Nine rows in ten are dim, one row near the horizon is bright: a sixteenth of the sphere.
+        let (width, height) = (32, 16);
+        let lit = |rows: std::ops::Range<usize>| {
+            let sample = |i: usize| if rows.contains(&(i / (3 * width))) { 40.0 } else { 0.02 };
+            Image::from_samples(width, height, 3, (0..width * height * 3).map(sample).collect())
+        };
+        let little = ev0_scale(&lit(8..9)).unwrap_or_default();
+        assert!((num::pow(0.02_f32.into(), 1.0 / 2.4) * num::pow(little, 1.0 / 2.4) - 0.5).abs() < 1e-7);
+        let much = ev0_scale(&lit(6..10)).unwrap_or_default();
+        assert!((much - 1.0 / 40.0).abs() < 1e-9, "{much}");
+        assert_eq!(ev0_scale(&Image::new(4, 2, 3)), None);
+    }
+}

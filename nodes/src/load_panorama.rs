@@ -1,0 +1,205 @@
+//! `load-panorama`: what is seen around a point, from a file.
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use glam::DVec3;
+
+use crate::Error;
+use crate::color::{code8, linear_from_srgb, srgb_from_linear};
+use crate::light::exposure::ev0_scale;
+use crate::load_environment::turn;
+use crate::load_image::{FileEncoding, decode};
+use crate::num;
+use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
+
+engine::params! {
+    /// Loads an equirectangular panorama as a camera took it: PNG, JPEG, OpenEXR or Radiance HDR.
+    ///
+    /// It stands where `stitch` would make one from splats. Row 0 of the file is up and its centre column looks
+    /// forward (up +z: +Y; up +y: -Z; up -y: +Z). PNG and JPEG hold display colours, whose lights clip at
+    /// white; OpenEXR and Radiance hold linear light, in which nothing clips unless `photograph_ev` says so.
+    pub struct LoadPanorama {
+        /// The file: `.jpg`, `.png`, `.exr` or `.hdr`.
+        path: InputFile, other("\"b.exr\"");
+        /// Takes linear light as a camera of 8 bits would, so many stops above EV 0: the median of the picture, raised
+        /// to 1 / 2.4, is half of white there, but at most 15 % of the sphere are above white. None: as it is.
+        photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
+        /// Turns it about the up axis, counter-clockwise seen from above. Between pixels codes are interpolated.
+        rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
+        /// Where it was taken.
+        origin: [f64; 3] = [0.0; 3], other("(0.5, 0.0, 1.0)"), unit("world units");
+    }
+}
+engine::inputs! {
+    /// None.
+    pub struct In {}
+}
+engine::outputs! {
+    /// The panorama.
+    pub struct Out {
+        /// The panorama, for `predict-exposure` and `fuse-hdr`.
+        pano: Arc<Panorama>,
+        /// Its colours, for `write-image`.
+        image: Arc<Images>,
+        /// Its light before anything was clipped here, at the same exposure: the truth for `score-env`.
+        env: Arc<Environment>,
+    }
+}
+
+impl Kind for LoadPanorama {
+    const NAME: &'static str = "load-panorama";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Up];
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(vec![root.file(&p.path)])
+    }
+
+    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
+        let mut notes = Notes::none();
+        let picture = decode(FileEncoding::Auto, "", &p.path.0, &bytes, &mut notes)
+            .map_err(|e| NodeError::from(e).at("path"))?;
+        cx.check()?;
+        cx.progress(0.4);
+        let (width, height, _) = picture.size();
+        if width != 2 * height {
+            let what = format!("the picture is {width}x{height}; a whole panorama is twice as wide as high");
+            notes.warning("not-two-to-one", what);
+        }
+        let (samples, alpha) = straight(&picture).map_err(|e| NodeError::from(e).at("path"))?;
+        let samples = turn(&samples, width, p.rotation_deg, cx)?;
+        let alpha: Vec<f32> = turn(&alpha, width, p.rotation_deg, cx)?.into_iter().step_by(3).collect();
+        let linear = matches!(picture, Picture::Linear(_));
+        let (image, light) = match p.photograph_ev {
+            Some(_) if !linear => {
+                let error = NodeError::new("the file holds display colours, which are a photograph already");
+                return Err(error.at("photograph_ev").hint("leave it away, or load OpenEXR or Radiance"));
+            }
+            Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, &mut notes),
+            None if linear => {
+                let light = Image::<Linear>::from_samples(width, height, 3, samples);
+                (Picture::from(light.clone()), light)
+            }
+            None => {
+                let light = samples.iter().map(|v| linear_from_srgb(*v)).collect();
+                let codes = Image::<Srgb>::from_samples(width, height, 3, samples);
+                (codes.into(), Image::from_samples(width, height, 3, light))
+            }
+        };
+        let origin = DVec3::from_array(p.origin);
+        let out = Out {
+            image: Arc::new(Images::single("pano", image.clone())),
+            pano: Arc::new(Panorama {
+                image,
+                alpha: Image::from_samples(width, height, 1, alpha),
+                up: cx.up(),
+                origin,
+            }),
+            env: Arc::new(Environment { image: light, up: cx.up(), origin: Some(origin) }),
+        };
+        Ok((out, notes))
+    }
+}
+
+/// RGB not premultiplied, at least 0, and alpha three times a pixel.
+fn straight(picture: &Picture) -> Result<(Vec<f32>, Vec<f32>), Error> {
+    let (width, height, channels) = picture.size();
+    let mut rgb = Vec::with_capacity(width * height * 3);
+    let mut alpha = Vec::with_capacity(width * height * 3);
+    for pixel in picture.samples().chunks_exact(channels) {
+        let (colour, a) = match *pixel {
+            [y] => ([y; 3], 1.0),
+            [y, a] => ([y; 3], a),
+            [r, g, b] => ([r, g, b], 1.0),
+            [r, g, b, a] => ([r, g, b], a),
+            _ => return Err(Error::Mismatch(format!("{channels} channels are no colours"))),
+        };
+        let a = a.clamp(0.0, 1.0);
+        rgb.extend(colour.map(|v| if a > 0.0 { (v / a).clamp(0.0, f32::MAX) } else { 0.0 }));
+        alpha.extend([a; 3]);
+    }
+    Ok((rgb, alpha))
+}
+
+/// What a camera takes of the light, and the light at the camera's exposure.
+fn photograph(mut light: Image<Linear>, ev: f64, notes: &mut Notes) -> (Picture, Image<Linear>) {
+    let ev0 = ev0_scale(&light).unwrap_or_else(|| {
+        notes.warning("no-light", "the panorama is black; there is nothing to meter");
+        1.0
+    });
+    let scale = ev0 * num::f64::exp2(ev);
+    notes.decision("exposure", format!("light was multiplied by {scale:.4} and clipped at white"));
+    for v in &mut light.samples {
+        *v = (f64::from(*v) * scale).min(f64::from(f32::MAX)) as f32;
+    }
+    let codes =
+        light.samples.iter().map(|v| f32::from(code8(srgb_from_linear(v.min(1.0)))) / 255.0).collect();
+    (Image::<Srgb>::from_samples(light.width, light.height, 3, codes).into(), light)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::png::{self, Raster};
+    use engine::{Scene, Up};
+
+    fn load(bytes: &[u8], photograph_ev: Option<f64>) -> Result<(Out, Notes), NodeError> {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("a"), bytes).expect("writes");
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+        let p = LoadPanorama {
+            path: InputFile("a".into()),
+            photograph_ev,
+            rotation_deg: 0.0,
+            origin: [1.0, 2.0, 3.0],
+        };
+        LoadPanorama::run(&p, In {}, &cx)
+    }
+
+    fn hdr(rgb: Vec<f32>) -> Vec<u8> {
+        let mut planes: Vec<Vec<f32>> = vec![Vec::new(); 3];
+        rgb.iter().enumerate().for_each(|(i, v)| planes[i % 3].push(*v));
+        let channel = |(name, samples): (&str, Vec<f32>)| {
+            (crate::io::exr::Channel { name: name.into(), samples }, crate::io::exr::Depth::Float)
+        };
+        let channels = ["R", "G", "B"].into_iter().zip(planes).map(channel).collect();
+        crate::io::exr::write(8, 4, channels, "linear", None).expect("writes").0
+    }
+
+    #[test]
+    fn a_photograph_of_light_clips_and_keeps_the_truth_beside_it() {
+        let mut rgb = vec![0.2_f32; 8 * 4 * 3];
+        rgb[3 * 9..3 * 10].fill(900.0);
+        let (out, _) = load(&hdr(rgb.clone()), Some(1.0)).expect("loads");
+        // EV 0 puts the median, raised to 1 / 2.4, at one half.
+        let scale = 2.0 * num::pow(0.5, 2.4) / f64::from(0.2_f32);
+        let Picture::Srgb(codes) = &out.pano.image else { panic!("display colours") };
+        assert_eq!(codes.rgb(1, 1), [1.0; 3]);
+        let seen = f64::from(linear_from_srgb(codes.rgb(0, 0)[0]));
+        assert!((seen - 0.2 * scale).abs() < 0.005, "{seen}");
+        assert!((f64::from(out.env.image.rgb(1, 1)[0]) / (900.0 * scale) - 1.0).abs() < 1e-6);
+        assert_eq!(out.pano.origin, DVec3::new(1.0, 2.0, 3.0));
+        // As it is, nothing clips.
+        let (out, _) = load(&hdr(rgb), None).expect("loads");
+        assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
+    }
+
+    #[test]
+    fn a_picture_is_taken_without_its_alpha_and_is_no_light() {
+        let codes = [[255, 128, 0, 255], [200, 100, 50, 51]].concat().repeat(4);
+        let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let bytes = png::write(&raster, false, &[]).expect("writes");
+        let (out, _) = load(&bytes, None).expect("loads");
+        let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
+        assert!(image.rgb(1, 0).iter().zip([200.0, 100.0, 50.0]).all(|(v, c)| (v * 255.0 - c).abs() < 1e-3));
+        assert_eq!(out.pano.alpha.samples[..2], [1.0, 0.2]);
+        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a photograph already");
+        assert!(error.to_string().contains("photograph already"), "{error}");
+    }
+}
