@@ -1,6 +1,7 @@
 //! What unit tests share.
 
 use engine::{Context, Scene, Up};
+use fearless_simd::Level;
 
 use crate::types::{SplatEncoding, Splats};
 
@@ -27,4 +28,19 @@ pub fn no_splats() -> Splats {
         encoding: SplatEncoding::Srgb,
         antialiased: false,
     }
+}
+
+/// Every set of vector instructions that this machine has.
+pub fn levels() -> Vec<Level> {
+    let best = Level::new();
+    let mut levels = vec![Level::baseline()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        levels.extend(best.as_sse2().map(Level::Sse2));
+        levels.extend(best.as_sse4_2().map(Level::Sse4_2));
+        levels.extend(best.as_avx2().map(Level::Avx2));
+        levels.extend(best.as_avx512().map(Level::Avx512));
+    }
+    levels.push(best);
+    levels
 }

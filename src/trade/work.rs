@@ -13,7 +13,7 @@ const WEIGHTS: [(&str, f64); 7] = [
     ("splat_evaluations_f64", 0.013),
     ("directions", 0.36),
     ("pixels", 0.8),
-    ("taps", 0.065),
+    ("taps", 0.01),
 ];
 
 /// The work of some counts, in rays.

@@ -1,10 +1,11 @@
 //! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|rooms|rays]`, where DATA holds `render-refs` and
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|rays]`, where DATA holds `render-refs` and
 //! `gltf`. `rays` compares with Embree where that is installed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod case;
 mod error;
+mod ratio;
 mod rays;
 
 use std::path::PathBuf;
@@ -28,6 +29,9 @@ fn main() {
     one.install(|| {
         if asked("plane") {
             error::plane(&data);
+        }
+        if asked("ratio") {
+            ratio::table(&data);
         }
         if asked("rooms") {
             error::rooms(&data);

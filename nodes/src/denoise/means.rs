@@ -7,12 +7,15 @@
 //! more samples leave less of it.
 
 use engine::{Context, NodeError};
+use fearless_simd::{Level, dispatch};
 use glam::Vec3;
 
 /// Side of the square tiles that are filtered at once, in pixels.
 const TILE: usize = 32;
 /// Patches reach so many pixels from their centre.
 const PATCH: usize = 2;
+/// Rows, and columns, of a patch.
+const PATCHES: usize = 2 * PATCH + 1;
 /// Side of the region whose pixels are compared for the patches of a tile.
 const SIDE: usize = TILE + 2 * PATCH;
 /// Variance below this is nothing.
@@ -115,12 +118,23 @@ impl Field {
 
     /// The averages of each pixel's values.
     pub fn average(&self, reach: Reach, cx: &Context) -> Result<Vec<[f32; VALUES]>, NodeError> {
+        self.average_at(Level::new(), reach, cx)
+    }
+
+    /// The same by a set of vector instructions, each of which gives the same bits.
+    pub(super) fn average_at(
+        &self,
+        level: Level,
+        reach: Reach,
+        cx: &Context,
+    ) -> Result<Vec<[f32; VALUES]>, NodeError> {
         let (across, down) = (self.width.div_ceil(TILE), self.height.div_ceil(TILE));
         let tiles = cx.for_each_tile(across * down, |index| {
             let tile = Tile::cut(self, index % across * TILE, index / across * TILE, reach.radius + PATCH);
             let radius = if tile.busy() { reach.radius } else { 0 };
             cx.count("taps", ((2 * radius + 1) * (2 * radius + 1) * TILE * TILE) as u64);
-            tile.average(Reach { radius, ..reach })
+            let reach = Reach { radius, ..reach };
+            dispatch!(level, _simd => tile.average(reach))
         })?;
         let mut out: Vec<_> = self.pixels.iter().map(|pixel| pixel.values).collect();
         for (index, tile) in tiles.iter().enumerate() {
@@ -134,7 +148,8 @@ impl Field {
     }
 }
 
-/// A tile and what surrounds it, one plane for each number, so that rows run through vector registers.
+/// A tile and what surrounds it, one plane for each number, so that rows run through vector registers. No lane
+/// depends on another, so vectors of any width give the same bits.
 struct Tile {
     /// Pixels around the tile.
     rim: usize,
@@ -146,6 +161,18 @@ struct Tile {
     there: Vec<f32>,
     normal: [Vec<f32>; 3],
     nearness: [Vec<f32>; 3],
+}
+
+/// The sums of one row of a tile.
+struct Sums {
+    values: [[f32; TILE]; VALUES],
+    weight: [f32; TILE],
+}
+
+/// A piece of a plane.
+#[inline(always)]
+fn cut<const N: usize>(plane: &[f32], start: usize) -> &[f32; N] {
+    plane[start..].first_chunk().expect("a tile lies within its planes")
 }
 
 impl Tile {
@@ -198,112 +225,111 @@ impl Tile {
     }
 
     /// Averages of the tile's pixels, row by row.
+    #[inline(always)]
     fn average(&self, reach: Reach) -> Vec<[f32; VALUES]> {
         let at = |x: usize, y: usize| (y + self.rim) * self.stride + x + self.rim;
-        let own = |y: usize| self.values.each_ref().map(|plane| cut::<TILE>(plane, at(0, y)));
-        let mut sums: Vec<[[f32; TILE]; VALUES]> = (0..TILE).map(own).collect();
         // The pixel itself counts once.
-        let mut total = [[1.0_f32; TILE]; TILE];
+        let own = |y: usize| Sums {
+            values: self.values.each_ref().map(|plane| *cut(plane, at(0, y))),
+            weight: [1.0; TILE],
+        };
+        let mut sums: Vec<Sums> = (0..TILE).map(own).collect();
         let radius = reach.radius as isize;
-        let mut patches = Patches::default();
+        // Row by row, so that all that a row needs stays near: for each offset along it the distances of the last
+        // rows that patches reach over, summed along the row.
+        let mut along = vec![[[0.0_f32; TILE]; PATCHES]; 2 * reach.radius + 1];
         for dy in -radius..=radius {
-            for dx in (-radius..=radius).filter(|&dx| (dx, dy) != (0, 0)) {
-                patches.compare(self, (dx, dy), reach.strength);
-                for y in 0..TILE {
-                    let p = at(0, y);
+            for y in 0..SIDE {
+                let p = (y + self.rim - PATCH) * self.stride + self.rim - PATCH;
+                for (dx, rows) in (-radius..=radius).zip(&mut along).filter(|(dx, _)| (*dx, dy) != (0, 0)) {
                     let q = (p as isize + dy * self.stride as isize + dx) as usize;
-                    let weights = self.weigh(p, q, (dx as f32, dy as f32), reach.bend, &patches.row(y));
-                    for (sum, weight) in total[y].iter_mut().zip(&weights) {
-                        *sum += weight;
-                    }
-                    for (sums, plane) in sums[y].iter_mut().zip(&self.values) {
-                        for ((sum, value), weight) in sums.iter_mut().zip(&plane[q..q + TILE]).zip(&weights) {
-                            *sum += weight * value;
-                        }
+                    self.compare([p, q], reach.strength, &mut rows[y % PATCHES]);
+                    if let Some(y) = y.checked_sub(2 * PATCH) {
+                        let q = (at(0, y) as isize + dy * self.stride as isize + dx) as usize;
+                        let weights = self.weigh([at(0, y), q], [dx as f32, dy as f32], reach.bend, rows, y);
+                        sums[y].add(&self.values, q, &weights);
                     }
                 }
             }
         }
         let mean = |i: usize| {
             let (x, y) = (i % TILE, i / TILE);
-            if self.noisy(at(x, y)) {
-                sums[y].map(|row| row[x] / total[y][x])
-            } else {
-                own(y).map(|row| row[x])
+            match self.noisy(at(x, y)) {
+                true => sums[y].values.map(|row| row[x] / sums[y].weight[x]),
+                false => self.values.each_ref().map(|plane| plane[at(x, y)]),
             }
         };
         (0..TILE * TILE).map(mean).collect()
     }
 
-    /// Weights of a row of pairs that starts at the pixels p and q.
-    fn weigh(&self, p: usize, q: usize, (dx, dy): (f32, f32), bend: f32, far: &[f32; TILE]) -> [f32; TILE] {
+    /// Distances of a row of pairs of single pixels that starts at the pixels p and q, summed over the columns of
+    /// patches.
+    #[inline(always)]
+    fn compare(&self, [p, q]: [usize; 2], strength: f32, out: &mut [f32; TILE]) {
+        let k = strength * strength;
+        let [a, b, c] = self.signal.each_ref().map(|plane| cut::<SIDE>(plane, p));
+        let [d, e, f] = self.signal.each_ref().map(|plane| cut::<SIDE>(plane, q));
+        let (v, w) = (cut::<SIDE>(&self.variance, p), cut::<SIDE>(&self.variance, q));
+        let (t, u) = (cut::<SIDE>(&self.there, p), cut::<SIDE>(&self.there, q));
+        let mut single = [0.0; SIDE];
+        for x in 0..SIDE {
+            let [a, b, c] = [a[x] - d[x], b[x] - e[x], c[x] - f[x]];
+            let squared = (a * a + b * b + c * c) * (1.0 / 3.0);
+            let noise = v[x] + if v[x] < w[x] { v[x] } else { w[x] };
+            single[x] = t[x] * u[x] * (squared - noise) / (FLOOR + k * (v[x] + w[x]));
+        }
+        for x in 0..TILE {
+            out[x] = single[x] + single[x + 1] + single[x + 2] + single[x + 3] + single[x + 4];
+        }
+    }
+
+    /// Weights of a row of pairs that starts at the pixels p and q, from the rows of distances around it.
+    #[inline(always)]
+    fn weigh(
+        &self,
+        [p, q]: [usize; 2],
+        [dx, dy]: [f32; 2],
+        bend: f32,
+        rows: &[[f32; TILE]; PATCHES],
+        first: usize,
+    ) -> [f32; TILE] {
         let there = cut::<TILE>(&self.there, q);
-        let [near, columns, rows] = [0, 1, 2].map(|k| cut::<TILE>(&self.nearness[k], p));
+        let [near, columns, lines] = self.nearness.each_ref().map(|plane| cut::<TILE>(plane, p));
         let other = cut::<TILE>(&self.nearness[0], q);
-        let n = [0, 1, 2].map(|k| cut::<TILE>(&self.normal[k], p));
-        let m = [0, 1, 2].map(|k| cut::<TILE>(&self.normal[k], q));
-        std::array::from_fn(|x| {
+        let n = self.normal.each_ref().map(|plane| cut::<TILE>(plane, p));
+        let m = self.normal.each_ref().map(|plane| cut::<TILE>(plane, q));
+        let [r0, r1, r2, r3, r4] = std::array::from_fn(|k| &rows[(first + k) % PATCHES]);
+        let mut out = [0.0; TILE];
+        for x in 0..TILE {
+            let far = (r0[x] + r1[x] + r2[x] + r3[x] + r4[x]) / (PATCHES * PATCHES) as f32;
             // (1 - d/4)^4 falls like exp(-d), and to nothing at 4.
-            let alike = (1.0 - far[x] * 0.25).max(0.0);
+            let alike = (1.0 - far.max(0.0) * 0.25).max(0.0);
             let alike = alike * alike;
             let cosine = n[0][x] * m[0][x] + n[1][x] * m[1][x] + n[2][x] * m[2][x];
             let lengths = (n[0][x].abs() + n[1][x].abs() + n[2][x].abs())
                 * (m[0][x].abs() + m[1][x].abs() + m[2][x].abs());
             let turned = (1.0 - (1.0 - cosine) / bend).clamp(0.0, 1.0);
             // Off the plane by a twentieth of the depth is another surface.
-            let off = (other[x] - near[x] - columns[x] * dx - rows[x] * dy).abs();
+            let off = (other[x] - near[x] - columns[x] * dx - lines[x] * dy).abs();
             let level = (1.0 - off / (0.05 * near[x].max(other[x]) + f32::MIN_POSITIVE)).clamp(0.0, 1.0);
             let same = if lengths > 0.0 { turned * level } else { 1.0 };
-            there[x] * alike * alike * same
-        })
+            out[x] = there[x] * alike * alike * same;
+        }
+        out
     }
 }
 
-/// A piece of a plane.
-fn cut<const N: usize>(plane: &[f32], start: usize) -> [f32; N] {
-    std::array::from_fn(|x| plane[start + x])
-}
-
-/// Distances of patches for one offset.
-#[derive(Default)]
-struct Patches {
-    single: Vec<f32>,
-    rows: Vec<f32>,
-}
-
-impl Patches {
-    fn compare(&mut self, tile: &Tile, (dx, dy): (isize, isize), strength: f32) {
-        let k = strength * strength;
-        self.single.clear();
-        for y in 0..SIDE {
-            let p = (y + tile.rim - PATCH) * tile.stride + tile.rim - PATCH;
-            let q = (p as isize + dy * tile.stride as isize + dx) as usize;
-            let s = [0, 1, 2].map(|c| (cut::<SIDE>(&tile.signal[c], p), cut::<SIDE>(&tile.signal[c], q)));
-            let (v, w) = (cut::<SIDE>(&tile.variance, p), cut::<SIDE>(&tile.variance, q));
-            let (t, u) = (cut::<SIDE>(&tile.there, p), cut::<SIDE>(&tile.there, q));
-            let row: [f32; SIDE] = std::array::from_fn(|x| {
-                let [a, b, c] = [0, 1, 2].map(|c| s[c].0[x] - s[c].1[x]);
-                let squared = (a * a + b * b + c * c) * (1.0 / 3.0);
-                let noise = v[x] + if v[x] < w[x] { v[x] } else { w[x] };
-                t[x] * u[x] * (squared - noise) / (FLOOR + k * (v[x] + w[x]))
-            });
-            self.single.extend(row);
+impl Sums {
+    /// Adds a row of pixels that starts at q by their weights.
+    #[inline(always)]
+    fn add(&mut self, values: &[Vec<f32>; VALUES], q: usize, weights: &[f32; TILE]) {
+        for (sum, weight) in self.weight.iter_mut().zip(weights) {
+            *sum += weight;
         }
-        // Sums over patches, first along rows.
-        self.rows.clear();
-        for row in self.single.chunks_exact(SIDE) {
-            let sum: [f32; TILE] =
-                std::array::from_fn(|x| row[x] + row[x + 1] + row[x + 2] + row[x + 3] + row[x + 4]);
-            self.rows.extend(sum);
+        for (sums, plane) in self.values.iter_mut().zip(values) {
+            for ((sum, value), weight) in sums.iter_mut().zip(cut::<TILE>(plane, q)).zip(weights) {
+                *sum += weight * value;
+            }
         }
-    }
-
-    /// Distances for a row of the tile, at least 0.
-    fn row(&self, y: usize) -> [f32; TILE] {
-        const AREA: f32 = ((2 * PATCH + 1) * (2 * PATCH + 1)) as f32;
-        std::array::from_fn(|x| {
-            let sum: f32 = (0..2 * PATCH + 1).map(|k| self.rows[(y + k) * TILE + x]).sum();
-            (sum / AREA).max(0.0)
-        })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::sampling::{mix, unit};
-use crate::testing::context;
+use crate::testing::{context, levels};
 use crate::types::Data;
 
 const SIZE: usize = 48;
@@ -142,6 +142,23 @@ fn objects_are_averaged_within_their_alpha() {
         }
     }
     assert!(errors[1] * 4.0 < errors[0], "{errors:?}");
+}
+
+#[test]
+fn instruction_sets_do_not_show() {
+    let inputs = noisy(8);
+    let [without, with, object] =
+        [&inputs.without, &inputs.with, &inputs.object].map(|images| linear(&images.0[0].picture, "v"));
+    let [without, with, object] =
+        [without, with, object].map(|image| image.unwrap_or_else(|e| panic!("{e}")));
+    let [depth, normal, variance] =
+        [&inputs.depth, &inputs.normal, &inputs.variance].map(|images| &images.0[0].picture);
+    let view = View { without: &without, with: &with, object: &object, depth, normal, variance };
+    let (field, reach) = (view.receiver().0, Denoise { strength: 1.0, radius_px: 7 }.reach(0));
+    let average = |level| field.average_at(level, reach, &context()).unwrap_or_else(|e| panic!("{e}"));
+    let bits = |averages: Vec<[f32; VALUES]>| averages.into_iter().flatten().map(f32::to_bits).collect();
+    let all: Vec<Vec<u32>> = levels().into_iter().map(average).map(bits).collect();
+    assert!(all.windows(2).all(|two| two[0] == two[1]));
 }
 
 // Broken pixels stay what they are and do not spread.

@@ -1,9 +1,8 @@
-use fearless_simd::Level;
 use glam::{DMat3, DMat4, DVec3};
 
 use super::*;
 use crate::num;
-use crate::testing::context;
+use crate::testing::{context, levels};
 
 mod around;
 mod blocks;
@@ -201,17 +200,7 @@ fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
     let camera = camera(90, 70, 80.0);
     let settings = Settings { precision: Precision::F32, ..F64 };
     let expected = draw(&splats, &camera, settings);
-    let best = Level::new();
-    let mut levels = vec![Level::baseline()];
-    #[cfg(target_arch = "x86_64")]
-    {
-        levels.extend(best.as_sse2().map(Level::Sse2));
-        levels.extend(best.as_sse4_2().map(Level::Sse4_2));
-        levels.extend(best.as_avx2().map(Level::Avx2));
-        levels.extend(best.as_avx512().map(Level::Avx512));
-    }
-    levels.push(best);
-    for level in levels {
+    for level in levels() {
         for depth in [DepthMode::Expected, DepthMode::Median] {
             let settings = Settings { depth, ..settings };
             let here =

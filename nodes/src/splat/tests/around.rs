@@ -325,15 +325,7 @@ fn a_surface_in_front_hides_what_is_behind_it() {
 fn instruction_sets_and_threads_do_not_show_in_panoramas() {
     let splats = shell(400, 3);
     let expected = around(&splats, Up::MinusY, 118, FAST);
-    let best = Level::new();
-    let mut levels = vec![Level::baseline()];
-    #[cfg(target_arch = "x86_64")]
-    {
-        levels.extend(best.as_sse2().map(Level::Sse2));
-        levels.extend(best.as_avx2().map(Level::Avx2));
-        levels.extend(best.as_avx512().map(Level::Avx512));
-    }
-    for level in levels {
+    for level in levels() {
         let here = panorama_at(&splats, &origin(Up::MinusY, 118), None, &FAST, &context(), level);
         let here = here.expect("renders");
         assert_eq!(bits(&here), bits(&expected), "{level:?}");

@@ -1,0 +1,84 @@
+//! Error of the ratio S = with / without against seconds, as traced and denoised.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use engine::Kind;
+use nodes::denoise::{self, Denoise};
+use nodes::path_trace::Out;
+use nodes::path_trace::rules::{Bounce, EnvBlock};
+use nodes::types::Images;
+
+use super::case::{Case, Traced, context, rgb};
+
+/// Seeds that errors and seconds are taken over.
+const SEEDS: u64 = 5;
+
+/// Root mean square errors of S, at most 1: of pixels that the object does not cover, and of those that it covers
+/// in part.
+fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [f64; 2] {
+    let (r0, r1, alpha) = (rgb(r0), rgb(r1), alpha.0[0].picture.samples());
+    let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
+    for i in (0..r0.len()).filter(|&i| b0[i] > 0.02) {
+        let covered = alpha[i / 3 * 4 + 3];
+        let rim = usize::from(covered > 0.0);
+        let d = f64::from((r1[i] / r0[i]).min(1.0) - (b1[i] / b0[i]).min(1.0));
+        if covered < 1.0 {
+            sums[rim] += d * d;
+            counts[rim] += 1.0;
+        }
+    }
+    [0, 1].map(|k| (sums[k] / f64::max(counts[k], 1.0)).sqrt())
+}
+
+/// The denoised layers of a trace and the CPU seconds they took.
+fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
+    let inputs = denoise::In {
+        without: Arc::clone(&out.without),
+        with: Arc::clone(&out.with),
+        object: Arc::clone(&out.object),
+        depth: Arc::clone(&out.depth),
+        normal: Arc::clone(&out.normal),
+        variance: Arc::clone(&out.variance),
+    };
+    let start = super::cpu_seconds();
+    let params = Denoise { strength: 1.0, radius_px: 7 };
+    let clean = Denoise::run(&params, inputs, &context(data, 1)).unwrap().0;
+    (clean, super::cpu_seconds() - start)
+}
+
+/// Prints the table. A turn of the object keeps `without`, so it costs what the objects cost beside it and the
+/// filter; a step costs all.
+pub fn table(data: &Path) {
+    let case = Case::load(data, "sunny_plane");
+    let reference = ["R0", "R1"].map(|layer| case.reference(&format!("ref-cycles/{layer}.exr")));
+    println!("S on sunny_plane against Cycles at 1024, root mean square over {SEEDS} seeds, and of the rim");
+    for samples in [2, 4, 8, 16] {
+        let (mut squares, mut seconds) = ([[0.0; 2]; 2], [0.0; 3]);
+        let mut counts = String::new();
+        for seed in 1..=SEEDS {
+            let trace = |with| case.trace(seed, samples, with, EnvBlock::Solid, Bounce::Solid);
+            let (alone, all) = (trace(false), trace(true));
+            let Traced { out, .. } = all;
+            let (filtered, spent) = clean(data, &out);
+            let told = [
+                errors(&out.object, [&out.without, &out.with], &reference),
+                errors(&out.object, [&filtered.without, &filtered.with], &reference),
+            ];
+            for (square, error) in squares.iter_mut().flatten().zip(told.iter().flatten()) {
+                *square += error * error / SEEDS as f64;
+            }
+            for (sum, s) in seconds.iter_mut().zip([alone.seconds, all.seconds - alone.seconds, spent]) {
+                *sum += s / SEEDS as f64;
+            }
+            counts = all.counts;
+        }
+        let [raw, filtered] = squares.map(|of| of.map(f64::sqrt));
+        let [r0, pair, filter] = seconds;
+        println!(
+            "  {samples:3}: R0 {r0:.3}, objects {pair:.3}, filter {filter:.3} CPU-s; raw {:.4}, {:.4}; denoised {:.4}, {:.4}",
+            raw[0], raw[1], filtered[0], filtered[1]
+        );
+        println!("       {counts}");
+    }
+}
