@@ -35,6 +35,7 @@ pub struct OriginArgs {
 
 /// Most bytes of a picture or a graph file; a bundle is streamed.
 const LARGEST: u64 = 4 << 30;
+const MOST_AT_ONCE: u64 = 16 << 20;
 
 impl Origin {
     /// Finds out what `path` is and opens it.
@@ -52,7 +53,10 @@ impl Origin {
         if head == b"LHbundle" {
             return Self::bundle(path, file, args);
         }
-        let mut bytes = head;
+        // At once where the file says how long it is, and believed as far as graphs are long.
+        let length = file.metadata().map_or(0, |data| data.len());
+        let mut bytes = Vec::with_capacity(length.min(MOST_AT_ONCE) as usize + 1);
+        bytes.extend(head);
         file.take(LARGEST).read_to_end(&mut bytes).map_err(failed)?;
         if nodes::io::recipe::is_picture(&bytes) {
             return Self::picture(path, &bytes, args);

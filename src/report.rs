@@ -198,12 +198,13 @@ impl Lines {
 
     fn line(&self, word: &str, colour: &str, text: &str) {
         self.bars.suspend(|| {
-            let mut to = std::io::stderr().lock();
-            let _ = if self.colour {
-                writeln!(to, "\u{1b}[{colour}m{word:>9}\u{1b}[0m {text}")
+            // In one piece: nothing else that writes there comes between.
+            let line = if self.colour {
+                format!("\u{1b}[{colour}m{word:>9}\u{1b}[0m {text}\n")
             } else {
-                writeln!(to, "{word:>9} {text}")
+                format!("{word:>9} {text}\n")
             };
+            let _ = std::io::stderr().lock().write_all(line.as_bytes());
         });
     }
 }

@@ -213,10 +213,9 @@ pub struct Loaded {
 impl GraphArgs {
     /// Reads and checks the graph.
     pub fn load(&self) -> Result<Loaded, Error> {
-        let parse = |source, registry: &_, root| {
+        self.check(self.read(&mut Vec::new())?, |source, registry, root| {
             Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
-        };
-        self.load_by(&mut Vec::new(), parse)
+        })
     }
 
     /// The same by way of the compiled form in a store; `known` if that is the graph. The files that the graph
@@ -227,17 +226,17 @@ impl GraphArgs {
         known: Option<&Arc<Graph>>,
         texts: &mut Vec<PathBuf>,
     ) -> Result<Loaded, Error> {
-        self.load_by(texts, |source, registry, root| match known {
+        self.check(self.read(texts)?, |source, registry, root| match known {
             Some(known) if known.source == source => Ok(known.clone()),
             _ => Graph::parse_cached(source, registry, root, store).map(Arc::new).map_err(Error::Graph),
         })
     }
 
-    /// Reads and checks the graph, and opens an engine. A large graph comes by way of its compiled form; a wrong
+    /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong
     /// one that is small leaves no cache behind.
-    pub fn load_with(&self, engine: &EngineArgs) -> Result<(Loaded, Engine), Error> {
+    pub fn check_with(&self, origin: Origin, engine: &EngineArgs) -> Result<(Loaded, Engine), Error> {
         let mut opened = None;
-        let loaded = self.load_by(&mut Vec::new(), |source, registry, root| {
+        let loaded = self.check(origin, |source, registry, root| {
             if source.text.len() < Graph::WORTH_COMPILING {
                 return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
             }
@@ -248,15 +247,13 @@ impl GraphArgs {
         Ok((loaded, engine))
     }
 
-    fn load_by(
-        &self,
-        texts: &mut Vec<PathBuf>,
-        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
-    ) -> Result<Loaded, Error> {
+    /// Reads the graph, what is laid over it and what it includes. The files of that go to `texts`, found or not.
+    pub fn read(&self, texts: &mut Vec<PathBuf>) -> Result<Origin, Error> {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());
         let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
-        let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
+        let origin = Origin::open(&self.graph, &origin)?;
+        let mut source = origin.source;
         for preset in &self.preset {
             source = source.with_preset(preset, &nodes::registry());
         }
@@ -278,8 +275,17 @@ impl GraphArgs {
             return Err(Error::Edit(wrong));
         }
         // Last, since what is laid over may name other files.
-        let (source, included) = engine::apply(&source, &settings).including(&root);
+        let (source, included) = engine::apply(&source, &settings).including(&origin.root);
         texts.extend(included);
+        Ok(Origin { source, ..origin })
+    }
+
+    fn check(
+        &self,
+        origin: Origin,
+        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
+    ) -> Result<Loaded, Error> {
+        let Origin { source, root, lock, recipe, unpacked } = origin;
         let graph = parse(source, &nodes::registry(), root)?;
         let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
         if let Some(recipe) = recipe.filter(|_| as_it_was) {

@@ -5,12 +5,12 @@
 //! and repair removes them all, so that nothing is found in one that is gone from the records.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::digest::Digest;
 use crate::failpoint::INDEX;
 use crate::history::Book;
-use crate::store::Store;
+use crate::store::{FORMAT, Store};
 use crate::temp::TempFile;
 
 /// The folder of these files.
@@ -32,10 +32,7 @@ impl Store {
 
     /// What was last kept by [`last_run_put`](Self::last_run_put), whole and verified.
     pub fn last_run_get(&self, book: &str) -> Option<Vec<u8>> {
-        let mut bytes = fs::read(self.last_run_path(book)?).ok()?;
-        let digest = *bytes.last_chunk::<32>()?;
-        bytes.truncate(bytes.len() - digest.len());
-        (Digest::of(&bytes).as_bytes() == &digest).then_some(bytes)
+        read(&self.last_run_path(book)?)
     }
 
     /// Forgets all of them.
@@ -46,8 +43,24 @@ impl Store {
     }
 
     fn last_run_path(&self, book: &str) -> Option<PathBuf> {
-        Some(self.folder()?.join(FOLDER).join(Book::key(book).to_string()))
+        Some(path(self.folder()?, book))
     }
+}
+
+/// [`Store::last_run_get`] of the cache in `folder`, which is not opened for that.
+pub fn last_run(folder: &Path, book: &str) -> Option<Vec<u8>> {
+    read(&path(&folder.join(FORMAT), book))
+}
+
+fn path(root: &Path, book: &str) -> PathBuf {
+    root.join(FOLDER).join(Book::key(book).to_string())
+}
+
+fn read(path: &Path) -> Option<Vec<u8>> {
+    let mut bytes = fs::read(path).ok()?;
+    let digest = *bytes.last_chunk::<32>()?;
+    bytes.truncate(bytes.len() - digest.len());
+    (Digest::of(&bytes).as_bytes() == &digest).then_some(bytes)
 }
 
 #[cfg(test)]
@@ -64,6 +77,7 @@ mod tests {
         store.last_run_put("graph", b"");
         store.last_run_put("other", b"two");
         assert_eq!(store.last_run_get("graph").as_deref(), Some(&b""[..]));
+        assert_eq!(last_run(folder.path(), "other").as_deref(), Some(&b"two"[..]));
         assert_eq!(store.last_run_get("other").as_deref(), Some(&b"two"[..]));
         let path = store.last_run_path("other").unwrap();
         let good = fs::read(&path).unwrap();

@@ -14,30 +14,15 @@ pub(crate) fn key(path: &Path) -> io::Result<Digest> {
 
 /// Stamp and digest as the payload of an entry.
 pub(crate) fn encode(stamp: &FileStamp, digest: &Digest) -> Vec<u8> {
-    let mut payload = Vec::with_capacity(80);
-    payload.extend_from_slice(&stamp.size.to_le_bytes());
-    payload.extend_from_slice(&stamp.mtime_ns.to_le_bytes());
-    payload.extend_from_slice(&stamp.inode.to_le_bytes());
-    payload.extend_from_slice(&stamp.dev.to_le_bytes());
-    payload.extend_from_slice(&stamp.ctime_ns.to_le_bytes());
-    payload.extend_from_slice(&stamp.taken_ns.to_le_bytes());
-    payload.extend_from_slice(digest.as_bytes());
-    payload
+    [&stamp.to_bytes()[..], &stamp.taken_ns.to_le_bytes(), digest.as_bytes()].concat()
 }
 
 /// The digest in `payload`, if it was taken of a settled file that still has the stamp `now`.
 pub(crate) fn recall(payload: &[u8], now: &FileStamp) -> Option<Digest> {
-    let (numbers, digest) = payload.split_at_checked(48)?;
-    let number = |index: usize| numbers.get(index * 8..).and_then(|rest| rest.first_chunk::<8>()).copied();
-    let stamp = FileStamp {
-        size: u64::from_le_bytes(number(0)?),
-        mtime_ns: i64::from_le_bytes(number(1)?),
-        inode: u64::from_le_bytes(number(2)?),
-        dev: u64::from_le_bytes(number(3)?),
-        ctime_ns: i64::from_le_bytes(number(4)?),
-        taken_ns: i64::from_le_bytes(number(5)?),
-    };
-    (stamp == *now && stamp.is_settled()).then_some(Digest::from_bytes(digest.try_into().ok()?))
+    let (stamp, rest) = payload.split_first_chunk::<40>()?;
+    let (taken, digest) = rest.split_first_chunk::<8>()?;
+    let then = FileStamp { taken_ns: i64::from_le_bytes(*taken), ..*now };
+    (*stamp == now.to_bytes() && then.is_settled()).then_some(Digest::from_bytes(digest.try_into().ok()?))
 }
 
 /// Reads the whole file: its digest and its length in bytes. A pipe or a device, which may have no end, is refused.

@@ -69,6 +69,14 @@ impl FileStamp {
         FileStamp { size: metadata.len(), mtime_ns, inode: 0, dev: 0, ctime_ns, taken_ns }
     }
 
+    /// What makes two stamps equal, as bytes to keep.
+    pub fn to_bytes(&self) -> [u8; 40] {
+        let numbers = [self.size, self.mtime_ns as u64, self.inode, self.dev, self.ctime_ns as u64];
+        let mut bytes = [0; 40];
+        bytes.copy_from_slice(numbers.map(u64::to_le_bytes).as_flattened());
+        bytes
+    }
+
     /// Whether the file had been left alone for long enough when the stamp was taken that any later change
     /// must show in a new stamp (git's rule for "racily clean" files). Never true for a file from the future.
     pub fn is_settled(&self) -> bool {

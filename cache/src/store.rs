@@ -29,7 +29,7 @@ pub(crate) mod kind {
 }
 
 /// The version of everything below it; a new format gets a new folder and never meets an old one.
-const FORMAT: &str = "v1";
+pub(crate) const FORMAT: &str = "v1";
 
 const DAY_SECONDS: u64 = 24 * 60 * 60;
 
@@ -189,7 +189,7 @@ impl Store {
     /// Says that a run is at work, until the guard is dropped: no collection removes anything meanwhile. Waits
     /// for one that is at work, for as long as `cancelled` allows. Notes when `book` was used.
     pub fn begin_run(&self, book: &str, cancelled: &dyn Fn() -> bool) -> Running {
-        let today = gc::seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS;
+        let today = today();
         // In a book of its own, since that of a large graph takes long to read.
         let name = Book::key(book).to_string();
         if self.history_get(gc::USED, &name).as_deref() != Some(&today.to_le_bytes()) {
@@ -460,6 +460,11 @@ impl Drop for Store {
             let _ = self.write_notes();
         }
     }
+}
+
+/// The day, as the seconds since 1970 at which it began: the step in which uses of results are noted.
+pub fn today() -> u64 {
+    gc::seconds(SystemTime::now()) / DAY_SECONDS * DAY_SECONDS
 }
 
 /// Creates the cache folder, marked so that backup programs leave it out.

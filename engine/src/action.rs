@@ -5,13 +5,14 @@ use std::sync::Arc;
 use cache::{Digest, Key, Manifest, Store};
 
 use crate::context::{ContextField, ReadSource};
+use crate::diag::Source;
 use crate::error::NodeError;
 use crate::graph::{Graph, Node, Wire};
 use crate::key::node_key;
 use crate::kind::Sizes;
 use crate::recipe::recipe;
 use crate::record::{Output, Record, Spent};
-use crate::root::SourceFile;
+use crate::root::{SourceFile, SourceRoot};
 
 /// A node whose inputs are known by digest.
 #[derive(Default)]
@@ -97,8 +98,13 @@ pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record
 
 /// The book of history in which the last keys of a graph's nodes are kept, by name.
 pub(crate) fn last_keys(graph: &Graph) -> String {
-    let file = graph.source.name.rsplit('/').next().unwrap_or_default();
-    format!("last key\n{}\n{file}\n", graph.root.folder().display())
+    book(&graph.source, &graph.root)
+}
+
+/// The same of a graph that is not read yet.
+pub(crate) fn book(source: &Source, root: &SourceRoot) -> String {
+    let file = source.name.rsplit('/').next().unwrap_or_default();
+    format!("last key\n{}\n{file}\n", root.folder().display())
 }
 
 /// How large the inputs of a node are. `output` gives what a wire carries.

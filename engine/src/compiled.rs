@@ -77,7 +77,7 @@ fn key(text: &str, root: &SourceRoot) -> Digest {
 }
 
 /// What nodes of a kind were checked by.
-fn shape(kind: &KindEntry) -> Digest {
+pub(crate) fn shape(kind: &KindEntry) -> Digest {
     let mut of = Encoder::default();
     of.u32(kind.version);
     of.str(kind.profile);
@@ -141,7 +141,7 @@ fn encode(graph: &Graph) -> Vec<u8> {
         }
         span(&mut to, &node.span);
         to.u8s(&node.places.encode(&node.kind));
-        to.u8s(&texts(node));
+        to.u8s(&node.texts());
         to.u8s(&key_fields(&*node.step));
     }
     to.u32s(&graph.order().iter().map(|&node| node as u32).collect::<Vec<_>>());
@@ -243,24 +243,12 @@ fn files(graph: &Graph) -> Vec<(String, Vec<u8>)> {
 
 /// Enough to see that a file may be another one: what was checked of it is then checked again.
 fn stamp(file: &SourceFile) -> Vec<u8> {
-    let Ok(stamp) = FileStamp::of(&file.path) else { return Vec::new() };
-    let numbers = [stamp.size, stamp.mtime_ns as u64, stamp.ctime_ns as u64, stamp.inode, stamp.dev];
-    numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
+    FileStamp::of(&file.path).map_or_else(|_| Vec::new(), |stamp| stamp.to_bytes().to_vec())
 }
 
 /// Everything that a node of this kind may have a field for.
 fn names(kind: &KindEntry) -> impl Iterator<Item = &'static str> {
     kind.params.iter().map(|param| param.name).chain(kind.inputs.iter().map(|port| port.name))
-}
-
-/// Number and canonical text of each parameter.
-fn texts(node: &Node) -> Vec<u8> {
-    let mut to = Encoder::default();
-    node.step.texts(&node.kind, &mut |index, text| {
-        to.u32(index as u32);
-        to.str(text);
-    });
-    to.finish()
 }
 
 /// The part of a node's key that its parameters make.
@@ -349,7 +337,7 @@ impl LazyStep {
     /// Visits number and canonical text of each parameter; those that are text are not read for that.
     pub fn texts(&self, kind: &KindEntry, visit: &mut dyn FnMut(usize, &str)) {
         if let Some(stored) = &self.stored {
-            return stored.texts().for_each(|(index, text)| visit(index, text));
+            return texts(&stored.bytes[stored.texts.clone()]).for_each(|(index, text)| visit(index, text));
         }
         let mut params = kind.params.iter().enumerate();
         self.visit(&mut |_, value| {
@@ -379,34 +367,42 @@ impl Deref for LazyStep {
     type Target = dyn Step;
 
     fn deref(&self) -> &Self::Target {
-        let read = || self.stored.as_ref().and_then(Stored::read).unwrap_or_else(|| Arc::new(Unreadable));
+        let stored = |stored: &Stored| stored.kind.step_of(&stored.bytes[stored.texts.clone()]);
+        let read = || self.stored.as_ref().and_then(stored).unwrap_or_else(|| Arc::new(Unreadable));
         &**self.step.get_or_init(read)
     }
 }
 
-impl Stored {
-    /// Number and text of each stored parameter, as far as they make sense.
-    fn texts(&self) -> impl Iterator<Item = (usize, &str)> {
-        let mut from = Decoder::new(&self.bytes[self.texts.clone()]);
-        std::iter::from_fn(move || {
-            let index = from.u32().ok()? as usize;
-            Some((index, str::from_utf8(from.raw().ok()?).ok()?))
-        })
-    }
+/// Number and text of each stored parameter, as far as they make sense.
+fn texts(stored: &[u8]) -> impl Iterator<Item = (usize, &str)> {
+    let mut from = Decoder::new(stored);
+    std::iter::from_fn(move || {
+        let index = from.u32().ok()? as usize;
+        Some((index, str::from_utf8(from.raw().ok()?).ok()?))
+    })
+}
 
-    fn read(&self) -> Option<Arc<dyn Step>> {
-        let mut fields = Vec::new();
-        for (index, text) in self.texts() {
-            let name = self.kind.params.get(index)?.name;
-            fields.push(RawField::plain(name, text));
-        }
+impl Node {
+    /// Number and canonical text of each parameter, for [`KindEntry::step_of`].
+    pub(crate) fn texts(&self) -> Vec<u8> {
+        let mut to = Encoder::default();
+        self.step.texts(&self.kind, &mut |index, text| {
+            to.u32(index as u32);
+            to.str(text);
+        });
+        to.finish()
+    }
+}
+
+impl KindEntry {
+    /// The parameters that [`Node::texts`] wrote; `None` where this kind does not read them.
+    pub(crate) fn step_of(&self, stored: &[u8]) -> Option<Arc<dyn Step>> {
+        let field = |(index, text)| Some(RawField::plain(self.params.get::<usize>(index)?.name, text));
+        let fields = texts(stored).map(field).collect::<Option<Vec<_>>>()?;
         let mut diagnostics = Vec::new();
-        (self.kind.read)(&mut Fields {
-            fields: &fields,
-            node_span: 0..0,
-            kind: self.kind.name,
-            diagnostics: &mut diagnostics,
-        })
+        let mut fields =
+            Fields { fields: &fields, node_span: 0..0, kind: self.name, diagnostics: &mut diagnostics };
+        (self.read)(&mut fields)
     }
 }
 

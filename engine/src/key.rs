@@ -10,7 +10,7 @@ use crate::graph::{Graph, Wire};
 use crate::record::Output;
 
 /// Written into every key; raised when keys or records change their form.
-const FORMAT: &str = "lightharmony action 1";
+pub(crate) const FORMAT: &str = "lightharmony action 1";
 const PART_FORMAT: &str = "lightharmony part 1";
 
 /// The key of a node whose inputs are known, written in `memory`. `output` gives what a wire carries.

@@ -21,8 +21,8 @@ impl<'a> Run<'a> {
     /// Starts queued code while threads and memory last. One node always runs, however large it is
     /// within the budget as a whole.
     pub fn launch(&mut self) {
-        while self.running < self.engine.limits().jobs
-            && let Some(&(rank, index)) = self.queue.first()
+        while let Some(&(rank, index)) = self.queue.first()
+            && self.running < self.engine.limits().jobs
         {
             let bytes = match self.cost(index) {
                 Ok(bytes) => bytes,

@@ -117,13 +117,7 @@ impl Record {
             to.str(&file.view);
             digest(&mut to, &file.digest);
         }
-        let notes: Vec<_> = self.notes.iter().collect();
-        to.u64(notes.len() as u64);
-        for note in notes {
-            to.u8(LEVELS.iter().position(|level| *level == note.level).unwrap_or_default() as u8);
-            to.str(&note.id);
-            to.str(&note.text);
-        }
+        write_notes(&mut to, &self.notes);
         to.f64(self.spent.seconds);
         to.f64(self.spent.work);
         to.u64(self.spent.memory);
@@ -154,12 +148,7 @@ impl Record {
         let files = (0..from.length(40)?)
             .map(|_| Ok(FileRecord { view: from.str()?, digest: read_digest(&mut from)? }))
             .collect::<Result<_, Corrupt>>()?;
-        let mut notes = Notes::none();
-        for _ in 0..from.length(17)? {
-            let level = from.u8()? as usize;
-            let level = *LEVELS.get(level).ok_or_else(|| Corrupt(format!("level {level}")))?;
-            notes.push(level, &from.str()?, from.str()?);
-        }
+        let notes = read_notes(&mut from)?;
         let (seconds, work, memory) = (from.f64()?, from.f64()?, from.u64()?);
         let counts = read_counts(&mut from)?;
         from.end()?;
@@ -213,6 +202,25 @@ pub fn blobs_of(payload: &[u8]) -> Vec<Digest> {
             Err(_) => Record::stored_blobs(payload).unwrap_or_default(),
         },
     }
+}
+
+pub(crate) fn write_notes(to: &mut Encoder, notes: &Notes) {
+    to.u64(notes.iter().count() as u64);
+    for note in notes.iter() {
+        to.u8(LEVELS.iter().position(|level| *level == note.level).unwrap_or_default() as u8);
+        to.str(&note.id);
+        to.str(&note.text);
+    }
+}
+
+pub(crate) fn read_notes(from: &mut Decoder<'_>) -> Result<Notes, Corrupt> {
+    let mut notes = Notes::none();
+    for _ in 0..from.length(17)? {
+        let level = from.u8()? as usize;
+        let level = *LEVELS.get(level).ok_or_else(|| Corrupt(format!("level {level}")))?;
+        notes.push(level, &from.str()?, from.str()?);
+    }
+    Ok(notes)
 }
 
 const LEVELS: [Level; 4] = [Level::Count, Level::Decision, Level::Warning, Level::Degraded];

@@ -27,6 +27,7 @@ use crate::schedule::{Engine, Outcome, RunOptions};
 use crate::sink;
 use crate::slot::{Life, Slot, Waiter};
 use crate::trace::Tracer;
+use crate::unchanged;
 
 /// What the deciding thread has yet to do.
 pub(crate) enum Task {
@@ -483,6 +484,7 @@ impl<'a> Run<'a> {
         match placed {
             Ok(Some(files)) => {
                 for (path, written) in files {
+                    self.news |= written;
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
                     (self.tell)(Event::File { id, path, written, preview });
                 }
@@ -505,22 +507,38 @@ impl<'a> Run<'a> {
                 self.tell_skipped(index);
             }
         }
+        let store = &self.engine.store;
         if self.news && !self.store_failed {
-            self.known.write(&self.engine.store, &self.last_keys, &self.slots);
+            self.known.write(store, &self.last_keys, &self.slots);
         }
-        if let Err(error) = self.engine.store.flush() {
+        let mut quiet = !self.news;
+        if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
             (self.tell)(Event::Warning { id: "cache-write", text });
+            quiet = false;
         }
-        for incident in self.engine.store.take_incidents() {
+        for incident in store.take_incidents() {
             (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
+            quiet = false;
         }
         self.totals.stopped = self.stopped();
+        if quiet && self.all_is_known() {
+            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
+        }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         (self.tell)(Event::Done(self.totals.clone()));
         let failures = (!self.failures.is_empty())
             .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
         Outcome { totals: self.totals, failures }
+    }
+
+    /// Whether every sink was found to be in place, and nothing had to be done for that.
+    fn all_is_known(&self) -> bool {
+        let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
+            return false;
+        };
+        let asked = self.options.only.is_empty() && self.options.rough.is_empty();
+        asked && self.graph.nodes.iter().any(|node| node.sink_path.is_some())
     }
 
     /// Values of a node of the same key, for the readers of this one.

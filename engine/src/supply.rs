@@ -20,10 +20,11 @@ impl<'a> Run<'a> {
     /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
     /// memory is full, so that a wide graph does not come to memory all at once.
     pub fn supply(&mut self) {
-        while self.supplied < self.engine.limits().jobs
+        while let Some(&first @ (_, index)) = self.ready.first()
+            && self.supplied < self.engine.limits().jobs
             && (self.held + self.reserved < self.engine.limits().memory || self.supplied + self.running == 0)
-            && let Some((_, index)) = self.ready.pop_first()
         {
+            self.ready.remove(&first);
             self.slots[index].life = Life::Gathering;
             self.supplied += 1;
             self.gather(index);

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use engine::{Engine, Event, RunOptions};
+use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
 use serde_json::json;
 
 use super::lock;
 use crate::budget;
+use crate::origin::Origin;
 use crate::report::{self, Report};
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded, on_interrupt};
+use crate::session::{EngineArgs, Error, GraphArgs, Loaded, cache_folder, on_interrupt};
 use crate::trace::Trace;
 
 /// Runs a graph: computes what is not known and writes the files of its sinks.
@@ -48,7 +49,11 @@ impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
         let seconds = self.time.as_deref().map(super::cache::time).transpose()?;
-        let (mut loaded, engine) = self.graph.load_with(&self.engine)?;
+        let origin = self.graph.read(&mut Vec::new())?;
+        if let Some(outcome) = self.unchanged(&origin)? {
+            return Ok(outcome.totals.exit_code());
+        }
+        let (mut loaded, engine) = self.graph.check_with(origin, &self.engine)?;
         if let Some(error) = self.max_error {
             loaded = budget::to_error(loaded, error)?;
         }
@@ -61,7 +66,7 @@ impl Run {
             lock::refuse(&engine, graph, only, lock)?;
         }
         let cancel = on_interrupt()?;
-        let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
+        let mut report = self.report();
         if let Some(text) = report::no_file(graph, only) {
             report.tell(&Event::Warning { id: "no-file", text });
         }
@@ -100,6 +105,24 @@ impl Run {
         // The process ends: to take a large graph apart, piece by piece, would only take time.
         std::mem::forget(loaded.graph);
         Ok(outcome.totals.exit_code())
+    }
+
+    /// Tells what the last run told, where nothing is to be done; see [`run_unchanged`]. What asks more than that of
+    /// a run needs the graph.
+    fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
+        let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
+        if asked || !self.graph.only.is_empty() {
+            return Ok(None);
+        }
+        self.engine.memory()?;
+        let mut report = self.report();
+        let (folder, kinds) = (cache_folder(self.engine.cache.as_deref())?, nodes::registry());
+        let tell = |event| report.tell(&event);
+        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, tell))
+    }
+
+    fn report(&self) -> Report {
+        if self.json { Report::json() } else { Report::lines(self.verbose) }
     }
 
     /// The graph with the samples that there is time for, which are told.

@@ -19,4 +19,5 @@ mod plans;
 mod running;
 mod shapes;
 mod subgraphs;
+mod unchanged;
 mod watching;
