@@ -229,24 +229,24 @@ mod tests {
     }
 
     /// And no shadow leaves the background bit for bit.
-    /// Mutation: `1 - alpha` by a rounded alpha.
+    /// Mutation: `under * (1.0 - cover) + over` to `under + (over - under * cover)` in `Composite::view` (seen red).
     #[test]
     fn row_56_full_and_empty_masks_are_exact() {
         let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], s), [0.1 * 0.25, 0.7 * 0.5, 3.3]);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], [1.0; 3]), b);
-        assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 9.0, 1.0], s), [0.2, 0.3, 9.0]);
+        assert_eq!(run(Some([0.0; 3]), rgb(b), [0.2, 0.3, 0.001, 1.0], s), [0.2, 0.3, 0.001]);
     }
 
     /// Light with no coverage is a glow.
-    /// Mutation: the object's colour times its alpha.
+    /// Mutation: the object's colour times its alpha (seen red).
     #[test]
     fn row_57_glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
     /// What an object of a colour and a coverage gives, premultiplied or by the formula for straight alpha.
-    /// Mutation: alpha applied twice.
+    /// Mutation: `1.0 - cover` squared (seen red).
     #[test]
     fn row_58_premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -259,7 +259,7 @@ mod tests {
     }
 
     /// Holes show the backdrop or stay open, and the alpha that leaves is that of "over".
-    /// Mutation: the backdrop under all of the background, its covered part too.
+    /// Mutation: the backdrop under all of the background, its covered part too (seen red).
     #[test]
     fn row_59_holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();

@@ -260,7 +260,7 @@ mod tests {
         out.shadow.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
     }
 
-    /// Mutation: the bound of energy not asked in `Paper`, or `epsilon` added above the line only.
+    /// Mutation: `energy > 0.0 && energy >= least` not asked in `ratio` (seen red).
     #[test]
     fn row_49_nothing_over_nothing_is_one() {
         for form in [RatioForm::Stable, RatioForm::Paper, RatioForm::Hybrid] {
@@ -270,7 +270,7 @@ mod tests {
         }
     }
 
-    /// Mutation: `epsilon` not scaled by the mean of R0 in `Stable`.
+    /// Mutation: `epsilon` not scaled by the mean of R0 in `ratio` (seen red).
     #[test]
     fn row_52_exposure_does_not_change_the_ratio() {
         for exposure in [1e-6_f32, 1.0, 1e6] {
@@ -284,7 +284,8 @@ mod tests {
         row(52, "change of the ratio at 1e-6 and 1e6 of the light", change(1e-6).max(change(1e6)), 1e-6);
     }
 
-    /// Mutation: `is_finite` not asked of R1.
+    /// They are counted, and add no light.
+    /// Mutation: `b.is_finite()` not asked in `view` (seen red).
     #[test]
     fn row_53_dark_and_broken_samples_cast_no_shadow() {
         let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
@@ -294,10 +295,16 @@ mod tests {
         let stable = ratios(&plain(), &r0, &r1);
         assert_eq!(stable[2..], [1.0; 3]);
         assert!((stable[0] - 0.5).abs() < 1e-3);
+        let difference = ShadowRatio { form: RatioForm::Difference, ..plain() };
+        let (out, notes) =
+            ShadowRatio::run(&difference, In { without: image(&r0), with: image(&r1) }, &context())
+                .expect("runs");
+        assert!(notes.iter().any(|n| n.id == "not-finite" && n.text.starts_with("9 ")));
+        assert_eq!(out.added.0[0].picture.samples()[6..], [0.0; 9]);
     }
 
     /// Monotone in each shaping parameter, and the ends are exact.
-    /// Mutation: the floor before the power in `shape`.
+    /// Mutation: the floor before the power in `shape` (seen red).
     #[test]
     fn row_54_shaping_follows_the_paper() {
         let p = plain;
@@ -318,7 +325,7 @@ mod tests {
         }
     }
 
-    /// Mutation: `s_max` taken for 1.
+    /// Mutation: `s_max` taken for 1 in `ratio` (seen red).
     #[test]
     fn row_51_added_light_needs_s_max() {
         assert_eq!(ratios(&plain(), &[1.0], &[1.3]), [1.0]);
@@ -326,7 +333,7 @@ mod tests {
         row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
     }
 
-    /// Mutation: any `range` of `ShadowRatio` left out.
+    /// Mutation: any `range` of `ShadowRatio` left out (each seen red).
     #[test]
     fn row_55_parameters_out_of_range_are_named() {
         for (field, values) in [
@@ -355,7 +362,7 @@ mod tests {
     }
 
     /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
-    /// Mutation: a threshold in place of the fade.
+    /// Mutation: `trust` of 1, a threshold in place of the fade (seen red).
     #[test]
     fn row_50_the_mask_has_no_edge() {
         let at = |least: f64| ratios(&ShadowRatio { min_energy: least, ..plain() }, &[0.5; 3], &[0.1; 3])[1];

@@ -71,7 +71,7 @@ fn diamonds(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
-/// Mutation: the stack of `order_of` to recursion.
+/// Mutation: `self.todo.push_back(Task::Resolve(below))` to `self.resolve(below)` in `Run` (seen red).
 #[test]
 fn row_66_a_chain_of_a_hundred_thousand_nodes() {
     // On a stack of the size that threads have: a walk that recurses overflows it.
@@ -83,7 +83,7 @@ fn a_fan_and_a_node_that_reads_it_all() {
     assert_linear(|count| times(&fan(count), count), 2_000);
 }
 
-/// Mutation: `Graph::above` without marks of what was walked.
+/// Mutation: `slot.unresolved == 0` to `true` in `Run` (seen red).
 #[test]
 fn row_66_diamonds_are_walked_once() {
     assert_linear(|count| times(&diamonds(count), count), 1_500);

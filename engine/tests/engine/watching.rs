@@ -270,7 +270,7 @@ fn looking_finds_what_listening_would() {
     assert_eq!(ran(&watch.rest()), ["one", "save", "sum"]);
 }
 
-/// Mutation: `Stamp::of` without the inode, or the wait after a change dropped.
+/// Mutation: a changed graph not taken in `Session::run` (seen red).
 #[test]
 fn row_69_a_storm_of_saves_ends_as_the_last_one_says() {
     let watch = Session::of(SUM);

@@ -35,8 +35,8 @@ impl Bvh {
             return bvh;
         }
         let mut build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
-        let depth = if kept.len() == 1 { usize::MAX } else { build.build_tree() };
-        if depth.saturating_mul(3) >= STACK {
+        // Each level but the last leaves three children waiting.
+        if 3 * build.build_tree() >= STACK {
             build.out.nodes.clear();
             build.out.packets.clear();
             let mut order: Vec<u32> = (0..kept.len() as u32).collect();

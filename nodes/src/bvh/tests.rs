@@ -49,7 +49,7 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 }
 
 /// Among them rays along the axes, with components 0 and -0.
-/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::walk`.
+/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::walk` (seen red).
 #[test]
 fn row_44_rays_find_what_brute_force_finds() {
     for (n, size) in [(1, 1.0), (2, 1.0), (5, 0.7), (500, 0.15)] {
@@ -121,7 +121,7 @@ fn closed_meshes_do_not_leak() {
     }
 }
 
-/// Mutation: `is_finite` of a corner not asked in `Bvh::build`.
+/// Mutation: `is_finite` of a corner not asked in `Bvh::build` (seen red).
 #[test]
 fn row_41_broken_triangles_are_left_out_and_counted() {
     let good = [Vec3::ZERO, Vec3::X, Vec3::Y];
@@ -135,8 +135,9 @@ fn row_41_broken_triangles_are_left_out_and_counted() {
     assert_eq!(behind.map(|h| (h.triangle, h.back)), Some((3, true)));
 }
 
-/// No triangle, one, and many with equal centroids, which make no deep tree.
-/// Mutation: `kept.len() == 1` not asked in `Bvh::build`, or `>= STACK` to `>= usize::MAX`.
+/// No triangle, one, many with equal centroids, and many each half as large as the one before, whose best tree may
+/// be too deep for the stack of a walk.
+/// Mutation: `order.len() / 2` to `1` in `balanced` (seen red).
 #[test]
 fn row_45_identical_triangles_stay_shallow() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);
@@ -151,6 +152,19 @@ fn row_45_identical_triangles_stay_shallow() {
     let mut tree = Vec::new();
     balanced(&boxes, &mut order, 0, &mut tree);
     assert!(tree.len() < 5_000);
+    let halved = |k: u32| {
+        let side = f32::from_bits((127 + 40 - k) << 23);
+        [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| (Vec3::ONE + axis) * side)
+    };
+    // Four of each, as many as a leaf takes.
+    let nested = Bvh::build(&(0..360).map(|k| halved(k / 4)).collect::<Vec<_>>());
+    let mut met = 0;
+    nested.any(Ray::new(Vec3::ZERO, Vec3::ONE), |_| {
+        met += 1;
+        false
+    });
+    assert_eq!(met, 360);
+    assert_eq!(nested.closest(Ray::new(Vec3::ZERO, Vec3::ONE), |_| true).map(|hit| hit.triangle), Some(356));
 }
 
 // The folded tree gives the same hits as a differently shaped one: results do not hang on the tree.

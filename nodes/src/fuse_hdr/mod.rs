@@ -255,7 +255,7 @@ fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused) -> Fus
 /// the colour is returned as it is, so that black stays black and nothing is rounded.
 fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
     let own = f64::from(luminance(rgb));
-    if fused == own || own <= 0.0 {
+    if fused == own {
         return rgb;
     }
     rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)

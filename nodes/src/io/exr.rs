@@ -191,7 +191,7 @@ mod tests {
         }
     }
 
-    /// Mutation: `v.clamp(-HALF_MAX, HALF_MAX)` to `v` in `write`.
+    /// Mutation: `v.clamp(-HALF_MAX, HALF_MAX)` to `v` in `write` (seen red).
     #[test]
     fn row_62_halves_round_to_nearest_and_never_overflow_silently() {
         let samples = vec![65_504.0, 65_519.99, 65_520.0, 1e5, 6e-5, 6e-8, -1e9, f32::INFINITY];
@@ -208,7 +208,7 @@ mod tests {
     }
 
     /// Halves and floats in one file, NaN and infinity as they were, and no pixels at all refused.
-    /// Mutation: `data.len() != size.0 * size.1` dropped, or 16-bit samples read as 32-bit ones.
+    /// Mutation: NaN made 0 in `read` (seen red).
     #[test]
     fn row_63_types_mix_and_what_is_no_number_comes_through() {
         let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];
@@ -224,7 +224,7 @@ mod tests {
         assert!(none.map_or(true, |(bytes, _)| read("a.exr", &bytes).is_err()));
     }
 
-    /// Mutation: `y as i64 + dy` to `y as i64 - dy` in `place`.
+    /// Mutation: `y as i64 + dy` to `y as i64 - dy` in `place` (seen red).
     #[test]
     fn row_63_a_cropped_data_window_lands_in_its_place() {
         let data = [1.0, 2.0, 3.0, 4.0];

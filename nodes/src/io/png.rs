@@ -207,7 +207,7 @@ mod tests {
         }
     }
 
-    /// Mutation: `checked_mul` to `wrapping_mul` in `believable`.
+    /// Mutation: `checked_mul` to `wrapping_mul` in `believable` (seen red).
     #[test]
     fn row_65_sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());

@@ -86,7 +86,8 @@ fn node_transforms_move_points_and_turn_normals_by_the_inverse_transpose() {
 }
 
 /// A mirror turns the triangles over, so that they still face along their normals.
-/// Mutation: the swap of two corners under a negative determinant dropped.
+/// Mutation: the swap of two corners under a negative determinant dropped, or the sign in `inverse_transpose` (each
+/// seen red).
 #[test]
 fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
     let (object, notes) = good(&triangle(json!({"mesh": 0, "scale": [-1.0, 1.0, 1.0]})));

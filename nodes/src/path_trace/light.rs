@@ -400,7 +400,7 @@ mod tests {
         }
     }
 
-    /// Mutation: `uniform where all are 0` dropped in `accumulate`: the branch `sum > 0.0` taken always.
+    /// Mutation: `power == [0.0; 3]` to `false` in `Sky::new` (seen red).
     #[test]
     fn row_36_a_black_sky_is_sampled_evenly() {
         let black = Sky::new(&constant(Up::PlusZ, [0.0; 3], 16));
@@ -415,7 +415,7 @@ mod tests {
     }
 
     /// Towards the hot texel it is chosen, from behind it never is; its light is found in full either way.
-    /// Mutation: `numbers[*tier] * row.odds` to `row.odds` in `Sky::sample`.
+    /// Mutation: `numbers[*tier] * row.odds` to `row.odds` in `Sky::draw` (seen red).
     #[test]
     fn row_37_one_texel_may_outshine_all_others() {
         let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);

@@ -308,7 +308,8 @@ mod tests {
     }
 
     /// Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
-    /// Mutation: any line of `Block::passes`.
+    /// Mutation: any line of `Block::passes` turned round, a bound of `clamp` moved, `t == *slot` not asked (each
+    /// seen red).
     #[test]
     fn row_46_what_lets_the_environment_through() {
         let nothing = squares(&[]);
@@ -316,20 +317,22 @@ mod tests {
         let furniture = squares(&[1.0, -1.5, 2.0]);
         let back = squares(&[-1.0]);
         let layers = squares(&[0.5, 1.0, 1.2, -1.5]);
-        let receivers = [&nothing, &shell, &furniture, &back, &layers];
+        // A ray through an edge meets both of its triangles, in one place.
+        let edge = squares(&[0.5, 0.5, 1.0, -1.5]);
+        let receivers = [&nothing, &shell, &furniture, &back, &layers, &edge];
         let front = |max_layers, flip| Block::FrontFace { max_layers, flip };
         let beyond = |radius| Block::PassBeyond { centre: [0.0; 3], radius };
         let (t, f) = (true, false);
         for (block, expected) in [
-            (Block::Solid, [t, f, f, f, f]),
-            (Block::Pass, [t, t, t, t, t]),
-            (front(3, false), [t, t, f, f, t]),
-            (front(4, false), [t, t, f, f, f]),
-            (front(1, false), [t, t, t, f, t]),
-            (front(3, true), [t, f, f, t, f]),
-            (beyond(1.25), [t, t, f, f, f]),
-            (beyond(0.25), [t, t, t, t, t]),
-            (beyond(3.0), [t, f, f, f, f]),
+            (Block::Solid, [t, f, f, f, f, f]),
+            (Block::Pass, [t, t, t, t, t, t]),
+            (front(3, false), [t, t, f, f, t, f]),
+            (front(4, false), [t, t, f, f, f, f]),
+            (front(1, false), [t, t, t, f, t, t]),
+            (front(3, true), [t, f, f, t, f, f]),
+            (beyond(1.25), [t, t, f, f, f, f]),
+            (beyond(0.25), [t, t, t, t, t, t]),
+            (beyond(3.0), [t, f, f, f, f, f]),
         ] {
             let ray = Ray::new(Vec3::ZERO, Vec3::new(1.0, 0.01, 0.02).normalize());
             let got = receivers.map(|receiver| block.passes(receiver, ray));
@@ -338,7 +341,7 @@ mod tests {
     }
 
     /// Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
-    /// Mutation: any line of `Rules::sight`.
+    /// Mutation: any line of `Rules::sight` (each seen red).
     #[test]
     fn row_46_each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {

@@ -76,8 +76,8 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
     assert!((stops(&lamp) - 2.203).abs() < 1e-3, "{}", stops(&lamp));
 }
 
-/// Monotone, black stays black, extremes stay finite.
-/// Mutation: `.min(1.0)` dropped in `expose`.
+/// Monotone, black stays black, extremes stay finite, and white is the most that an exposure holds.
+/// Mutation: `.min(1.0)` dropped in `expose` (seen red).
 #[test]
 fn row_23_flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {
@@ -96,10 +96,12 @@ fn row_23_flat_panoramas_stay_monotone_and_finite() {
             assert_eq!(notes.iter().any(|note| note.id == "not-finite"), !value.is_finite());
         }
     }
+    let white = LinearPixels { width: 1, height: 1, rgb: vec![[1.0; 3]], broken: 0, negative: 0 };
+    assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
 /// A horizontal roll rolls the prediction, also of one pixel and of a sun on the seam.
-/// Mutation: `% width` to `.min(width - 1)` in `Fields::along_rows`.
+/// Mutation: `% width` to `.min(width - 1)` in `Fields::along_rows` (seen red).
 #[test]
 fn row_24_rolling_the_panorama_rolls_the_gain() {
     let dot = |x: usize, y: usize| if (x, y) == (0, 40) { [1.0; 3] } else { [0.4, 0.5, 0.6] };
@@ -178,7 +180,7 @@ fn a_linear_panorama_is_clipped_at_white_and_not_above() {
     assert_eq!(brackets.log2_gain.pixel(20, 8)[0], 0.0);
 }
 
-/// Mutation: `sort_by` dropped in `sorted`.
+/// Mutation: `sort_by` dropped in `sorted` (seen red).
 #[test]
 fn row_35_exposures_are_sorted_and_listed_once() {
     assert_eq!(run(room(64), &[-3.0, -20.0, -6.0]).0.evs, [-20.0, -6.0, -3.0]);

@@ -30,7 +30,7 @@ fn furnace_holds_in_the_scene() {
 
 /// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
 /// as large as a million, and with coordinates of some ten thousand sizes.
-/// Mutation: `reach` to `0.0 * reach` in `geometry`.
+/// Mutation: `reach` to `0.0 * reach` in `geometry` (seen red).
 #[test]
 fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -96,8 +96,7 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
 
 /// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
 /// and no light leaks at gap 0.
-/// Mutation: `self.objects = false` dropped before the path without objects in `Walk::both`, or
-/// `Vec3::ONE - straight` halved in `Walk::taken`.
+/// Mutation: `Vec3::ONE - straight` halved in `Walk::taken` (seen red).
 #[test]
 fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);
@@ -118,7 +117,7 @@ fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
 
 /// The error of S over a crop falls at least with the root of the samples, for any seed, and one sample is one
 /// too: finite, and right on average.
-/// Mutation: `index: sample` to `index: 0` in `Points::new`.
+/// Mutation: `index: sample` to `index: 0` in `Points::new` (seen red).
 #[test]
 fn row_47_errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();
@@ -150,7 +149,7 @@ fn row_47_errors_fall_with_samples_whatever_the_seed() {
 }
 
 /// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
-/// Mutation: weights of texels not divided by `power` in `Sky::new` (`scales` of 1).
+/// Mutation: weights of texels not divided by `power` in `Sky::new`, `scales` of 1 (seen red).
 #[test]
 fn row_48_light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();
