@@ -34,7 +34,11 @@ engine::params! {
     ///
     /// A region's SSIM and FLIP average the map over it; CIEDE2000, FLIP and LPIPS need `Display` or say
     /// so. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
-    /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow". Alpha is left on black.
+    /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow".
+    ///
+    /// Alpha itself is not compared. What it leaves open is black, put there in the numbers of the picture: in
+    /// display values behind a view of splats, as its trainer's metrics have it, and in light behind what
+    /// `composite` gives. `Linear` puts it behind both in light, so that a composite of nothing is its background.
     pub struct Compare {
         /// In which numbers to compare. Pictures of data are compared as they are.
         space: Space = Space::Display, other("Linear");
@@ -106,7 +110,7 @@ const RATIO: [&str; 5] =
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -164,6 +168,15 @@ impl Kind for Compare {
                 let pair = Pair::new(p, picture, &reference, lpips.as_ref(), cx)?;
                 if k == 0 {
                     let named = |picture: Picture| NamedImage { name: view.name.clone(), picture };
+                    let open = open(picture).max(open(&reference));
+                    if open > 0 && pair.is_colour() {
+                        let text = format!(
+                            "`{}`: {open} pixels are not opaque and are compared on black",
+                            view.name
+                        );
+                        notes
+                            .decision("alpha-on-black", format!("{text}; `composite(backdrop:)` fills them"));
+                    }
                     differences.push(named(pair.difference(p.gain).into()));
                     flips.extend(pair.flip().map(|map| named(map.into())));
                     for (id, what) in pair.not_computed(p) {
@@ -235,6 +248,13 @@ fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
     }
     let what = format!("{regions} regions but {} names", p.names.len());
     Err(NodeError::new(what).at("names").hint("name every region, in the order of the wires"))
+}
+
+/// Pixels through which at least half a code of 8 bits of something white behind would show.
+fn open(picture: &Picture) -> usize {
+    let (_, _, channels) = picture.size();
+    let pixels = picture.samples().chunks_exact(channels.max(1));
+    pixels.filter(|pixel| channels == 4 && 1.0 - pixel[3] > 0.5 / 255.0).count()
 }
 
 fn inside(mask: &Picture) -> Vec<bool> {
@@ -311,6 +331,37 @@ mod tests {
     }
     fn left_half() -> Arc<Images> {
         one(Image::<Data>::from_samples(16, 12, 1, (0..192).map(|i| f32::from(i % 16 < 8)).collect()))
+    }
+
+    // A view of which every pixel is half there, and the same with nothing inserted, which is light.
+    #[test]
+    fn what_is_open_is_black_in_the_numbers_of_the_picture() {
+        use crate::composite::{Composite, In as Layers};
+        let view = one(Image::<Srgb>::from_samples(16, 12, 4, [0.3, 0.2, 0.1, 0.5].repeat(192)));
+        let layers = Layers {
+            background: view.clone(),
+            object: one(Image::<Linear>::new(16, 12, 4)),
+            shadow: None,
+            added: None,
+            front: None,
+            variance: None,
+        };
+        let (made, _) = Composite::run(&Composite { backdrop: None }, layers, &context()).expect("runs");
+        let off = |space: Space| {
+            let node = Compare { space, quantise: false, ..node() };
+            let (out, notes) =
+                Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
+            let told = notes.iter().find(|note| note.id == "alpha-on-black").expect("told");
+            assert!(told.text.contains("192 pixels"), "{}", told.text);
+            out.difference.0[0].picture.samples()[0]
+        };
+        assert_eq!(off(Space::Linear), 0.0);
+        let light = 0.5 * crate::color::linear_from_srgb(0.6);
+        let expected = (crate::color::srgb_from_linear(light) - 0.3).abs();
+        assert!((off(Space::Display) - expected).abs() < 1e-6 && expected > 0.1);
+        let opaque = one(Image::<Srgb>::from_samples(16, 12, 4, [0.3, 0.2, 0.1, 1.0].repeat(192)));
+        let (_, notes) = Compare::run(&node(), inputs(opaque.clone(), opaque), &context()).expect("runs");
+        assert!(notes.iter().all(|note| note.id != "alpha-on-black"));
     }
 
     #[test]

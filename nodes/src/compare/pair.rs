@@ -211,14 +211,15 @@ fn plain(picture: &Picture) -> Plane {
     Plane { width, height, channels, samples: picture.samples().iter().map(|v| f64::from(*v)).collect() }
 }
 
-/// The colour channels in linear light, on black.
+/// The colour channels in linear light, premultiplied: what a picture leaves open is black.
 fn light(picture: &Picture, port: &'static str) -> Result<Plane, NodeError> {
     let image = linear(picture, port)?;
     let samples = image.samples.chunks_exact(image.channels).flat_map(|p| [p[0], p[1], p[2]]).map(f64::from);
     Ok(Plane { width: image.width, height: image.height, channels: 3, samples: samples.collect() })
 }
 
-/// The colour channels as a display shows them, on black.
+/// The colour channels as a display shows them, premultiplied in the numbers of the picture: what a picture of
+/// display values leaves open is black behind those, what one of light leaves open is black behind its light.
 fn display(p: &Compare, picture: &Picture) -> Plane {
     let (width, height, channels) = picture.size();
     let is_linear = matches!(picture, Picture::Linear(_));
