@@ -7,6 +7,7 @@ mod change;
 pub mod contact;
 mod decide;
 pub mod emitters;
+mod enough;
 pub mod film;
 mod front;
 mod globe;
@@ -35,6 +36,7 @@ use serde::Serialize;
 use crate::error::Error;
 use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
 use contact::Ground;
+use enough::Enough;
 use film::{Area, Sums, TILE, chunks};
 use front::trace_front;
 use lens::{Lens, View};
@@ -218,6 +220,9 @@ impl Kind for PathTrace {
         let rules = decided.rules;
         let objects = Objects::new(&inputs.objects, origin)?;
         remark(&stage, &objects, &mut notes);
+        if !objects.is_empty() {
+            Enough::of(&inputs.env, &inputs.objects).tell(&inputs.env, &mut notes);
+        }
 
         let seed = cx.seed();
         let [_, _, up] = crate::equirect::axes(cx.up());

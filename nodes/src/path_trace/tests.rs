@@ -11,6 +11,7 @@ use crate::testing::context;
 use crate::types::{Camera, Material, Object, Primitive};
 
 mod adaptive;
+mod enough;
 mod extremes;
 mod insertion;
 mod materials;
