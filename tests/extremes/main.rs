@@ -1,8 +1,8 @@
 //! `docs/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
 //!
 //! A test belongs to a row by its name, `row_07_short_name`, and names in its doc comment the changed line
-//! that turns it red (`Mutation:`), with `(seen red)` where that was tried. The page is made by
-//! `tests/extremes/page`; here is checked that it tells of the tests that there are.
+//! that turns it red (`Mutation:`), with `(seen red)` once that was tried, as all were. The page is made by
+//! `tests/extremes/page`; here is checked that it tells of the tests that there are, and that each was tried.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeMap;
@@ -100,7 +100,7 @@ fn page(folder: &Path) -> String {
     let mut text = "# Numbers at the extremes\n\n\
         Made by `tests/extremes/page`, which runs the tests and writes down what they measured. A value lies within\n\
         its bound or the test fails; a row whose values stand in no column asserts bits, counts or errors. The\n\
-        mutation is one changed line with which the test was seen to fail (`seen red`), or is meant to.\n\n\
+        mutation is one changed line with which the test was seen to fail: all were tried.\n\n\
         | row | node | extreme | what holds | tests | measured, bound | mutation |\n|---|---|---|---|---|---|---|\n"
         .to_owned();
     let tests = tests();
@@ -142,6 +142,10 @@ fn every_row_has_a_test_and_every_test_of_a_row_names_one_that_there_is() {
         |(row, tests): (&usize, &Vec<Test>)| tests.iter().all(|t| t.mutation.is_empty()).then_some(*row);
     let untold: Vec<usize> = tests_of.iter().filter_map(without).collect();
     assert!(untold.is_empty(), "no test of rows {untold:?} names a mutation");
+    let untried =
+        tests_of.values().flatten().filter(|t| !t.mutation.is_empty() && !t.mutation.contains("seen red"));
+    let untried: Vec<&str> = untried.map(|t| t.name.as_str()).collect();
+    assert!(untried.is_empty(), "the mutations of {untried:?} were not seen red");
     let wrong: Vec<String> = tests().split_off(&(rows + 1)).into_values().flatten().map(|t| t.name).collect();
     assert!(wrong.is_empty(), "there are {rows} rows, none for {wrong:?}");
 }
