@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use cache::Store;
-use engine::{Bundle, Recipe, Source, SourceRoot, is_unpacked};
+use engine::{Bundle, Recipe, Source, SourceRoot, bundle_around};
 
 use crate::session::Error;
 
@@ -22,6 +22,13 @@ pub struct Origin {
     pub unpacked: Option<TempFolder>,
 }
 
+/// Whether a file is a bundle or a picture, which is written once and then as it is.
+pub fn is_written_once(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(8).read_to_end(&mut head));
+    read.is_ok() && (head == BUNDLE || nodes::io::recipe::is_picture(&head))
+}
+
 /// What may be read beside a stranger's graph, and how strictly its recipe is taken.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct OriginArgs {
@@ -32,6 +39,9 @@ pub struct OriginArgs {
     #[arg(long)]
     pub other_versions: bool,
 }
+
+/// What a bundle begins with.
+const BUNDLE: &[u8] = b"LHbundle";
 
 /// Most bytes of a picture or a graph file; a bundle is streamed.
 const LARGEST: u64 = 4 << 30;
@@ -50,7 +60,7 @@ impl Origin {
         let mut file = File::open(path).map_err(failed)?;
         let mut head = Vec::new();
         file.by_ref().take(8).read_to_end(&mut head).map_err(failed)?;
-        if head == b"LHbundle" {
+        if head == BUNDLE {
             return Self::bundle(path, file, args);
         }
         // At once where the file says how long it is, and believed as far as graphs are long.
@@ -73,10 +83,10 @@ impl Origin {
         )
     }
 
-    /// A graph file. One that came out of a bundle is a stranger's as long as the mark is there.
+    /// A graph file. One that came out of a bundle, wherever in it, is a stranger's as long as the mark is there.
     fn own(source: Source, folder: PathBuf, lock: Option<PathBuf>, args: &OriginArgs) -> Result<Self, Error> {
-        let root = if is_unpacked(&folder) {
-            confined(&folder, &args.inputs)?
+        let root = if let Some(bundle) = bundle_around(&folder) {
+            confined(&bundle, &args.inputs)?.at(folder)
         } else if args.inputs.is_empty() {
             SourceRoot::new(folder)
         } else {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use cache::{Fsync, Store};
 use clap::Args;
-use engine::{Diagnostics, EditError, Engine, Graph, Registry, Setting, Source, SourceRoot};
+use engine::{Diagnostics, EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, SourceRoot};
 
 use crate::origin::{Origin, OriginArgs, TempFolder};
 
@@ -100,6 +100,15 @@ pub enum Error {
     /// A file that would be overwritten.
     #[error("`{}` is there already", .0.display())]
     Exists(PathBuf),
+    /// A file to write that the graph is made of.
+    #[error("`{}` is the graph or a file that it reads; name another one to write", .0.display())]
+    IsRead(PathBuf),
+    /// A stranger's overlay for a graph of one's own.
+    #[error(
+        "`{}` came out of a bundle and could have this graph read anything; remove `.lightharmony-bundle` from its folder to make it your own",
+        .0.display()
+    )]
+    Strange(PathBuf),
     /// A graph that is too large to draw.
     #[error("this graph is too large to draw here; `--format dot` leaves that to Graphviz")]
     TooLarge,
@@ -204,16 +213,33 @@ pub enum When {
 pub struct Loaded {
     pub graph: Arc<Graph>,
     pub only: Vec<usize>,
+    /// The files that it was read from.
+    pub texts: Vec<PathBuf>,
     /// Where its lock lies, or would.
     pub lock: Option<PathBuf>,
     /// Where a bundle lies unpacked as long as this lives.
     pub unpacked: Option<TempFolder>,
 }
 
+impl Loaded {
+    /// Refuses sinks that would write over the graph or a file it reads.
+    pub fn check_outputs(&self, out: &Path) -> Result<(), Error> {
+        self.graph.check_outputs(&self.only, out, &self.texts).map_err(Error::Graph)
+    }
+
+    /// Refuses to write anything else there.
+    pub fn check_output(&self, path: &Path) -> Result<(), Error> {
+        let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
+        if read.has(path) { Err(Error::IsRead(path.to_owned())) } else { Ok(()) }
+    }
+}
+
 impl GraphArgs {
     /// Reads and checks the graph.
     pub fn load(&self) -> Result<Loaded, Error> {
-        self.check(self.read(&mut Vec::new())?, |source, registry, root| {
+        let mut texts = Vec::new();
+        let origin = self.read(&mut texts)?;
+        self.check(origin, &texts, |source, registry, root| {
             Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
         })
     }
@@ -226,7 +252,8 @@ impl GraphArgs {
         known: Option<&Arc<Graph>>,
         texts: &mut Vec<PathBuf>,
     ) -> Result<Loaded, Error> {
-        self.check(self.read(texts)?, |source, registry, root| match known {
+        let origin = self.read(texts)?;
+        self.check(origin, texts, |source, registry, root| match known {
             Some(known) if known.source == source => Ok(known.clone()),
             _ => Graph::parse_cached(source, registry, root, store).map(Arc::new).map_err(Error::Graph),
         })
@@ -234,9 +261,14 @@ impl GraphArgs {
 
     /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong
     /// one that is small leaves no cache behind.
-    pub fn check_with(&self, origin: Origin, engine: &EngineArgs) -> Result<(Loaded, Engine), Error> {
+    pub fn check_with(
+        &self,
+        origin: Origin,
+        texts: &[PathBuf],
+        engine: &EngineArgs,
+    ) -> Result<(Loaded, Engine), Error> {
         let mut opened = None;
-        let loaded = self.check(origin, |source, registry, root| {
+        let loaded = self.check(origin, texts, |source, registry, root| {
             if source.text.len() < Graph::WORTH_COMPILING {
                 return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
             }
@@ -252,12 +284,20 @@ impl GraphArgs {
         texts.push(self.graph.clone());
         texts.extend(self.overlay.iter().cloned());
         let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
-        let origin = Origin::open(&self.graph, &origin)?;
-        let mut source = origin.source;
+        let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
+        if !self.preset.is_empty() {
+            // Presets speak of the nodes of included files, too.
+            let (joined, included) = source.including(&root);
+            texts.extend(included);
+            source = joined;
+        }
         for preset in &self.preset {
             source = source.with_preset(preset, &nodes::registry());
         }
         for path in &self.overlay {
+            if root.is_strange(path) {
+                return Err(Error::Strange(path.clone()));
+            }
             let failed = |source| Error::Read { what: "overlay", path: path.clone(), source };
             source =
                 source.overlaid(&path.display().to_string(), &std::fs::read_to_string(path).map_err(failed)?);
@@ -275,14 +315,15 @@ impl GraphArgs {
             return Err(Error::Edit(wrong));
         }
         // Last, since what is laid over may name other files.
-        let (source, included) = engine::apply(&source, &settings).including(&origin.root);
+        let (source, included) = engine::apply(&source, &settings).including(&root);
         texts.extend(included);
-        Ok(Origin { source, ..origin })
+        Ok(Origin { source, root, lock, recipe, unpacked })
     }
 
     fn check(
         &self,
         origin: Origin,
+        texts: &[PathBuf],
         parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
     ) -> Result<Loaded, Error> {
         let Origin { source, root, lock, recipe, unpacked } = origin;
@@ -295,7 +336,7 @@ impl GraphArgs {
             }
         }
         let only = self.only.iter().map(|name| find_all(&graph, name)).collect::<Result<Vec<_>, _>>()?;
-        Ok(Loaded { graph, only: only.concat(), lock, unpacked })
+        Ok(Loaded { graph, only: only.concat(), texts: texts.to_vec(), lock, unpacked })
     }
 }
 

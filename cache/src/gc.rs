@@ -134,7 +134,7 @@ impl Store {
         }
         (collected.records, collected.blobs) = (gone.len(), dead.len());
         collected.after = size.min(collected.before);
-        if limits.dry_run || (gone.is_empty() && dead.is_empty() && collected.before <= most) {
+        if limits.dry_run {
             return Ok(collected);
         }
         self.forget_last_runs();

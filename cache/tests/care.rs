@@ -185,6 +185,15 @@ fn a_check_finds_exactly_what_is_damaged() {
     let healed = check(false);
     assert!(healed.is_whole() && healed.records == 7, "{healed:?}");
     assert_eq!(whole(folder.path()), [0, 1, 2, 4, 6, 7, 8]);
+    // What was put aside goes at the next collection, and what that says is left is what is there.
+    for _ in 0..2 {
+        let done = collect(&open(folder.path()), Limits::default());
+        assert_eq!(
+            (done.after, open(folder.path()).stat().unwrap().quarantine_bytes),
+            (size(folder.path()), 0)
+        );
+    }
+    assert_eq!(whole(folder.path()), [0, 1, 2, 4, 6, 7, 8]);
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::document::{Document, RawField, RawNode, RawScene};
 use crate::expand::{GATHER, Gather, Template};
 use crate::fields::Fields;
 use crate::graph::Node;
-use crate::include::{Piece, folder_of};
+use crate::include::{Piece, folder_of, outside};
 use crate::kind::{KindEntry, Registry, Step};
 use crate::order::Wiring;
 use crate::param::{InputFile, Role};
@@ -359,11 +359,7 @@ impl<'t, 'a> Check<'t, 'a> {
         let file = self.root.file(&InputFile(path.clone()));
         let place = field.span.clone();
         if self.root.is_outside(&file) {
-            self.report(
-                Diagnostic::new(place, format!("`{path}` may not be read"))
-                    .label("outside of the bundle")
-                    .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`"),
-            );
+            self.report(outside(&path, place));
         } else if !file.path.exists() {
             let mut diagnostic = Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
                 .label(format!("looked for {}", file.path.display()))

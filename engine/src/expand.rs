@@ -140,7 +140,8 @@ impl<'t> Check<'t, '_> {
         (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
     }
 
-    /// The instances of all nodes, in the order of the file. `order` is that of the templates, inputs first.
+    /// The instances of all nodes, in the order of the file; none where one of them is wrong. `order` is that of the
+    /// templates, inputs first.
     pub fn instances(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Node> {
         let before = self.mistakes();
         let grids = self.grids(templates, order);
@@ -165,13 +166,16 @@ impl<'t> Check<'t, '_> {
         for (template, grid) in templates.iter().zip(&grids) {
             let Some(template) = template else { continue };
             for index in 0..grid.len().unwrap_or_default() {
-                let point = grid.point(index);
-                let Some(mut node) = self.instance(template, &point) else { break };
+                let (point, told) = (grid.point(index), self.mistakes());
+                let node = self.instance(template, &point).filter(|_| self.mistakes() == told);
+                // What is wrong at one value is told once, not for all that follow.
+                let Some(mut node) = node else { break };
                 node.inputs = wires(template, &point, &grids, &first);
                 nodes.push(node);
             }
         }
-        nodes
+        // Wires lead to where all instances are.
+        if self.mistakes() > before { Vec::new() } else { nodes }
     }
 
     /// The axes of each node: its own and those of its inputs, without those gathered on the way.

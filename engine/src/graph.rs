@@ -165,7 +165,7 @@ impl Graph {
     pub fn parse(source: Source, registry: &Registry, root: SourceRoot) -> Result<Self, Diagnostics> {
         let joined = source.clone();
         let mut diagnostics = Vec::new();
-        let document = parse_all(&joined, &mut diagnostics);
+        let document = parse_all(&joined, &root, &mut diagnostics);
         let mut check = Check::new(&joined, registry, &root, &document, &mut diagnostics);
         let scene = check.document(&document);
         let (templates, mut wiring) = check.nodes(&document.nodes);
@@ -312,6 +312,12 @@ impl Graph {
             }
         }
         files
+    }
+
+    /// The files that parameters name, without a look at what these name.
+    pub(crate) fn named_files(&self) -> impl Iterator<Item = PathBuf> {
+        let readers = self.nodes.iter().filter(|node| node.kind.reads_files);
+        readers.flat_map(|node| node.named_files(&self.root))
     }
 
     /// Whether the other graph says the same, wherever it stands in its file.

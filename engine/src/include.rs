@@ -87,9 +87,8 @@ impl Source {
             }
             for (role, name) in wanted {
                 let file = root.file(&InputFile(name));
-                let text =
-                    if root.is_outside(&file) { None } else { std::fs::read_to_string(&file.path).ok() };
-                if let Some(text) = text {
+                let may = !root.is_outside(&file) && !root.is_strange(&file.path);
+                if may && let Ok(text) = std::fs::read_to_string(&file.path) {
                     bytes += text.len();
                     if bytes > MOST_BYTES {
                         return (self, paths);
@@ -212,7 +211,11 @@ pub(crate) fn plain(folder: &str, path: &str) -> String {
 }
 
 /// Reads all pieces as one document.
-pub(crate) fn parse_all<'t>(source: &'t Source, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
+pub(crate) fn parse_all<'t>(
+    source: &'t Source,
+    root: &SourceRoot,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Document<'t> {
     let pieces = source.pieces();
     let mut documents: Vec<Document<'t>> =
         pieces.iter().map(|piece| read(source, piece, diagnostics)).collect();
@@ -227,10 +230,7 @@ pub(crate) fn parse_all<'t>(source: &'t Source, diagnostics: &mut Vec<Diagnostic
         }
         for (name, place) in names {
             if !pieces.iter().any(|known| known.role == Role::Include && known.name == name) {
-                diagnostics.push(
-                    Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read", shown(&name)))
-                        .hint("paths are relative to the folder of the file that names them"),
-                );
+                diagnostics.push(not_joined(root, &name, place));
             }
         }
     }
@@ -258,8 +258,31 @@ pub(crate) fn parse_all<'t>(source: &'t Source, diagnostics: &mut Vec<Diagnostic
         let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
         folder_of(&pieces[index])
     };
-    expand(&mut document, &subgraphs, overlays, &folder_at, diagnostics);
+    let lost = |name: &str, place| not_joined(root, name, place);
+    expand(&mut document, &subgraphs, overlays, &folder_at, &lost, diagnostics);
     document
+}
+
+/// Why a file of the graph is not in its text.
+fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic {
+    let file = root.file(&InputFile(name.to_owned()));
+    if root.is_outside(&file) {
+        outside(name, place)
+    } else if root.is_strange(&file.path) {
+        Diagnostic::new(place, format!("`{}` came out of a bundle", shown(name)))
+            .label("it would read whatever this graph may")
+            .hint("remove `.lightharmony-bundle` from its folder to make it your own, or run it by itself")
+    } else {
+        Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read", shown(name)))
+            .hint("paths are relative to the folder of the file that names them")
+    }
+}
+
+/// What a stranger's graph is told of a file that it may not read.
+pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
+    Diagnostic::new(place, format!("`{}` may not be read", shown(name)))
+        .label("outside of the bundle")
+        .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`")
 }
 
 /// One document together with those it includes, and those that these include. Its own scene wins, then that of

@@ -10,6 +10,7 @@ use crate::document::RawField;
 use crate::graph::{Graph, Node};
 use crate::include::parse_all;
 use crate::kind::Registry;
+use crate::root::SourceRoot;
 
 /// The presets that every graph has, from the least work to the least error. A graph's own preset of the same
 /// name takes the place of one.
@@ -187,7 +188,8 @@ impl Source {
     /// Lays a preset over the graph: one of its own, or else one of [`PRESETS`], which sets every knob of
     /// every node to its value on that rung.
     pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {
-        let document = parse_all(&self, &mut Vec::new());
+        // What is wrong with the text is told when it is checked.
+        let document = parse_all(&self, &SourceRoot::new(""), &mut Vec::new());
         let rung = PRESETS.iter().position(|name| *name == preset);
         let (Some(rung), false) = (rung, document.presets.iter().any(|own| own.name == preset)) else {
             return self.with_own_preset(preset);

@@ -117,6 +117,7 @@ mod overlay;
 mod param;
 mod plan;
 mod port;
+mod reads;
 mod recipe;
 mod record;
 mod rerun;
@@ -139,7 +140,7 @@ pub use artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
 };
 pub use bundle::{
-    Bundle, BundleError, Packed, Results, Verdict, Verified, VerifyOptions, is_unpacked, verify,
+    Bundle, BundleError, Packed, Results, Verdict, Verified, VerifyOptions, bundle_around, verify,
 };
 pub use cache::{Change, Digest, Manifest, Store};
 pub use context::{Context, ContextField, Part, Point, Scene, Up};
@@ -160,6 +161,7 @@ pub use param::{
 };
 pub use plan::{Fate, Forecast, Past, Planned, Why};
 pub use port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
+pub use reads::ReadFiles;
 pub use record::{Spent, blobs_of};
 pub use rerun::{Recipe, RecipeError};
 pub use root::{SourceFile, SourceRoot};

@@ -3,6 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
+use crate::bundle::bundle_around;
 use crate::param::InputFile;
 
 /// A file that a node reads.
@@ -42,6 +43,11 @@ impl SourceRoot {
         Ok(Self { folder, confined: Some(allowed.into()) })
     }
 
+    /// The same rights for paths that are relative to another folder.
+    pub fn at(self, folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into(), ..self }
+    }
+
     /// The folder itself.
     pub fn folder(&self) -> &Path {
         &self.folder
@@ -77,6 +83,14 @@ impl SourceRoot {
             Err(_) if Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) => path,
             _ => Path::new(OUTSIDE).join(name.replace(['/', '\\'], "_")),
         }
+    }
+
+    /// Whether what a file says belongs to a bundle that was unpacked, and the graph does not: joined to it, it could
+    /// read whatever the graph may.
+    pub fn is_strange(&self, path: &Path) -> bool {
+        // Through links, to where the text itself lies.
+        let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
+        !self.is_confined() && folder().is_some()
     }
 
     /// Whether a path of [`SourceRoot::file`] stands for one that may not be read.

@@ -4,6 +4,7 @@
 //! known by digest is *resolved* by looking its key up; where nothing is found its input values are
 //! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
 
+use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -22,6 +23,7 @@ use crate::event::{Event, State, Totals};
 use crate::graph::{Graph, Wire};
 use crate::job::{Finished, Message, guarded};
 use crate::known::Known;
+use crate::reads::{OTHER_FILE, ReadFiles, over_text};
 use crate::record::{Output, Record};
 use crate::schedule::{Engine, Outcome, RunOptions};
 use crate::sink;
@@ -82,6 +84,8 @@ pub(crate) struct Run<'a> {
     scratch: Vec<u8>,
     /// Which sink writes a file.
     claims: BTreeMap<PathBuf, usize>,
+    /// What no sink may write over.
+    read: OnceCell<ReadFiles>,
     /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
     pub supplied: usize,
     pub running: usize,
@@ -149,6 +153,7 @@ impl<'a> Run<'a> {
             news: false,
             scratch: Vec::new(),
             claims: BTreeMap::new(),
+            read: OnceCell::new(),
             supplied: 0,
             running: 0,
             busy: 0,
@@ -467,6 +472,12 @@ impl<'a> Run<'a> {
         let confined = graph.root.is_confined().then_some(self.options.out.as_path());
         if let Some(placed) = sink::in_place(&engine.store, &targets, confined) {
             return self.placed(index, Ok(Some(placed)));
+        }
+        // Looked for only where something may be written, since it takes a look at every file.
+        let texts = &self.options.texts;
+        let read = self.read.get_or_init(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
+        if let Some((path, _)) = targets.iter().find(|(path, _)| read.has(path)) {
+            return self.fail(index, &NodeError::new(over_text(path)).at("path").hint(OTHER_FILE));
         }
         let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
         let tracer = self.tracer.clone();

@@ -30,6 +30,8 @@ pub struct Engine {
 pub struct RunOptions {
     /// Folder that sinks write under.
     pub out: PathBuf,
+    /// The files that the graph itself was read from, which no sink may write over.
+    pub texts: Vec<PathBuf>,
     /// The nodes that are wanted; none stands for [`Graph::targets`].
     pub only: Vec<usize>,
     /// Set from outside to stop the run; what is finished by then is kept.

@@ -48,6 +48,9 @@ pub(crate) struct Scope<'t> {
 /// Files that are used as subgraphs, by the names under which pieces of the text know them.
 pub(crate) type SubgraphFiles<'t> = BTreeMap<&'t str, Document<'t>>;
 
+/// Says of a file that is named at a place why there is no text of it.
+type Lost<'l> = dyn Fn(&str, Range<usize>) -> Diagnostic + 'l;
+
 /// Puts the nodes of its file in place of each `Subgraph`, and overlays on all nodes. `folder_at` gives the folder
 /// of the file that a place of the text lies in.
 pub(crate) fn expand<'t>(
@@ -55,6 +58,7 @@ pub(crate) fn expand<'t>(
     files: &SubgraphFiles<'t>,
     mut overlays: Overlays<'t>,
     folder_at: &dyn Fn(usize) -> &'t str,
+    lost: &Lost<'_>,
     diagnostics: &mut Vec<Diagnostic>,
 ) {
     overlays.lay_on_blocks(document, diagnostics);
@@ -76,7 +80,7 @@ pub(crate) fn expand<'t>(
             document.nodes.push(node);
             continue;
         }
-        let used = use_of(&node, &document.scopes, files, folder_at);
+        let used = use_of(&node, &document.scopes, files, folder_at, lost);
         let (file, scope) = match used {
             Ok((file, scope, mut mistakes)) => {
                 diagnostics.append(&mut mistakes);
@@ -121,6 +125,7 @@ fn use_of<'f, 't>(
     scopes: &[Scope<'t>],
     files: &'f SubgraphFiles<'t>,
     folder_at: &dyn Fn(usize) -> &'t str,
+    lost: &Lost<'_>,
 ) -> Result<Used<'f, 't>, Box<Diagnostic>> {
     let Some(field) = node.fields.iter().find(|field| field.name == FILE) else {
         let what = format!("`{SUBGRAPH}` needs `{FILE}`");
@@ -133,9 +138,7 @@ fn use_of<'f, 't>(
     };
     let name = plain(folder_at(field.span.start), &path);
     let Some((&file, document)) = files.get_key_value(name.as_str()) else {
-        let what = format!("`{}` cannot be read", shown(&name));
-        let hint = "paths are relative to the folder of the file that names them";
-        return Err(Diagnostic::of(Code::MissingFile, field.span.clone(), what).hint(hint).into());
+        return Err(lost(&name, field.span.clone()).into());
     };
     let mut around = &scopes[node.scope];
     let depth = around.depth + 1;

@@ -54,6 +54,7 @@ struct Gc {
 }
 
 #[derive(Debug, Args)]
+#[command(mut_arg("graph", |graph| graph.required(false)))]
 struct Pin {
     #[command(flatten)]
     graph: Option<GraphArgs>,
@@ -63,6 +64,7 @@ struct Pin {
 }
 
 #[derive(Debug, Args)]
+#[command(mut_arg("graph", |graph| graph.required(false)))]
 struct Copy {
     #[command(flatten)]
     graph: Option<GraphArgs>,

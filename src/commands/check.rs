@@ -1,5 +1,7 @@
 //! `check`: every mistake of a graph file, without running it.
 
+use std::path::Path;
+
 use clap::Args;
 
 use crate::report;
@@ -23,6 +25,8 @@ impl Check {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
         graph.check_sources().map_err(Error::Graph)?;
+        // Where runs write to unless they are told otherwise.
+        loaded.check_outputs(Path::new("out"))?;
         let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
         let (name, nodes) = (&graph.source.name, graph.nodes.len());
         if self.json {

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use engine::{Context, NodeError, Notes, Up};
+use engine::{Context, NodeError, Notes, ReadFiles, Up};
 use nodes::load_splats::Frame;
 use nodes::save_splats::{SaveFormat, encode};
 use nodes::types::Splats;
@@ -52,6 +52,10 @@ impl Convert {
         let frame = if self.as_stored { Frame::AsStored } else { Frame::ByFormat };
         let convert = || {
             splats::check(&self.input)?;
+            if ReadFiles::new([self.input.clone()]).has(&self.output) {
+                return Err(NodeError::new(format!("`{}` is the file to read", self.output.display()))
+                    .hint("name another one to write"));
+            }
             check_folder(&self.output)?;
             let (scene, notes) = splats::load(&self.input, frame, &cx)?;
             if scene.is_empty() {

@@ -25,6 +25,7 @@ impl MakeLock {
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
         let path = self.to.or(loaded.lock.clone()).ok_or(Error::NoLock)?;
+        loaded.check_output(&path)?;
         let lock = self.engine.open()?.lock(&loaded.graph, &loaded.only).map_err(Error::Sources)?;
         cache::publish_file(&path, lock.text().as_bytes())?;
         let (inputs, kinds, results) = (lock.inputs.len(), lock.kinds.len(), lock.results.len());

@@ -36,6 +36,7 @@ impl Pack {
     /// Writes the bundle and says what is in it.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
+        loaded.check_output(&self.bundle)?;
         let engine = self.engine.open()?;
         let results = match self.results {
             Which::None => Results::Digests,

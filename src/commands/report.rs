@@ -47,6 +47,7 @@ impl MakeReport {
         let unknown = || Error::Metric { text: self.metric.clone(), known: Metric::known() };
         let metric = Metric::of(&self.metric).ok_or_else(unknown)?;
         let loaded = self.graph.load()?;
+        loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);

@@ -49,17 +49,20 @@ impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
         let seconds = self.time.as_deref().map(super::cache::time).transpose()?;
-        let origin = self.graph.read(&mut Vec::new())?;
+        let mut texts = Vec::new();
+        let origin = self.graph.read(&mut texts)?;
         if let Some(outcome) = self.unchanged(&origin)? {
             return Ok(outcome.totals.exit_code());
         }
-        let (mut loaded, engine) = self.graph.check_with(origin, &self.engine)?;
+        let (mut loaded, engine) = self.graph.check_with(origin, &texts, &self.engine)?;
         if let Some(error) = self.max_error {
             loaded = budget::to_error(loaded, error)?;
         }
         if let Some(seconds) = seconds {
             loaded = self.in_time(loaded, &engine, seconds.as_secs_f64())?;
         }
+        loaded.check_outputs(&self.out)?;
+        self.trace.as_deref().map_or(Ok(()), |trace| loaded.check_output(trace))?;
         let (graph, only) = (&loaded.graph, &loaded.only);
         let locked = self.locked.then(|| lock::read(&loaded)).transpose()?;
         if let Some(lock) = &locked {
@@ -72,6 +75,7 @@ impl Run {
         }
         let options = RunOptions {
             out: self.out,
+            texts: loaded.texts.clone(),
             only: only.clone(),
             cancel,
             trace: self.trace.is_some(),

@@ -55,6 +55,7 @@ impl Tune {
     pub fn run(self) -> Result<u8, Error> {
         let (metric, goal) = self.goal()?;
         let loaded = self.graph.load()?;
+        loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;

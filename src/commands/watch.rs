@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Args;
 use engine::{Graph, Load, Refusal, WatchOptions};
 
+use crate::origin::is_written_once;
 use crate::report::{self, Report};
 use crate::session::{EngineArgs, Error, GraphArgs};
 
@@ -15,6 +16,9 @@ use crate::session::{EngineArgs, Error, GraphArgs};
 /// What takes long is shown roughly first and better by and by. A graph that is wrong for now leaves the
 /// last picture as it is.
 #[derive(Debug, Args)]
+#[command(mut_arg("graph", |graph| graph.help("The graph file (RON)")))]
+#[command(mut_arg("inputs", |inputs| inputs.help("For the graph of an unpacked bundle: a folder whose files it may read, as often as needed")))]
+#[command(mut_arg("other_versions", |other| other.hide(true)))]
 pub struct Watch {
     #[command(flatten)]
     graph: GraphArgs,
@@ -49,7 +53,11 @@ impl Watch {
                 "only a file can be watched: `-` stands for standard input, which is read once",
             ));
         }
+        if is_written_once(&self.graph.graph) {
+            return Err(Error::Unwatchable(STRANGE));
+        }
         let engine = self.engine.open()?.keeping();
+        let out = self.out.clone();
         let mut options = WatchOptions { out: self.out, poll: self.poll, ..WatchOptions::default() };
         if self.no_preview {
             options.refine = None;
@@ -72,7 +80,7 @@ impl Watch {
             let loaded = graph.load_again(engine.store(), known, &mut texts);
             last = loaded.as_ref().ok().map(|loaded| loaded.graph.clone());
             let loaded = loaded.and_then(|loaded| match loaded.unpacked {
-                None => Ok((loaded.graph, loaded.only)),
+                None => loaded.check_outputs(&out).map(|()| (loaded.graph, loaded.only)),
                 Some(_) => Err(Error::Unwatchable(STRANGE)),
             });
             let refusal = |error| match error {

@@ -64,6 +64,9 @@ fn collecting_pinning_and_copying() {
     assert!(code == 0 && text.starts_with("would remove 2 results"), "{text}");
     let (code, text) = said(&place, &["copy", "--to", "other", "graph.ron"]);
     assert!(code == 0 && text.starts_with("copied 2 results"), "{text}");
+    let (code, text) = said(&place, &["copy", "--to", "whole"]);
+    assert!(code == 0 && text.starts_with("copied 2 results"), "everything: {text}");
+    assert_eq!(said(&place, &["pin"]), (0, "nothing is pinned\n".to_owned()));
     let (code, text) = said(&place, &["pin", "graph.ron"]);
     assert!(code == 0 && text.contains("2 of 2 results are known"), "{text}");
     let (code, text) = said(&place, &["gc", "--max-size", "0"]);

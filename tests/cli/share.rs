@@ -167,6 +167,105 @@ fn a_strangers_graph_stays_inside() {
 }
 
 #[test]
+fn no_way_leads_around_the_mark_of_a_bundle() {
+    let (here, place) = (place(), Place::new(""));
+    std::fs::write(place.path("a.lhb"), pack(&here, "a.lhb")).unwrap();
+    std::fs::write(place.path("secret.hdr"), radiance(3)).unwrap();
+    good(place.call(&["unpack", "a.lhb"]));
+    // A graph below the folder of the bundle, which reads inside it and not outside.
+    let deep = |path: &str| {
+        let graph = format!(
+            "Graph(version: 1, scene: (up: \"+z\"), nodes: (p: LoadImage(path: \"{path}\"), s: WriteImage(image: \"p\", path: \"p.png\"),))"
+        );
+        std::fs::create_dir_all(place.path("a/deep")).unwrap();
+        std::fs::write(place.path("a/deep/e.ron"), graph).unwrap();
+        place.call(&["run", "a/deep/e.ron"])
+    };
+    good(deep("../mask.hdr"));
+    assert!(bad(deep("../../secret.hdr"), 2).contains("may not be read"));
+    let secret = place.path("secret.hdr");
+    assert!(bad(deep(secret.to_str().unwrap()), 2).contains("may not be read"));
+    // A graph of one's own that would read for it.
+    std::fs::write(place.path("a/over.ron"), "Overlay(nodes: (p: (path: \"secret.hdr\")))").unwrap();
+    for (name, text) in [
+        ("one.ron", "Graph(version: 1, include: [\"a/graph.ron\"], nodes: ())"),
+        ("two.ron", "Graph(version: 1, scene: (up: \"+z\"), nodes: (x: Subgraph(graph: \"a/graph.ron\"),))"),
+    ] {
+        std::fs::write(place.path(name), text).unwrap();
+        let errors = bad(place.call(&["check", name]), 2);
+        assert!(
+            errors.contains("`a/graph.ron` came out of a bundle") && errors.contains("remove"),
+            "{errors}"
+        );
+    }
+    let own = "Graph(version: 1, scene: (up: \"+z\"), nodes: (p: LoadImage(path: \"secret.hdr\"),))";
+    std::fs::write(place.path("own.ron"), own).unwrap();
+    let errors = bad(place.call(&["check", "own.ron", "--overlay", "a/over.ron"]), 2);
+    assert!(errors.contains("`a/over.ron` came out of a bundle"), "{errors}");
+    // A stranger's graph that includes what it may not read is told why.
+    std::fs::write(place.path("a/deep/e.ron"), "Graph(version: 1, include: [\"../../own.ron\"], nodes: ())")
+        .unwrap();
+    assert!(bad(place.call(&["check", "a/deep/e.ron"]), 2).contains("`../../own.ron` may not be read"));
+    std::fs::remove_file(place.path("a/.lightharmony-bundle")).unwrap();
+    good(place.call(&["check", "own.ron", "--overlay", "a/over.ron"]));
+    good(place.call(&["check", "one.ron", "--only", "bare"]));
+}
+
+#[test]
+fn nothing_is_written_over_what_a_graph_reads() {
+    let place = Place::new("");
+    std::fs::write(place.path("small.hdr"), radiance(0)).unwrap();
+    let node = |name: &str, of: &str, to: &str| {
+        format!("{name}: LoadImage(path: \"{of}\"), s{name}: WriteImage(image: \"{name}\", path: \"{to}\"),")
+    };
+    let graph = |include: &str, nodes: &str| {
+        format!("Graph(version: 1, include: {include}, scene: (up: \"+z\"), nodes: ({nodes}))")
+    };
+    place.write(&graph("[]", &node("p", "small.hdr", "p.png")));
+    good(place.call(&["run", "graph.ron", "--out", "."]));
+    std::fs::write(place.path("part.ron"), graph("[]", &node("q", "./p.png", "q.png"))).unwrap();
+    place.write(&graph("[\"part.ron\"]", &node("p", "small.hdr", "{view}.png")));
+    std::fs::write(place.path("over.ron"), "Overlay(nodes: (q: (encoding: Srgb)))").unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("p.png", place.path("link.png")).unwrap();
+    let read = ["graph.ron", "part.ron", "over.ron", "small.hdr", "p.png"];
+    let bytes = || read.map(|name| std::fs::read(place.path(name)).unwrap());
+    let before = bytes();
+    for name in read {
+        let way = place.path("out").join("..").join(name);
+        for verb in ["lock --to", "run --trace", "pack", "report --out", "tune --max-error flip=0.1 --out"] {
+            let (verb, rest) = verb.split_once(' ').unwrap_or((verb, ""));
+            let mut arguments = vec![verb, "graph.ron", "--overlay", "over.ron"];
+            arguments.extend(rest.split_whitespace().chain([way.to_str().unwrap()]));
+            let errors = bad(place.call(&arguments), 2);
+            assert!(errors.contains("is the graph or a file that it reads"), "{arguments:?}: {errors}");
+        }
+    }
+    for (path, out) in [("p.png", "."), ("./p.png", "out/.."), ("link.png", ".")] {
+        let set = format!("sq.path={path}");
+        if cfg!(unix) || path != "link.png" {
+            let run = ["run", "graph.ron", "--out", out, "--set", &set, "--only", "sq"];
+            let errors = bad(place.call(&run), 2);
+            assert!(errors.contains("which the graph reads") && errors.contains("`sq`"), "{errors}");
+        }
+    }
+    // Known only once it runs: the view is named `image`.
+    place.write(&graph("[]", &node("p", "small.hdr", "{view}.png")));
+    good(place.call(&["run", "graph.ron", "--out", "."]));
+    let made = std::fs::read_dir(place.folder.path()).unwrap().flatten().map(|entry| entry.file_name());
+    let made: Vec<String> = made.filter_map(|name| name.into_string().ok()).collect();
+    let view = made
+        .iter()
+        .find(|name| name.ends_with(".png") && !["p.png", "link.png"].contains(&&***name))
+        .unwrap();
+    place.write(&graph("[\"part.ron\"]", &node("p", view, "{view}.png")));
+    let errors = bad(place.call(&["run", "graph.ron", "--out", ".", "--set", "sp.recipe=false"]), 1);
+    assert!(errors.contains("which the graph reads"), "{errors}");
+    std::fs::write(place.path("graph.ron"), &before[0]).unwrap();
+    assert!(before == bytes());
+}
+
+#[test]
 fn a_locked_run_refuses_what_differs() {
     let place = place();
     good(place.call(&["run", "project/graph.ron"]));

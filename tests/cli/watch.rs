@@ -95,3 +95,18 @@ fn what_cannot_change_is_not_watched() {
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("only a file can be watched"));
 }
+
+#[test]
+fn what_is_written_once_is_not_watched() {
+    let place = Place::new(GRAPH);
+    std::fs::write(place.path("photo.hdr"), photo(130)).unwrap();
+    place.run(&[]).good();
+    assert!(place.call(&["pack", "graph.ron", "a.lhb"]).status.success());
+    for graph in ["a.lhb", "out/photo.png", "-"] {
+        let output = place.call(&["watch", graph]);
+        assert_eq!(output.status.code(), Some(2), "{graph}");
+        assert_eq!(String::from_utf8(output.stderr).unwrap().lines().count(), 1, "{graph}");
+    }
+    let help = String::from_utf8(place.call(&["watch", "--help"]).stdout).unwrap();
+    assert!(help.contains("The graph file (RON)") && !help.contains("standard input"), "{help}");
+}

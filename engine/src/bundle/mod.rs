@@ -13,7 +13,7 @@ mod verify;
 
 pub use container::{Bundle, BundleError};
 pub use pack::{Packed, Results};
-pub use unpack::is_unpacked;
+pub use unpack::bundle_around;
 pub use verify::{Verdict, Verified, VerifyOptions, verify};
 
 /// The graph file in a bundle.

@@ -106,9 +106,11 @@ impl<R: Read + Seek> Bundle<R> {
     }
 }
 
-/// Whether a folder is one that [`Bundle::unpack`] made, so that its graph is somebody else's.
-pub fn is_unpacked(folder: &Path) -> bool {
-    fs::symlink_metadata(folder.join(MARK)).is_ok()
+/// The folder that [`Bundle::unpack`] made, which is `folder` or lies above it: what is in it is somebody else's.
+/// Links in `folder` are followed.
+pub fn bundle_around(folder: &Path) -> Option<PathBuf> {
+    let folder = folder.canonicalize().ok()?;
+    folder.ancestors().find(|above| fs::symlink_metadata(above.join(MARK)).is_ok()).map(Path::to_owned)
 }
 
 fn is_empty_folder(path: &Path) -> bool {

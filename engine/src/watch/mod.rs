@@ -263,6 +263,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         let cancel = Arc::new(AtomicBool::new(false));
         let options = RunOptions {
             out: self.options.out.clone(),
+            texts: current.texts.clone(),
             only: only.to_vec(),
             cancel: cancel.clone(),
             rough,

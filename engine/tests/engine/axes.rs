@@ -169,3 +169,17 @@ fn a_long_axis_is_one_node_a_value() {
     assert_eq!(graph.nodes.len(), 40_001);
     assert_eq!(graph.nodes[20_007].sink_path.as_deref(), Some("00007.txt"));
 }
+
+#[test]
+fn an_instance_that_is_wrong_is_told_once_however_its_neighbours_are_wired() {
+    let lab = Lab::in_memory();
+    for by in ["Axis(\"n\")", "Track(\"n\", [(0, 1.0), (50, 101.0)])"] {
+        let nodes = format!(
+            r#"a: Number, b: Scale(value: "a", by: {by}), g: Gather(input: "b", over: "n"),
+            s: WriteNumber(number: "g", path: "a.txt"), t: WriteNumber(number: "b", path: "{{n}}.txt"),"#
+        );
+        let text = lab.mistakes(&graph("n: Range(0, 200)", &nodes));
+        assert!(text.contains("`by` is out of range: 10"), "{text}");
+        assert_eq!(text.matches("error: ").count(), 1, "{text}");
+    }
+}

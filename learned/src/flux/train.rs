@@ -220,6 +220,9 @@ impl Trainer {
             "transformer.peft_type": "LORA",
             "transformer.r": self.settings.rank,
             "transformer.lora_alpha": self.settings.alpha,
+            // Read without asking whether they are there.
+            "transformer.rank_pattern": {},
+            "transformer.alpha_pattern": {},
             "transformer.target_modules": modules,
             "transformer.bias": "none",
             "transformer.lora_dropout": 0.0,
