@@ -11,6 +11,7 @@ mod enough;
 pub mod film;
 mod front;
 mod globe;
+mod grade;
 mod lens;
 pub mod light;
 pub mod lookup;
@@ -45,8 +46,8 @@ use pair::{trace_pair, trace_r0};
 use plan::Goal;
 use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 use shot::{Running, finish};
-use stage::{Stage, middle};
-use told::{assemble, remark, tell, tell_plan};
+use stage::Stage;
+use told::{assemble, remark, tell, tell_lost, tell_plan};
 use walk::World;
 
 engine::params! {
@@ -149,7 +150,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -202,9 +203,9 @@ impl Kind for PathTrace {
             let text = "near_field needs an environment with a point of capture";
             return Err(NodeError::new(text).at("near_field").hint(hint));
         }
-        // Coordinates are taken relative to the middle of the receiver, so that a scene far from the
-        // origin of its world keeps its precision.
-        let origin = middle(&inputs.receiver).unwrap_or_else(|| inputs.rig.cameras[0].eye());
+        // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
+        // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
+        let origin = inputs.rig.cameras[0].eye();
         let stage = Stage::new(&inputs, origin);
         let centre = match inputs.env.origin {
             Some(origin) => origin,
@@ -223,6 +224,8 @@ impl Kind for PathTrace {
         if !objects.is_empty() {
             Enough::of(&inputs.env, &inputs.objects).tell(&inputs.env, &mut notes);
         }
+
+        tell_lost(&stage, &objects, &mut notes);
 
         let seed = cx.seed();
         let [_, _, up] = crate::equirect::axes(cx.up());
@@ -255,13 +258,13 @@ impl Kind for PathTrace {
                 contact,
             };
             let take = |running: &mut Running, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 4, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 5, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
                     let world = world();
                     Sums::trace(cx, area, R0, step, |tile| trace_r0(world, &lens, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 6, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 7, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, (area, &r0));
@@ -279,7 +282,7 @@ impl Kind for PathTrace {
             let more = |running: &mut Running, area, range| take(running, area, range, &|| ());
             let blocks = |done: f32| tell(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut running, more, blocks)).transpose()?;
-            let part = Part { name: "front", version: 2, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 3, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, 0), Some(contact)), || {
                 let world = world();
                 Sums::trace(cx, whole, FRONT, || (), |tile| trace_front(world, &lens, tile))

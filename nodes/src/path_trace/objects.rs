@@ -131,6 +131,18 @@ impl Objects {
         Ok(objects)
     }
 
+    /// The box around each placed object, as far as its corners are finite: lower corner, upper corner.
+    pub fn boxes(&self) -> Vec<(Vec3, Vec3)> {
+        let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); self.placed.len()];
+        for (index, part) in self.parts.iter().enumerate() {
+            let end = self.parts.get(index + 1).map_or(self.corners.len(), |next| next.first as usize);
+            let corners = self.corners[part.first as usize..end].iter().flatten().filter(|p| p.is_finite());
+            let (low, high) = &mut boxes[part.placed];
+            corners.for_each(|p| (*low, *high) = (low.min(*p), high.max(*p)));
+        }
+        boxes
+    }
+
     /// True when no ray can meet them.
     pub fn is_empty(&self) -> bool {
         self.bvh.bounds().is_none()

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::bsdf::Bsdf;
+use super::grade::{Corner, Grade};
 use crate::bvh::{Bvh, Hit, Ray};
 use crate::types::Mesh;
 
@@ -34,14 +35,18 @@ impl Surface {
     }
 }
 
-/// Position, unit normal of the winding, and margin of a hit. The margin covers the rounding of corners,
-/// barycentrics and the ray's origin, each a few units in the last place of the largest coordinate.
+/// How far rays must start off a triangle not to meet it again: the rounding of corners, barycentrics and the ray's
+/// origin, each a few units in the last place of the largest coordinate.
+pub(super) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
+    a.abs().max(b.abs()).max(c.abs()).max_element() * (8.0 * f32::EPSILON)
+}
+
+/// Position, unit normal of the winding, and margin of a hit.
 pub(super) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
     let [a, b, c] = *corners;
     let position = a * (1.0 - hit.b1 - hit.b2) + b * hit.b1 + c * hit.b2;
     let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
-    let reach = a.abs().max(b.abs()).max(c.abs()).max_element();
-    (position, normal, reach * (8.0 * f32::EPSILON))
+    (position, normal, margin(corners))
 }
 
 /// The mesh that stands for the place.
@@ -56,11 +61,9 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Triangles of a mesh, relative to `origin`.
+    /// Triangles of a mesh, relative to `origin`, near which large ones are cut: see [`super::grade`].
     pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
-        let place =
-            |i: u32| (DVec3::from_array(mesh.positions[i as usize].map(f64::from)) - origin).as_vec3();
-        let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(place)).collect();
+        let place = |i: u32| DVec3::from_array(mesh.positions[i as usize].map(f64::from)) - origin;
         let mut clamped = 0;
         let albedos: Vec<Vec3> = mesh
             .colours
@@ -72,11 +75,26 @@ impl Receiver {
                 Vec3::from_array(good)
             })
             .collect();
-        let colours = match albedos.is_empty() {
-            true => Vec::new(),
-            false => mesh.triangles.iter().map(|t| t.map(|i| albedos[i as usize])).collect(),
-        };
+        let mut grade = Grade::of(mesh.triangles.iter().map(|t| t.map(place)));
+        let (mut corners, mut colours) = (Vec::with_capacity(mesh.triangles.len()), Vec::new());
+        for triangle in &mesh.triangles {
+            let albedo = |i: u32| albedos.get(i as usize).copied().unwrap_or_default();
+            grade.cut(triangle.map(|i| (place(i), albedo(i))), |piece: [Corner; 3]| {
+                corners.push(piece.map(|(p, _)| p.as_vec3()));
+                if !albedos.is_empty() {
+                    colours.push(piece.map(|(_, colour)| colour));
+                }
+            });
+        }
         Self { bvh: Bvh::build(&corners), corners, colours, clamped }
+    }
+
+    /// The largest margin of the triangles that reach into a box.
+    pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
+        let reaches = |[a, b, c]: &&[Vec3; 3]| {
+            a.min(*b).min(*c).cmple(high).all() && a.max(*b).max(*c).cmpge(low).all()
+        };
+        self.corners.iter().filter(reaches).map(margin).fold(0.0, f32::max)
     }
 
     /// Unit normal of a triangle, by its winding.

@@ -11,10 +11,14 @@ use super::decide::Decided;
 use super::film::Rays;
 use super::objects::Objects;
 use super::plan::Reached;
+use super::scene::margin;
 use super::shot::Shot;
 use super::stage::Stage;
 use crate::support::Level;
 use crate::types::{Cell, Images, NamedImage, Report, Rig, Table};
+
+/// Rays may leave surfaces from this share of the size of an object off without a word.
+const COARSE: f32 = 1.0 / 512.0;
 
 pub(super) fn columns(names: &[&str]) -> Vec<String> {
     names.iter().map(|&name| name.to_owned()).collect()
@@ -38,6 +42,24 @@ pub(super) fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
     for (id, n, text) in counts {
         if n > 0 {
             notes.count(id, n, text);
+        }
+    }
+}
+
+/// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
+/// surface has lost what lies nearer.
+pub(super) fn tell_lost(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
+    for (index, (low, high)) in objects.boxes().into_iter().enumerate() {
+        let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
+        let around = stage.receiver().margin_within(low - size, high + size);
+        let margin = around.max(margin(&[low, high, high]));
+        if size > 0.0 && margin > COARSE * size {
+            let text = format!(
+                "object {index} is {size:.3e} units large and {distance:.3e} from the first camera, which is where \
+                 coordinates start: rays leave surfaces there from {margin:.1e} off, and contact shadows and detail \
+                 below that are lost"
+            );
+            notes.warning("coarse-coordinates", format!("{text}; bring the first camera of the rig nearer"));
         }
     }
 }

@@ -30,7 +30,7 @@ fn furnace_holds_in_the_scene() {
 
 /// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
 /// as large as a million, and with coordinates of some ten thousand sizes.
-/// Mutation: `reach` to `0.0 * reach` in `geometry` (seen red).
+/// Mutation: `8.0` to `0.0` in `margin` (seen red).
 #[test]
 fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -55,6 +55,48 @@ fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
     row(42, "change 1e6 from the origin", change(1.0, DVec3::new(1e6, -2e6, 5e5)), 1e-6);
     let aside = seen(1.0, DVec3::new(6e3, 0.0, 8e3), &plane(3.0));
     row(42, "change 1e4 from the receiver", (aside - plain).abs(), 1e-3);
+}
+
+/// The shadow of a ball on a floor does not depend on what else there is of the floor: a stray triangle far away, or
+/// two triangles that reach to a horizon.
+/// Mutation: `SHARE` and `NEAREST` to 1e9 in `grade.rs`, or the origin to the middle of the receiver's box (both seen
+/// red).
+#[test]
+fn row_42_a_stray_triangle_and_a_huge_floor_change_nothing() {
+    let (_, objects, rig) = shadowed();
+    let picture = |receiver: &Mesh| {
+        let (out, notes) = render(&params(16, EnvBlock::Solid), receiver, &objects, &rig, &sunny());
+        assert!(!notes.iter().any(|note| note.id == "coarse-coordinates"));
+        [samples(&out.with).to_vec(), samples(&out.without).to_vec(), samples(&out.object).to_vec()].concat()
+    };
+    let off = |a: &[f32], b: &[f32]| {
+        let total: f32 = a.iter().sum();
+        f64::from(a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>() / total)
+    };
+    let plain = picture(&plane(100.0));
+    for far in [1e5, 1e8] {
+        let mut stray = plane(1.0);
+        stray.positions = vec![[far, far, -far], [far, far + 1000.0, -far], [far + 1000.0, far, -far]];
+        stray.triangles = vec![[0, 1, 2]];
+        let change = off(&plain, &picture(&merge(plane(100.0), stray)));
+        row(42, "change of the picture by a stray triangle, relative", change, 1e-6);
+    }
+    for half in [1e4, 1e6] {
+        let change = off(&plain, &picture(&plane(half)));
+        row(42, "change of the picture by a floor of 2e6, relative", change, 2e-3);
+    }
+}
+
+// Where coordinates are too coarse all the same, that is told.
+#[test]
+fn an_object_too_far_for_its_size_is_told() {
+    let told = |distance: f64| {
+        let camera = rig(DVec3::new(0.0, -distance, 0.0), DVec3::ZERO, 4, 2.0 * distance);
+        let object = [ball(0.5, matte(0.5), DVec3::ZERO)];
+        let (_, notes) = render(&params(1, EnvBlock::Solid), &plane(2.0), &object, &camera, &white());
+        notes.iter().any(|note| note.id == "coarse-coordinates")
+    };
+    assert!(!told(1e3) && told(1e4));
 }
 
 // A whole scene, receiver and objects and camera, moved by 1e6 or made a million times larger or smaller gives
