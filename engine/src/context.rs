@@ -279,7 +279,8 @@ impl Context {
     }
 
     fn each(&self, n: usize, tile: &(dyn Fn(usize) + Sync)) -> Result<(), NodeError> {
-        (0..n).into_par_iter().try_for_each(|index| {
+        // One by one: tiles may differ much in work, and a thread that is done takes over half of what another has left.
+        (0..n).into_par_iter().with_max_len(1).try_for_each(|index| {
             self.check()?;
             tile(index);
             Ok(())
