@@ -10,7 +10,7 @@ use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats
 engine::params! {
     /// Renders a splat scene for each camera of a rig.
     ///
-    /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, one stable sort (equal keys
+    /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, a stable sort (equal keys
     /// stay in file order) and the same bytes on every machine. Colours are blended in the encoding they
     /// were trained in, over black, and are not clipped: un-premultiply, then linearise, where light is
     /// meant. The reference for error tables is `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.

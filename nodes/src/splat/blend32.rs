@@ -6,7 +6,8 @@ use fearless_simd::{Level, dispatch, f32x8, f32x16, mask32x8, prelude::*, u32x8}
 
 use super::bin::TILE;
 use super::project::Footprint;
-use super::{DepthMode, Settings, Sort, Task, Tile};
+use super::tile::{Blended, Pixel, Task};
+use super::{DepthMode, Sort};
 use crate::num;
 
 const LANES: usize = 8;
@@ -45,7 +46,7 @@ const MEDIAN: u8 = 1;
 const TRANSMITTANCE: u8 = 2;
 
 /// Blends the footprints of a tile, front to back.
-pub(super) fn blend(level: Level, task: &Task<'_>) -> Tile {
+pub(super) fn blend(level: Level, task: &Task<'_, '_>) -> Blended {
     match task.settings.depth {
         DepthMode::Expected => dispatch!(level, simd => tile::<_, EXPECTED>(simd, task)),
         DepthMode::Median => dispatch!(level, simd => tile::<_, MEDIAN>(simd, task)),
@@ -75,7 +76,7 @@ struct Pixels {
 const BEHIND: f32 = 1.000_001;
 
 #[inline(always)]
-fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_>) -> Tile {
+fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
     const ZERO: [[f32; LANES]; TILE * HALVES] = [[0.0; LANES]; TILE * HALVES];
     let &Task { projected, list, area: [x0, y0, width, height], settings, cx, .. } = task;
     let mut pixels = Pixels {
@@ -232,34 +233,18 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_>) -> Tile {
             }
         }
     }
-    finish::<DEPTH>(&pixels, settings, evaluations, blends)
-}
-
-fn finish<const DEPTH: u8>(pixels: &Pixels, settings: &Settings, evaluations: u64, blends: u64) -> Tile {
-    let mut tile = Tile {
-        rgba: Vec::with_capacity(TILE * TILE),
-        depth: Vec::with_capacity(TILE * TILE),
-        counts: Vec::new(),
-        evaluations,
-        blends,
-    };
-    for row in 0..TILE {
-        for column in 0..TILE {
-            let (vector, lane) = (column / LANES * TILE + row, column % LANES);
-            let alpha = 1.0 - pixels.transmittance[vector][lane].abs();
-            let [r, g, b] = [&pixels.red, &pixels.green, &pixels.blue].map(|sums| sums[vector][lane]);
-            tile.rgba.push([r, g, b, alpha]);
-            let sum = pixels.depth[vector][lane];
-            tile.depth.push(match DEPTH {
-                _ if sum <= 0.0 || alpha <= 0.0 => f32::INFINITY,
-                EXPECTED => sum / alpha,
-                MEDIAN => sum,
-                _ => sum / pixels.depth_weight[vector][lane],
-            });
-            if settings.count_blends {
-                tile.counts.push(pixels.count[vector][lane]);
-            }
-        }
-    }
-    tile
+    task.show(|row, column| {
+        let (vector, lane) = (column / LANES * TILE + row, column % LANES);
+        let alpha = 1.0 - pixels.transmittance[vector][lane].abs();
+        let [r, g, b] = [&pixels.red, &pixels.green, &pixels.blue].map(|sums| sums[vector][lane]);
+        let sum = pixels.depth[vector][lane];
+        let depth = match DEPTH {
+            _ if sum <= 0.0 || alpha <= 0.0 => f32::INFINITY,
+            EXPECTED => sum / alpha,
+            MEDIAN => sum,
+            _ => sum / pixels.depth_weight[vector][lane],
+        };
+        Pixel { rgba: [r, g, b, alpha], depth, blends: pixels.count[vector][lane] }
+    });
+    Blended { evaluations, blends }
 }

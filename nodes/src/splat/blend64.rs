@@ -1,11 +1,12 @@
 //! The blend in f64, one pixel after another: the reference that the fast one is measured against.
 
+use super::DepthMode;
 use super::bin::TILE;
-use super::{DepthMode, Task, Tile};
+use super::tile::{Blended, Pixel, Task};
 use crate::num;
 
 /// Blends the footprints of a tile, front to back.
-pub(super) fn blend(task: &Task<'_>) -> Tile {
+pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
     let &Task { projected, list, area: [x0, y0, width, height], settings, cx, .. } = task;
     let limits = task.limits();
     let period = projected.period.map(f64::from);
@@ -84,16 +85,16 @@ pub(super) fn blend(task: &Task<'_>) -> Tile {
             }
         }
     }
-    let rgba = rgb
-        .iter()
-        .zip(&transmittance)
-        .map(|(c, t)| [c[0] as f32, c[1] as f32, c[2] as f32, (1.0 - t) as f32])
-        .collect();
-    let depth = (0..TILE * TILE).map(|at| match settings.depth {
-        _ if depth[at] <= 0.0 => f32::INFINITY,
-        DepthMode::Expected => (depth[at] / (1.0 - transmittance[at])) as f32,
-        DepthMode::Median => depth[at] as f32,
-        DepthMode::Transmittance => (depth[at] / depth_weight[at]) as f32,
+    task.show(|row, column| {
+        let at = row * TILE + column;
+        let ([r, g, b], t) = (rgb[at].map(|c| c as f32), transmittance[at]);
+        let depth = match settings.depth {
+            _ if depth[at] <= 0.0 => f32::INFINITY,
+            DepthMode::Expected => (depth[at] / (1.0 - t)) as f32,
+            DepthMode::Median => depth[at] as f32,
+            DepthMode::Transmittance => (depth[at] / depth_weight[at]) as f32,
+        };
+        Pixel { rgba: [r, g, b, (1.0 - t) as f32], depth, blends: counts.get(at).copied().unwrap_or(0.0) }
     });
-    Tile { rgba, depth: depth.collect(), counts, evaluations, blends }
+    Blended { evaluations, blends }
 }

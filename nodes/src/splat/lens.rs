@@ -45,16 +45,6 @@ pub(super) struct Seen {
     pub depth: f64,
 }
 
-/// What a lens makes of a point.
-pub(super) enum Sight {
-    /// At or below the near depth.
-    Behind,
-    /// So far beside the picture that nothing around it is seen.
-    Aside,
-    /// Maybe in the picture.
-    Seen(Seen),
-}
-
 /// How the world lands on a picture.
 pub(super) trait Lens: Sync {
     /// Where it stands, in world units.
@@ -63,11 +53,15 @@ pub(super) trait Lens: Sync {
     fn size(&self) -> (usize, usize);
     /// Columns after which the picture repeats.
     fn period(&self) -> Option<u32>;
-    /// The point at `d` from the eye. `reach` says how far a splat there may spread at most: in world units,
-    /// and in pixels beyond that; it is asked where it can spare work.
-    fn see(&self, d: DVec3, near: f64, reach: impl Fn() -> (f64, f64)) -> Sight;
-    /// True where [`Lens::see`] has nothing of any splat in the block, each of which spreads over at most `sigmas`
-    /// times its longest axis and so many pixels beyond that.
+    /// True for a point at `d` from the eye that is at or below the near depth.
+    fn is_behind(&self, d: DVec3, near: f64) -> bool;
+    /// True for a point at `d`, not behind, so far beside the picture that nothing of a splat there is seen that
+    /// spreads over at most so many world units, and pixels beyond that.
+    fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool;
+    /// The point at `d`, which is neither.
+    fn see(&self, d: DVec3) -> Seen;
+    /// True where every splat of the block is behind or aside, each of which spreads over at most `sigmas` times its
+    /// longest axis and so many pixels beyond that.
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
     /// Tiles with a pixel centre inside a box, its edge included.
     fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<Reach>;
@@ -203,40 +197,47 @@ impl Lens for Pinhole {
     }
 
     #[inline(always)]
-    fn see(&self, d: DVec3, near: f64, reach: impl Fn() -> (f64, f64)) -> Sight {
+    fn is_behind(&self, d: DVec3, near: f64) -> bool {
         let z = self.forward.dot(d);
-        let depth = if self.by_distance { d.length() } else { z };
-        if depth <= near || (self.by_distance && z <= ASIDE * depth) {
-            return Sight::Behind;
+        if self.by_distance {
+            let distance = d.length();
+            return (distance <= near) | (z <= ASIDE * distance);
         }
-        let (x, y) = (self.right.dot(d), self.down.dot(d));
-        // The four edges, all times z: most of what is beside a picture is left without a division. A splat
-        // spreads over at most the first, over z, and the second.
-        let (world, pixels) = reach();
+        z <= near
+    }
+
+    /// The four edges, all times z: most of what is beside a picture is left without a division. A splat spreads over
+    /// at most the first, over z, and the second. Without branches, so that the tests of several splats are one.
+    #[inline(always)]
+    fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
+        let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
         let spread = world * self.steepest + pixels * z;
         let (from_left, from_top) = (self.fx * x + self.cx * z, self.fy * y + self.cy * z);
-        if from_left < -spread
-            || from_top < -spread
-            || from_left - self.width * z > spread
-            || from_top - self.height * z > spread
-        {
-            return Sight::Aside;
-        }
+        (from_left < -spread)
+            | (from_top < -spread)
+            | (from_left - self.width * z > spread)
+            | (from_top - self.height * z > spread)
+    }
+
+    #[inline(always)]
+    fn see(&self, d: DVec3) -> Seen {
+        let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
         let inverse_z = 1.0 / z;
         let (slope_x, slope_y) = (x * inverse_z, y * inverse_z);
-        let held_x = slope_x.clamp(self.slope_x[0], self.slope_x[1]);
-        let held_y = slope_y.clamp(self.slope_y[0], self.slope_y[1]);
-        Sight::Seen(Seen {
+        // No `clamp`, whose check of its bounds would keep the compiler from vector code.
+        let held_x = slope_x.max(self.slope_x[0]).min(self.slope_x[1]);
+        let held_y = slope_y.max(self.slope_y[0]).min(self.slope_y[1]);
+        Seen {
             u: self.fx * slope_x + self.cx,
             v: self.fy * slope_y + self.cy,
             // Rows of the derivative of (u, v) by the world, eq. 26 of the EWA paper.
             row_x: (self.right - self.forward * held_x) * (self.fx * inverse_z),
             row_y: (self.down - self.forward * held_y) * (self.fy * inverse_z),
-            depth,
-        })
+            depth: if self.by_distance { d.length() } else { z },
+        }
     }
 
-    /// The tests of `see` are linear in the centre, so over a box they are largest at a corner.
+    /// The tests of one splat are linear in its centre, so over a box they are largest at a corner.
     #[inline(always)]
     fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
         // By distance, what is behind the plane of the camera is at or below any near depth.
@@ -316,30 +317,38 @@ impl Lens for Sphere {
         Some(self.width)
     }
 
+    #[inline(always)]
+    fn is_behind(&self, d: DVec3, near: f64) -> bool {
+        d.length() <= near
+    }
+
+    /// It looks everywhere.
+    #[inline(always)]
+    fn is_aside(&self, _d: DVec3, _world: f64, _pixels: f64) -> bool {
+        false
+    }
+
     /// With x, y, z along right, forward and up, the angle from forward is atan2(x, y) and the one from up
     /// atan2(rho, z), where rho is the distance from the axis; their derivatives are the unit vectors along
     /// growing angles over rho and over the distance. Depth is the distance from the eye.
     #[inline(always)]
-    fn see(&self, d: DVec3, near: f64, _reach: impl Fn() -> (f64, f64)) -> Sight {
+    fn see(&self, d: DVec3) -> Seen {
         let (x, y, z) = (self.right.dot(d), self.forward.dot(d), self.above.dot(d));
         let rho = (x * x + y * y).sqrt();
         let distance = (rho * rho + z * z).sqrt();
-        if distance <= near {
-            return Sight::Behind;
-        }
         let per_radian = f64::from(self.width) / (2.0 * PI);
         let (sin, cos) = if rho > 0.0 { (x / rho, y / rho) } else { (0.0, 1.0) };
         let outwards = self.right * sin + self.forward * cos;
         let along = self.right * cos - self.forward * sin;
         let downwards = (outwards * z - self.above * rho) / distance;
         let u = (num::atan2(x, y) + PI) * per_radian;
-        Sight::Seen(Seen {
+        Seen {
             u: if u >= f64::from(self.width) { 0.0 } else { u },
             v: num::atan2(rho, z) * per_radian - f64::from(self.rows.start),
             row_x: along * (per_radian / rho.max(POLE * distance)),
             row_y: downwards * (per_radian / distance),
             depth: distance,
-        })
+        }
     }
 
     /// It looks everywhere.

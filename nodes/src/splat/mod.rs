@@ -15,9 +15,11 @@ mod lens;
 mod project;
 mod settings;
 mod sh;
+mod shape;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod tile;
 
 use std::ops::AddAssign;
 
@@ -31,6 +33,7 @@ use lens::{Lens, Pinhole};
 use project::{Footprint, Projected};
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
 pub use surface::Surface;
+use tile::{Strip, Task};
 
 use crate::types::{Camera, Data, Image, Splats};
 
@@ -122,43 +125,6 @@ pub struct Rendered {
 /// Tells seconds.
 pub type Clock<'a> = &'a (dyn Fn() -> f64 + Sync);
 
-/// What is blended over one tile.
-struct Task<'a> {
-    projected: &'a Projected,
-    list: &'a [u32],
-    /// First column and row, width and height, in pixels.
-    area: [usize; 4],
-    limit: Option<&'a Image<Data>>,
-    settings: &'a Settings,
-    cx: &'a Context,
-}
-
-impl Task<'_> {
-    /// Depth at which the blend of each pixel ends, in rows of [`TILE`]; +inf outside of the picture.
-    fn limits(&self) -> Option<Vec<f32>> {
-        let image = self.limit?;
-        let [x0, y0, width, height] = self.area;
-        let mut limits = vec![f32::INFINITY; TILE * TILE];
-        for row in 0..height {
-            for column in 0..width {
-                // 0 is what some files hold where there is no surface.
-                let depth = image.pixel(x0 + column, y0 + row)[0];
-                limits[row * TILE + column] = if depth > 0.0 { depth } else { f32::INFINITY };
-            }
-        }
-        Some(limits)
-    }
-}
-
-/// One tile, finished unless the run was stopped: RGBA, depth and blends of its pixels, in rows of [`TILE`].
-struct Tile {
-    rgba: Vec<[f32; 4]>,
-    depth: Vec<f32>,
-    counts: Vec<f32>,
-    evaluations: u64,
-    blends: u64,
-}
-
 /// The largest picture that is rendered, in pixels.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
@@ -243,12 +209,22 @@ pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) ->
     let list = vec![0; splats];
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let projected = Projected::of(vec![wide]);
-    let area = [0, 0, TILE, TILE];
-    let task = Task { projected: &projected, list: &list, area, limit: None, settings: &settings, cx };
+    let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
+    let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);
+    let task = Task {
+        projected: &projected,
+        list: &list,
+        area: [0, 0, TILE, TILE],
+        limit: None,
+        settings: &settings,
+        cx,
+        strip: &strips[0],
+    };
     let start = clock();
-    let tile = blend32::blend(level, &task);
-    std::hint::black_box(&tile.rgba);
-    tile.evaluations as f64 / (clock() - start)
+    let work = blend32::blend(level, &task);
+    let rate = work.evaluations as f64 / (clock() - start);
+    std::hint::black_box(&rgba);
+    rate
 }
 
 fn checked(camera: &Camera) -> Result<(), NodeError> {
@@ -279,16 +255,24 @@ fn draw<L: Lens>(
 
     let projected = project::project(splats, blocks, lens, settings, cx, level)?;
     let project_s = lap();
-    let order = bin::order(projected.keys(), cx)?;
-    let sort_s = lap();
     let (width, height) = lens.size();
-    let lists = bin::bin(&projected, order, (width, height), settings, cx)?;
+    let rows = if settings.is_bounded() { height.div_ceil(TILE) } else { 1 };
+    let rows = bin::sort(&projected, rows, cx)?;
+    let sort_s = lap();
+    let lists = bin::bin(&projected, &rows, (width, height), settings, cx)?;
+    drop(rows);
     let bin_s = lap();
 
+    let pixels = width * height;
+    let (mut rgba, mut depth) = (vec![0.0_f32; pixels * 4], vec![0.0_f32; pixels]);
+    let mut blends = vec![0.0_f32; if settings.count_blends { pixels } else { 0 }];
+    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, &mut blends);
     let tiles = cx.for_each_tile(lists.tiles(), |tile| {
-        let (list, x0, y0) = lists.tile(tile);
+        let (list, column, row) = lists.tile(tile);
+        let (x0, y0) = (column * TILE, row * TILE);
         let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
-        let task = Task { projected: &projected, list, area, limit, settings, cx };
+        let strip = &strips[row];
+        let task = Task { projected: &projected, list, area, limit, settings, cx, strip };
         match settings.precision {
             Precision::F32 => blend32::blend(level, &task),
             Precision::F64 => blend64::blend(&task),
@@ -297,23 +281,9 @@ fn draw<L: Lens>(
     // A tile may take seconds where bounds are `None`, so a blend ends early once the run is stopped.
     cx.check()?;
     let mut work = Work { tile_pairs: lists.pairs(), ..projected.work() };
-    let mut rgba = vec![0.0_f32; width * height * 4];
-    let mut depth = vec![f32::INFINITY; width * height];
-    let mut blends = vec![0.0_f32; if settings.count_blends { width * height } else { 0 }];
-    for (index, tile) in tiles.iter().enumerate() {
-        let (_, x0, y0) = lists.tile(index);
+    for tile in tiles {
         work.evaluations += tile.evaluations;
         work.blends += tile.blends;
-        let w = (width - x0).min(TILE);
-        for row in 0..(height - y0).min(TILE) {
-            let to = (y0 + row) * width + x0;
-            let from = row * TILE;
-            rgba[to * 4..(to + w) * 4].copy_from_slice(tile.rgba[from..from + w].as_flattened());
-            depth[to..to + w].copy_from_slice(&tile.depth[from..from + w]);
-            if settings.count_blends {
-                blends[to..to + w].copy_from_slice(&tile.counts[from..from + w]);
-            }
-        }
     }
     Ok(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] })
 }

@@ -7,9 +7,10 @@ use engine::{Context, NodeError};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
-use super::bin::TILE;
+use super::bin::{Listed, TILE};
 use super::block::{BLOCK, Blocks};
-use super::lens::{Lens, Reach, SLACK_PX, Seen, Sight};
+use super::lens::{Lens, Reach, SLACK_PX};
+use super::shape::{BATCH, Batch, Shape};
 use super::{Bounds, Precision, Settings, Sort, Work, sh};
 use crate::num;
 use crate::types::Splats;
@@ -22,8 +23,9 @@ const CHUNK: usize = 1 << CHUNK_BITS;
 /// A splat on the image plane. Its alpha at the pixel centre (x, y) is
 /// `opacity * 2^-(t^2 + s^2)` with `t = l11 (x - u) + l21 (y - v)` and `s = l22 (y - v)`: the Cholesky
 /// factor of the inverse covariance, which keeps needles exact where `a dx^2 + 2 b dx dy + c dy^2` cancels.
+/// One line of the cache: tiles look footprints up in an order that is not theirs.
 #[derive(Debug, Clone, Copy)]
-#[repr(C)]
+#[repr(C, align(64))]
 pub(crate) struct Footprint {
     pub u: f64,
     pub v: f64,
@@ -36,12 +38,22 @@ pub(crate) struct Footprint {
     pub z: f32,
 }
 
-/// The footprints of one job, in file order.
+/// A footprint in a row of tiles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Entry {
+    /// Ascends from front to back.
+    pub key: u64,
+    pub index: u32,
+    /// Columns of tiles, as [`Reach`] has them.
+    pub x0: u16,
+    pub x1: u16,
+}
+
+/// The footprints of one job, in file order, and the rows of tiles that they touch.
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    reaches: Vec<Reach>,
-    keys: Vec<u64>,
+    rows: Listed<Entry>,
     skipped: u64,
     directed: u64,
     degenerate: u64,
@@ -68,24 +80,15 @@ impl Projected {
         Self { chunks, splats: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// (sort key, index) of each footprint, in file order; keys ascend from front to back.
-    pub(super) fn keys(&self) -> Vec<(u64, u32)> {
-        let mut keys = Vec::with_capacity(self.chunks.iter().map(|chunk| chunk.keys.len()).sum());
-        for (number, chunk) in (0_u32..).zip(&self.chunks) {
-            keys.extend(chunk.keys.iter().zip(number << CHUNK_BITS..).map(|(key, index)| (*key, index)));
-        }
-        keys
+    /// What touches a row of tiles, in file order; the only row has all where bounds are none.
+    pub(super) fn row(&self, row: usize) -> Vec<Entry> {
+        let parts: Vec<&[Entry]> = self.chunks.iter().map(|chunk| chunk.rows.of(row)).collect();
+        parts.concat()
     }
 
     #[inline(always)]
     pub(super) fn footprint(&self, index: u32) -> &Footprint {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
-    }
-
-    /// The tiles that a footprint touches.
-    #[inline(always)]
-    pub(super) fn reach(&self, index: u32) -> Reach {
-        self.chunks[(index >> CHUNK_BITS) as usize].reaches[index as usize % CHUNK]
     }
 
     /// What the projection took.
@@ -133,6 +136,12 @@ impl Footprint {
     }
 }
 
+/// Scalar code, compiled once an instruction set: the compiler makes vectors of its loops where it can.
+#[inline(always)]
+fn chunk<S: Simd, L: Lens>(_simd: S, projection: &Projection<'_, L>, range: Range<usize>) -> Chunk {
+    projection.chunk(range)
+}
+
 /// Projects every splat that can change a pixel; those of blocks that cannot are not looked at.
 pub(super) fn project<L: Lens>(
     splats: &Splats,
@@ -143,15 +152,16 @@ pub(super) fn project<L: Lens>(
     level: Level,
 ) -> Result<Projected, NodeError> {
     let log2_cut = num::f64::log2(settings.alpha_cut);
+    let projection = Projection::new(splats, blocks, lens, settings, log2_cut);
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
-        dispatch!(level, simd => chunk(simd, splats, blocks, range, lens, settings, log2_cut))
+        dispatch!(level, simd => chunk(simd, &projection, range))
     })?;
     let splats_behind = |job: usize| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
         let drawn = range.filter(|index| is_drawn(splats.opacities[*index], settings));
         let offsets = drawn.map(|index| splats.mean(index) - lens.eye());
-        offsets.filter(|d| matches!(lens.see(*d, settings.near, || (0.0, 0.0)), Sight::Behind)).count() as u64
+        offsets.filter(|d| lens.is_behind(*d, settings.near)).count() as u64
     };
     let mut projected =
         Projected { chunks, splats: splats.len() as u64, behind: 0, log2_cut, period: lens.period() };
@@ -165,19 +175,7 @@ pub(super) fn project<L: Lens>(
 /// True for an opacity that reaches the cut.
 #[inline(always)]
 fn is_drawn(opacity: f32, settings: &Settings) -> bool {
-    f64::from(opacity) >= settings.alpha_cut && opacity > 0.0
-}
-
-/// The principal axes of a splat, each as long as the standard deviation.
-#[inline(always)]
-fn axes(quat: [f32; 4], scale: [f32; 3]) -> [DVec3; 3] {
-    let [w, x, y, z] = quat.map(f64::from);
-    let scale = scale.map(f64::from);
-    [
-        DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)) * scale[0],
-        DVec3::new(2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)) * scale[1],
-        DVec3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)) * scale[2],
-    ]
+    (f64::from(opacity) >= settings.alpha_cut) & (opacity > 0.0)
 }
 
 /// What the projection of a splat asks for.
@@ -206,7 +204,7 @@ impl<'a, L: Lens> Projection<'a, L> {
         settings: &'a Settings,
         log2_cut: f64,
     ) -> Self {
-        let bounded = settings.bounds != Bounds::None && settings.alpha_cut > 0.0;
+        let bounded = settings.is_bounded();
         // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
         let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
         // A pixel covers rounding, two tiles how INRIA counts them.
@@ -226,31 +224,60 @@ impl<'a, L: Lens> Projection<'a, L> {
         })
     }
 
-    /// Adds what is to be drawn of a splat.
+    /// From the eye to the centres of some splats, coordinate by coordinate.
     #[inline(always)]
-    fn add(&self, index: usize, out: &mut Chunk) {
-        let Self { splats, lens, settings, log2_cut, bounded, .. } = *self;
-        if !is_drawn(splats.opacities[index], settings) {
-            return;
+    fn offsets(&self, range: Range<usize>) -> [[f64; BLOCK]; 3] {
+        let mut offsets = [[0.0; BLOCK]; 3];
+        let means = &self.splats.means[range.clone()];
+        let low = self.splats.means_low.get(range).unwrap_or_default();
+        for (axis, (offsets, eye)) in offsets.iter_mut().zip(self.eye.to_array()).enumerate() {
+            for (offset, mean) in offsets.iter_mut().zip(means) {
+                *offset = f64::from(mean[axis]);
+            }
+            for (offset, low) in offsets.iter_mut().zip(low) {
+                *offset += f64::from(low[axis]);
+            }
+            for offset in offsets {
+                *offset -= eye;
+            }
         }
-        let offset = splats.mean(index) - self.eye;
-        let reach = || {
-            let [a, b, c] = splats.scales[index].map(f64::from);
-            let world = if bounded { self.sigmas * a.max(b).max(c) } else { f64::INFINITY };
-            (world, self.beyond)
-        };
-        let Sight::Seen(seen) = lens.see(offset, settings.near, reach) else { return };
-        let Seen { u, v, row_x, row_y, depth } = seen;
+        offsets
+    }
 
-        let axes = axes(splats.quats[index], splats.scales[index]);
-        let p = DVec3::new(row_x.dot(axes[0]), row_x.dot(axes[1]), row_x.dot(axes[2]));
-        let q = DVec3::new(row_y.dot(axes[0]), row_y.dot(axes[1]), row_y.dot(axes[2]));
-        let (raw_xx, xy, raw_yy) = (p.dot(p), p.dot(q), q.dot(q));
-        let low_pass = settings.low_pass_px2;
-        let (xx, yy) = (raw_xx + low_pass, raw_yy + low_pass);
-        // By Lagrange's identity, so that the determinant of a needle does not cancel.
-        let raw_det = p.cross(q).length_squared();
-        let det = raw_det + low_pass * (raw_xx + raw_yy) + low_pass * low_pass;
+    /// Adds the places in the chunk, which is `first` for the first of these splats, of those that reach the cut and
+    /// are neither behind nor aside. Without branches, so that several are tested at once.
+    #[inline(always)]
+    fn find(&self, range: Range<usize>, first: usize, places: &mut Vec<u16>) {
+        let Self { splats, lens, settings, .. } = *self;
+        let [x, y, z] = self.offsets(range.clone());
+        let mut world = [f64::INFINITY; BLOCK];
+        if self.bounded {
+            for (world, [a, b, c]) in world.iter_mut().zip(&splats.scales[range.clone()]) {
+                *world = self.sigmas * f64::from(a.max(*b).max(*c));
+            }
+        }
+        let mut found = [false; BLOCK];
+        for (found, opacity) in found.iter_mut().zip(&splats.opacities[range]) {
+            *found = is_drawn(*opacity, settings);
+        }
+        for i in 0..BLOCK {
+            let offset = DVec3::new(x[i], y[i], z[i]);
+            found[i] &=
+                !lens.is_behind(offset, settings.near) & !lens.is_aside(offset, world[i], self.beyond);
+        }
+        let (mut here, mut count) = ([0; BLOCK], 0);
+        for (place, found) in (first..).zip(found) {
+            here[count] = place as u16;
+            count += usize::from(found);
+        }
+        places.extend_from_slice(&here[..count]);
+    }
+
+    /// Adds what is to be drawn of a splat of this shape.
+    #[inline(always)]
+    fn add(&self, index: usize, shape: &Shape, out: &mut Chunk, reaches: &mut Vec<(u64, Reach)>) {
+        let Self { splats, lens, settings, log2_cut, .. } = *self;
+        let &Shape { offset, u, v, depth, xx, yy, det, raw_det, root_xx, root_yy, l11, l21, l22 } = shape;
         let mut opacity = f64::from(splats.opacities[index]);
         if settings.compensate {
             opacity *= (raw_det / det).sqrt();
@@ -258,23 +285,17 @@ impl<'a, L: Lens> Projection<'a, L> {
                 return;
             }
         }
-        // Exponents are to base 2: half of log2(e) goes into the factor.
-        let to_base_2 = (0.5 * std::f64::consts::LOG2_E).sqrt();
-        let (root_det, root_yy) = (det.sqrt(), yy.sqrt());
-        let (l11, l21, l22) =
-            (to_base_2 * root_yy / root_det, -to_base_2 * xy / (root_yy * root_det), to_base_2 / root_yy);
         if !(l11.is_finite() && l21.is_finite() && l11 > 0.0 && l22 > 0.0 && u.is_finite() && v.is_finite()) {
             out.degenerate += 1;
             return;
         }
-
         let log2_opacity = num::f64::log2(opacity);
         let reach = match settings.bounds {
-            _ if !bounded => Some(lens.everywhere()),
+            _ if !self.bounded => Some(lens.everywhere()),
             Bounds::Inria => lens.inria_reach(u, v, xx, yy, det),
             _ => {
                 let sigmas = (2.0 * std::f64::consts::LN_2 * (log2_opacity - log2_cut).max(0.0)).sqrt();
-                lens.exact_reach(u, v, sigmas * xx.sqrt(), sigmas * root_yy)
+                lens.exact_reach(u, v, sigmas * root_xx, sigmas * root_yy)
             }
         };
         let Some(reach) = reach else { return };
@@ -292,47 +313,50 @@ impl<'a, L: Lens> Projection<'a, L> {
             Sort::Distance => offset.length(),
         };
         // Bits of positive floats ascend as they do.
-        out.keys.push(match settings.precision {
+        let key = match settings.precision {
             // 32 bits of mantissa: two digits of the sort fewer, and finer than the f32 that others sort by,
             // whose false ties cost 10 dB on `playbot`.
             Precision::F32 => by.to_bits() >> 20,
             Precision::F64 => by.to_bits(),
-        });
-        out.reaches.push(reach);
-        out.footprints.push(Footprint {
-            u,
-            v,
-            l11,
-            l21,
-            l22,
-            opacity: opacity as f32,
-            log2_opacity: log2_opacity as f32,
-            rgb,
-            z: depth as f32,
-        });
+        };
+        reaches.push((key, reach));
+        let (opacity, log2_opacity, z) = (opacity as f32, log2_opacity as f32, depth as f32);
+        out.footprints.push(Footprint { u, v, l11, l21, l22, opacity, log2_opacity, rgb, z });
     }
-}
 
-/// Scalar code, compiled once an instruction set: the wider ones round, compare and move in fewer steps.
-#[inline(always)]
-fn chunk<S: Simd, L: Lens>(
-    _simd: S,
-    splats: &Splats,
-    blocks: Option<&Blocks>,
-    range: Range<usize>,
-    lens: &L,
-    settings: &Settings,
-    log2_cut: f64,
-) -> Chunk {
-    let projection = Projection::new(splats, blocks, lens, settings, log2_cut);
-    let mut out = Chunk::default();
-    for first in range.clone().step_by(BLOCK) {
-        let block = first..(first + BLOCK).min(range.end);
-        if projection.is_unseen(first) {
-            out.skipped += block.len() as u64;
-            continue;
+    /// The chunk of these splats.
+    #[inline(always)]
+    fn chunk(&self, range: Range<usize>) -> Chunk {
+        let Self { splats, lens, eye, .. } = *self;
+        let mut out = Chunk::default();
+        let mut places = Vec::with_capacity(range.len());
+        for first in range.clone().step_by(BLOCK) {
+            let block = first..(first + BLOCK).min(range.end);
+            if self.is_unseen(first) {
+                out.skipped += block.len() as u64;
+            } else {
+                self.find(block, first - range.start, &mut places);
+            }
         }
-        block.for_each(|index| projection.add(index, &mut out));
+        out.footprints.reserve_exact(places.len());
+        let mut reaches = Vec::with_capacity(places.len());
+        let mut batch = Batch::new();
+        for places in places.chunks(BATCH) {
+            for (lane, place) in places.iter().enumerate() {
+                let index = range.start + usize::from(*place);
+                batch.set(lane, splats.mean(index) - eye, splats.quats[index], splats.scales[index]);
+            }
+            batch.project(lens, self.settings.low_pass_px2);
+            for (lane, place) in places.iter().enumerate() {
+                self.add(range.start + usize::from(*place), &batch.get(lane), &mut out, &mut reaches);
+            }
+        }
+        let number = range.start as u32;
+        let rows = if self.bounded { usize::from(lens.everywhere().y1) } else { 1 };
+        out.rows = Listed::by(rows, &reaches, |at, &(key, Reach { x0, x1, y0, y1 })| {
+            let rows = if self.bounded { y0..y1 } else { 0..1 };
+            (Entry { key, index: number + at as u32, x0, x1 }, [rows, 0..0])
+        });
+        out
     }
-    out
 }

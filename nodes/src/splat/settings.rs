@@ -169,6 +169,13 @@ pub struct Settings {
     pub skip_unseen: bool,
 }
 
+impl Settings {
+    /// False where every splat is drawn everywhere.
+    pub(super) fn is_bounded(&self) -> bool {
+        self.bounds != Bounds::None && self.alpha_cut > 0.0
+    }
+}
+
 impl Default for Settings {
     /// The constants of the INRIA rasterizer (diff-gaussian-rasterization 59f5f77) with exact bounds.
     fn default() -> Self {

@@ -36,7 +36,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
 
 /// What a loader drops is as if it had never been in the file; here, what it cannot drop
 /// because it is only invisible.
-/// Mutation: `depth <= near` to `depth.abs() <= near` in `Pinhole::see` (seen red).
+/// Mutation: `z <= near` to `z.abs() <= near` in `Pinhole::is_behind` (seen red).
 #[test]
 fn row_03_what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
@@ -88,7 +88,7 @@ fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
 }
 
 /// What is far below a pixel, down to nothing at all, shows as the low-pass filter alone.
-/// Mutation: `low_pass * low_pass` to `0.0` in the determinant of `Projection::add` (seen red).
+/// Mutation: `low_pass * low_pass` to `0.0` in the determinant of `Batch::project` (seen red).
 #[test]
 fn row_05_scales_of_nothing_show_the_filter() {
     for scale in [num::f64::exp(-40.0) as f32, 1e-30, 1e-45, 0.0] {
@@ -125,7 +125,7 @@ fn row_07_an_empty_scene_is_background() {
 }
 
 /// Splats at the eye and behind the near plane are gone, and nothing is infinite.
-/// Mutation: `depth <= near` to `depth <= 0.0` in `Pinhole::see` (seen red).
+/// Mutation: `z <= near` to `z <= 0.0` in `Pinhole::is_behind` (seen red).
 #[test]
 fn row_09_the_near_plane_culls() {
     let at_eye = one([0.0; 3], [0.5; 3], 0.9, [1.0; 3]);
@@ -140,7 +140,7 @@ fn row_09_the_near_plane_culls() {
 }
 
 /// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
-/// Mutation: `-to_base_2 * xy` to `to_base_2 * xy` in `Projection::add` (seen red).
+/// Mutation: `-to_base_2 * xy` to `to_base_2 * xy` in `Batch::project` (seen red).
 #[test]
 fn row_10_needles_are_exact() {
     let camera = camera(200, 150, 60.0);
@@ -187,7 +187,7 @@ fn row_11_stopping_early_costs_what_it_says() {
 }
 
 /// Equal depths are drawn in file order; different ones whatever the order of the file.
-/// Mutation: `&from` to `from.iter().rev()` in the second loop of `bin::order` (seen red).
+/// Mutation: `&from` to `from.iter().rev()` in the second loop of `bin::sorted` (seen red).
 #[test]
 fn row_12_ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
@@ -216,7 +216,7 @@ fn row_12_ties_follow_the_file_and_nothing_else_does() {
 }
 
 /// In f64 an offset costs what rounding it costs; the camera is subtracted before anything is rounded further.
-/// Mutation: both of `splats.mean(index) - eye` rounded to f32 in `Projection::add` (seen red).
+/// Mutation: both of `splats.mean(index) - eye` rounded to f32 in `Projection::chunk` (seen red).
 #[test]
 fn row_13_pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
@@ -244,7 +244,7 @@ fn row_13_pictures_do_not_depend_on_where_the_world_is() {
 }
 
 /// `near` is in world units and scales with the scene.
-/// Mutation: `depth <= near` to `depth <= 0.2` in `Pinhole::see` (seen red).
+/// Mutation: `z <= near` to `z <= 0.2` in `Pinhole::is_behind` (seen red).
 #[test]
 fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
     let splats = cloud(300, 6);

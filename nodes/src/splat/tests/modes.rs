@@ -127,9 +127,17 @@ fn a_stopped_run_ends_within_a_tile() {
         let projected =
             project::project(&splats, None, &lens, &settings, &cx, Level::new()).expect("projects");
         let evaluations = || {
-            let area = [0, 0, TILE, TILE];
-            let task =
-                Task { projected: &projected, list: &list, area, limit: None, settings: &settings, cx: &cx };
+            let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
+            let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);
+            let task = Task {
+                projected: &projected,
+                list: &list,
+                area: [0, 0, TILE, TILE],
+                limit: None,
+                settings: &settings,
+                cx: &cx,
+                strip: &strips[0],
+            };
             match precision {
                 Precision::F32 => blend32::blend(Level::new(), &task).evaluations,
                 Precision::F64 => blend64::blend(&task).evaluations,

@@ -1,0 +1,97 @@
+//! One tile: what is blended over it, and where it is shown.
+
+use std::sync::{Mutex, PoisonError};
+
+use engine::Context;
+
+use super::Settings;
+use super::bin::TILE;
+use super::project::Projected;
+use crate::types::{Data, Image};
+
+/// The rows of a picture that a row of tiles shows: tiles put their pixels there as they are finished.
+pub(super) struct Strip<'a> {
+    /// Columns.
+    width: usize,
+    rgba: &'a mut [[f32; 4]],
+    depth: &'a mut [f32],
+    /// Empty unless blends are counted.
+    blends: &'a mut [f32],
+}
+
+impl<'a> Strip<'a> {
+    /// The strips of a picture of this width.
+    pub(super) fn of(
+        width: usize,
+        rgba: &'a mut [[f32; 4]],
+        depth: &'a mut [f32],
+        blends: &'a mut [f32],
+    ) -> Vec<Mutex<Self>> {
+        let pixels = (width * TILE).max(1);
+        let mut blends = blends.chunks_mut(pixels);
+        let both = rgba.chunks_mut(pixels).zip(depth.chunks_mut(pixels));
+        let strip = |(rgba, depth)| Self { width, rgba, depth, blends: blends.next().unwrap_or_default() };
+        both.map(strip).map(Mutex::new).collect()
+    }
+}
+
+/// What is blended over one tile.
+pub(super) struct Task<'a, 'p> {
+    pub projected: &'a Projected,
+    pub list: &'a [u32],
+    /// First column and row, width and height, in pixels.
+    pub area: [usize; 4],
+    pub limit: Option<&'a Image<Data>>,
+    pub settings: &'a Settings,
+    pub cx: &'a Context,
+    /// Where it is shown.
+    pub strip: &'a Mutex<Strip<'p>>,
+}
+
+/// What is seen at a pixel.
+pub(super) struct Pixel {
+    pub rgba: [f32; 4],
+    pub depth: f32,
+    pub blends: f32,
+}
+
+impl Task<'_, '_> {
+    /// Shows the pixels of the tile, which are asked for by row and column.
+    #[inline(always)]
+    pub(super) fn show(&self, pixel: impl Fn(usize, usize) -> Pixel) {
+        let [x0, _, width, height] = self.area;
+        let mut strip = self.strip.lock().unwrap_or_else(PoisonError::into_inner);
+        for row in 0..height {
+            let at = row * strip.width + x0;
+            for column in 0..width {
+                let Pixel { rgba, depth, blends } = pixel(row, column);
+                strip.rgba[at + column] = rgba;
+                strip.depth[at + column] = depth;
+                if self.settings.count_blends {
+                    strip.blends[at + column] = blends;
+                }
+            }
+        }
+    }
+
+    /// Depth at which the blend of each pixel ends, in rows of [`TILE`]; +inf outside of the picture.
+    pub(super) fn limits(&self) -> Option<Vec<f32>> {
+        let image = self.limit?;
+        let [x0, y0, width, height] = self.area;
+        let mut limits = vec![f32::INFINITY; TILE * TILE];
+        for row in 0..height {
+            for column in 0..width {
+                // 0 is what some files hold where there is no surface.
+                let depth = image.pixel(x0 + column, y0 + row)[0];
+                limits[row * TILE + column] = if depth > 0.0 { depth } else { f32::INFINITY };
+            }
+        }
+        Some(limits)
+    }
+}
+
+/// Work of a tile, finished unless the run was stopped.
+pub(super) struct Blended {
+    pub evaluations: u64,
+    pub blends: u64,
+}
