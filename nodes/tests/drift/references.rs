@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use engine::Up;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use nodes::equirect;
 use nodes::num;
 use nodes::types::{Brackets, Cell, Panorama, Picture, Report, Views};
@@ -89,6 +89,34 @@ fn around(views: &Views, faces: &[Vec<[f64; 4]>], direction: DVec3) -> [f64; 4] 
         total += weight;
     }
     if total > 0.0 { sum.map(|v| v / total) } else { sum }
+}
+
+/// The exposures that were predicted, one after another.
+pub fn taken(brackets: &Brackets) -> Vec<f64> {
+    brackets.exposures.iter().flat_map(|image| image.samples.iter().map(|v| f64::from(*v))).collect()
+}
+
+/// What a camera would take of a panorama at each exposure, by the gain that was predicted: no more than white.
+pub fn exposed(base: &Panorama, brackets: &Brackets) -> Vec<f64> {
+    let gains = &brackets.log2_gain.samples;
+    let at = |ev: f64| {
+        let light = base.image.samples().iter().enumerate().map(move |(i, v)| {
+            let stops = f64::from(gains[i / 3]) + ev;
+            decoded(f64::from(*v).clamp(0.0, 1.0)) * num::f64::exp2(stops)
+        });
+        light.map(|v| encoded(v.min(1.0)))
+    };
+    brackets.evs.iter().flat_map(|ev| at(*ev)).collect()
+}
+
+/// The factor in linear light of a grey mask over display values: the share of luminance that is taken, as black.
+pub fn grey(without: &[f64], with: &[f64], strength: f64) -> Vec<f64> {
+    let pairs = without.chunks_exact(3).zip(with.chunks_exact(3));
+    let factor = |(a, b): (&[f64], &[f64])| {
+        let left = if luminance(a) > 0.0 { (luminance(b) / luminance(a)).min(1.0) } else { 1.0 };
+        [decoded(1.0 - strength * (1.0 - left)); 3]
+    };
+    pairs.flat_map(factor).collect()
 }
 
 /// The fusion of a panorama and its exposures, the darkest first, each taking over from the darker ones where it is
@@ -180,7 +208,15 @@ pub fn masks(object: &[f64], shadow: &[f64], width: usize) -> Vec<f64> {
     .concat()
 }
 
-const SCORES: [&str; 4] = ["mean absolute error", "psnr (dB)", "ssim_3dgs_zero_pad", "ssim_valid"];
+const SCORES: [&str; 7] = [
+    "mean absolute error",
+    "psnr (dB)",
+    "ssim_3dgs_zero_pad",
+    "ssim_valid",
+    "flip mean",
+    "flip p95",
+    "ciede2000 mean",
+];
 
 /// What `compare` tells of the whole picture, in the order of [`scores`].
 pub fn scores_of(report: &Report) -> Vec<f64> {
@@ -193,25 +229,41 @@ pub fn scores_of(report: &Report) -> Vec<f64> {
     SCORES.iter().map(number).collect()
 }
 
-/// Mean absolute error, PSNR, and SSIM with zeros beyond the border and without the border: the window as it is
-/// defined, in two dimensions. Linear light against premultiplied display values.
-pub fn scores(image: &[f64], reference: &[f64], width: usize) -> Vec<f64> {
-    let shown = |pixel: &[f64]| [0, 1, 2].map(|c| f64::from(encoded(pixel[c]) as f32).clamp(0.0, 1.0));
-    let a: Vec<f64> = image.chunks_exact(3).flat_map(shown).collect();
-    let b: Vec<f64> =
-        reference.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(|v| v.clamp(0.0, 1.0))).collect();
-    let apart: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+/// What a display shows of linear light, and of premultiplied display values.
+pub fn shown(image: &[f64], reference: &[f64]) -> [Vec<f64>; 2] {
+    let encode = |pixel: &[f64]| [0, 1, 2].map(|c| f64::from(encoded(pixel[c]) as f32).clamp(0.0, 1.0));
+    let cut = |pixel: &[f64]| [pixel[0], pixel[1], pixel[2]].map(|v| v.clamp(0.0, 1.0));
+    [image.chunks_exact(3).flat_map(encode).collect(), reference.chunks_exact(4).flat_map(cut).collect()]
+}
+
+/// Mean absolute error, PSNR, and SSIM with zeros beyond the border and without the border, the window as it is
+/// defined, in two dimensions; then mean and 95th percentile of FLIP, and the mean of CIEDE2000. Of display values.
+pub fn scores([a, b]: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
+    let apart: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
     let count = apart.len() as f64;
     let absolute = apart.iter().map(|d| d.abs()).sum::<f64>() / count;
     let square = apart.iter().map(|d| d * d).sum::<f64>() / count;
-    let map = similarity(&a, &b, width);
+    let map = similarity(a, b, width);
     let (height, rim) = (map.len() / width, 5);
     let valid: Vec<f64> = (0..map.len())
         .filter(|i| (rim..width - rim).contains(&(i % width)) && (rim..height - rim).contains(&(i / width)))
         .map(|i| map[i])
         .collect();
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    vec![absolute, -10.0 * num::f64::log10(square), mean(&map), mean(&valid)]
+    let mut flip = flip(a, b, width);
+    flip.sort_by(f64::total_cmp);
+    let place = 0.95 * (flip.len() - 1) as f64;
+    let (low, high) = (flip[place as usize], flip[place as usize + 1]);
+    let colours: Vec<f64> = a.chunks_exact(3).zip(b.chunks_exact(3)).map(|(a, b)| ciede2000(a, b)).collect();
+    vec![
+        absolute,
+        -10.0 * num::f64::log10(square),
+        mean(&map),
+        mean(&valid),
+        mean(&flip),
+        low + (high - low) * place.fract(),
+        mean(&colours),
+    ]
 }
 
 /// SSIM of every pixel, averaged over three channels: Gaussian weights of sigma 1.5 over 11x11 pixels.
@@ -238,4 +290,163 @@ fn similarity(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
         (2.0 * ma * mb + 1e-4) * (2.0 * cov + 9e-4) / ((ma * ma + mb * mb + 1e-4) * (va + vb + 9e-4))
     };
     (0..width * height).map(|pixel| (0..3).map(|c| at_pixel(pixel, c)).sum::<f64>() / 3.0).collect()
+}
+
+/// A filter over squares of pixels around each, with what lies at the border going on outside.
+fn filtered(channel: &[f64], width: usize, reach: i64, kernel: &dyn Fn(i64, i64) -> f64) -> Vec<f64> {
+    let height = channel.len() / width;
+    let offsets: Vec<(i64, i64)> =
+        (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (i, j))).collect();
+    let weights: Vec<f64> = offsets.iter().map(|(i, j)| kernel(*i, *j)).collect();
+    let held = |at: i64, length: usize| at.clamp(0, length as i64 - 1) as usize;
+    let at = |pixel: usize| {
+        let (x, y) = ((pixel % width) as i64, (pixel / width) as i64);
+        let value = |&(i, j): &(i64, i64)| channel[held(y + j, height) * width + held(x + i, width)];
+        offsets.iter().zip(&weights).map(|(offset, weight)| weight * value(offset)).sum()
+    };
+    (0..channel.len()).map(at).collect()
+}
+
+/// A kernel whose positive values sum to 1, and its negative ones, if any, to -1.
+fn balanced(reach: i64, kernel: impl Fn(f64, f64) -> f64) -> impl Fn(i64, i64) -> f64 {
+    let all = (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (i as f64, j as f64)));
+    let (mut above, mut below) = (0.0, 0.0);
+    for (x, y) in all {
+        above += kernel(x, y).max(0.0);
+        below += (-kernel(x, y)).max(0.0);
+    }
+    move |i, j| {
+        let value = kernel(i as f64, j as f64);
+        value / if value > 0.0 { above } else { below.max(f64::MIN_POSITIVE) }
+    }
+}
+
+/// XYZ of linear Rec.709 relative to white, from the chromaticities of the primaries and of D65.
+fn relative_xyz(rgb: [f64; 3]) -> [f64; 3] {
+    let xyz = |[x, y]: [f64; 2]| DVec3::new(x / y, 1.0, (1.0 - x - y) / y);
+    let white = xyz([0.3127, 0.3290]);
+    let primaries = DMat3::from_cols(xyz([0.64, 0.33]), xyz([0.30, 0.60]), xyz([0.15, 0.06]));
+    let light = primaries.inverse() * white * DVec3::from_array(rgb);
+    (primaries * light / white).to_array()
+}
+
+/// Linear Rec.709 of XYZ relative to white.
+fn rgb_of(xyz: [f64; 3]) -> [f64; 3] {
+    let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(relative_xyz);
+    (DMat3::from_cols_array_2d(&columns).inverse() * DVec3::from_array(xyz)).to_array()
+}
+
+/// FLIP of each pixel for display values (Andersson et al. 2020), its filters as they are defined, in two
+/// dimensions, for 0.7 m between an eye and a display of 3840 pixels on 0.7 m.
+pub fn flip(a: &[f64], b: &[f64], width: usize) -> Vec<f64> {
+    let density = 3840.0 / 0.7 * 0.7 * PI / 180.0;
+    let [a, b] = [a, b].map(|picture| seen(picture, width, density));
+    let largest = hyab(hunt([0.0, 1.0, 0.0]), hunt([0.0, 0.0, 1.0]));
+    let pixel = |((colour, edge, point), (other, other_edge, other_point)): (&Seen, &Seen)| {
+        // Distances below 0.4 of the largest take 0.95 of the scale.
+        let share = hyab(*colour, *other) / largest;
+        let colour = if share < 0.4 { share / 0.4 * 0.95 } else { 0.95 + (share - 0.4) / 0.6 * 0.05 };
+        let feature = ((edge - other_edge).abs().max((point - other_point).abs()) / 2.0_f64.sqrt()).sqrt();
+        num::pow(colour, 1.0 - feature)
+    };
+    a.iter().zip(&b).map(pixel).collect()
+}
+
+/// Colour after the eye's filters, and how much of an edge and of a point there is.
+type Seen = ([f64; 3], f64, f64);
+
+fn seen(picture: &[f64], width: usize, density: f64) -> Vec<Seen> {
+    let xyz: Vec<[f64; 3]> =
+        picture.chunks_exact(3).map(|p| relative_xyz([p[0], p[1], p[2]].map(decoded))).collect();
+    let of = |value: &dyn Fn(&[f64; 3]) -> f64| xyz.iter().map(value).collect::<Vec<f64>>();
+    let opponents = [
+        of(&|[_, y, _]| 116.0 * y - 16.0),
+        of(&|[x, y, _]| 500.0 * (x - y)),
+        of(&|[_, y, z]| 200.0 * (y - z)),
+    ];
+    // Contrast sensitivity: sums of two Gaussians over degrees.
+    let reach = (3.0 * (0.04 / (2.0 * PI * PI)).sqrt() * density).ceil() as i64;
+    let sums = [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
+    let blurred = [0, 1, 2].map(|c| {
+        let sum = |x: f64, y: f64| {
+            let square = (x * x + y * y) / (density * density);
+            sums[c].iter().map(|(a, b)| a * (PI / b).sqrt() * num::f64::exp(-PI * PI * square / b)).sum()
+        };
+        filtered(&opponents[c], width, reach, &balanced(reach, sum))
+    });
+    // Edges and points 0.082 degrees wide, in lightness from 0 to 1.
+    let sigma = 0.5 * 0.082 * density;
+    let reach = (3.0 * sigma).ceil() as i64;
+    let gauss = move |x: f64, y: f64| num::f64::exp(-(x * x + y * y) / (2.0 * sigma * sigma));
+    let first = balanced(reach, move |x, y| -x * gauss(x, y));
+    let second = balanced(reach, move |x, y| (x * x / (sigma * sigma) - 1.0) * gauss(x, y));
+    let grey = of(&|[_, y, _]| *y);
+    let length = |kernel: &dyn Fn(i64, i64) -> f64| -> Vec<f64> {
+        let across = filtered(&grey, width, reach, kernel);
+        let down = filtered(&grey, width, reach, &|i, j| kernel(j, i));
+        across.iter().zip(&down).map(|(x, y)| (x * x + y * y).sqrt()).collect()
+    };
+    let (edges, points) = (length(&first), length(&second));
+    let colour = |i: usize| {
+        let y = (blurred[0][i] + 16.0) / 116.0;
+        let rgb = rgb_of([y + blurred[1][i] / 500.0, y, y - blurred[2][i] / 200.0]);
+        hunt(rgb.map(|v| v.clamp(0.0, 1.0)))
+    };
+    (0..xyz.len()).map(|i| (colour(i), edges[i], points[i])).collect()
+}
+
+/// CIELAB of XYZ relative to white.
+fn lab(relative: [f64; 3]) -> [f64; 3] {
+    let edge = 6.0 / 29.0;
+    let [x, y, z] = relative.map(|t| {
+        if t > edge * edge * edge { num::pow(t, 1.0 / 3.0) } else { t / (3.0 * edge * edge) + 4.0 / 29.0 }
+    });
+    [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
+}
+
+/// CIELAB with the chroma of dark colours reduced, of linear light.
+fn hunt(rgb: [f64; 3]) -> [f64; 3] {
+    let [l, a, b] = lab(relative_xyz(rgb));
+    [l, 0.01 * l * a, 0.01 * l * b]
+}
+
+fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let [l, p, q] = [0, 1, 2].map(|i| a[i] - b[i]);
+    num::pow(l.abs() + (p * p + q * q).sqrt(), 0.7)
+}
+
+/// CIEDE2000 of two display colours (CIE 142, in the notation of Sharma, Wu and Dalal 2005), with the rounded matrix
+/// and white that the node names.
+fn ciede2000(a: &[f64], b: &[f64]) -> f64 {
+    let rows = [
+        [0.412_453, 0.357_580, 0.180_423],
+        [0.212_671, 0.715_160, 0.072_169],
+        [0.019_334, 0.119_193, 0.950_227],
+    ];
+    let lab = |rgb: &[f64]| {
+        let xyz = rows.map(|row| (0..3).map(|c| row[c] * decoded(rgb[c])).sum::<f64>());
+        lab([xyz[0] / 0.950_47, xyz[1], xyz[2] / 1.088_83])
+    };
+    let ([l1, a1, b1], [l2, a2, b2]) = (lab(a), lab(b));
+    let seventh = |c: f64| (num::pow(c, 7.0) / (num::pow(c, 7.0) + num::pow(25.0, 7.0))).sqrt();
+    let chroma = |a: f64, b: f64| (a * a + b * b).sqrt();
+    let g = 0.5 * (1.0 - seventh(0.5 * (chroma(a1, b1) + chroma(a2, b2))));
+    let (a1, a2) = ((1.0 + g) * a1, (1.0 + g) * a2);
+    let (c1, c2) = (chroma(a1, b1), chroma(a2, b2));
+    let grey = c1 * c2 == 0.0;
+    // The turn from one hue to the other, the shorter way; the mean hue lies half of it further.
+    let (h1, h2) = (num::atan2(b1, a1), num::atan2(b2, a2));
+    let turn = if grey { 0.0 } else { (h2 - h1 + 3.0 * PI).rem_euclid(2.0 * PI) - PI };
+    let hue = if grey { h1 + h2 } else { h1 + 0.5 * turn }.to_degrees().rem_euclid(360.0);
+    let (l, c) = (0.5 * (l1 + l2), 0.5 * (c1 + c2));
+    let cos = |degrees: f64| num::f64::cos(degrees.to_radians());
+    let t = 1.0 - 0.17 * cos(hue - 30.0) + 0.24 * cos(2.0 * hue) + 0.32 * cos(3.0 * hue + 6.0)
+        - 0.20 * cos(4.0 * hue - 63.0);
+    let s_l = 1.0 + 0.015 * (l - 50.0) * (l - 50.0) / (20.0 + (l - 50.0) * (l - 50.0)).sqrt();
+    let (s_c, s_h) = (1.0 + 0.045 * c, 1.0 + 0.015 * c * t);
+    let bend = (hue - 275.0) / 25.0;
+    let r_t = -2.0 * seventh(c) * num::f64::sin((60.0 * num::f64::exp(-bend * bend)).to_radians());
+    let (l, c, h) =
+        ((l2 - l1) / s_l, (c2 - c1) / s_c, 2.0 * (c1 * c2).sqrt() * num::f64::sin(0.5 * turn) / s_h);
+    (l * l + c * c + h * h + r_t * c * h).sqrt()
 }
