@@ -24,9 +24,19 @@ pub struct Origin {
 
 /// Whether a file is a bundle or a picture, which is written once and then as it is.
 pub fn is_written_once(path: &Path) -> bool {
+    head(path) == BUNDLE || is_picture(path)
+}
+
+/// Whether a file is a picture of a format that can carry a recipe.
+pub fn is_picture(path: &Path) -> bool {
+    nodes::io::recipe::is_picture(&head(path))
+}
+
+/// The first bytes of a file that can be read.
+fn head(path: &Path) -> Vec<u8> {
     let mut head = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(8).read_to_end(&mut head));
-    read.is_ok() && (head == BUNDLE || nodes::io::recipe::is_picture(&head))
+    let _ = File::open(path).and_then(|file| file.take(8).read_to_end(&mut head));
+    head
 }
 
 /// What may be read beside a stranger's graph, and how strictly its recipe is taken.

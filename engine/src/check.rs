@@ -97,22 +97,17 @@ impl<'t, 'a> Check<'t, 'a> {
     /// What stands beside the nodes.
     pub fn document(&mut self, document: &'a Document<'t>) -> Option<Scene> {
         let whole = 0..self.text.len().min(1);
-        match &document.version {
-            Some(field) if field.text.trim() != "1" => self.report(
-                Diagnostic::of(
-                    Code::Version,
-                    field.span.clone(),
-                    format!("version {} of graph files is unknown", field.text),
-                )
-                .label("this program reads version 1"),
-            ),
-            None if document.whole => {
-                self.report(
-                    Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
-                        .hint("begin it with `version: 1,`"),
-                );
-            }
-            _ => {}
+        let versions = document.others.iter().filter_map(|(version, _)| version.as_ref());
+        for field in document.version.iter().chain(versions).filter(|field| field.text.trim() != "1") {
+            let what = format!("version {} of graph files is unknown", field.text);
+            let mistake = Diagnostic::of(Code::Version, field.span.clone(), what);
+            self.report(mistake.label("this program reads version 1"));
+        }
+        if document.version.is_none() && document.whole {
+            self.report(
+                Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
+                    .hint("begin it with `version: 1,`"),
+            );
         }
         let axes: Vec<_> = document.axes.iter().map(Axis::read).collect();
         self.axes =
@@ -122,7 +117,14 @@ impl<'t, 'a> Check<'t, 'a> {
                 "add `nodes: (name: Kind(field: value, ..), ..)`; `lightharmony nodes` lists the kinds",
             ));
         }
-        let Some(RawScene { span, fields, .. }) = &document.scene else {
+        // The one that counts may be that of another file, too.
+        let own = document.scene.as_ref().map(|scene| &scene.span);
+        for scene in document.others.iter().filter_map(|(_, scene)| scene.as_ref()) {
+            if Some(&scene.span) != own {
+                self.scene(scene);
+            }
+        }
+        let Some(scene) = &document.scene else {
             if document.whole {
                 self.report(Diagnostic::of(Code::Missing, whole, "the graph has no `scene`").hint(
                     "add `scene: (up: \"+z\"),` with the axis of your capture that points up: +y, -y or +z",
@@ -130,6 +132,11 @@ impl<'t, 'a> Check<'t, 'a> {
             }
             return None;
         };
+        self.scene(scene)
+    }
+
+    /// Reads one `scene` block.
+    fn scene(&mut self, RawScene { span, fields }: &RawScene<'t>) -> Option<Scene> {
         let before = self.diagnostics.len();
         for field in fields {
             let known = SCENE_FIELDS;

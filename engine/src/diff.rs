@@ -1,6 +1,6 @@
 //! Differences between two graphs: in what they say, and in what came of them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use cache::{Change, Digest};
 
@@ -38,8 +38,9 @@ pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> 
     if !changes.is_empty() {
         found.push(("scene".to_owned(), NodeDifference::Changed(changes)));
     }
+    let (in_a, in_b) = (by_name(a), by_name(b));
     for (index, node) in a.nodes.iter().enumerate() {
-        let difference = match b.find(&node.id) {
+        let difference = match in_b.get(node.id.as_str()).copied() {
             None => NodeDifference::Gone,
             Some(other) => NodeDifference::Changed(self::changes(fields(a, index), fields(b, other))),
         };
@@ -47,9 +48,13 @@ pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> 
             found.push((node.id.clone(), difference));
         }
     }
-    let new = b.nodes.iter().filter(|node| a.find(&node.id).is_none());
+    let new = b.nodes.iter().filter(|node| !in_a.contains_key(node.id.as_str()));
     found.extend(new.map(|node| (node.id.clone(), NodeDifference::New)));
     found
+}
+
+fn by_name(graph: &Graph) -> HashMap<&str, usize> {
+    graph.nodes.iter().enumerate().map(|(index, node)| (node.id.as_str(), index)).collect()
 }
 
 /// Kind, parameters with defaults filled in, and wires by name.
@@ -68,7 +73,8 @@ fn fields(graph: &Graph, index: usize) -> Vec<(String, String)> {
     fields
 }
 
-fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) -> Vec<Change> {
+/// Fields that are gone, new or other.
+pub(crate) fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) -> Vec<Change> {
     let before: BTreeMap<&String, &String> = old.iter().map(|(name, value)| (name, value)).collect();
     let after: BTreeMap<&String, &String> = new.iter().map(|(name, value)| (name, value)).collect();
     let gone = old.iter().filter(|(name, _)| !after.contains_key(name));
@@ -97,6 +103,8 @@ pub struct ResultDifferences {
     pub compared: usize,
     /// Those of them that differ.
     pub unequal: Vec<ResultDifference>,
+    /// Nodes of one name and kind whose result is not known in the first graph, and those in the second.
+    pub unknown: [Vec<String>; 2],
 }
 
 /// Compares the kept results of two graphs, each as its engine's store knows it.
@@ -110,17 +118,24 @@ pub fn result_differences(a: (&Engine, &Graph), b: (&Engine, &Graph)) -> ResultD
         (outlook.records, known)
     };
     let ((records_a, known_a), (records_b, known_b)) = (known(a), known(b));
-    let mut found = ResultDifferences::default();
+    let (mut found, in_b) = (ResultDifferences::default(), by_name(b.1));
     let mut differs = vec![false; a.1.nodes.len()];
     for &index in a.1.order() {
         let node = &a.1.nodes[index];
-        let Some(other) = b.1.find(&node.id).filter(|&other| known_a[index] && known_b[other]) else {
-            continue;
-        };
-        let (Some(then), Some(now)) = (&records_a[index], &records_b[other]) else { continue };
+        let Some(other) = in_b.get(node.id.as_str()).copied() else { continue };
         if node.kind.name != b.1.nodes[other].kind.name {
             continue;
         }
+        for (unknown, known) in found.unknown.iter_mut().zip([known_a[index], known_b[other]]) {
+            if !known {
+                unknown.push(node.id.clone());
+            }
+        }
+        let (true, true, Some(then), Some(now)) =
+            (known_a[index], known_b[other], &records_a[index], &records_b[other])
+        else {
+            continue;
+        };
         found.compared += 1;
         let mut outputs = Vec::new();
         for (port, (then, now)) in node.kind.outputs.iter().zip(then.outputs.iter().zip(&now.outputs)) {

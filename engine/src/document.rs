@@ -50,6 +50,8 @@ pub(crate) struct RawScene<'t> {
 pub(crate) struct Document<'t> {
     pub version: Option<RawField<'t>>,
     pub scene: Option<RawScene<'t>>,
+    /// The versions and scenes that the other files of the graph state; they have none but must be right.
+    pub others: Vec<(Option<RawField<'t>>, Option<RawScene<'t>>)>,
     /// What stands in `axes`.
     pub axes: Vec<RawField<'t>>,
     /// What its fields read by `Param("name")`, with the values where nothing else is given.

@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::diag::{Code, Diagnostic, Source, shown};
 use crate::document::{Document, RawField};
@@ -78,6 +78,7 @@ impl Source {
             matches!(piece.role, Role::Include | Role::Subgraph).then(|| (piece.role, piece.name.to_owned()))
         };
         let mut seen: BTreeSet<(Role, String)> = self.pieces().into_iter().filter_map(known).collect();
+        let own = Path::new(&self.name).canonicalize().ok();
         let mut bytes = 0;
         loop {
             let wanted: Vec<(Role, String)> =
@@ -87,6 +88,11 @@ impl Source {
             }
             for (role, name) in wanted {
                 let file = root.file(&InputFile(name));
+                // Around a circle back to the graph itself, whose nodes are there already.
+                if role == Role::Include && own.is_some() && file.path.canonicalize().ok() == own {
+                    self = self.joined("include", &file.name, "Graph()");
+                    continue;
+                }
                 let may = !root.is_outside(&file) && !root.is_strange(&file.path);
                 if may && let Ok(text) = std::fs::read_to_string(&file.path) {
                     bytes += text.len();
@@ -240,7 +246,13 @@ pub(crate) fn parse_all<'t>(
     let subgraphs: SubgraphFiles<'t> = included(Role::Subgraph)
         .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
         .collect();
+    let others = pieces
+        .iter()
+        .zip(&documents)
+        .filter(|(piece, _)| matches!(piece.role, Role::Include | Role::Subgraph));
+    let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
     let mut document = with_includes(0, &pieces, &includes, &mut documents);
+    document.others = others;
     document.whole &= subgraphs.values().all(|subgraph| subgraph.whole);
     let mut overlays = Overlays::default();
     for (piece, other) in pieces.iter().zip(documents) {

@@ -41,6 +41,10 @@ impl<'t> Overlays<'t> {
                         .suggest(field.name, known.iter().copied())
                 }));
             }
+            if name == "scene" && document.scene.is_none() {
+                let span = block.first().map(|over| over.span.clone());
+                document.scene = span.map(|span| RawScene { span, fields: Vec::new() });
+            }
             let fields = match name {
                 "axes" => Some(&mut document.axes),
                 "parameters" => Some(&mut document.parameters),

@@ -92,7 +92,8 @@ impl Forecast {
         Self {
             open: open().count(),
             wanted: wanted().count(),
-            seconds: open().filter_map(|node| node.forecast).sum(),
+            // Not `sum`, which is -0 where there is nothing.
+            seconds: open().filter_map(|node| node.forecast).fold(0.0, |sum, seconds| sum + seconds),
             untimed: open().filter(|node| node.forecast.is_none()).count(),
         }
     }

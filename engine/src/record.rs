@@ -168,6 +168,23 @@ impl Record {
         Ok(blobs)
     }
 
+    /// The bytes of a stored record where only the values that `kept` knows lie beside it.
+    ///
+    /// # Errors
+    /// For what is no record of a node.
+    pub fn keeping(bytes: &[u8], kept: impl Fn(&Digest) -> bool) -> Result<Vec<u8>, Corrupt> {
+        let mut from = Decoder::new(bytes);
+        let body = from.raw_range(bytes)?;
+        let mut outputs = Decoder::new(&bytes[body.clone()]);
+        let mut whole = bytes.to_vec();
+        for _ in 0..outputs.length(53)? {
+            let output = Stored::read(&mut outputs)?;
+            // The last byte of an output says whether its value was stored.
+            whole[body.end - outputs.left() - 1] = u8::from(output.stored && kept(&output.digest));
+        }
+        Ok(whole)
+    }
+
     /// What the key of a stored record was made of. Most readers have no use for it, so it is read apart.
     pub fn manifest(bytes: &[u8]) -> Option<Manifest> {
         let mut from = Decoder::new(bytes);

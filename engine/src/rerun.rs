@@ -10,10 +10,12 @@ use cache::{Digest, Store};
 
 use crate::action::read_sources;
 use crate::diag::{Diagnostics, Source};
+use crate::diff::{NodeDifference, changes};
+use crate::document::{Document, RawField};
 use crate::edit::replace_strings;
 use crate::error::NodeError;
 use crate::graph::Graph;
-use crate::kind::Registry;
+use crate::kind::{Registry, camel};
 use crate::param::Role;
 use crate::recipe::{HEAD, READS, last};
 use crate::syntax::{Sort, parse_part};
@@ -30,6 +32,9 @@ pub struct Recipe {
     /// Files by node: name and digest.
     sources: BTreeMap<String, Vec<(String, Digest)>>,
 }
+
+/// A node, and its (field, value).
+type Said = (String, Vec<(String, String)>);
 
 /// Why a recipe cannot run.
 #[derive(Debug, thiserror::Error)]
@@ -95,6 +100,52 @@ impl Recipe {
         self.kinds.iter().filter_map(other).collect()
     }
 
+    /// What two recipes say otherwise, node by node of one name: kinds with their versions, fields, and the content of
+    /// the files that were read. What the picture was called is in neither.
+    ///
+    /// # Errors
+    /// When one of the graphs cannot be read.
+    pub fn differences(&self, other: &Recipe) -> Result<Vec<(String, NodeDifference)>, RecipeError> {
+        let (a, b) = (self.nodes()?, other.nodes()?);
+        let changed = a.iter().filter_map(|(name, fields)| match b.iter().find(|(known, _)| known == name) {
+            None => Some((name.clone(), NodeDifference::Gone)),
+            Some((_, now)) => match changes(fields.clone(), now.clone()) {
+                changes if changes.is_empty() => None,
+                changes => Some((name.clone(), NodeDifference::Changed(changes))),
+            },
+        });
+        let new = b.iter().filter(|(name, _)| !a.iter().any(|(known, _)| known == name));
+        Ok(changed.chain(new.map(|(name, _)| (name.clone(), NodeDifference::New))).collect())
+    }
+
+    /// What it says of the scene and of each node: (field, value).
+    fn nodes(&self) -> Result<Vec<Said>, RecipeError> {
+        let document = self.document("recipe")?;
+        let field = |field: &RawField<'_>| (field.name.to_owned(), field.text.to_owned());
+        let scene = document.scene.iter().flat_map(|scene| &scene.fields).map(field).collect();
+        let mut nodes = vec![("scene".to_owned(), scene)];
+        for node in &document.nodes {
+            let kind = self.kinds.iter().find(|(name, ..)| camel(name) == node.kind);
+            let kind =
+                kind.map_or_else(|| node.kind.to_owned(), |(name, n, how)| format!("{name} {n} {how}"));
+            let mut fields = vec![("kind".to_owned(), kind)];
+            fields.extend(node.fields.iter().map(field));
+            let read = self.sources.get(&*node.id).into_iter().flatten();
+            fields.extend(read.map(|(file, digest)| (format!("the content of {file}"), digest.short())));
+            nodes.push((node.id.to_string(), fields));
+        }
+        Ok(nodes)
+    }
+
+    fn document(&self, name: &str) -> Result<Document<'_>, RecipeError> {
+        let mut diagnostics = Vec::new();
+        let document = parse_part(&self.text, 0..self.text.len(), Sort::Graph, &mut diagnostics);
+        if diagnostics.is_empty() {
+            return Ok(document);
+        }
+        Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
+    }
+
     /// The graph with the path of each file as it lies in one of `folders`. `file` becomes the name of what
     /// it writes, where that is one file. `store` remembers digests.
     ///
@@ -108,11 +159,7 @@ impl Recipe {
         folders: &[PathBuf],
         store: &Store,
     ) -> Result<Source, RecipeError> {
-        let mut diagnostics = Vec::new();
-        let document = parse_part(&self.text, 0..self.text.len(), Sort::Graph, &mut diagnostics);
-        if !diagnostics.is_empty() {
-            return Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into());
-        }
+        let document = self.document(name)?;
         let shelf = if self.sources.is_empty() { Shelf::default() } else { Shelf::of(folders)? };
         let mut missing = Vec::new();
         let mut edits = Vec::new();

@@ -7,19 +7,20 @@ use std::sync::Arc;
 use cache::Store;
 use clap::Args;
 use engine::{
-    Artifact, Bundle, Context, Engine, InputFile, Kind, NodeDifference, Scene, Up, graph_differences,
-    result_differences,
+    Artifact, Bundle, Context, Engine, InputFile, Kind, NodeDifference, Recipe, ResultDifferences, Scene, Up,
+    graph_differences, result_differences,
 };
 use nodes::load_image::{self, FileEncoding, LoadImage};
 use nodes::types::Images;
 
-use crate::origin::{OriginArgs, TempFolder};
+use crate::origin::{OriginArgs, TempFolder, is_picture};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
 
 /// Tells how two graphs differ, in what they say and in what came of them.
 ///
 /// Each side is a graph file, a bundle or a picture that carries its recipe. What came of a graph is looked up
-/// in the cache, what came of a bundle in the bundle. Two runs of one graph are told apart by `--set-b` or by
+/// in the cache, what came of a bundle in the bundle. Two pictures are compared by what they carry and show; what
+/// came in between only with `--inputs`. Two runs of one graph are told apart by `--set-b` or by
 /// `--cache-b`.
 #[derive(Debug, Args)]
 pub struct Diff {
@@ -50,6 +51,63 @@ fn pixels(path: &Path) -> Option<Arc<Images>> {
     Some(out.image)
 }
 
+/// The recipe of a picture; `None` for another file, or a picture that carries none.
+fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
+    if !is_picture(path) {
+        return Ok(None);
+    }
+    let bytes = std::fs::read(path).map_err(|source| Error::Open { path: path.to_owned(), source })?;
+    let text = nodes::io::recipe::recipe(&bytes);
+    let named = |source| Error::Recipe { path: path.to_owned(), source };
+    text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
+}
+
+/// Lines about nodes; of many instances of one node a few.
+#[derive(Default)]
+struct Lines {
+    text: String,
+    /// The node that the last lines are about, and how many there are.
+    node: String,
+    count: usize,
+}
+
+impl Lines {
+    const MOST: usize = 8;
+
+    fn add(&mut self, id: &str, line: String) {
+        let node = id.split('/').next().unwrap_or(id);
+        if node != self.node || !id.contains('/') {
+            self.end();
+            (self.node, self.count) = (node.to_owned(), 0);
+        }
+        self.count += 1;
+        if self.count <= Self::MOST {
+            self.text.push_str(&line);
+            self.text.push('\n');
+        }
+    }
+
+    fn end(&mut self) {
+        if let Some(more @ 1..) = self.count.checked_sub(Self::MOST) {
+            self.text.push_str(&format!("      .. and {more} more lines alike of `{}`\n", self.node));
+        }
+    }
+
+    fn finish(mut self) -> String {
+        self.end();
+        self.text
+    }
+}
+
+/// A value or a list of names, short enough for a line.
+fn cut(text: &str) -> String {
+    const LONGEST: usize = 160;
+    match text.char_indices().nth(LONGEST) {
+        None => text.to_owned(),
+        Some((end, _)) => format!("{}..", &text[..end]),
+    }
+}
+
 struct Side {
     loaded: Loaded,
     engine: Engine,
@@ -60,47 +118,80 @@ struct Side {
 impl Diff {
     /// Prints what differs; exit code 1 where anything does.
     pub fn run(self) -> Result<u8, Error> {
-        let a = self.side(&self.a, &[], None)?;
-        let b = self.side(&self.b, &self.set_b, self.cache_b.as_deref())?;
-        let mut text = String::new();
-        let said = graph_differences(&a.loaded.graph, &b.loaded.graph);
+        let recipes = recipe(&self.a)?.zip(recipe(&self.b)?);
+        // What two pictures say and show is in them. Their files are needed only for what came in between.
+        let sides = if recipes.is_some() && self.origin.inputs.is_empty() {
+            None
+        } else {
+            let a = self.side(&self.a, &[], None)?;
+            Some((a, self.side(&self.b, &self.set_b, self.cache_b.as_deref())?))
+        };
+        let said = match (&recipes, &sides) {
+            (Some((a, b)), _) => {
+                a.differences(b).map_err(|source| Error::Recipe { path: self.a.clone(), source })?
+            }
+            (None, Some((a, b))) => graph_differences(&a.loaded.graph, &b.loaded.graph),
+            (None, None) => Vec::new(),
+        };
+        let mut lines = Lines::default();
         for (id, difference) in &said {
             match difference {
-                NodeDifference::Gone => text.push_str(&format!("- {id}\n")),
-                NodeDifference::New => text.push_str(&format!("+ {id}\n")),
+                NodeDifference::Gone => lines.add(id, format!("- {id}")),
+                NodeDifference::New => lines.add(id, format!("+ {id}")),
                 NodeDifference::Changed(changes) => {
                     for change in changes {
-                        let value =
-                            |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
+                        let value = |value: &Option<String>| {
+                            value.as_deref().map_or_else(|| "nothing".to_owned(), cut)
+                        };
                         let (old, new) = (value(&change.old), value(&change.new));
-                        text.push_str(&format!("~ {id}.{} {old} -> {new}\n", change.path));
+                        lines.add(id, format!("~ {id}.{} {old} -> {new}", change.path));
                     }
                 }
             }
         }
+        let mut text = lines.finish();
         if said.is_empty() {
             text.push_str("the graphs say the same\n");
         }
+        let mut equal = said.is_empty();
         if let Some((a, b)) = pixels(&self.a).zip(pixels(&self.b)) {
-            text.push_str(&format!("pictures: {}\n", a.difference(&b).summary));
+            let shown = a.difference(&b);
+            equal &= shown.equal;
+            text.push_str(&format!("pictures: {}\n", shown.summary));
         }
-        let came = result_differences((&a.engine, &a.loaded.graph), (&b.engine, &b.loaded.graph));
+        if let Some((a, b)) = &sides {
+            let came = result_differences((&a.engine, &a.loaded.graph), (&b.engine, &b.loaded.graph));
+            equal &= came.unequal.is_empty();
+            text.push_str(&self.told(&came));
+        }
+        super::print(&text)?;
+        Ok(u8::from(!equal))
+    }
+
+    /// Which results differ, and of what nothing is known.
+    fn told(&self, came: &ResultDifferences) -> String {
+        let mut lines = Lines::default();
         for node in &came.unequal {
             let word = if node.first { "first" } else { "then" };
             for (output, difference) in &node.outputs {
                 let how =
                     difference.as_ref().map_or("other content (not kept on both sides)", |d| &d.summary);
-                text.push_str(&format!("{word:<5} {}.{output}: {how}\n", node.id));
+                lines.add(&node.id, format!("{word:<5} {}.{output}: {how}", node.id));
             }
         }
-        let (unequal, compared) = (came.unequal.len(), came.compared);
-        text.push_str(&match (compared, unequal) {
+        let mut text = lines.finish();
+        text.push_str(&match (came.compared, came.unequal.len()) {
             (0, _) => "no node has a known result on both sides; run both first\n".to_owned(),
             (n, 0) => format!("{n} results compared, all equal\n"),
             (n, unequal) => format!("{n} results compared, {unequal} differ\n"),
         });
-        super::print(&text)?;
-        Ok(u8::from(!said.is_empty() || unequal > 0))
+        for (unknown, side) in came.unknown.iter().zip(["first", "second"]) {
+            if !unknown.is_empty() && came.compared > 0 {
+                let names = cut(&unknown.join(", "));
+                text.push_str(&format!("no result of the {side} is known of {names}; run it first\n"));
+            }
+        }
+        text
     }
 
     fn side(&self, path: &Path, set: &[String], cache: Option<&Path>) -> Result<Side, Error> {

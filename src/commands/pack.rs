@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use engine::Results;
 
-use crate::report::error;
+use crate::report::remark;
 use crate::session::{EngineArgs, Error, GraphArgs, size_text};
 
 /// Packs a graph, the files it reads, its lock and chosen results into one file, to hand on.
@@ -60,14 +60,14 @@ impl Pack {
             packed.values
         ))?;
         if !packed.unknown.is_empty() {
-            error(&format!(
-                "warning: no result is known of {}; run the graph first",
-                packed.unknown.join(", ")
-            ));
+            let nodes = packed.unknown.join(", ");
+            remark(&format!("warning: no result is known of {nodes}; run the graph first"));
         }
         if !packed.gone.is_empty() {
             let nodes = packed.gone.join(", ");
-            error(&format!("warning: the values of {nodes} are no longer in the cache; run the graph first"));
+            remark(&format!(
+                "warning: the values of {nodes} are no longer in the cache; run the graph first"
+            ));
         }
         Ok(0)
     }

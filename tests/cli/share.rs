@@ -308,3 +308,50 @@ fn a_new_folder_runs_and_shells_know_the_verbs() {
     good(place.call(&["manual", "--to", "man"]));
     assert!(place.path("man/lightharmony-verify.1").exists());
 }
+
+#[test]
+fn a_bundle_without_values_is_no_damage_and_tells_of_what_was_asked_for() {
+    let place = place();
+    good(place.call(&["run", "project/graph.ron", "--only", "save"]));
+    let packed = place.call(&["pack", "project/graph.ron", "a.lhb", "--only", "save"]);
+    assert!(packed.stderr.is_empty(), "{}", text(&packed.stderr));
+    let packed = place.call(&["pack", "project/graph.ron", "b.lhb"]);
+    assert!(
+        text(&packed.stderr).starts_with("warning: no result is known of mask"),
+        "{}",
+        text(&packed.stderr)
+    );
+    good(place.call(&["run", "project/graph.ron"]));
+    good(place.call(&["pack", "project/graph.ron", "c.lhb", "--results", "none"]));
+    for seed in ["0", "1", "2", "3"] {
+        let told = place.call(&["verify", "c.lhb", "--sample", "1", "--seed", seed]);
+        assert!(told.stderr.is_empty(), "{}", text(&told.stderr));
+        assert!(good(told).contains("1 of 1 computed anew are equal"));
+    }
+    good(place.call(&["unpack", "c.lhb", "c", "--trust-results", "--cache", "trusting"]));
+    let told = place.call(&["run", "c/graph.ron", "--cache", "trusting", "--out", "again"]);
+    assert!(!text(&told.stderr).contains("cache-damage"), "{}", text(&told.stderr));
+    assert_eq!(told.status.code(), Some(0));
+}
+
+#[test]
+fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
+    let place = place();
+    good(place.call(&["run", "project/graph.ron"]));
+    let told = place.call(&["diff", "project/graph.ron", "project/graph.ron", "--set-b", "jpeg.quality=50"]);
+    let said = text(&told.stdout);
+    assert!(said.contains("5 results compared, all equal\n"), "{said}");
+    assert!(said.ends_with("no result of the second is known of jpeg; run it first\n"), "{said}");
+
+    std::fs::copy(place.path("out/deep/view.png"), place.path("t1.png")).unwrap();
+    std::fs::copy(place.path("out/deep/view.png"), place.path("t2.png")).unwrap();
+    let said = good(place.call(&["diff", "t1.png", "t2.png"]));
+    assert_eq!(said, "the graphs say the same\npictures: equal\n");
+    std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
+    good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "photo.encoding=Linear"]));
+    let told = place.call(&["diff", "t1.png", "out/deep/view.png"]);
+    let said = text(&told.stdout);
+    assert_eq!(told.status.code(), Some(1));
+    assert!(said.contains("~ n0.encoding Auto -> Linear\n"), "{said}");
+    assert!(said.contains("~ n0.the content of small.hdr ") && said.contains("\npictures: "), "{said}");
+}

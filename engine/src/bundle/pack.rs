@@ -58,6 +58,7 @@ impl Engine {
     ) -> Result<Packed, BundleError> {
         let refused = |error: NodeError| BundleError::Refused(error.to_string());
         let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
+        let wanted = graph.above(&targets);
         let mut outlook = Outlook::new(self, graph);
         let places = Places::new(graph);
         let mut parts = Parts::default();
@@ -81,7 +82,9 @@ impl Engine {
                 sources[index].push(moved);
             }
             let (Fate::Known | Fate::Lost, Some(record)) = (&fate, &outlook.records[index]) else {
-                packed.unknown.push(node.id.clone());
+                if wanted[index] {
+                    packed.unknown.push(node.id.clone());
+                }
                 continue;
             };
             let output = |wire: crate::graph::Wire| {

@@ -1,13 +1,15 @@
 //! Unpacking: a folder with the files of a bundle, or nothing.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use cache::Store;
+use cache::{Digest, Store};
 
 use super::container::{Bundle, BundleError};
 use super::{GRAPH, LOCK, MARK};
+use crate::record::Record;
 
 impl<R: Read + Seek> Bundle<R> {
     /// Makes the folder `target` with the graph, its lock and its inputs. All of it is written beside the
@@ -75,11 +77,25 @@ impl<R: Read + Seek> Bundle<R> {
             let bytes = self.read(content)?;
             store.put_blob_as(&digest, &bytes).map_err(failed)?;
         }
+        let kept = self.values().into_iter().map(|(digest, _)| digest).collect();
         for (key, content) in self.records() {
-            let bytes = self.read(content)?;
-            store.put_record(&key, &bytes).map_err(failed)?;
+            self.put_record(store, &key, content, &kept)?;
         }
         Ok(())
+    }
+
+    /// Puts a record into a store, with no value named as kept that is not in `kept`: its absence is no damage.
+    pub(super) fn put_record(
+        &mut self,
+        store: &Store,
+        key: &Digest,
+        content: usize,
+        kept: &BTreeSet<Digest>,
+    ) -> Result<(), BundleError> {
+        let bytes = self.read(content)?;
+        // What is no record is refused by whoever looks it up.
+        let record = Record::keeping(&bytes, |digest| kept.contains(digest)).unwrap_or(bytes);
+        store.put_record(key, &record).map_err(|error| BundleError::Refused(error.to_string()))
     }
 
     /// The text of the graph.

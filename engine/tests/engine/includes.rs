@@ -1,6 +1,6 @@
 //! A graph of several files: what is included, what is laid over it, and where mistakes are said to be.
 
-use engine::{Source, SourceRoot};
+use engine::{Graph, Source, SourceRoot};
 
 use crate::arithmetic::registry;
 use crate::lab::{Lab, graph_text};
@@ -174,4 +174,68 @@ fn mistakes_of_overlays_lie_in_them() {
             assert!(text.contains(part), "{part} is missing in\n{text}");
         }
     }
+}
+
+#[test]
+fn what_an_included_file_states_is_read_though_it_does_not_count() {
+    let lab = Lab::in_memory();
+    lab.write("part.ron", "Graph(version: 7, scene: (upp: 3), nodes: (a: Number,))");
+    for use_of in
+        ["include: [\"part.ron\"], nodes: (b: Number,)", "nodes: (b: Subgraph(graph: \"part.ron\"),)"]
+    {
+        let text = format!("Graph(version: 1, scene: (up: \"+z\"), {use_of})");
+        let mistakes = lab.mistakes(&lab.joined(&text));
+        for wanted in ["version 7 of graph files is unknown", "`scene` has no field `upp`", "part.ron:1:16\n"]
+        {
+            assert!(mistakes.contains(wanted), "{wanted} is missing in\n{mistakes}");
+        }
+    }
+}
+
+#[test]
+fn a_circle_of_includes_through_the_graph_itself_is_no_trouble() {
+    let lab = Lab::in_memory();
+    let file = |include: &str, nodes: &str| {
+        format!("Graph(version: 1, include: [\"{include}\"], scene: (up: \"+z\"), nodes: ({nodes}))")
+    };
+    lab.write("a.ron", &file("./b.ron", "a: Scale(value: \"b\"),"));
+    lab.write("b.ron", &file("a.ron", "b: Number,"));
+    lab.write("self.ron", &file("self.ron", "c: Number,"));
+    for (name, nodes) in [("a.ron", 2), ("b.ron", 2), ("self.ron", 1)] {
+        let path = lab.path(name);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let root = SourceRoot::new(path.parent().unwrap());
+        let (source, _) = Source::new(path.display().to_string(), text).including(&root);
+        let graph = Graph::parse(source.clone(), &registry(), root.clone()).unwrap();
+        assert_eq!(graph.nodes.len(), nodes, "{name}");
+        // The joined text is a graph by itself, as in a bundle, wherever it lies.
+        let (again, _) = Source::new("bundle.lhb", source.text.clone()).including(&root);
+        assert_eq!(again.text, source.text);
+    }
+}
+
+#[test]
+fn a_setting_gives_a_scene_to_a_file_that_has_none() {
+    let lab = Lab::in_memory();
+    let source = Source::new("graph.ron", "Graph(version: 1, nodes: (a: Number,))");
+    assert!(lab.mistakes(&source.text).contains("has no `scene`"));
+    let set = |settings: &[&str]| {
+        let settings: Vec<engine::Setting> = settings.iter().map(|text| text.parse().unwrap()).collect();
+        engine::apply(&source, &settings).text.to_string()
+    };
+    assert_eq!(lab.parse(&set(&["scene.up=-y", "scene.seed=4"])).unwrap().scene.seed, 4);
+    let mistakes = lab.mistakes(&set(&["scene.upp=-y"]));
+    assert!(mistakes.contains("`scene` has no field `upp`"), "{mistakes}");
+}
+
+#[test]
+fn presets_reach_what_is_included() {
+    let lab = Lab::in_memory();
+    lab.write("part.ron", &part("presets: (big: (a: (value: 9.0))),", "a: Number,"));
+    let root = SourceRoot::new(lab.path("."));
+    let text =
+        "Graph(version: 1, include: [\"part.ron\"], scene: (up: \"+z\"), nodes: (b: Add(terms: \"a\"),))";
+    let (source, _) = Source::new("graph.ron", text).including(&root);
+    let source = source.with_preset("big", &registry());
+    assert!(Graph::parse(source, &registry(), root).is_ok());
 }
