@@ -5,7 +5,7 @@ use std::path::Path;
 
 use engine::{
     Bundle, Graph, Lock, NodeDifference, Packed, Recipe, Results, Source, SourceRoot, Verdict, VerifyOptions,
-    is_unpacked, verify,
+    bundle_around, verify,
 };
 
 use crate::lab::{Lab, graph_text};
@@ -72,7 +72,12 @@ fn a_bundle_gives_the_same_bytes_elsewhere() {
 
     let target = outer.path().join("unpacked");
     Bundle::open(Cursor::new(&bytes)).unwrap().unpack(&target).unwrap();
-    assert!(is_unpacked(&target) && !is_unpacked(outer.path()));
+    let bundle = target.canonicalize().ok();
+    assert!(bundle.is_some() && bundle_around(&target) == bundle && bundle_around(outer.path()).is_none());
+    let below = target.join("below");
+    std::fs::create_dir(&below).unwrap();
+    assert_eq!(bundle_around(&below), bundle, "in all folders of it");
+    std::fs::remove_dir(&below).unwrap();
     assert_eq!(std::fs::read_to_string(target.join("inputs/0/far.txt")).unwrap(), "5");
     let text = std::fs::read_to_string(target.join("graph.ron")).unwrap();
     assert!(text.contains("// a remark") && text.contains("path: \"inputs/0/far.txt\""), "{text}");
