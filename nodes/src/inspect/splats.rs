@@ -252,8 +252,13 @@ fn findings(
             format!("{:.0} % of the splats are never drawn (opacity below 1/255)", opacities.unseen * 100.0),
         ),
         (
+            "one-point",
+            all > 0.0 && middle == 0.0,
+            "nearly all splats lie at one point: broken centres?".to_owned(),
+        ),
+        (
             "far-splats",
-            all > 30.0 * middle,
+            middle > 0.0 && all > 30.0 * middle,
             format!("some splats lie {:.0} times as far out as the core is wide", all / middle),
         ),
         (
@@ -361,6 +366,32 @@ mod tests {
         assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
     }
 
+    /// No size is told in parts of a scene that has none.
+    /// Seen red without `middle > 0.0` before `relative > 0.05`.
+    #[test]
+    fn scenes_without_extent_give_no_infinite_figures() {
+        let told = |change: fn(&mut Splats)| {
+            let mut splats = room(2, 1.0);
+            change(&mut splats);
+            let found = inspect(&splats, &context()).unwrap();
+            found.findings.into_iter().map(|finding| finding.text).collect::<String>()
+        };
+        for text in [
+            told(|s| s.means.fill([1.0; 3])),
+            told(|s| s.means[10..].fill([1.0; 3])),
+            told(|s| {
+                s.means.truncate(1);
+                s.quats.truncate(1);
+                s.scales.truncate(1);
+                s.opacities.truncate(1);
+                s.sh.truncate(1);
+            }),
+            told(|s| s.scales.fill([0.0; 3])),
+        ] {
+            assert!(["inf", "NaN"].iter().all(|word| !text.contains(word)), "{text}");
+        }
+    }
+
     #[test]
     fn harm_is_found() {
         let ids = |change: fn(&mut Splats)| {
@@ -374,6 +405,7 @@ mod tests {
         assert!(ids(|s| s.scales = vec![[0.5, 0.001, 0.001]; 4000]).contains(&"needles"));
         assert!(ids(|s| s.opacities = vec![0.01; 4000]).contains(&"transparent"));
         assert!(ids(|s| s.means[0] = [1e5, 0.0, 0.0]).contains(&"far-splats"));
+        assert!(ids(|s| s.means[10..].fill([1.0; 3])).contains(&"one-point"));
         let mut none = room(0, 1.0);
         none.means.clear();
         assert_eq!(inspect(&none, &context()).unwrap().findings[0].id, "no-splats");

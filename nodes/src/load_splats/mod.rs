@@ -33,10 +33,11 @@ use frame::Placing;
 use rows::Part;
 
 pub use frame::{Frame, Turn, from_y_up};
+pub(crate) use rows::unit;
 pub use rows::{Row, RowFault, SH_C0, sh_rest};
 pub use sh_turn::ShTurn;
 pub use source::Format;
-pub(crate) use spz::COLOUR_SCALE as SPZ_COLOUR_SCALE;
+pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
 
 engine::params! {
     /// Reads a scene of Gaussian splats.

@@ -119,13 +119,7 @@ impl Row {
         if numbers.into_iter().any(|value| !value.is_finite()) || scale.iter().any(|s| s.is_nan()) {
             return Err(RowFault::NotFinite);
         }
-        // Scaled by the largest first, so that neither 1e-200 nor 1e200 is lost in the squares.
-        let largest = quat.iter().fold(0.0_f64, |m, q| m.max(q.abs()));
-        if largest == 0.0 {
-            return Err(RowFault::ZeroQuaternion);
-        }
-        let quat = quat.map(|q| q / largest);
-        let length = quat.iter().map(|q| q * q).sum::<f64>().sqrt();
+        let quat = unit(quat).ok_or(RowFault::ZeroQuaternion)?;
         if !scale.iter().all(|s| *s <= max_extent) {
             return Err(RowFault::TooLarge);
         }
@@ -139,7 +133,7 @@ impl Row {
         let mut row = Self {
             mean: [0.0; 3],
             mean_low: [0.0; 3],
-            quat: quat.map(|q| (q / length) as f32),
+            quat,
             scale: scale.map(|s| s as f32),
             opacity: opacity.clamp(0.0, 1.0) as f32,
         };
@@ -165,6 +159,15 @@ pub fn largest_left_out(which: usize, [a, b, c]: [f64; 3]) -> [f64; 4] {
         2 => [a, b, d, c],
         _ => [a, b, c, d],
     }
+}
+
+/// The finite quaternion at length 1; none of one that is all zero.
+pub fn unit(quat: [f64; 4]) -> Option<[f32; 4]> {
+    // Scaled by the largest first, so that neither 1e-200 nor 1e200 is lost in the squares.
+    let largest = quat.iter().fold(0.0_f64, |m, q| m.max(q.abs()));
+    let quat = quat.map(|q| q / largest);
+    let length = quat.iter().map(|q| q * q).sum::<f64>().sqrt();
+    (largest != 0.0).then(|| quat.map(|q| (q / length) as f32))
 }
 
 /// The factor of the constant function: colour = 0.5 + this times the coefficient.

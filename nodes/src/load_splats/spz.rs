@@ -195,8 +195,9 @@ fn named_axes(file: &str, flags: u8, mut records: &[u8]) -> Result<Option<DMat3>
     Ok(None)
 }
 
-/// The bits of a rotation: which component is left out of x, y, z, w, then sign and size of the others.
-fn rotation_10(word: u32) -> [f64; 4] {
+/// The quaternion (w, x, y, z), not quite of length 1, of these bits: which component is left out of x, y, z, w, then
+/// sign and size of the others.
+pub fn rotation_10(word: u32) -> [f64; 4] {
     let part = |shift: u32| {
         let size = f64::from(word >> shift & 511) / 511.0 * std::f64::consts::FRAC_1_SQRT_2;
         if word >> (shift + 9) & 1 == 1 { -size } else { size }

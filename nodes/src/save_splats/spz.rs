@@ -8,7 +8,7 @@ use engine::{Context, NodeError, Notes};
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
 use super::chunks;
-use crate::load_splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest};
+use crate::load_splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest, spz_rotation, unit};
 use crate::num;
 use crate::types::Splats;
 
@@ -223,18 +223,37 @@ fn streams_apart(
     Ok(header)
 }
 
-/// The index of the largest component in the order x, y, z, w, then sign and 9 bits of each of the others.
-fn rotation([w, x, y, z]: [f32; 4]) -> u32 {
-    let parts = [x, y, z, w].map(f64::from);
-    let largest = (1..4).fold(0, |best, i| if parts[i].abs() > parts[best].abs() { i } else { best });
-    let mut word = largest as u32;
-    for (i, part) in parts.into_iter().enumerate() {
-        if i != largest {
-            let size = (part.abs() * std::f64::consts::SQRT_2 * 511.0 + 0.5).floor().min(511.0) as u32;
-            // The whole is negated where the largest is below 0: the same rotation.
-            let negative = (part < 0.0) != (parts[largest] < 0.0);
-            word = word << 10 | u32::from(negative) << 9 | size;
-        }
-    }
-    word
+/// By how much another component may outgrow the one that a writer left out as the largest: what the rounding of three
+/// others by half a step of 0.0014 makes of four equal ones, and some.
+const AS_LARGE: f32 = 0.004;
+
+/// The bits of a rotation. Of components that are as large as the largest that one is left out with which the rotation
+/// comes back nearest: of a file that was read, the one that it had left out, so that it is written as it was.
+pub(super) fn rotation(quat: [f32; 4]) -> u32 {
+    let [w, x, y, z] = quat;
+    let parts = [x, y, z, w];
+    let largest = parts.iter().fold(0.0_f32, |most, part| most.max(part.abs()));
+    // From where a rotation comes back, whose left out component is above 0.
+    let off = |&(out, word): &(usize, u32)| {
+        let sign = f64::from(1.0_f32.copysign(parts[out]));
+        let back = unit(spz_rotation(word)).unwrap_or_default();
+        back.into_iter().zip(quat).map(|(a, b)| (f64::from(a) - sign * f64::from(b)).abs()).sum::<f64>()
+    };
+    (0..4)
+        .filter(|out| largest - parts[*out].abs() < AS_LARGE)
+        .map(|out| (out, leaving_out(out, parts)))
+        // What was read has the one left out above 0.
+        .min_by(|a, b| off(a).total_cmp(&off(b)).then(parts[b.0].total_cmp(&parts[a.0])))
+        .map_or(0, |(_, word)| word)
+}
+
+/// The index of a component in the order x, y, z, w, then sign and 9 bits of each of the others.
+fn leaving_out(out: usize, parts: [f32; 4]) -> u32 {
+    let others = (0..4).filter(|i| *i != out).map(|i| parts[i]);
+    others.fold(out as u32, |word, part| {
+        let size = (f64::from(part.abs()) * std::f64::consts::SQRT_2 * 511.0 + 0.5).floor().min(511.0) as u32;
+        // The whole is negated where the one left out is below 0: the same rotation.
+        let negative = part.is_sign_negative() != parts[out].is_sign_negative();
+        word << 10 | u32::from(negative) << 9 | size
+    })
 }
