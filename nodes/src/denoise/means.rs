@@ -6,6 +6,8 @@
 //! means filtering, section 4). So an edge stays that is stronger than the noise, and the filter fades as
 //! more samples leave less of it.
 
+use std::ops::Range;
+
 use engine::{Context, NodeError};
 use fearless_simd::{Level, dispatch};
 use glam::Vec3;
@@ -20,6 +22,8 @@ const PATCHES: usize = 2 * PATCH + 1;
 const SIDE: usize = TILE + 2 * PATCH;
 /// Variance below this is nothing.
 const FLOOR: f32 = 1e-8;
+/// Off the plane of a pixel by this share of the depth is another surface.
+const OFF: f32 = 0.05;
 /// Values that are averaged together.
 pub const VALUES: usize = 6;
 
@@ -131,10 +135,11 @@ impl Field {
         let (across, down) = (self.width.div_ceil(TILE), self.height.div_ceil(TILE));
         let tiles = cx.for_each_tile(across * down, |index| {
             let tile = Tile::cut(self, index % across * TILE, index / across * TILE, reach.radius + PATCH);
-            let radius = if tile.busy() { reach.radius } else { 0 };
-            cx.count("taps", ((2 * radius + 1) * (2 * radius + 1) * TILE * TILE) as u64);
+            let rows = tile.noisy_rows();
+            let radius = if rows.is_empty() { 0 } else { reach.radius };
+            cx.count("taps", ((2 * radius + 1) * (2 * radius + 1) * rows.len() * TILE) as u64);
             let reach = Reach { radius, ..reach };
-            dispatch!(level, _simd => tile.average(reach))
+            dispatch!(level, _simd => tile.average(reach, rows))
         })?;
         let mut out: Vec<_> = self.pixels.iter().map(|pixel| pixel.values).collect();
         for (index, tile) in tiles.iter().enumerate() {
@@ -161,6 +166,8 @@ struct Tile {
     there: Vec<f32>,
     normal: [Vec<f32>; 3],
     nearness: [Vec<f32>; 3],
+    /// One over the difference of nearness that makes another surface.
+    level: Vec<f32>,
 }
 
 /// The sums of one row of a tile.
@@ -188,6 +195,7 @@ impl Tile {
             there: plane(),
             normal: [plane(), plane(), plane()],
             nearness: [plane(), plane(), plane()],
+            level: plane(),
         };
         for i in 0..stride * stride {
             let (x, y) = (left + i % stride, top + i / stride);
@@ -201,6 +209,7 @@ impl Tile {
             }
             tile.there[i] = 1.0;
             tile.variance[i] = pixel.variance;
+            tile.level[i] = 1.0 / (OFF * pixel.nearness[0]).max(1e-30);
             for k in 0..3 {
                 tile.signal[k][i] = pixel.signal[k];
                 tile.normal[k][i] = pixel.normal[k];
@@ -218,15 +227,16 @@ impl Tile {
         self.there[i] > 0.0 && self.variance[i] > 0.0
     }
 
-    /// Whether any pixel does.
-    fn busy(&self) -> bool {
-        let at = |i: usize| (i / TILE + self.rim) * self.stride + i % TILE + self.rim;
-        (0..TILE * TILE).any(|i| self.noisy(at(i)))
+    /// The rows of the tile from the first to the last in which any pixel does.
+    fn noisy_rows(&self) -> Range<usize> {
+        let noisy = |y: &usize| (0..TILE).any(|x| self.noisy((y + self.rim) * self.stride + x + self.rim));
+        let first = (0..TILE).find(noisy).unwrap_or(TILE);
+        first..(first..TILE).rfind(noisy).map_or(first, |last| last + 1)
     }
 
     /// Averages of the tile's pixels, row by row.
     #[inline(always)]
-    fn average(&self, reach: Reach) -> Vec<[f32; VALUES]> {
+    fn average(&self, reach: Reach, noisy: Range<usize>) -> Vec<[f32; VALUES]> {
         let at = |x: usize, y: usize| (y + self.rim) * self.stride + x + self.rim;
         // The pixel itself counts once.
         let own = |y: usize| Sums {
@@ -239,12 +249,12 @@ impl Tile {
         // rows that patches reach over, summed along the row.
         let mut along = vec![[[0.0_f32; TILE]; PATCHES]; 2 * reach.radius + 1];
         for dy in -radius..=radius {
-            for y in 0..SIDE {
+            for y in noisy.start..noisy.end + 2 * PATCH {
                 let p = (y + self.rim - PATCH) * self.stride + self.rim - PATCH;
                 for (dx, rows) in (-radius..=radius).zip(&mut along).filter(|(dx, _)| (*dx, dy) != (0, 0)) {
                     let q = (p as isize + dy * self.stride as isize + dx) as usize;
                     self.compare([p, q], reach.strength, &mut rows[y % PATCHES]);
-                    if let Some(y) = y.checked_sub(2 * PATCH) {
+                    if let Some(y) = y.checked_sub(2 * PATCH).filter(|y| noisy.contains(y)) {
                         let q = (at(0, y) as isize + dy * self.stride as isize + dx) as usize;
                         let weights = self.weigh([at(0, y), q], [dx as f32, dy as f32], reach.bend, rows, y);
                         sums[y].add(&self.values, q, &weights);
@@ -293,25 +303,26 @@ impl Tile {
         rows: &[[f32; TILE]; PATCHES],
         first: usize,
     ) -> [f32; TILE] {
+        let straight = 1.0 / bend;
         let there = cut::<TILE>(&self.there, q);
         let [near, columns, lines] = self.nearness.each_ref().map(|plane| cut::<TILE>(plane, p));
         let other = cut::<TILE>(&self.nearness[0], q);
+        let (own, its) = (cut::<TILE>(&self.level, p), cut::<TILE>(&self.level, q));
         let n = self.normal.each_ref().map(|plane| cut::<TILE>(plane, p));
         let m = self.normal.each_ref().map(|plane| cut::<TILE>(plane, q));
         let [r0, r1, r2, r3, r4] = std::array::from_fn(|k| &rows[(first + k) % PATCHES]);
         let mut out = [0.0; TILE];
         for x in 0..TILE {
-            let far = (r0[x] + r1[x] + r2[x] + r3[x] + r4[x]) / (PATCHES * PATCHES) as f32;
+            let far = r0[x] + r1[x] + r2[x] + r3[x] + r4[x];
             // (1 - d/4)^4 falls like exp(-d), and to nothing at 4.
-            let alike = (1.0 - far.max(0.0) * 0.25).max(0.0);
+            let alike = (1.0 - far * (0.25 / (PATCHES * PATCHES) as f32)).clamp(0.0, 1.0);
             let alike = alike * alike;
             let cosine = n[0][x] * m[0][x] + n[1][x] * m[1][x] + n[2][x] * m[2][x];
             let lengths = (n[0][x].abs() + n[1][x].abs() + n[2][x].abs())
                 * (m[0][x].abs() + m[1][x].abs() + m[2][x].abs());
-            let turned = (1.0 - (1.0 - cosine) / bend).clamp(0.0, 1.0);
-            // Off the plane by a twentieth of the depth is another surface.
+            let turned = (1.0 - (1.0 - cosine) * straight).clamp(0.0, 1.0);
             let off = (other[x] - near[x] - columns[x] * dx - lines[x] * dy).abs();
-            let level = (1.0 - off / (0.05 * near[x].max(other[x]) + f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+            let level = (1.0 - off * if own[x] < its[x] { own[x] } else { its[x] }).clamp(0.0, 1.0);
             let same = if lengths > 0.0 { turned * level } else { 1.0 };
             out[x] = there[x] * alike * alike * same;
         }

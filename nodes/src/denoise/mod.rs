@@ -208,7 +208,7 @@ fn guide<'a>(
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
     const ROUGH: &'static [(&'static str, u64)] = &[("radius_px", 2)];
     type Params = Self;
