@@ -17,9 +17,13 @@ const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 const BAD: [(&str, &str, &str); 5] = [
     ("0.3, size_px: 64", "0.3, size_px: 8", "probe"),
     ("\"demo.rig\", alpha_cut: 0.002, sh_degree: 4", "\"demo.rig\", alpha_cut: 0.002, sh_degree: 0", "view"),
-    ("env: \"env\", samples: 32", "env: \"env\", samples: 1", "trace"),
+    ("env: \"env\", samples: 16", "env: \"env\", samples: 1", "trace"),
     ("-3.0], method: Region", "-3.0], method: Skip", "dark"),
-    ("mesh: \"demo.proxy\"", "mesh: \"demo.proxy\", box_max: Some((0.1, 9.0, 9.0))", "floor"),
+    (
+        "box_max: Some((1.5, 1.5, 9.0))),\n        trace",
+        "box_max: Some((-0.2, 9.0, 9.0))),\n        trace",
+        "floor",
+    ),
 ];
 
 /// The bad node with which settings are looked for as well: not all, since each takes seconds. `docs/trade.md` has
