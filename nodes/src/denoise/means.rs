@@ -20,7 +20,7 @@ const PATCH: usize = 2;
 const PATCHES: usize = 2 * PATCH + 1;
 /// Side of the region whose pixels are compared for the patches of a tile.
 const SIDE: usize = TILE + 2 * PATCH;
-/// Variance below this is nothing.
+/// Variance below this is nothing, for signals near 1.
 const FLOOR: f32 = 1e-8;
 /// Off the plane of a pixel by this share of the depth is another surface.
 const OFF: f32 = 0.05;

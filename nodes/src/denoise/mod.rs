@@ -118,7 +118,7 @@ impl View<'_> {
             if pixel.there {
                 let ratio = |k: usize| if r0[k] > 0.0 { (r1[k] / r0[k]).clamp(0.0, MOST) } else { 1.0 };
                 pixel.signal = [ratio(0), ratio(1), ratio(2)];
-                pixel.variance = if variance.is_finite() { variance.max(0.0) } else { 0.0 };
+                pixel.variance = known(variance);
             }
             // In front is the object; which part of the receiver lies behind is not known.
             if alpha > 0.0 {
@@ -134,16 +134,36 @@ impl View<'_> {
         (field, fireflies)
     }
 
+    /// A power of two that brings the mean light of the object near 1, so that what is too little to count is a share
+    /// of it, and light of any strength is filtered alike, bit for bit.
+    fn exposure(&self) -> f32 {
+        let (mut sum, mut cover) = (0.0, 0.0);
+        for o in self.object.samples.chunks_exact(4).filter(|o| o[3] > 0.0 && o.iter().all(|v| v.is_finite()))
+        {
+            sum += f64::from(luminance([o[0], o[1], o[2]]));
+            cover += f64::from(o[3]);
+        }
+        let mean = (sum / cover) as f32;
+        // The exponent alone, of what is a normal number.
+        let exponent = mean.to_bits() >> 23;
+        if mean.is_normal() && (1..=253).contains(&exponent) {
+            f32::from_bits((254 - exponent) << 23)
+        } else {
+            1.0
+        }
+    }
+
     /// The object, by its colour.
     fn inserted(&self) -> Field {
+        let exposure = self.exposure();
         let mut field = self.field(|i, alpha, pixel| {
             let o = &self.object.samples[i * 4..i * 4 + 4];
             let variance = self.variance.samples()[i * 4 + 2] / (alpha * alpha);
             pixel.values = [o[0], o[1], o[2], o[3], 0.0, 0.0];
-            pixel.there = alpha > 0.0 && variance.is_finite() && o.iter().all(|v| v.is_finite());
+            pixel.there = alpha > 0.0 && o.iter().all(|v| v.is_finite());
             if pixel.there {
-                pixel.signal = [o[0] / alpha, o[1] / alpha, o[2] / alpha];
-                pixel.variance = variance.max(0.0);
+                pixel.signal = [0, 1, 2].map(|k| o[k] / alpha * exposure);
+                pixel.variance = known(variance) * exposure * exposure;
             }
         });
         field.smooth_variance(1);
@@ -161,23 +181,29 @@ impl Denoise {
         }
     }
 
-    /// The layers with less noise, and how many fireflies they had.
-    fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64), NodeError> {
+    /// The layers with less noise, how many fireflies they had, and whether there is something to filter and no
+    /// variance to tell how.
+    fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64, bool), NodeError> {
         let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
         if self.strength == 0.0 {
-            return Ok((out, 0));
+            return Ok((out, 0, false));
         }
         let set = |image: &mut Image<Linear>, i: usize, rgb: &[f32]| {
             let at = i * image.channels;
             image.samples[at..at + 3].copy_from_slice(rgb);
         };
         let (field, fireflies) = view.receiver();
+        let is_noisy = |field: &Field| field.pixels.iter().any(|pixel| pixel.there && pixel.variance > 0.0);
+        let mut noisy = is_noisy(&field);
         let averages: Vec<[f32; VALUES]> = field.average(self.reach(0), cx)?;
         for (i, values) in averages.iter().enumerate().filter(|(i, _)| field.pixels[*i].there) {
             set(&mut out[0], i, &values[..3]);
             set(&mut out[1], i, &values[3..]);
         }
         let field = view.inserted();
+        noisy |= is_noisy(&field);
+        let inserted =
+            field.pixels.iter().any(|pixel| pixel.there) || view.with.samples != view.without.samples;
         for (i, values) in field.average(self.reach(1), cx)?.iter().enumerate() {
             let pixel = &field.pixels[i];
             if pixel.there && pixel.variance > 0.0 {
@@ -186,8 +212,13 @@ impl Denoise {
                 set(&mut out[2], i, &[values[0] * share, values[1] * share, values[2] * share]);
             }
         }
-        Ok((out, fireflies))
+        Ok((out, fireflies, inserted && !noisy))
     }
+}
+
+/// A variance, or 0 where it is not known: what stands at the largest number may be more.
+fn known(variance: f32) -> f32 {
+    if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }
 
 /// A guide of the given number of channels.
@@ -225,7 +256,7 @@ impl Kind for Denoise {
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut sets: [Vec<NamedImage>; 3] = Default::default();
         let views = &inputs.without.0;
-        let mut fireflies = 0;
+        let (mut notes, mut fireflies) = (Notes::none(), 0);
         for (index, view) in views.iter().enumerate() {
             cx.check()?;
             let without = linear(&view.picture, "without")?;
@@ -240,15 +271,19 @@ impl Kind for Denoise {
                 normal: guide(&inputs.normal, "normal", name, size, 3)?,
                 variance: guide(&inputs.variance, "variance", name, size, 4)?,
             };
-            let (images, found) = params.view(&layers, cx)?;
+            let (images, found, blind) = params.view(&layers, cx)?;
             fireflies += found;
+            if blind {
+                let text = "`variance` is 0 everywhere, as after 1 sample, so the layers stay as they are";
+                notes
+                    .warning("no-variance", format!("`{name}`: {text}; give `path-trace` 2 samples or more"));
+            }
             for (set, image) in sets.iter_mut().zip(images) {
                 set.push(NamedImage { name: name.clone(), picture: image.into() });
             }
             cx.progress((index + 1) as f32 / views.len() as f32);
         }
         let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
-        let mut notes = Notes::none();
         if fireflies > 0 {
             let what =
                 "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";

@@ -209,3 +209,72 @@ fn other_layers_are_refused() {
     let error = Denoise::run(&Denoise { strength: 1.0, radius_px: 7 }, inputs, &context()).err();
     assert!(error.expect("three channels").message().contains("4"));
 }
+
+/// Light of any strength is filtered alike: a power of two changes no bit but the exponents.
+/// Mutation: `exposure` to 1 in `View::inserted` (seen red).
+#[test]
+fn row_48_light_of_any_strength_is_filtered_alike() {
+    let object = |exponent: i32| {
+        let scale = f32::from_bits(((127 + exponent) << 23) as u32);
+        let mut input = noisy(3);
+        let scaled = |images: &mut Arc<Images>, by: &dyn Fn(usize) -> f32| {
+            let Picture::Linear(image) = &mut Arc::make_mut(images).0[0].picture else { panic!("is linear") };
+            for (i, v) in image.samples.iter_mut().enumerate() {
+                *v *= by(i);
+            }
+        };
+        scaled(&mut input.object, &|i| if i % 4 < 3 { scale } else { 1.0 });
+        scaled(&mut input.with, &|_| scale);
+        scaled(&mut input.without, &|_| scale);
+        let Picture::Data(variance) = &mut Arc::make_mut(&mut input.variance).0[0].picture else {
+            panic!("is data")
+        };
+        for told in variance.samples.chunks_exact_mut(4) {
+            (0..3).for_each(|k| told[k] *= scale * scale);
+        }
+        let (out, notes) =
+            Denoise::run(&Denoise { strength: 1.0, radius_px: 5 }, input, &context()).expect("runs");
+        assert_eq!(notes.iter().filter(|note| note.id == "no-variance").count(), 0);
+        let of = |images: &Images, k: usize| -> Vec<f32> {
+            let samples = images.0[0].picture.samples().iter().enumerate();
+            samples.map(|(i, v)| if k == 4 && i % 4 == 3 { *v } else { *v / scale }).collect()
+        };
+        [of(&out.object, 4), of(&out.with, 3), of(&out.without, 3)].concat()
+    };
+    let plain = object(0);
+    for exponent in [-40, -17, 30] {
+        let off = object(exponent).iter().zip(&plain).filter(|(a, b)| a != b).count();
+        crate::testing::row(
+            48,
+            "denoised values that differ at 2^-40, 2^-17 and 2^30 of the light",
+            off as f64,
+            0.0,
+        );
+    }
+}
+
+// Without a variance nothing is filtered, which is told; with nothing inserted there is nothing to tell.
+#[test]
+fn a_variance_of_nothing_is_told() {
+    let mut input = noisy(1);
+    let Picture::Data(variance) = &mut Arc::make_mut(&mut input.variance).0[0].picture else {
+        panic!("is data")
+    };
+    variance.samples.fill(0.0);
+    let told = |input: In| {
+        let (_, notes) =
+            Denoise::run(&Denoise { strength: 1.0, radius_px: 3 }, input, &context()).expect("runs");
+        notes.iter().any(|note| note.id == "no-variance")
+    };
+    let Picture::Linear(object) = input.object.0[0].picture.clone() else { panic!("is linear") };
+    let none = Image::<Linear>::new(object.width, object.height, 4);
+    let bare = In {
+        with: input.without.clone(),
+        without: input.without.clone(),
+        object: Arc::new(Images::single("v", Picture::from(none))),
+        depth: input.depth.clone(),
+        normal: input.normal.clone(),
+        variance: input.variance.clone(),
+    };
+    assert!(told(input) && !told(bare) && !told(noisy(1)));
+}

@@ -113,9 +113,9 @@ pub struct TileSums {
 }
 
 impl TileSums {
-    /// Appends the sums of a pixel.
+    /// Appends the sums of a pixel, those beyond single precision as its largest number.
     pub fn push(&mut self, sums: &[f64]) {
-        self.sums.extend(sums.iter().map(|&v| v as f32));
+        self.sums.extend(sums.iter().map(|&v| (v as f32).clamp(-f32::MAX, f32::MAX)));
     }
 }
 

@@ -47,7 +47,7 @@ use plan::Goal;
 use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 use shot::{Running, finish};
 use stage::Stage;
-use told::{assemble, remark, tell, tell_lost, tell_plan};
+use told::{assemble, remark, tell, tell_lost, tell_plan, tell_variance};
 use walk::World;
 
 engine::params! {
@@ -117,17 +117,18 @@ engine::outputs! {
         normal: Arc<Images>,
         /// Variance of the mean over samples: of the luminance of `without`, `with` and `object`, and of the ratio
         /// of luminance `with / without`. As if samples were independent: stratified points do better, so these are
-        /// upper estimates.
+        /// upper estimates. One sample tells none: then all are 0.
         variance: Arc<Images>,
         /// Decisions, means, standard errors, rays.
         report: Arc<Report>,
     }
 }
 
-/// Sums a pixel of the part `r0`: RGB, squared luminance.
+/// Sums a pixel of the part `r0`: RGB, and the root of that of squared luminance, since squares leave the range of
+/// single precision where light does not.
 const R0: usize = 4;
-/// Sums a pixel of the part `pair`: RGB of R1 and squared luminance of R1 - R0; RGB, alpha and squared
-/// luminance of O.
+/// Sums a pixel of the part `pair`: RGB of R1 and the root of that of the squared luminance of R1 - R0; RGB, alpha and
+/// the root of that of the squared luminance of O.
 const PAIR: usize = 9;
 /// Values a pixel of the part `front`: depth, normal.
 const FRONT: usize = 4;
@@ -258,13 +259,13 @@ impl Kind for PathTrace {
                 contact,
             };
             let take = |running: &mut Running, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 5, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 6, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
                     let world = world();
                     Sums::trace(cx, area, R0, step, |tile| trace_r0(world, &lens, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 7, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 8, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, (area, &r0));
@@ -294,6 +295,7 @@ impl Kind for PathTrace {
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
         }
+        tell_variance(params.samples, shots.iter().map(|shot| shot.beyond).sum(), &mut notes);
         for (camera, shot) in inputs.rig.cameras.iter().zip(&shots) {
             if let Some(reached) = &shot.reached {
                 tell_plan(&camera.name, reached, params.samples, &mut notes);

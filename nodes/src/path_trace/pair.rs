@@ -53,6 +53,7 @@ pub(super) fn trace_r0(
                 sums[3] += squared_luminance(light);
             }
         }
+        sums[3] = sums[3].sqrt();
         sums_of_tile.push(&sums);
     }
     sums_of_tile
@@ -124,6 +125,9 @@ pub(super) fn trace_pair(
             sums[k] = (known + f64::from(change[k] as f32)).max(0.0);
         }
         sums_of_tile.untouched += u64::from(!touched);
+        for k in [3, 8] {
+            sums[k] = sums[k].sqrt();
+        }
         sums_of_tile.push(&sums);
     }
     sums_of_tile

@@ -6,6 +6,9 @@ use super::{CROSS, FRONT, PAIR, R0};
 use crate::color::luminance;
 use crate::types::{Camera, Cell, Data, Image, Linear};
 
+/// Which of the sums of a pixel are of squares.
+const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
+
 /// The finished pictures of one camera.
 pub(super) struct Shot {
     pub(super) images: [Image<Linear>; 3],
@@ -15,13 +18,15 @@ pub(super) struct Shot {
     pub(super) row: Vec<Cell>,
     pub(super) rays: Rays,
     pub(super) broken: u64,
+    /// Variances that single precision does not hold.
+    pub(super) beyond: u64,
     pub(super) reached: Option<Reached>,
 }
 
 /// The chunks of a camera, added in their order as they come, so that memory does not grow with them.
 pub(super) struct Running {
     pub(super) whole: Area,
-    /// `R0 + PAIR` sums a pixel.
+    /// `R0 + PAIR` sums a pixel, where the parts have roots the squares.
     sums: Vec<f64>,
     /// Samples of each pixel.
     samples: Vec<u32>,
@@ -53,8 +58,11 @@ impl Running {
         let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
         for (pixel, (a, b)) in area.each().zip(parts) {
             let index = self.whole.index(pixel);
-            for (sum, v) in self.sums[index * (R0 + PAIR)..].iter_mut().zip(a.iter().chain(b)) {
-                *sum += f64::from(*v);
+            for (k, (sum, v)) in
+                self.sums[index * (R0 + PAIR)..].iter_mut().zip(a.iter().chain(b)).enumerate()
+            {
+                let v = f64::from(*v);
+                *sum += if SQUARES.contains(&k) { v * v } else { v };
             }
             self.samples[index] += range.1 - range.0;
             let light = |c: &[f32]| f64::from(luminance([c[0], c[1], c[2]]));
@@ -103,7 +111,10 @@ impl Running {
     pub(super) fn spread(&self, index: usize) -> Spread {
         let (sums, n) = self.pixel(index);
         let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
-        let of_mean = |square: f64, mean: f64| ((square / n - mean * mean) / (n - 1.0).max(1.0)).max(0.0);
+        let of_mean = |square: f64, mean: f64| {
+            // One sample tells nothing, not even by what rounding leaves.
+            if n > 1.0 { ((square / n - mean * mean) / (n - 1.0)).max(0.0) } else { 0.0 }
+        };
         let [y0, y1, y] = [0, R0, R0 + 4].map(mean);
         let without = of_mean(sums[3], y0);
         let change = of_mean(sums[R0 + 3], y1 - y0);
@@ -141,7 +152,7 @@ pub(super) fn finish(camera: &Camera, running: &Running, front: &Sums, reached: 
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
     let [mut depth, mut normal, mut variance] = [1, 3, 4].map(|channels| Image::new(width, height, channels));
-    let (mut means, mut errors) = ([0.0; 3], [0.0; 3]);
+    let (mut means, mut errors, mut beyond, mut told_any) = ([0.0; 3], [0.0; 3], 0, false);
     for index in 0..width * height {
         let (x, y) = (index % width, index / width);
         let (sums, n) = running.pixel(index);
@@ -162,8 +173,10 @@ pub(super) fn finish(camera: &Camera, running: &Running, front: &Sums, reached: 
         }
         let told = variance.pixel_mut(x, y);
         for (to, v) in told.iter_mut().zip(spreads.into_iter().chain([spread.ratio])) {
-            *to = v as f32;
+            *to = (v as f32).min(f32::MAX);
+            beyond += u64::from(v > f64::from(f32::MAX) || (v > 0.0 && *to == 0.0));
         }
+        told_any |= n > 1.0;
         let values = &front.sums[index * FRONT..(index + 1) * FRONT];
         depth.pixel_mut(x, y)[0] = values[0];
         normal.pixel_mut(x, y).copy_from_slice(&values[1..]);
@@ -174,10 +187,10 @@ pub(super) fn finish(camera: &Camera, running: &Running, front: &Sums, reached: 
     let mut row = vec![Cell::Text(camera.name.clone())];
     for k in 0..3 {
         row.push(Cell::Number(means[k] / all));
-        row.push(Cell::Number((errors[k] / all).sqrt()));
+        row.push(if told_any { Cell::Number((errors[k] / all).sqrt()) } else { Cell::Missing });
     }
     row.push(Cell::Count(rays.all()));
     let [traced, untouched] = running.pixels;
     row.push(Cell::Number(untouched as f64 / traced.max(1) as f64));
-    Shot { images, depth, normal, variance, row, rays, broken: running.broken, reached }
+    Shot { images, depth, normal, variance, row, rays, broken: running.broken, beyond, reached }
 }

@@ -11,6 +11,7 @@ use super::decide::Decided;
 use super::film::Rays;
 use super::objects::Objects;
 use super::plan::Reached;
+use super::rules::Block;
 use super::scene::margin;
 use super::shot::Shot;
 use super::stage::Stage;
@@ -66,7 +67,8 @@ pub(super) fn tell_lost(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes)
 
 /// Tells how far the mesh misses the bases of objects that stand on it.
 pub(super) fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Notes) {
-    let millimetres = |v: f64| v * metres_per_unit * 1e3;
+    // A tenth is shown, and never less than nothing of one.
+    let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let near = |level: &Level| level.height.abs() * metres_per_unit <= LARGEST;
     for (index, level) in felt.iter().enumerate().filter_map(|(index, felt)| Some((index, (*felt)?))) {
         if !near(&level) {
@@ -87,6 +89,33 @@ pub(super) fn tell(felt: &[Option<Level>], metres_per_unit: f64, notes: &mut Not
     let each: Vec<String> = each.collect();
     if !each.is_empty() {
         notes.decision("contact", format!("the receiver is {}", each.join("; ")));
+    }
+}
+
+/// Tells where `variance` is not what it should be.
+pub(super) fn tell_variance(samples: u32, beyond: u64, notes: &mut Notes) {
+    if samples == 1 {
+        let text = "1 sample tells no variance: `variance` is 0, standard errors are not computed, and `denoise` \
+                    leaves the pictures as they are; take 2 or more";
+        notes.warning("no-variance", text);
+    }
+    if beyond > 0 {
+        let text = "values of `variance` are beyond the largest or the smallest number of single precision and stand at it \
+                    or at 0; scale the light of the environment nearer to 1";
+        notes.warning("variance-range", format!("{beyond} {text}"));
+    }
+}
+
+/// How the receiver blocks the environment, in words.
+fn block_text(block: &Block) -> String {
+    match block {
+        Block::Solid => "Solid".to_owned(),
+        Block::Pass => "Pass".to_owned(),
+        Block::FrontFace { max_layers, flip } => {
+            let side = if *flip { ", normals turned round" } else { "" };
+            format!("FrontFace, {max_layers} layers{side}")
+        }
+        Block::PassBeyond { radius, .. } => format!("PassBeyond {radius} units from the point of capture"),
     }
 }
 
@@ -142,14 +171,14 @@ pub(super) fn assemble(
     }
     let text = |value: String| Cell::Text(value);
     let mut decisions = vec![
-        vec![text("env_block".to_owned()), text(format!("{:?}", rules.block))],
+        vec![text("env_block".to_owned()), text(block_text(&rules.block))],
         vec![text("bounce".to_owned()), text(if rules.bounce_solid { "Solid" } else { "Env" }.to_owned())],
         vec![
             text("object_specular_sees".to_owned()),
             text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
         ],
         vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
-        vec![text("point of capture".to_owned()), text(format!("{:?}", centre.to_array()))],
+        vec![text("point of capture".to_owned()), text(format!("{}, {}, {}", centre.x, centre.y, centre.z))],
         vec![text("camera rays".to_owned()), Cell::Count(rays.camera)],
         vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
         vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],

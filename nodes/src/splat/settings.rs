@@ -48,8 +48,9 @@ engine::params! {
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of the spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Splats at or below this planar depth, of a panorama this distance, are left out. In world units, so
-        /// that it scales with the scene.
+        /// Splats at or below this planar depth, of a panorama this distance, are left out. In world units, and the
+        /// same whatever a unit is: where the world is made a thousand times larger, this must be as well, or what was
+        /// too near to be drawn, haze around the eye say, is drawn.
         near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in squares of pixels, of a panorama of samples.
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");

@@ -218,6 +218,45 @@ fn row_48_light_of_any_strength_gives_the_same_picture() {
     row(48, "change of the ratio at 1e-40 of the light", off, 1e-2);
 }
 
+/// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
+/// finite, and told.
+/// Mutation: `sums[k].sqrt()` left out of `trace_pair`, and `v * v` of `Running::add` (seen red: the squares overflow).
+#[test]
+fn row_48_the_noise_of_the_ratio_is_that_of_any_light() {
+    let (plane, objects, rig) = shadowed();
+    let at = |exponent: i32| {
+        let scale = f32::from_bits(((127 + exponent) << 23) as u32);
+        let mut env = sunny();
+        env.image.samples.iter_mut().for_each(|v| *v *= scale);
+        let (out, notes) = render(&params(8, EnvBlock::Solid), &plane, &objects, &rig, &env);
+        assert!(samples(&out.variance).iter().all(|v| v.is_finite()));
+        let ratio: Vec<f32> = samples(&out.variance).iter().skip(3).step_by(4).copied().collect();
+        (ratio, notes.iter().any(|note| note.id == "variance-range"))
+    };
+    let (plain, told) = at(0);
+    assert!(!told && plain.iter().any(|v| *v > 0.0));
+    for exponent in [-80, 66, 100] {
+        let (ratio, told) = at(exponent);
+        let off = ratio.iter().zip(&plain).filter(|(a, b)| a != b).count();
+        row(48, "variances of the ratio that differ at 2^-80, 2^66 and 2^100 of the light", off as f64, 0.0);
+        assert!(told, "2^{exponent}");
+    }
+}
+
+// One sample tells no variance, and says so.
+#[test]
+fn one_sample_tells_no_variance() {
+    let (plane, objects, rig) = shadowed();
+    let told = |n| {
+        let (out, notes) = render(&params(n, EnvBlock::Solid), &plane, &objects, &rig, &sunny());
+        let views = out.report.tables.iter().find(|table| table.name == "views").expect("is there");
+        let error = views.rows[0][2] == crate::types::Cell::Missing;
+        let noise = samples(&out.variance).iter().any(|v| *v != 0.0);
+        (error, noise, notes.iter().any(|note| note.id == "no-variance"))
+    };
+    assert_eq!((told(1), told(2)), ((true, false, true), (false, true, false)));
+}
+
 // A black sky, a hot one, a subnormal one, broken triangles, an empty receiver.
 #[test]
 fn extremes_stay_finite() {
