@@ -1,5 +1,7 @@
 //! Why nodes run, in words, back to where it begins.
 
+use std::collections::BTreeMap;
+
 use engine::{Change, Engine, Fate, Graph, Planned, Why};
 
 /// Why a node runs, in a few words.
@@ -9,11 +11,11 @@ pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
         Fate::Known => "its result is known".to_owned(),
         Fate::Lost => "known, but gone from the cache: runs again if its values are needed".to_owned(),
         Fate::Runs(Why::New) => "runs: no earlier run of it is known".to_owned(),
-        Fate::Runs(Why::Changed(changes)) => match changes.as_slice() {
+        Fate::Runs(Why::Changed(changes)) => match causes(graph, index, changes).as_slice() {
             [] => "runs: the result of the last run is no longer kept".to_owned(),
             [first, rest @ ..] => {
                 let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
-                format!("runs: {}{more}", cause(graph, index, first).text)
+                format!("runs: {}{more}", first.text)
             }
         },
         Fate::Follows(above) => format!("may run: depends on what `{above}` gives"),
@@ -29,23 +31,70 @@ pub struct Cause {
     pub above: Option<usize>,
 }
 
-/// What a change of a node's key means.
-pub fn cause(graph: &Graph, index: usize, change: &Change) -> Cause {
+/// What the changes of a node's key mean. A wire is several fields of a key, and is told once.
+pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
+    let node = &graph.nodes[index];
+    let mut causes = Vec::new();
+    // By port: the wires that it has more, and how many it has less.
+    let mut counts: BTreeMap<usize, (Vec<usize>, usize)> = BTreeMap::new();
+    for change in changes {
+        let (name, rest) = change.path.split_once(['[', '.']).unwrap_or((&change.path, ""));
+        let port = node.kind.inputs.iter().position(|port| port.name == name);
+        let field = rest.split(']').next().and_then(|field| field.parse::<usize>().ok());
+        let Some((port, field)) = port.zip(field) else {
+            causes.push(Cause { text: plain_cause(graph, index, change), above: None });
+            continue;
+        };
+        // Three fields: type, format, content.
+        let (wire, first) = (field / 3, field % 3 == 0);
+        match (&change.old, &change.new) {
+            (None, _) if first => counts.entry(port).or_default().0.push(wire),
+            (_, None) if first => counts.entry(port).or_default().1 += 1,
+            (Some(old), Some(new)) => {
+                let what = ["type", "format", "content"][field % 3];
+                let (from, above) = end(graph, index, port, wire);
+                let text = format!("`{name}` from `{from}` has other {what}: {old} -> {new}");
+                causes.push(Cause { text, above });
+            }
+            // Told with its first field.
+            _ => {}
+        }
+    }
+    for (port, (came, went)) in counts {
+        let name = format!("`{}.{}`", node.id, node.kind.inputs[port].name);
+        let wires = |count: usize| if count == 1 { "wire" } else { "wires" };
+        if !came.is_empty() {
+            const MOST: usize = 3;
+            let ends = came.iter().take(MOST).map(|&wire| format!("`{}`", end(graph, index, port, wire).0));
+            let mut ends: Vec<String> = ends.collect();
+            if came.len() > MOST {
+                ends.push("..".to_owned());
+            }
+            let text = format!("{name} has {} more {}: {}", came.len(), wires(came.len()), ends.join(", "));
+            causes.push(Cause { text, above: None });
+        }
+        if went > 0 {
+            causes.push(Cause { text: format!("{name} has {went} fewer {}", wires(went)), above: None });
+        }
+    }
+    causes
+}
+
+/// Where a wire comes from, in words and by node.
+fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option<usize>) {
+    let Some(wire) = graph.nodes[index].inputs[port].get(wire) else { return ("nothing".to_owned(), None) };
+    let above = &graph.nodes[wire.node];
+    let output = above.kind.outputs.get(wire.port).map_or("", |port| port.name);
+    (format!("{}.{output}", above.id), Some(wire.node))
+}
+
+/// What a change means that is no wire.
+fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     let node = &graph.nodes[index];
     let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "nothing".to_owned());
     let (old, new) = (value(&change.old), value(&change.new));
     let (name, rest) = change.path.split_once(['[', '.']).unwrap_or((&change.path, ""));
-    let port = node.kind.inputs.iter().position(|port| port.name == name);
-    // A wire is three fields of its list: type, format, content.
-    let wire = rest.split(']').next().and_then(|field| field.parse::<usize>().ok()).map(|field| field / 3);
-    let wires = port.map_or(&[][..], |port| node.inputs[port].as_slice());
-    if let Some(wire) = wire.and_then(|wire| wires.get(wire)) {
-        let (above, output) = (&graph.nodes[wire.node], wire.port);
-        let output = above.kind.outputs.get(output).map_or("", |port| port.name);
-        let text = format!("`{name}` from `{}.{output}` has other content: {old} -> {new}", above.id);
-        return Cause { text, above: Some(wire.node) };
-    }
-    let text = match name {
+    match name {
         "kind" | "version" | "profile" => format!("`{}` is another {name}: {old} -> {new}", node.kind.name),
         "sources" => {
             let file = rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"');
@@ -53,10 +102,8 @@ pub fn cause(graph: &Graph, index: usize, change: &Change) -> Cause {
         }
         "recipe" => "the recipe that is written into the file is another".to_owned(),
         "scene" => format!("`{}` {old} -> {new}", change.path),
-        _ if port.is_some() => format!("`{}.{name}` is wired otherwise: {old} -> {new}", node.id),
         _ => format!("`{}.{}` {old} -> {new}", node.id, change.path),
-    };
-    Cause { text, above: None }
+    }
 }
 
 /// Where the way from a node back to the causes begins and leads through.
@@ -82,17 +129,15 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
         let head = format!("{indent}{} ({})", planned.id, planned.kind);
         let mut above: Vec<usize> = Vec::new();
         let mut tell = |changes: &[Change], lines: &mut Vec<String>| {
-            let mut recipe = false;
-            for change in changes {
-                let cause = cause(graph, index, change);
-                // The recipe differs whenever anything above does, which is told anyway.
-                recipe |= change.path == "recipe";
-                if change.path != "recipe" || changes.len() == 1 {
-                    lines.push(format!("{indent}    {}", cause.text));
-                }
+            // The recipe differs whenever anything above does, which is told anyway.
+            let told: Vec<Change> =
+                changes.iter().filter(|change| change.path != "recipe").cloned().collect();
+            let recipe = told.len() < changes.len();
+            for cause in causes(graph, index, if told.is_empty() { changes } else { &told }) {
+                lines.push(format!("{indent}    {}", cause.text));
                 match cause.above {
                     Some(node) => above.push(node),
-                    None if change.path != "recipe" => trail.roots.push(cause.text),
+                    None if !told.is_empty() => trail.roots.push(cause.text),
                     None => {}
                 }
             }
@@ -106,8 +151,7 @@ pub fn trail(engine: &Engine, graph: &Graph, plan: &[Planned], node: usize) -> T
                 tell(changes, &mut trail.lines);
             }
             Fate::Known if !past.is_empty() => {
-                let word =
-                    if depth == 0 { " is known; it was made anew when:" } else { " is known; before:" };
+                let word = if depth == 0 { " is known; last changed:" } else { " is known; before:" };
                 trail.lines.push(format!("{head}{word}"));
                 tell(&past, &mut trail.lines);
             }

@@ -25,6 +25,9 @@ pub enum Error {
     /// A node that is not there.
     #[error("the graph has no node `{name}`{hint}; its nodes are {known}")]
     Node { name: String, hint: String, known: String },
+    /// The name of what is no node.
+    #[error("`{name}` is no node but gathers `{of}`; name that, or what reads `{name}`")]
+    Gather { name: String, of: String },
     /// A node that axes multiply, where one is wanted.
     #[error("`{name}` is several nodes; name one of {known}")]
     Several { name: String, known: String },
@@ -335,7 +338,11 @@ impl GraphArgs {
                 return Err(Error::OtherSources { path: self.graph.clone(), other });
             }
         }
-        let only = self.only.iter().map(|name| find_all(&graph, name)).collect::<Result<Vec<_>, _>>()?;
+        if self.only.iter().any(|name| name.trim().is_empty()) {
+            return Err(Error::Edit(vec!["`--only` takes names, with one comma between two".to_owned()]));
+        }
+        let only =
+            self.only.iter().map(|name| find_all(&graph, name.trim())).collect::<Result<Vec<_>, _>>()?;
         Ok(Loaded { graph, only: only.concat(), texts: texts.to_vec(), lock, unpacked })
     }
 }
@@ -353,8 +360,11 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
     let found = graph.find_all(name);
     match found.as_slice() {
         [] => {
+            if let Some(of) = graph.source.gathered(name) {
+                return Err(Error::Gather { name: name.to_owned(), of });
+            }
             let near = engine::nearest(name, graph.nodes.iter().map(|node| node.id.as_str()));
-            let hint = near.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
+            let hint = near.map(|near| format!(" (did you mean `{near}`?)")).unwrap_or_default();
             Err(Error::Node { name: name.to_owned(), hint, known: names(graph, 0..graph.nodes.len()) })
         }
         _ => Ok(found),

@@ -54,9 +54,8 @@ impl<'t> Axis<'t> {
             Ok(Values::List(values)) => {
                 values.iter().map(|value| value.get_ron().trim().to_owned()).collect()
             }
-            Ok(Values::Range(from, to, step)) => range(from, to, step.unwrap_or(1.0)).ok_or_else(|| {
-                wrong(format!("`{}` is no range of at most {MOST_VALUES} values", field.name))
-            })?,
+            Ok(Values::Range(from, to, step)) => range(from, to, step.unwrap_or(1.0))
+                .map_err(|why| wrong(format!("`{}` {why}", field.name)))?,
             Err(_) => return Err(wrong(format!("`{}` is no axis: {}", field.name, shown(field.text)))),
         };
         let values: Vec<String> = values;
@@ -70,6 +69,16 @@ impl<'t> Axis<'t> {
         Ok(Self::new(field.name, values))
     }
 
+    /// Stands for one that could not be read, so that its name is known.
+    pub fn broken(name: &'t str) -> Self {
+        Self { name, values: Vec::new(), digits: None }
+    }
+
+    /// Whether it could be read.
+    pub fn is_whole(&self) -> bool {
+        !self.values.is_empty()
+    }
+
     fn new(name: &'t str, values: Vec<String>) -> Self {
         let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
         let longest = values.iter().map(String::len).max();
@@ -79,17 +88,25 @@ impl<'t> Axis<'t> {
 }
 
 /// The values of a range, as text: whole numbers where all of it is whole.
-fn range(from: f64, to: f64, step: f64) -> Option<Vec<String>> {
+fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
+    if ![from, to, step].iter().all(|number| number.is_finite()) || step == 0.0 {
+        return Err("is no range: its numbers are finite, and its step is not 0".to_owned());
+    }
     let count = ((to - from) / step).ceil();
-    if !(1.0..=MOST_VALUES as f64).contains(&count) {
-        return None;
+    if count < 1.0 {
+        return Err(format!(
+            "has no value: steps of {step} lead nowhere from {from} to {to}, which is left out"
+        ));
+    }
+    if count > MOST_VALUES as f64 {
+        return Err(format!("has more than {MOST_VALUES} values"));
     }
     let whole = [from, step].iter().all(|number| number.fract() == 0.0 && number.abs() < 1e15);
     let text = |index: usize| {
         let value = from + index as f64 * step;
         if whole { format!("{value:.0}") } else { format!("{value:?}") }
     };
-    Some((0..count as usize).map(text).collect())
+    Ok((0..count as usize).map(text).collect())
 }
 
 /// What may stand in a field in place of a value.
@@ -128,7 +145,9 @@ pub(crate) fn axes_read(
                 None => mistake.hint("axes stand beside `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
             });
         };
-        if let Call::Track(_, keys) = &call {
+        if let Call::Track(_, keys) = &call
+            && axes[index].is_whole()
+        {
             let first = axes[index].values.first().map_or("", String::as_str);
             let fits = track(keys, first).map_err(|why| Diagnostic::new(place, why));
             fits?;
@@ -230,8 +249,15 @@ mod tests {
 
     #[test]
     fn what_is_no_axis_says_so() {
-        for text in ["Range(0, 0)", "Range(0, 1e9)", "Range(0, NaN)", "Range(0, 1, 0)", "Range(0, inf, 1)"] {
-            assert!(values(text).is_err_and(|why| why.contains("no range of at most")), "{text}");
+        for (text, wanted) in [
+            ("Range(0, 0)", "has no value: steps of 1 lead nowhere from 0 to 0"),
+            ("Range(4, 0)", "has no value"),
+            ("Range(0, 1e9)", "has more than 100000 values"),
+            ("Range(0, NaN)", "is no range"),
+            ("Range(0, 1, 0)", "its step is not 0"),
+            ("Range(0, inf, 1)", "its numbers are finite"),
+        ] {
+            assert!(values(text).is_err_and(|why| why.contains(wanted)), "{text}");
         }
         for text in ["3", "Range(0)", "List(1)", "Rnge(0, 3)"] {
             assert!(values(text).is_err_and(|why| why.contains("is no axis")), "{text}");

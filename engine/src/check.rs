@@ -110,8 +110,14 @@ impl<'t, 'a> Check<'t, 'a> {
             );
         }
         let axes: Vec<_> = document.axes.iter().map(Axis::read).collect();
-        self.axes =
-            axes.into_iter().filter_map(|axis| axis.map_err(|mistake| self.report(mistake)).ok()).collect();
+        let named = |(axis, field): (Result<Axis<'t>, Diagnostic>, &RawField<'t>)| {
+            axis.unwrap_or_else(|mistake| {
+                self.report(mistake);
+                Axis::broken(field.name)
+            })
+        };
+        let axes: Vec<_> = axes.into_iter().zip(&document.axes).map(named).collect();
+        self.axes = axes.into();
         if document.whole && document.nodes.is_empty() {
             self.report(Diagnostic::of(Code::Missing, whole.clone(), "the graph has no nodes").hint(
                 "add `nodes: (name: Kind(field: value, ..), ..)`; `lightharmony nodes` lists the kinds",
@@ -260,6 +266,10 @@ impl<'t, 'a> Check<'t, 'a> {
         let mut inputs = Vec::with_capacity(kind.inputs.len());
         for (index, port) in kind.inputs.iter().enumerate() {
             inputs.push(self.wires(raw, kind, (index, port), kinds, reads, &mut gathers));
+        }
+        // What an axis that could not be read gives is not known.
+        if !own.iter().all(|&axis| self.axes[axis].is_whole()) {
+            return None;
         }
         let (step, sink_path) = if own.is_empty() {
             self.step(raw, kind, &fields)?

@@ -7,10 +7,13 @@ use std::collections::BTreeMap;
 
 use crate::axis::Axis;
 use crate::check::{Check, Field, at_each};
-use crate::diag::{Diagnostic, shown};
+use crate::diag::{Diagnostic, Source, shown};
 use crate::document::RawNode;
 use crate::graph::{Node, Wire};
+use crate::include::parse_all;
+use crate::root::SourceRoot;
 use crate::sink::plain_name;
+use crate::value::parse_value;
 use crate::wires::{End, wire_names};
 
 /// A node as written, read at the first value of each axis.
@@ -83,6 +86,16 @@ impl Grid {
 
 fn value_at(point: &[(usize, usize)], axis: usize) -> usize {
     point.iter().find(|(known, _)| *known == axis).map_or(0, |(_, value)| *value)
+}
+
+impl Source {
+    /// What a `Gather` of this name gathers, as it is written; `None` where there is no such gather.
+    pub fn gathered(&self, name: &str) -> Option<String> {
+        let document = parse_all(self, &SourceRoot::new(""), &mut Vec::new());
+        let gather = document.nodes.iter().find(|node| node.kind == GATHER && node.id == name)?;
+        let input = gather.fields.iter().find(|field| field.name == "input")?;
+        parse_value(input.text).ok()
+    }
 }
 
 impl<'t> Check<'t, '_> {

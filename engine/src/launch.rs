@@ -137,6 +137,10 @@ impl<'a> Run<'a> {
 
 /// A size in the unit that a person would use.
 fn size_text(bytes: u64) -> String {
-    let gib = bytes as f64 / (1_u64 << 30) as f64;
-    if gib >= 1.0 { format!("{gib:.1} GiB") } else { format!("{:.1} MiB", gib * 1024.0) }
+    let of = |unit: u32| bytes as f64 / (1_u64 << unit) as f64;
+    match bytes {
+        0x4000_0000.. => format!("{:.1} GiB", of(30)),
+        0x10_0000.. => format!("{:.1} MiB", of(20)),
+        _ => format!("{:.1} KiB", of(10)),
+    }
 }

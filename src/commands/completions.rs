@@ -35,8 +35,10 @@ impl Manual {
         let command = super::Command::command();
         match self.to {
             Some(folder) => {
-                std::fs::create_dir_all(&folder)?;
-                clap_mangen::generate_to(command, &folder)?;
+                let written = std::fs::create_dir_all(&folder);
+                written.and_then(|()| clap_mangen::generate_to(command, &folder)).map_err(|source| {
+                    Error::Cache(format!("cannot write to `{}`: {source}", folder.display()))
+                })?;
             }
             None => {
                 let mut page = Vec::new();

@@ -38,7 +38,7 @@ impl Unpack {
             for (name, length, digest) in bundle.files() {
                 text.push_str(&format!("{} {:>10} {name}\n", digest.short(), size_text(length)));
             }
-            text.push_str(&format!("results of {records} nodes, {values} values\n"));
+            text.push_str(&format!("{records} distinct results, {values} values\n"));
             super::print(&text)?;
             return Ok(0);
         }

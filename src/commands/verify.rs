@@ -1,6 +1,7 @@
 //! `verify`: computes some of a bundle anew and compares.
 
 use std::fs::File;
+use std::num::NonZero;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -16,8 +17,8 @@ pub struct Verify {
     /// The bundle
     bundle: PathBuf,
     /// How many nodes, chosen by the seed
-    #[arg(long, value_name = "K", default_value_t = 3)]
-    sample: usize,
+    #[arg(long, value_name = "K", default_value = "3")]
+    sample: NonZero<usize>,
     /// Every node
     #[arg(long, conflicts_with = "sample")]
     all: bool,
@@ -40,7 +41,7 @@ impl Verify {
         let mut bundle = Bundle::open(file).map_err(named)?;
         let place = TempFolder::create()?;
         let options = VerifyOptions {
-            sample: if self.all { usize::MAX } else { self.sample },
+            sample: if self.all { usize::MAX } else { self.sample.get() },
             seed: self.seed,
             jobs: self.engine.jobs(),
             memory: self.engine.memory()?,
