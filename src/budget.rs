@@ -14,7 +14,7 @@ const FEWEST: u64 = 4;
 
 /// Lays an error over every node that takes samples until one is reached.
 pub fn to_error(mut loaded: Loaded, error: f64) -> Result<Loaded, Error> {
-    let takes = |node: &&engine::Node| node.kind.params.iter().any(|spec| spec.name == ERROR);
+    let takes = |node: &&Arc<engine::Node>| node.kind.params.iter().any(|spec| spec.name == ERROR);
     // An axis makes several nodes of one in the file.
     let name =
         |id: &str, several: bool| if several { id.split('/').next() } else { None }.unwrap_or(id).to_owned();

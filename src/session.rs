@@ -247,19 +247,41 @@ impl GraphArgs {
         })
     }
 
-    /// The same by way of the compiled form in a store; `known` if that is the graph. The files that the graph
-    /// itself consists of go to `texts`, found or not.
+    /// The same for a watch. `known` is the graph as it was, where no file that its nodes read has changed since: what
+    /// the text says as it did is not read again. The files that the graph itself consists of go to `texts`, found
+    /// or not.
     pub fn load_again(
         &self,
-        store: &Store,
-        known: Option<&Arc<Graph>>,
+        known: Option<&(Arc<Graph>, Vec<usize>)>,
         texts: &mut Vec<PathBuf>,
     ) -> Result<Loaded, Error> {
+        if let Some((known, only)) = known
+            && let Some(graph) = self.edited(known)
+        {
+            texts.push(self.graph.clone());
+            return Ok(Loaded {
+                graph,
+                only: only.clone(),
+                texts: texts.clone(),
+                lock: None,
+                unpacked: None,
+            });
+        }
         let origin = self.read(texts)?;
         self.check(origin, texts, |source, registry, root| match known {
-            Some(known) if known.source == source => Ok(known.clone()),
-            _ => Graph::parse_cached(source, registry, root, store).map(Arc::new).map_err(Error::Graph),
+            Some((known, _)) if known.source == source => Ok(known.clone()),
+            _ => Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph),
         })
+    }
+
+    /// The graph as its file has it now, where that is one and the same file and little in it changed.
+    fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
+        let path = self.graph.canonicalize().ok()?;
+        let text = std::fs::read_to_string(&path).ok()?;
+        if path.parent() != Some(known.root.folder()) {
+            return None;
+        }
+        known.edited(text, nodes::registry)
     }
 
     /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong

@@ -279,13 +279,7 @@ impl<'t, 'a> Check<'t, 'a> {
         } else {
             return None;
         };
-        let place = |name: &'static str| {
-            let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
-            let wire = || raw.fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
-            Some((name, param.or_else(wire)?))
-        };
-        let names = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
-        let places = names.filter_map(place).collect();
+        let places = places(raw, kind, &fields);
         let node = Node {
             id: raw.id.clone().into_owned(),
             kind: kind.clone(),
@@ -297,6 +291,23 @@ impl<'t, 'a> Check<'t, 'a> {
             step: step.into(),
         };
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
+    }
+
+    /// What a node does, where it writes, and where its fields stand, of a node of known fields in a graph without
+    /// axes. Its wires are not looked at.
+    pub fn alone(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &Arc<KindEntry>,
+    ) -> Option<(Arc<dyn Step>, Option<String>, FieldPlaces)> {
+        let mut fields = Vec::with_capacity(raw.fields.len());
+        for field in &raw.fields {
+            if let Some(param) = kind.params.iter().find(|param| param.name == field.name) {
+                fields.push(self.field(field, param.role == Role::Input).ok()?.0);
+            }
+        }
+        let (step, sink_path) = self.step(raw, kind, &fields)?;
+        Some((step, sink_path, places(raw, kind, &fields)))
     }
 
     /// A parameter as it is read, and the axes that it runs along.
@@ -419,6 +430,20 @@ impl<'t, 'a> Check<'t, 'a> {
             }
         }
     }
+}
+
+/// The places of fields, by name.
+pub(crate) type FieldPlaces = Vec<(&'static str, Range<usize>)>;
+
+/// Where the fields of a node stand: parameters where their value is written, wires where they are.
+fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
+    let place = |name: &'static str| {
+        let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+        let wire = || raw.fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+        Some((name, param.or_else(wire)?))
+    };
+    let names = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+    names.filter_map(place).collect()
 }
 
 /// The fields of a node where each axis has the value that `at` gives.

@@ -12,6 +12,7 @@ use std::sync::{Arc, OnceLock};
 use cache::{Digest, FileStamp, KeyWriter, Store};
 
 use crate::artifact::{AnyArtifact, Corrupt, Decoder, Encoder};
+use crate::check::FieldPlaces;
 use crate::context::{Context, Scene, Up};
 use crate::diag::{Diagnostics, Source};
 use crate::document::RawField;
@@ -98,8 +99,9 @@ pub(crate) fn shape(kind: &KindEntry) -> Digest {
 /// What a graph consists of beside its text and folder.
 pub(crate) struct Parts {
     pub scene: Scene,
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<Arc<Node>>,
     pub order: Vec<usize>,
+    pub plain: bool,
 }
 
 fn encode(graph: &Graph) -> Vec<u8> {
@@ -191,18 +193,19 @@ fn decode(
         let texts = from.raw_range(bytes)?;
         let key_fields = from.raw_range(bytes)?;
         let step = LazyStep::of(Stored { bytes: bytes.clone(), kind: kind.clone(), texts, key_fields });
-        nodes.push(Node { id, kind, inputs, sink_path, point, span: place, places, step });
+        nodes.push(Arc::new(Node { id, kind, inputs, sink_path, point, span: place, places, step }));
     }
     let order: Vec<usize> = from.u32s()?.into_iter().map(|node| node as usize).collect();
     from.end()?;
     if !is_sound(&nodes, &order) {
         return Err(Corrupt("its wires do not fit".to_owned()));
     }
-    Ok(Parts { scene, nodes, order })
+    // Nobody edits it: a watch parses.
+    Ok(Parts { scene, nodes, order, plain: false })
 }
 
 /// Whether the order has every node once and after those it reads, and each wire fits its port.
-fn is_sound(nodes: &[Node], order: &[usize]) -> bool {
+fn is_sound(nodes: &[Arc<Node>], order: &[usize]) -> bool {
     let mut seen = vec![false; nodes.len()];
     let in_turn = |&index: &usize| {
         let Some(node) = nodes.get(index) else { return false };
@@ -278,7 +281,7 @@ fn read_span(from: &mut Decoder<'_>, text: &str) -> Result<Range<usize>, Corrupt
 /// Where the fields of a node stand in the text: read, or in a compiled graph, where only mistakes ask for them.
 #[derive(Clone)]
 pub(crate) enum Places {
-    Read(Vec<(&'static str, Range<usize>)>),
+    Read(FieldPlaces),
     Stored(Arc<Vec<u8>>, Range<usize>),
 }
 

@@ -130,7 +130,7 @@ impl Effort {
 }
 
 /// A declared source, read and digested when the key was made.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ReadSource {
     pub file: SourceFile,
     pub digest: Digest,

@@ -69,7 +69,7 @@ impl Run<'_> {
     pub fn report(&mut self, index: usize, error: &NodeError) {
         let node = &self.graph.nodes[index];
         let message = format!("`{}` failed: {error}", node.id);
-        let mut diagnostic = Diagnostic::of(Code::Failed, node.place(error.field), message);
+        let mut diagnostic = Diagnostic::of(Code::Failed, self.graph.place(index, error.field), message);
         diagnostic.hints.extend(error.hint.clone());
         self.failures.push(diagnostic);
         let slot = &self.slots[index];

@@ -40,14 +40,14 @@ pub struct Node {
     pub sink_path: Option<String>,
     /// The value of each axis that it or its inputs read, in the order of the axes: `("yaw", "15.0")`.
     pub point: Point,
-    /// Where it stands in the text.
-    pub span: Range<usize>,
+    /// Where it stood in the text that it was read from; [`Graph::place`] knows where it is now.
+    pub(crate) span: Range<usize>,
     pub(crate) places: Places,
     pub(crate) step: LazyStep,
 }
 
 impl Node {
-    /// Where a field stands in the text, or the whole node.
+    /// Where a field stood in the text that the node was read from, or the whole node.
     pub(crate) fn place(&self, field: Option<&str>) -> Range<usize> {
         field.and_then(|name| self.places.of(&self.kind, name)).unwrap_or(self.span.clone())
     }
@@ -92,7 +92,7 @@ impl Node {
     }
 }
 
-fn wiring_of(node: &Node) -> Vec<(usize, Range<usize>)> {
+fn wiring_of(node: &Arc<Node>) -> Vec<(usize, Range<usize>)> {
     node.inputs.iter().flatten().map(|wire| (wire.node, 0..0)).collect()
 }
 
@@ -104,16 +104,25 @@ pub struct Graph {
     /// What every node shares.
     pub scene: Scene,
     /// Nodes in the order of the file.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<Arc<Node>>,
     /// Resolves the paths in it.
     pub root: SourceRoot,
+    /// Whether it is one file in which each node stands once, in order.
+    pub(crate) plain: bool,
+    /// Where each node begins in the text.
+    starts: Vec<usize>,
+    links: Arc<Links>,
+}
+
+/// How nodes follow from one another.
+struct Links {
     order: Vec<usize>,
     reads: Lists,
     consumers: Lists,
 }
 
 /// Many lists of indices, one after another in memory.
-#[derive(Default, Clone)]
+#[derive(Default)]
 pub(crate) struct Lists {
     ends: Vec<usize>,
     items: Vec<usize>,
@@ -173,19 +182,21 @@ impl Graph {
         if let Err(cycles) = &order {
             cycles.iter().for_each(|cycle| check.report(describe_cycle(&document.nodes, &wiring, cycle)));
         }
+        let plain = !check.is_multiple() && source.pieces().len() == 1 && document.scopes.len() == 1;
         let nodes = match &order {
             Ok(files_first) if check.is_multiple() && check.mistakes() == 0 => {
-                let nodes = check.instances(&templates, files_first);
+                let nodes: Vec<_> =
+                    check.instances(&templates, files_first).into_iter().map(Arc::new).collect();
                 wiring = nodes.iter().map(wiring_of).collect();
                 order = order_of(&wiring);
                 nodes
             }
-            _ => templates.into_iter().flatten().map(|template| template.node).collect(),
+            _ => templates.into_iter().flatten().map(|template| Arc::new(template.node)).collect(),
         };
         let files = check.files;
         match (scene, order) {
             (Some(scene), Ok(order)) if diagnostics.is_empty() => {
-                let graph = Self::assemble(source, root, Parts { scene, nodes, order });
+                let graph = Self::assemble(source, root, Parts { scene, nodes, order, plain });
                 match graph.check_between() {
                     mistakes if mistakes.is_empty() => Ok(graph),
                     mistakes => Err(Diagnostics { files, ..Diagnostics::new(graph.source, mistakes) }),
@@ -197,8 +208,8 @@ impl Graph {
 
     /// A graph that was checked before.
     pub(crate) fn assemble(source: Source, root: SourceRoot, parts: Parts) -> Self {
-        let Parts { scene, nodes, order } = parts;
-        let above = |node: &Node| {
+        let Parts { scene, nodes, order, plain } = parts;
+        let above = |node: &Arc<Node>| {
             let mut above: Vec<usize> = node.inputs.iter().flatten().map(|wire| wire.node).collect();
             above.sort_unstable();
             above.dedup();
@@ -206,7 +217,32 @@ impl Graph {
         };
         let reads: Lists = nodes.iter().map(above).collect();
         let consumers = reads.reversed(nodes.len());
-        Self { source, scene, nodes, root, order, reads, consumers }
+        let starts = nodes.iter().map(|node| node.span.start).collect();
+        Self { source, scene, nodes, root, plain, starts, links: Arc::new(Links { order, reads, consumers }) }
+    }
+
+    /// Where a node begins in the text.
+    pub(crate) fn start(&self, node: usize) -> usize {
+        self.starts[node]
+    }
+
+    /// How many nodes begin before a place of the text, in a graph that is [`plain`](Self::plain).
+    pub(crate) fn begun_before(&self, place: usize) -> usize {
+        self.starts.partition_point(|start| *start < place)
+    }
+
+    /// Moves where nodes begin, from one of them on.
+    pub(crate) fn move_starts(&mut self, first: usize, moved: &impl Fn(usize) -> usize) {
+        self.starts[first..].iter_mut().for_each(|start| *start = moved(*start));
+    }
+
+    /// Where a field of a node stands in the text, or the whole node.
+    pub(crate) fn place(&self, node: usize, field: Option<&str>) -> Range<usize> {
+        let (start, node) = (self.starts[node], &self.nodes[node]);
+        let place = node.place(field);
+        // What is laid over a node stands elsewhere, and no graph that has such was edited.
+        let moved = |at: usize| at.wrapping_sub(node.span.start).wrapping_add(start);
+        moved(place.start)..moved(place.end)
     }
 
     /// Finds the files that nodes read, as far as their headers tell, and what is wrong with them. A run finds
@@ -216,7 +252,7 @@ impl Graph {
     /// Every file that is missing or of no known format.
     pub fn check_sources(&self) -> Result<(), Diagnostics> {
         let mut mistakes = Vec::new();
-        for node in &self.nodes {
+        for (index, node) in self.nodes.iter().enumerate() {
             let error = match node.step.sources(&self.root) {
                 Err(error) => error,
                 Ok(sources) => match sources.iter().find(|source| !source.path.is_file()) {
@@ -225,7 +261,7 @@ impl Graph {
                 },
             };
             let field = error.field.or(node.kind.source_param());
-            let mut mistake = Diagnostic::of(Code::MissingFile, node.place(field), error.message());
+            let mut mistake = Diagnostic::of(Code::MissingFile, self.place(index, field), error.message());
             mistake.hints.extend(error.hint);
             mistakes.push(mistake);
         }
@@ -234,17 +270,17 @@ impl Graph {
 
     /// Every node, inputs before what reads them.
     pub fn order(&self) -> &[usize] {
-        &self.order
+        &self.links.order
     }
 
     /// The nodes whose outputs `node` reads, each once, by index.
     pub fn reads(&self, node: usize) -> &[usize] {
-        self.reads.get(node)
+        self.links.reads.get(node)
     }
 
     /// The nodes that read an output of `node`, each once, in the order of the file.
     pub fn consumers(&self, node: usize) -> &[usize] {
-        self.consumers.get(node)
+        self.links.consumers.get(node)
     }
 
     /// For each input port of a node, the names of the outputs its wires come from.
@@ -261,16 +297,18 @@ impl Graph {
         let mut mistakes = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
             if let Err(error) = node.step.check_wires(&self.wired(index)) {
-                let mut mistake = Diagnostic::of(Code::Wiring, node.place(error.field), error.message());
+                let mut mistake =
+                    Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
                 mistake.hints.extend(error.hint);
                 mistakes.push(mistake);
             }
         }
-        let one_file = |node: &Node| node.sink_path.as_ref().is_some_and(|path| !path.contains("{view}"));
+        let one_file =
+            |node: &Arc<Node>| node.sink_path.as_ref().is_some_and(|path| !path.contains("{view}"));
         let sinks: Vec<usize> = (0..self.nodes.len()).filter(|&n| one_file(&self.nodes[n])).collect();
         let above = self.above(&sinks);
         let mut views = vec![None; self.nodes.len()];
-        for &index in self.order.iter().filter(|&&index| above[index]) {
+        for &index in self.links.order.iter().filter(|&&index| above[index]) {
             let node = &self.nodes[index];
             let of_input = |name: &&str| {
                 let port = node.kind.inputs.iter().position(|port| port.name == *name)?;
@@ -287,7 +325,8 @@ impl Graph {
             if let (Some(views @ 2..), Some(path)) = (views[index], &node.sink_path) {
                 let what = format!("`{path}` names one file, but {views} views come to it");
                 let hint = format!("put `{{view}}` into the path: \"{}\"", with_view(path));
-                mistakes.push(Diagnostic::of(Code::OutputPath, node.place(Some("path")), what).hint(hint));
+                mistakes
+                    .push(Diagnostic::of(Code::OutputPath, self.place(index, Some("path")), what).hint(hint));
             }
         }
         mistakes
@@ -322,9 +361,11 @@ impl Graph {
 
     /// Whether the other graph says the same, wherever it stands in its file.
     pub fn same(&self, other: &Graph) -> bool {
-        let alike = |(a, b): (&Node, &Node)| {
-            (&a.id, a.kind.name, &a.inputs, &a.sink_path) == (&b.id, b.kind.name, &b.inputs, &b.sink_path)
-                && a.values() == b.values()
+        let alike = |(a, b): (&Arc<Node>, &Arc<Node>)| {
+            Arc::ptr_eq(a, b)
+                || (&a.id, a.kind.name, &a.inputs, &a.sink_path)
+                    == (&b.id, b.kind.name, &b.inputs, &b.sink_path)
+                    && a.values() == b.values()
         };
         self.scene == other.scene
             && self.root.folder() == other.root.folder()
@@ -354,7 +395,8 @@ impl Graph {
             let caps =
                 std::iter::once((parameter, level)).chain(self.nodes[index].kind.rough.iter().copied());
             for (name, cap) in caps.filter(|(name, cap)| over(index, name, *cap)) {
-                graph.nodes[index].step = graph.nodes[index].with(name, &cap.to_string())?.into();
+                let step = graph.nodes[index].with(name, &cap.to_string())?.into();
+                Arc::make_mut(&mut graph.nodes[index]).step = step;
                 capped.push(index);
             }
         }
@@ -364,7 +406,7 @@ impl Graph {
 
     /// The nodes of a name: one, every instance of a node that axes multiply, or all of a subgraph.
     pub fn find_all(&self, id: &str) -> Vec<usize> {
-        let is = |node: &Node| {
+        let is = |node: &Arc<Node>| {
             node.id.strip_prefix(id).is_some_and(|rest| {
                 rest.is_empty() || rest.starts_with('.') || (rest.starts_with('/') && !node.point.is_empty())
             })
@@ -390,7 +432,7 @@ impl Graph {
         for &target in targets {
             wanted[target] = true;
         }
-        for &node in self.order.iter().rev() {
+        for &node in self.links.order.iter().rev() {
             if wanted[node] {
                 for &above in self.reads(node) {
                     wanted[above] = true;

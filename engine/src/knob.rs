@@ -145,7 +145,7 @@ impl Graph {
         targets: &[usize],
     ) -> Vec<(String, &'static str, [String; 2])> {
         let wanted = self.above(targets);
-        let others: BTreeMap<&str, &Node> = other.nodes.iter().map(|node| (&*node.id, node)).collect();
+        let others: BTreeMap<&str, &Node> = other.nodes.iter().map(|node| (&*node.id, &**node)).collect();
         let mut fields = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
             let Some(other) = others.get(&*node.id).filter(|_| wanted[index] && node.point.is_empty()) else {

@@ -4,6 +4,8 @@
 //! give; for kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig) the plan finds out, so it
 //! tells exactly where an edit stops.
 
+use std::path::Path;
+
 use cache::{Change, Digest, Manifest};
 
 use crate::action::{
@@ -18,6 +20,7 @@ use crate::job::{encode, guarded, stored_value};
 use crate::known::Known;
 use crate::record::{Output, Record, Spent};
 use crate::schedule::Engine;
+use crate::settled::Cone;
 use crate::value::parse_value;
 
 /// What a run would do with a node.
@@ -102,12 +105,42 @@ impl Forecast {
 impl Engine {
     /// What [`Engine::run`] would do, node by node in the order of the file.
     pub fn plan(&self, graph: &Graph, only: &[usize]) -> Vec<Planned> {
-        let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
-        let wanted = graph.above(&targets);
-        let mut outlook = Outlook::new(self, graph);
+        self.plan_of(graph, only, Outlook::new(self, graph), |_| true)
+    }
+
+    /// The same for a run into `out` that the last one of this process left the rest of: what that knows is known.
+    pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
+        let wanted = wanted(graph, only);
+        let settled = self.settled();
+        let cone = settled.as_ref().and_then(|settled| settled.cone(graph, only, &wanted, out, &self.store));
+        let (Some(settled), Some(Cone { of, .. })) = (&*settled, cone) else { return self.plan(graph, only) };
+        let mut outlook = Outlook::empty(self, graph, Known::default());
+        for (index, slot) in settled.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
+            if graph.nodes[index].kind.reads_files {
+                outlook.actions[index].sources.clone_from(&slot.action.sources);
+            }
+            if graph.consumers(index).iter().any(|&below| of[below]) {
+                outlook.records[index].clone_from(&slot.record);
+            }
+        }
+        self.plan_of(graph, only, outlook, |index| of[index])
+    }
+
+    fn plan_of(
+        &self,
+        graph: &Graph,
+        only: &[usize],
+        mut outlook: Outlook<'_>,
+        open: impl Fn(usize) -> bool,
+    ) -> Vec<Planned> {
+        let wanted = wanted(graph, only);
         let mut planned: Vec<Option<Planned>> = graph.nodes.iter().map(|_| None).collect();
         for &index in graph.order() {
-            let fate = if wanted[index] { outlook.fate(index) } else { Fate::Unwanted };
+            let fate = match (wanted[index], open(index)) {
+                (false, _) => Fate::Unwanted,
+                (true, false) => Fate::Known,
+                (true, true) => outlook.fate(index),
+            };
             planned[index] = Some(outlook.planned(index, fate));
         }
         planned.into_iter().flatten().collect()
@@ -138,6 +171,11 @@ impl Engine {
     }
 }
 
+/// Which nodes a run comes to.
+pub(crate) fn wanted(graph: &Graph, only: &[usize]) -> Vec<bool> {
+    graph.above(&if only.is_empty() { graph.targets() } else { only.to_vec() })
+}
+
 /// What is known of the nodes of a graph without running it. Nodes are asked about in the order of the graph.
 pub(crate) struct Outlook<'a> {
     engine: &'a Engine,
@@ -153,12 +191,16 @@ pub(crate) struct Outlook<'a> {
 
 impl<'a> Outlook<'a> {
     pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
+        Self::empty(engine, graph, Known::read(engine.store(), &last_keys(graph), graph.nodes.len()))
+    }
+
+    fn empty(engine: &'a Engine, graph: &'a Graph, known: Known) -> Self {
         Self {
             engine,
             graph,
             records: graph.nodes.iter().map(|_| None).collect(),
             actions: graph.nodes.iter().map(|_| Action::default()).collect(),
-            known: Known::read(engine.store(), &last_keys(graph), graph.nodes.len()),
+            known,
             values: graph.nodes.iter().map(|_| None).collect(),
         }
     }

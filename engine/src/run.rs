@@ -23,9 +23,11 @@ use crate::event::{Event, State, Totals};
 use crate::graph::{Graph, Wire};
 use crate::job::{Finished, Message, guarded};
 use crate::known::Known;
+use crate::plan::wanted;
 use crate::reads::{OTHER_FILE, ReadFiles, over_text};
 use crate::record::{Output, Record};
 use crate::schedule::{Engine, Outcome, RunOptions};
+use crate::settled::{Cone, Settled};
 use crate::sink;
 use crate::slot::{Life, Slot, Waiter};
 use crate::trace::Tracer;
@@ -80,6 +82,8 @@ pub(crate) struct Run<'a> {
     /// What the last run looked up, and whether this one comes to something else.
     known: Known,
     news: bool,
+    /// Whether every node is looked at, and not only what changed since the last run of this process.
+    whole: bool,
     /// Memory in which keys are written.
     scratch: Vec<u8>,
     /// Which sink writes a file.
@@ -111,16 +115,42 @@ impl<'a> Run<'a> {
     ) -> Self {
         let start = Instant::now();
         let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
-        let targets = if options.only.is_empty() { graph.targets() } else { options.only.clone() };
-        let wanted = graph.above(&targets);
+        let wanted = wanted(graph, &options.only);
         let mut rank = vec![0; graph.nodes.len()];
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let life = |node: usize| if wanted[node] { Life::Waiting } else { Life::Unwanted };
-        let mut slots: Vec<Slot> =
-            (0..graph.nodes.len()).map(|node| Slot::new(life(node), graph.reads(node).len())).collect();
-        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
+        let settled = engine.settled().take();
+        let cone = settled
+            .as_ref()
+            .and_then(|settled| settled.cone(graph, &options.only, &wanted, &options.out, &engine.store));
+        let whole = cone.is_none();
+        let all = || Cone { of: vec![true; graph.nodes.len()], kept: Vec::new() };
+        let Cone { of: cone, kept } = cone.unwrap_or_else(all);
+        let slot = |node: usize| {
+            let life = if wanted[node] { Life::Waiting } else { Life::Unwanted };
+            Slot::new(life, graph.reads(node).iter().filter(|&&above| cone[above]).count())
+        };
+        let mut totals = Totals::default();
+        let mut slots = match settled.filter(|_| !whole) {
+            None => (0..graph.nodes.len()).map(slot).collect(),
+            Some(Settled { mut slots, .. }) => {
+                for (index, known) in slots.iter_mut().enumerate() {
+                    if cone[index] {
+                        *known = slot(index);
+                    } else {
+                        totals.add(State::Cached);
+                        totals.degraded += usize::from(known.degraded);
+                    }
+                }
+                slots
+            }
+        };
+        for (node, path) in kept {
+            tell(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
+        }
+        let open = |index: usize| wanted[index] && cone[index];
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| open(*index)) {
             slots[index].readers += usize::from(node.sink_path.is_some());
             for &above in graph.reads(index) {
                 slots[above].readers += 1;
@@ -129,10 +159,11 @@ impl<'a> Run<'a> {
         for &node in &options.rough {
             slots[node].rough = true;
         }
-        let ready = graph.order().iter().filter(|&&node| wanted[node] && slots[node].unresolved == 0);
+        let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
         let last_keys = last_keys(graph);
-        let known = Known::read(&engine.store, &last_keys, graph.nodes.len());
+        let known =
+            if whole { Known::read(&engine.store, &last_keys, graph.nodes.len()) } else { Known::default() };
         Self {
             engine,
             graph,
@@ -161,7 +192,8 @@ impl<'a> Run<'a> {
             reserved: 0,
             store_failed: false,
             failures: Vec::new(),
-            totals: Totals::default(),
+            totals,
+            whole,
             tracer,
             start,
         }
@@ -509,7 +541,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    pub fn finish(mut self) -> Outcome {
+    /// Ends the run. Gives what became of each node as well.
+    pub fn finish(mut self) -> (Outcome, Vec<Slot>) {
         for index in 0..self.slots.len() {
             let slot = &self.slots[index];
             let over = matches!(slot.life, Life::Unwanted | Life::Done | Life::Failed | Life::Skipped);
@@ -519,10 +552,10 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
-        if self.news && !self.store_failed {
+        if self.whole && self.news && !self.store_failed {
             self.known.write(store, &self.last_keys, &self.slots);
         }
-        let mut quiet = !self.news;
+        let mut quiet = self.whole && !self.news;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
             (self.tell)(Event::Warning { id: "cache-write", text });
@@ -540,7 +573,7 @@ impl<'a> Run<'a> {
         (self.tell)(Event::Done(self.totals.clone()));
         let failures = (!self.failures.is_empty())
             .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
-        Outcome { totals: self.totals, failures }
+        (Outcome { totals: self.totals, failures }, self.slots)
     }
 
     /// Whether every sink was found to be in place, and nothing had to be done for that.

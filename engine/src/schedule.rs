@@ -4,7 +4,7 @@ use std::num::NonZero;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use cache::Store;
 
@@ -14,6 +14,7 @@ use crate::event::{Event, Totals};
 use crate::graph::{Graph, Wire};
 use crate::memory::{Memory, free_memory};
 use crate::run::Run;
+use crate::settled::Settled;
 
 /// The threads, the memory and the store that runs share.
 pub struct Engine {
@@ -23,6 +24,9 @@ pub struct Engine {
     limits: OnceLock<Limits>,
     pool: OnceLock<rayon::ThreadPool>,
     pub(crate) kept: Memory,
+    /// How the last run ended, where [`keeping`](Self::keeping).
+    pub(crate) settled: Mutex<Option<Settled>>,
+    keeps: bool,
 }
 
 /// What a run is asked for beside the graph.
@@ -75,7 +79,17 @@ impl Engine {
     /// has something to do.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, pool) = (OnceLock::new(), OnceLock::new());
-        Self { store: Arc::new(store), jobs, memory, limits, pool, kept: Memory::new(0) }
+        let settled = Mutex::new(None);
+        Self {
+            store: Arc::new(store),
+            jobs,
+            memory,
+            limits,
+            pool,
+            kept: Memory::new(0),
+            settled,
+            keeps: false,
+        }
     }
 
     /// What runs may take.
@@ -102,11 +116,13 @@ impl Engine {
     }
 
     /// Keeps values in memory from one run to the next, in a third of what it may take: for a process that
-    /// runs a graph again and again. A part of them is what the running graph holds anyhow.
+    /// runs a graph again and again. A part of them is what the running graph holds anyhow. How a run ended is kept,
+    /// too: the next one looks at what is another one since then and at what follows from that, and tells of nothing
+    /// else but the files of sinks.
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
-        Self { kept: Memory::new(memory / 3), limits, ..self }
+        Self { kept: Memory::new(memory / 3), limits, keeps: true, ..self }
     }
 
     /// The store of this engine.
@@ -121,7 +137,16 @@ impl Engine {
         let (sender, receiver) = channel();
         let mut run = Run::new(self, graph, options, sender, &mut tell);
         run.run(&receiver);
-        run.finish()
+        let (outcome, slots) = run.finish();
+        if self.keeps {
+            *self.settled() = Settled::of(graph, &options.only, slots);
+        }
+        outcome
+    }
+
+    /// How the last run ended.
+    pub(crate) fn settled(&self) -> MutexGuard<'_, Option<Settled>> {
+        self.settled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The value of an output, from the store; `None` when it is not stored. For tests and viewers.

@@ -157,6 +157,13 @@ impl Slot {
         self.entry(port).loading = false;
     }
 
+    /// Lets go of what only a run has use for.
+    pub fn rest(&mut self) {
+        self.drop_values();
+        self.waiters.clear();
+        self.readers = 0;
+    }
+
     /// Whether nobody will ask for the values any more.
     pub fn is_unread(&self) -> bool {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()

@@ -52,6 +52,24 @@ pub(crate) fn parse_setting<'t>(
     Parser::read(text, part, Sort::Overlay, diagnostics, Parser::setting)
 }
 
+/// Reads `name: Kind(..)`, which is the named part of the text; `None` where it is not that and nothing else.
+pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> {
+    let (end, mut mistakes) = (part.end, Vec::new());
+    let mut document = Parser::read(text, part, Sort::Graph, &mut mistakes, |parser| {
+        let start = parser.scan.at;
+        let Some(name) = parser.scan.word() else { return };
+        let span = start..parser.scan.at;
+        parser.scan.skip_space();
+        if parser.scan.eat(b':') {
+            parser.scan.skip_space();
+            parser.add_node(name, span);
+        }
+    });
+    // What ends in anything else may go on behind the part.
+    let node = document.nodes.pop().filter(|node| node.span.end == end && text[..end].ends_with(')'))?;
+    (mistakes.is_empty() && document.broken.is_empty()).then_some(node)
+}
+
 struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,

@@ -73,12 +73,12 @@ impl Watch {
         })?;
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
         let (graph, colour) = (self.graph, report::colours() && !self.json);
-        let mut last: Option<Arc<Graph>> = None;
+        let mut last: Option<(Arc<Graph>, Vec<usize>)> = None;
         let load = |same_files: bool| {
             let mut texts = Vec::new();
             let known = last.as_ref().filter(|_| same_files);
-            let loaded = graph.load_again(engine.store(), known, &mut texts);
-            last = loaded.as_ref().ok().map(|loaded| loaded.graph.clone());
+            let loaded = graph.load_again(known, &mut texts);
+            last = loaded.as_ref().ok().map(|loaded| (loaded.graph.clone(), loaded.only.clone()));
             let loaded = loaded.and_then(|loaded| match loaded.unpacked {
                 None => loaded.check_outputs(&out).map(|()| (loaded.graph, loaded.only)),
                 Some(_) => Err(Error::Unwatchable(STRANGE)),

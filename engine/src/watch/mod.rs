@@ -234,7 +234,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
     /// Runs a graph, roughly first where the whole takes long.
     fn show(&mut self, current: &Load, graph: &Graph, only: &[usize]) -> Next {
         self.shown.retain(|_, file| graph.find(&file.id).is_some());
-        let plan = self.engine.plan(graph, only);
+        let plan = self.engine.plan_next(graph, only, &self.options.out);
         let forecast = Forecast::of(&plan);
         if forecast.open > 0 {
             (self.tell)(Event::Plan(forecast));

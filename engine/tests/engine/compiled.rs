@@ -48,7 +48,7 @@ fn runs_as_the_text_does() {
             let node = &graph.nodes[index];
             let kind = node.kind.name;
             let wires = (node.inputs.clone(), graph.reads(index).to_vec(), graph.consumers(index).to_vec());
-            (node.id.clone(), kind, wires, node.sink_path.clone(), node.span.clone())
+            (node.id.clone(), kind, wires, node.sink_path.clone())
         };
         (0..graph.nodes.len()).map(node).collect()
     };
