@@ -87,6 +87,7 @@ fn only_what_an_edit_reaches_is_told_of() {
     lab.write("a.txt", "4");
     let (ends, _) = run(&engine, &graph, &out);
     assert_eq!(names(&ends), "both far in round sum w", "a file that was read");
+    settle();
     let other = lab.path("other");
     assert_eq!(names(&run(&engine, &graph, &other).0), "v w x", "another folder");
 }
