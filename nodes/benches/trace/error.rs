@@ -34,26 +34,34 @@ pub fn rooms(data: &Path) {
 }
 
 fn table(name: &str, case: &Case, block: EnvBlock, bounce: Bounce, outside: Option<&[f32]>) {
-    println!("{name} {block:?} {bounce:?}");
+    println!("{name} {block:?} {bounce:?}\n");
     // The same estimator with other random numbers: what it has in common with ours beside them, the tests
     // against other programs would show.
     let own = case.trace(99, 256, true, block, bounce);
     let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
+    println!(
+        "| samples | `without`: CPU-s, error | `with` and `object`: CPU-s | error of `with`, `object` | error of S |"
+    );
+    println!("|---|---|---|---|---|");
+    let mut more = Vec::new();
     for samples in [4, 16, 64] {
         let alone = case.trace(7, samples, false, block, bounce);
         let all = case.trace(7, samples, true, block, bounce);
         let [r0, r1, o] = [&all.out.without, &all.out.with, &all.out.object].map(|i| rgb(i));
+        let outside = outside.map(|b| format!(" ({:.1e})", relative_mse(&r0, b))).unwrap_or_default();
         println!(
-            "  {samples:4}: R0 {:.3} CPU-s {:.2e} ({:.2e}); R1 + O {:.3} CPU-s, R1 {:.2e}, O {:.2e}, S {:.4}; setup {:.3}",
+            "| {samples} | {:.2}, {:.1e}{outside} | {:.2} | {:.1e}, {:.1e} | {:.4} |",
             alone.seconds,
             relative_mse(&r0, &b0),
-            outside.map_or(f64::NAN, |b| relative_mse(&r0, b)),
             all.seconds - alone.seconds,
             relative_mse(&r1, &b1),
             relative_mse(&o, &bo),
             ratio_error(&r0, &r1, &b0, &b1),
-            all.setup,
         );
-        println!("        {} | {}", alone.counts, all.counts);
+        more.push(format!(
+            "{samples} samples: setup {:.3} CPU-s, {} | {}",
+            all.setup, alone.counts, all.counts
+        ));
     }
+    println!("\n{}\n", more.join("\n"));
 }
