@@ -176,6 +176,7 @@ fn page(
     blame(&mut page, bench, metric, now, blames);
     costs(&mut page, &bench.points[now]);
     page.heading("Settings");
+    page.words("The graph as it is, as an overlay: `run --overlay` takes it, `tune` writes one like it.");
     page.code(&bench.overlay(&bench.points[now].position));
     let reference = bench.pictures_at(presets[3])?;
     let pictures = bench.pictures_at(now)?;
@@ -205,7 +206,11 @@ fn page(
             vec![node.id.clone(), levels(note.level).to_owned(), note.id.clone(), note.text.clone()]
         })
     });
-    page.table(&["node", "", "check", "what it found"], &notes.collect::<Vec<_>>());
+    page.words(
+        "What each node left out, assumed or had to pass over, and what it saw that it did. Counts of what was not done \
+         (`splats_skipped`, pixels too dark for a ratio) stand here or among the counts above.",
+    );
+    page.table(&["node", "sort", "check", "what it found"], &notes.collect::<Vec<_>>());
     page.heading("What nodes found");
     for (name, report) in bench.reports_at(now) {
         page.report(&name, &report);
@@ -256,8 +261,8 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
 fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     page.heading("Regions");
     page.words(
-        "As it is, beside the baseline of the same regions with nothing inserted. `touched` is what the object covers, \
-         shades or lights in the reference.",
+        "As it is, beside two baselines against the same reference: nothing inserted, and the reference's object without \
+         its shadow. `touched` is what the object covers, shades or lights in the reference.",
     );
     let cell = |row: &crate::trade::bench::Off, column: &str| {
         row.values.get(column).map_or("not computed".to_owned(), |v| tick_text(*v))

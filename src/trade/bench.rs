@@ -9,6 +9,7 @@ use engine::{
     overlay_text,
 };
 use nodes::compare::{Compare, In, Space};
+use nodes::composite::{self, Composite};
 use nodes::layers::linear;
 use nodes::metrics::PIXELS_PER_DEGREE;
 use nodes::types::{Cell, Data, Image, Images, NamedImage, Picture, Report};
@@ -65,17 +66,26 @@ pub struct Point {
     pub off: Vec<Off>,
 }
 
-/// A picture to judge, and where the background stands that an object was put into.
+/// A picture to judge, and where the background stands that an object was put into, and the object.
 struct Output {
     name: String,
     wire: Wire,
     background: Option<Wire>,
+    object: Option<Wire>,
 }
 
-/// Pictures of the reference, and masks of what the object changes in them.
+/// Pictures of the reference, and for those with an object put in what to see that beside.
 struct Truth {
     pictures: Vec<Arc<Images>>,
-    touched: Vec<Option<(Arc<Images>, Arc<Images>)>>,
+    inserted: Vec<Option<Inserted>>,
+}
+
+/// What an object changes in a picture, and the two pictures that miss all of it or its shadow.
+#[derive(Clone)]
+struct Inserted {
+    touched: Arc<Images>,
+    nothing: Arc<Images>,
+    no_shadow: Option<Arc<Images>>,
 }
 
 /// A graph whose knobs can be turned.
@@ -252,12 +262,14 @@ impl<'e> Bench<'e> {
     }
 
     fn truth_of(&self, graph: &Graph, pictures: &[Arc<Images>]) -> Truth {
-        let touched = |(output, picture): (&Output, &Arc<Images>)| {
-            let background = Arc::new(self.engine.value::<Images>(graph, output.background?)?);
-            Some((touched(picture, &background)?, background))
+        let inserted = |(output, picture): (&Output, &Arc<Images>)| {
+            let value = |wire: Wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
+            let nothing = value(output.background?)?;
+            let no_shadow = output.object.and_then(value).and_then(|object| shadowless(&nothing, object));
+            Some(Inserted { touched: touched(picture, &nothing)?, nothing, no_shadow })
         };
-        let touched = self.outputs.iter().zip(pictures).map(touched).collect();
-        Truth { pictures: pictures.to_vec(), touched }
+        let inserted = self.outputs.iter().zip(pictures).map(inserted).collect();
+        Truth { pictures: pictures.to_vec(), inserted }
     }
 
     /// How far pictures are off the reference, by output, view and region.
@@ -265,11 +277,7 @@ impl<'e> Bench<'e> {
         let Some(truth) = &self.truth else { return Ok(Vec::new()) };
         let mut all = Vec::new();
         for (index, (output, picture)) in self.outputs.iter().zip(pictures).enumerate() {
-            let (regions, background) = match &truth.touched[index] {
-                Some((mask, background)) => (vec![mask.clone()], Some(background.clone())),
-                None => (Vec::new(), None),
-            };
-            let (out, _) = compare(picture, &truth.pictures[index], regions, background)?;
+            let (out, _) = compare(picture, &truth.pictures[index], truth.inserted[index].clone())?;
             for table in &out.tables {
                 all.extend(table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row)));
             }
@@ -281,7 +289,7 @@ impl<'e> Bench<'e> {
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
         let Some(truth) = &self.truth else { return Vec::new() };
         let map = |((_, picture), truth): (&(String, Arc<Images>), &Arc<Images>)| {
-            compare(picture, truth, Vec::new(), None).map(|(_, flip)| flip).unwrap_or_default()
+            compare(picture, truth, None).map(|(_, flip)| flip).unwrap_or_default()
         };
         pictures.iter().zip(&truth.pictures).map(map).collect()
     }
@@ -298,9 +306,12 @@ impl<'e> Bench<'e> {
 fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
-    regions: Vec<Arc<Images>>,
-    background: Option<Arc<Images>>,
+    inserted: Option<Inserted>,
 ) -> Result<(Report, Arc<Images>), engine::NodeError> {
+    let (regions, background, no_shadow) = match inserted {
+        Some(Inserted { touched, nothing, no_shadow }) => (vec![touched], Some(nothing), no_shadow),
+        None => (Vec::new(), None, None),
+    };
     let names = regions.iter().map(|_| "touched".to_owned()).collect();
     let params = Compare {
         space: Space::Display,
@@ -312,17 +323,22 @@ fn compare(
         scores: Vec::new(),
         lpips_scaled: true,
     };
-    let inputs = In {
-        image: image.clone(),
-        reference: reference.clone(),
-        mask: None,
-        regions,
-        background,
-        no_shadow: None,
-    };
-    let scene = engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
-    let (out, _) = Compare::run(&params, inputs, &Context::detached(scene, "."))?;
+    let inputs =
+        In { image: image.clone(), reference: reference.clone(), mask: None, regions, background, no_shadow };
+    let (out, _) = Compare::run(&params, inputs, &detached())?;
     Ok((Arc::unwrap_or_clone(out.report), out.flip))
+}
+
+fn detached() -> Context {
+    Context::detached(engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+}
+
+/// The object over a background that it leaves as it is; none where the two do not fit.
+fn shadowless(background: &Arc<Images>, object: Arc<Images>) -> Option<Arc<Images>> {
+    let background = background.clone();
+    let layers = composite::In { background, object, shadow: None, added: None, front: None, variance: None };
+    let made = Composite::run(&Composite { backdrop: Some([0.0; 3]) }, layers, &detached());
+    made.ok().map(|(out, _)| out.image)
 }
 
 fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
@@ -386,10 +402,11 @@ fn outputs(graph: &Graph, asked: &[usize]) -> Vec<Output> {
         let node = &graph.nodes[wire.node];
         let port = node.kind.outputs[wire.port].name;
         let name = if wire.port == 0 { node.id.clone() } else { format!("{}.{port}", node.id) };
-        let ports = node.kind.inputs.iter().zip(&node.inputs);
-        let background =
-            ports.filter(|(port, _)| port.name == "background").find_map(|(_, w)| w.first().copied());
-        Output { name, wire, background }
+        let read = |name: &str| {
+            let mut ports = node.kind.inputs.iter().zip(&node.inputs);
+            ports.find(|(port, _)| port.name == name).and_then(|(_, wires)| wires.first().copied())
+        };
+        Output { name, wire, background: read("background"), object: read("object") }
     };
     wires.into_iter().map(output).collect()
 }
