@@ -34,7 +34,8 @@ engine::params! {
     ///
     /// A region's SSIM and FLIP average the map over it; CIEDE2000, FLIP and LPIPS need `Display` or say
     /// so. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
-    /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow".
+    /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow"; without its wire a
+    /// baseline is not computed.
     ///
     /// Alpha itself is not compared. What it leaves open is black, put there in the numbers of the picture: in
     /// display values behind a view of splats, as its trainer's metrics have it, and in light behind what
@@ -156,15 +157,25 @@ impl Kind for Compare {
                 let name = p.names.get(k).cloned().unwrap_or_else(|| format!("region {}", k + 1));
                 regions.push((name, Some(inside(&find(region, "regions")?))));
             }
-            let mut pictures = vec![("image", view.picture.clone())];
-            if let Some(background) = &inputs.background {
-                pictures.push(("nothing inserted", find(background, "background")?));
-            }
-            if let Some(no_shadow) = &inputs.no_shadow {
-                pictures.push(("no shadow", find(no_shadow, "no_shadow")?));
-            }
+            let baseline = |images: &Option<Arc<Images>>, port| {
+                images.as_ref().map(|images| find(images, port)).transpose()
+            };
+            let pictures = [
+                ("image", Some(view.picture.clone())),
+                ("nothing inserted", baseline(&inputs.background, "background")?),
+                ("no shadow", baseline(&inputs.no_shadow, "no_shadow")?),
+            ];
+            let mut is_colour = true;
             for (k, (name, picture)) in pictures.iter().enumerate() {
                 cx.check()?;
+                let table = if is_colour { &mut colour } else { &mut ratio };
+                let Some(picture) = picture else {
+                    // What is not wired is not computed, and says so.
+                    table.extend(
+                        regions.iter().map(|(region, _)| unknown([&view.name, name, region], is_colour)),
+                    );
+                    continue;
+                };
                 let pair = Pair::new(p, picture, &reference, lpips.as_ref(), cx)?;
                 if k == 0 {
                     let named = |picture: Picture| NamedImage { name: view.name.clone(), picture };
@@ -191,7 +202,8 @@ impl Kind for Compare {
                             format!("region `{region}` of `{}` has no pixel", view.name),
                         );
                     }
-                    let table = if pair.is_colour() { &mut colour } else { &mut ratio };
+                    is_colour = pair.is_colour();
+                    let table = if is_colour { &mut colour } else { &mut ratio };
                     table.push(cells([&view.name, name, region], row, pair.is_colour(), size.0 * size.1));
                 }
             }
@@ -222,7 +234,7 @@ impl Kind for Compare {
     }
 }
 
-/// Shares of the positive scores. Where both are 0 there is none.
+/// Shares of the positive scores. Where both are 0 there is none, and no mean counts them.
 fn prompt(scores: &[[f64; 2]]) -> Table {
     let share = |[positive, negative]: [f64; 2]| {
         (positive + negative > 0.0).then(|| positive / (positive + negative))
@@ -233,9 +245,11 @@ fn prompt(scores: &[[f64; 2]]) -> Table {
     let mut rows: Vec<Vec<Cell>> =
         scores.iter().enumerate().map(|(i, s)| row((i + 1).to_string(), *s, share(*s))).collect();
     let shares: Vec<f64> = scores.iter().filter_map(|s| share(*s)).collect();
-    let mean = (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / shares.len() as f64);
+    let count = shares.len().max(1) as f64;
+    let mean = (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / count);
+    // Scores are not negative, so those without a share add nothing to the sums.
     let sums = scores.iter().fold([0.0; 2], |sum, s| [sum[0] + s[0], sum[1] + s[1]]);
-    rows.push(row("mean of the shares".to_owned(), sums.map(|s| s / scores.len() as f64), mean));
+    rows.push(row("mean of those with a share".to_owned(), sums.map(|s| s / count), mean));
     rows.push(row("share of the sums".to_owned(), sums, share(sums)));
     let columns =
         ["score", "positive", "negative", "positive / (positive + negative)"].map(String::from).to_vec();
@@ -267,6 +281,13 @@ fn number(value: Option<f64>) -> Cell {
         Some(value) if value.is_infinite() => Cell::Text("inf".to_owned()),
         _ => Cell::Missing,
     }
+}
+
+/// A row of which nothing is known.
+fn unknown(names: [&str; 3], colour: bool) -> Vec<Cell> {
+    let mut cells: Vec<Cell> = names.iter().map(|name| Cell::Text((*name).to_owned())).collect();
+    cells.resize(COMMON.len() + if colour { COLOUR.len() } else { RATIO.len() }, Cell::Missing);
+    cells
 }
 
 fn cells(names: [&str; 3], row: Option<Row>, colour: bool, pixels: usize) -> Vec<Cell> {
@@ -432,6 +453,14 @@ mod tests {
         assert!(out.difference.0[0].picture.samples().iter().all(|v| (v - 0.8).abs() < 1e-6));
         let small = one(Image::<Srgb>::new(4, 4, 3));
         assert!(Compare::run(&node(), inputs(flat(0.1), small), &context()).is_err());
+        let (out, _) = Compare::run(&node(), inputs(flat(0.8), flat(0.8)), &context()).expect("runs");
+        let bare = &out.report.tables[0].rows;
+        assert!(
+            bare.len() == 3
+                && bare[2][1] == Cell::Text("no shadow".to_owned())
+                && bare[2][5] == Cell::Missing,
+            "{bare:?}"
+        );
         assert!(Compare::run(&node(), inputs(flat(0.1), left_half()), &context()).is_err());
         let named = Compare { names: vec!["a".into()], ..node() };
         assert!(Compare::run(&named, inputs(flat(0.1), flat(0.1)), &context()).is_err());
@@ -445,6 +474,7 @@ mod tests {
         let shares: Vec<&Cell> = table.rows.iter().map(|row| &row[3]).collect();
         let number = |cell: &Cell, want: f64| matches!(cell, Cell::Number(v) if (v - want).abs() < 1e-12);
         assert!(number(shares[0], 0.75) && *shares[1] == Cell::Missing && number(shares[2], 0.25));
+        assert!(number(&table.rows[3][1], 0.8) && number(&table.rows[3][2], 1.6), "of the two that have one");
         assert!(number(shares[3], 0.5) && number(shares[4], 1.6 / 4.8), "{shares:?}");
     }
 

@@ -43,7 +43,8 @@ pub struct Errors {
 impl Errors {
     /// Peak signal to noise ratio in dB for a peak of 1; infinite for equal pictures.
     pub fn psnr(&self) -> f64 {
-        -10.0 * num::f64::log10(self.mean_square)
+        // Less than nothing would be -0.
+        0.0 - 10.0 * num::f64::log10(self.mean_square)
     }
 }
 
