@@ -50,7 +50,7 @@ pub enum Error {
     #[error("{0}")]
     Unwatchable(&'static str),
     /// A time that is none.
-    #[error("`{0}` is not a time; write a number with m, h or d, such as 30d")]
+    #[error("`{0}` is not a time; write a number with ms, s, m, h or d, such as 10s, 1.5h or 30d")]
     Time(String),
     /// A cache that is not there.
     #[error("there is no cache in `{}`", .0.display())]
@@ -120,9 +120,17 @@ pub enum Error {
     Size(String),
     /// A measure that is none.
     #[error(
-        "`{text}` is no measure of error; write one of {known}, with `touched.` in front for what the object changes, and `=VALUE` for a bound"
+        "`{text}` is no measure of error; write one of {known}, with `touched.` in front for what the object changes"
     )]
     Metric { text: String, known: String },
+    /// A bound that is none.
+    #[error(
+        "`{text}` is no bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of {known}, with `touched.` in front for what the object changes"
+    )]
+    Bound { text: String, known: String },
+    /// A cost that is none.
+    #[error("{option} must be a number above 0, and is {value}")]
+    NoCost { option: &'static str, value: f64 },
     /// `tune` without a goal.
     #[error("say what is wanted: --max-error flip=0.02, --max-seconds 10 or --max-work 1e8")]
     NoGoal,
@@ -131,6 +139,11 @@ pub enum Error {
         "no picture comes to what is wanted of this graph, so there is nothing to compare; name a node that makes one with --only"
     )]
     NoPicture,
+    /// Nothing to turn.
+    #[error(
+        "no knob reaches `{0}`, so every setting gives the same picture; `lightharmony knobs` lists what can be turned, and a graph's own `reference` preset may set anything else"
+    )]
+    NoKnob(String),
     /// A measure that does not exist for these pictures.
     #[error("`{0}` cannot be computed of every picture here; `touched.` needs a composite with a background")]
     NotComputed(String),

@@ -348,9 +348,10 @@ fn preset<'t>(
     let known = || document.presets.iter().map(|field| field.name);
     let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
     diagnostics.push(match known().next() {
-        None => mistake
-            .suggest(name, PRESETS)
-            .hint("its own stand beside `nodes`: `presets: (dark: (trace: (samples: 4)))`"),
+        None => mistake.suggest(name, PRESETS).hint(format!(
+            "every graph has {}; its own stand beside `nodes`: `presets: (dark: (trace: (samples: 4)))`",
+            PRESETS.join(", ")
+        )),
         Some(_) => {
             let list: Vec<&str> = known().collect();
             mistake.suggest(name, known().chain(PRESETS)).hint(format!(

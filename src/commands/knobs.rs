@@ -5,6 +5,7 @@ use engine::{GraphKnob, PRESETS};
 use serde_json::json;
 
 use crate::session::{Error, GraphArgs};
+use crate::trade::bench::presets;
 
 /// Lists what trades work for accuracy in a graph, and which outputs it reaches.
 ///
@@ -23,9 +24,27 @@ impl Knobs {
     /// Prints one line a knob.
     pub fn run(self) -> Result<u8, Error> {
         let loaded = self.graph.load()?;
-        let knobs = loaded.graph.knobs(&loaded.only);
+        let graph = &loaded.graph;
+        let knobs = graph.knobs(&loaded.only);
+        // A graph's own preset may set what the program's of that name does not.
+        let laid = presets(graph, &nodes::registry())?.map(|laid| laid.knobs(&loaded.only));
+        let rungs = |knob: &GraphKnob| {
+            let same = |other: &&GraphKnob| other.node == knob.node && other.parameter == knob.parameter;
+            laid.each_ref()
+                .map(|laid| laid.iter().find(same).map_or("", |knob| knob.value.as_str()).to_owned())
+        };
+        let range = |knob: &GraphKnob| {
+            let node = &graph.nodes[*graph.find_all(&knob.node).first()?];
+            node.kind.params.iter().find(|spec| spec.name == knob.parameter)?.range
+        };
         if self.json {
-            super::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": knobs})))?;
+            let told = |knob: &GraphKnob| {
+                let mut told = json!(knob);
+                (told["presets"], told["range"]) = (json!(rungs(knob)), json!(range(knob)));
+                told
+            };
+            let told: Vec<_> = knobs.iter().map(told).collect();
+            super::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": told})))?;
             return Ok(0);
         }
         if knobs.is_empty() {
@@ -35,11 +54,16 @@ impl Knobs {
         let name = |knob: &GraphKnob| format!("{}.{}", knob.node, knob.parameter);
         let mut rows = vec![["knob", "kind", "now"].map(str::to_owned).to_vec()];
         rows[0].extend(PRESETS.iter().map(|preset| (*preset).to_owned()));
-        rows[0].push("reaches".to_owned());
+        rows[0].extend(["range", "reaches"].map(str::to_owned));
         for knob in &knobs {
             let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), knob.value.clone()];
             // A dot: the preset leaves what the graph says.
-            row.extend(knob.knob.ladder.map(|rung| if rung.is_empty() { "." } else { rung }.to_owned()));
+            let left = knob.knob.ladder.map(str::is_empty);
+            let rung = |(value, left): (String, bool)| {
+                if left && value == knob.value { ".".to_owned() } else { value }
+            };
+            row.extend(rungs(knob).into_iter().zip(left).map(rung));
+            row.push(range(knob).map(|(low, high)| format!("{low} to {high}")).unwrap_or_default());
             row.push(knob.reaches.join(", "));
             rows.push(row);
         }

@@ -1,19 +1,22 @@
 //! `report`: one page on what a graph costs, how far it is off, and which node is to blame.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
 use engine::{Level, PRESETS};
+use nodes::types::{Cell, Report, Table};
 use serde_json::{Value, json};
 
+use super::tune::tell_unreached;
 use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
-use crate::trade::Metric;
 use crate::trade::bench::{Bench, Miss, Point, Position};
 use crate::trade::blame::{Blame, blames};
 use crate::trade::page::Page;
 use crate::trade::plot::{self, Dot, tick_text};
 use crate::trade::search::{Tried, pareto};
+use crate::trade::{Metric, number};
 
 /// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame.
 ///
@@ -29,8 +32,8 @@ pub struct MakeReport {
     /// The page to write, with everything in it
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
-    /// What errors are told in: flip, flip95, rmse, ciede2000, mae, relmse; `touched.` in front counts only what
-    /// the object changes
+    /// What errors are told in: flip, flip95, rmse, psnr, ciede2000, mae, relmse; `touched.` in front counts only
+    /// what the object changes
     #[arg(long, value_name = "METRIC", default_value = "flip")]
     metric: String,
     /// Leave out the runs in which all but one node are at the reference, which cost most
@@ -50,6 +53,7 @@ impl MakeReport {
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
+        tell_unreached(&bench);
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);
         let Measured { presets, now, blames } = match measured {
             Ok(measured) => measured,
@@ -93,7 +97,7 @@ fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<
             Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
         })?;
         let point = &bench.points[at];
-        let error = metric.error(&point.off).map_or("not computed".to_owned(), tick_text);
+        let error = metric.told(metric.error(&point.off));
         report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
         Ok(at)
     };
@@ -107,15 +111,34 @@ fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<
     Ok(Measured { presets, now, blames })
 }
 
+/// The tables of a node's report.
+fn tables(report: &Report) -> Value {
+    let cell = |cell: &Cell| match cell {
+        Cell::Text(text) => json!(text),
+        Cell::Count(n) => json!(n),
+        Cell::Number(value) => number(*value),
+        Cell::Missing => Value::Null,
+    };
+    let rows = |table: &Table| -> Vec<Vec<Value>> {
+        table.rows.iter().map(|row| row.iter().map(cell).collect()).collect()
+    };
+    let one = |table: &Table| json!({"name": table.name, "columns": table.columns, "rows": rows(table)});
+    json!(report.tables.iter().map(one).collect::<Vec<_>>())
+}
+
 /// Everything that was measured, for programs.
 fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Value {
+    let error = |error: Option<f64>| error.map(|error| metric.value(error));
+    let values = |values: &BTreeMap<String, f64>| -> BTreeMap<String, Value> {
+        values.iter().map(|(name, value)| (name.clone(), number(*value))).collect()
+    };
     let point = |(index, point): (usize, &Point)| {
         let off: Vec<Value> = point
             .off
             .iter()
             .map(|row| {
                 json!({"output": row.output, "view": row.view, "region": row.region, "picture": row.judged,
-                       "pixels": row.pixels, "values": row.values})
+                       "pixels": row.pixels, "values": values(&row.values)})
             })
             .collect();
         let nodes: Vec<Value> = point
@@ -127,16 +150,19 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
             })
             .collect();
         json!({"setting": bench.name(&point.position), "as_it_is": index == now, "work": point.work,
-               "seconds": point.seconds, "error": metric.error(&point.off), "off": off, "nodes": nodes})
+               "seconds": point.seconds, "error": error(metric.error(&point.off)), "off": off, "nodes": nodes})
     };
     let blame = |b: &Blame| {
-        json!({"node": b.node, "error_with_it_alone_at_the_reference": b.alone,
-               "error_with_all_else_at_the_reference": b.all_but, "work": b.work_alone})
+        json!({"node": b.node, "error_with_it_alone_at_the_reference": error(b.alone),
+               "error_with_all_else_at_the_reference": error(b.all_but), "work": b.work_alone})
     };
     json!({
         "metric": metric.name,
         "points": bench.points.iter().enumerate().map(point).collect::<Vec<_>>(),
         "attribution": blames.iter().map(blame).collect::<Vec<_>>(),
+        "reports": bench.reports_at(now).iter().map(|(name, report)| (name.clone(), tables(report)))
+            .collect::<serde_json::Map<_, _>>(),
+        "left_out": bench.unreached,
     })
 }
 
@@ -148,7 +174,6 @@ fn page(
     blames: &[Blame],
 ) -> Result<Page, Miss> {
     let mut page = Page::default();
-    let number = |value: Option<f64>| value.map_or("not computed".to_owned(), tick_text);
     page.words(&format!(
         "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
          weighed as rays. Work and errors are the same in every run; seconds are wall times of the nodes' code when \
@@ -163,8 +188,8 @@ fn page(
         let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.seconds)];
         for region in ["whole", "touched"] {
             for of in ["flip", "rmse"] {
-                let error = Metric::of(&format!("{region}.{of}")).and_then(|m| m.error(&point.off));
-                row.push(number(error));
+                let column = Metric::of(&format!("{region}.{of}"));
+                row.push(column.map(|m| m.told(m.error(&point.off))).unwrap_or_default());
             }
         }
         rows.push(row);
@@ -252,7 +277,7 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
             .collect();
         page.heading(&format!("Error over work: {output}"));
         let axis = format!("error ({})", metric.name);
-        if let Some(svg) = plot::svg(&dots, "work (rays)", &axis, None) {
+        if let Some(svg) = plot::svg(&dots, "work (rays)", &axis, |error| metric.told(Some(error)), None) {
             page.raw(&svg);
         }
     }
@@ -286,23 +311,23 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 fn blame(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
     page.heading("Which node is to blame");
     let error = metric.error(&bench.points[now].off);
-    let number = |value: Option<f64>| value.map_or("not measured".to_owned(), tick_text);
+    let told = |value: Option<f64>| value.map_or("not measured".to_owned(), |error| metric.told(Some(error)));
     page.words(&format!(
         "As it is the error is {}. First column: what it falls to when this node alone is set to the reference; second: what \
          is left when all others are. What neither tells is interaction.",
-        number(error)
+        metric.told(error)
     ));
     if let [worst, ..] = blames {
         page.words(&match worst.all_but {
             Some(own) => format!(
                 "`{}` is the bottleneck: by itself it makes an error of {}.",
                 worst.node,
-                tick_text(own)
+                metric.told(Some(own))
             ),
             None => format!("Setting `{}` to the reference helps most.", worst.node),
         });
     }
-    let row = |b: &Blame| vec![b.node.clone(), number(b.alone), number(b.all_but), tick_text(b.work_alone)];
+    let row = |b: &Blame| vec![b.node.clone(), told(b.alone), told(b.all_but), tick_text(b.work_alone)];
     let rows: Vec<Vec<String>> = blames.iter().map(row).collect();
     let columns = ["node", "it alone at the reference", "all but it at the reference", "work with it alone"];
     page.table(&columns, &rows);

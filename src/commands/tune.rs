@@ -13,7 +13,7 @@ use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trade::Metric;
 use crate::trade::bench::{Bench, Miss};
 use crate::trade::plot::tick_text;
-use crate::trade::search::{Goal, Tried, pareto, search};
+use crate::trade::search::{Found, Goal, Tried, pareto, search};
 
 /// Looks for settings of the knobs that reach an error with little work, by measuring.
 ///
@@ -36,11 +36,12 @@ pub struct Tune {
     /// The least error with at most so much work, in rays (other counts are weighed as rays)
     #[arg(long, value_name = "RAYS")]
     max_work: Option<f64>,
-    /// What is least where a cost is bounded
-    #[arg(long, value_name = "METRIC", default_value = "flip")]
-    metric: String,
+    /// What is least where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae, relmse, with
+    /// `touched.` in front for what the object changes
+    #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
+    metric: Option<String>,
     /// Most settings to measure
-    #[arg(long, value_name = "N", default_value_t = 60)]
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = at_least_one)]
     budget: usize,
     /// The overlay to write
     #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
@@ -62,9 +63,10 @@ impl Tune {
         let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
         // The first one is what others are compared with.
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
+        tell_unreached(&bench);
         let (mut left, mut wrong) = (self.budget, None);
         let by_seconds = self.max_seconds.is_some();
-        let (tried, best) = search(&starts, &sizes, goal, |position| {
+        let Found { tried, best, finished } = search(&starts, &sizes, goal, |position| {
             left = left.checked_sub(1)?;
             let position = position.to_vec();
             match bench.measure(&position) {
@@ -73,7 +75,11 @@ impl Tune {
                     let error = metric.error(&point.off);
                     let cost = if by_seconds { point.seconds } else { point.work };
                     if !self.json {
-                        report::remark(&line(&bench.name(&position), point.work, point.seconds, error));
+                        let (work, seconds) = (tick_text(point.work), tick_text(point.seconds));
+                        let (error, name) = (metric.told(error), bench.name(&position));
+                        report::remark(&format!(
+                            "measured work {work:>8}, {seconds:>7} s, error {error:>8}  {name}"
+                        ));
                     }
                     if error.is_none() {
                         wrong = Some(Error::NotComputed(metric.name.clone()));
@@ -87,52 +93,75 @@ impl Tune {
                 }
             }
         });
-        if let (Some(wrong), true) = (wrong, tried.is_empty() || best.is_none()) {
+        if best.is_none()
+            && let Some(wrong) = wrong.take()
+        {
             return Err(wrong);
         }
         let stopped = cancel.load(Ordering::Relaxed);
         let Some(best) = best else {
-            let least = tried.iter().map(|t| t.error).reduce(f64::min).unwrap_or(f64::NAN);
-            report::error(&format!(
-                "no setting of {} that were measured reaches the goal; the least error is {}",
-                tried.len(),
-                tick_text(least)
-            ));
+            let least = |of: fn(&Tried) -> f64| tried.iter().map(of).reduce(f64::min);
+            let nearest = match goal {
+                Goal::Error(_) => format!("the least error is {}", metric.told(least(|t| t.error))),
+                Goal::Cost(_) => format!("the least cost is {}", tick_text(least(|t| t.cost).unwrap_or(0.0))),
+            };
+            report::error(&match (tried.len(), stopped) {
+                (0, _) => "stopped before anything was measured".to_owned(),
+                (count, false) => {
+                    format!("none of {count} settings that were measured reaches the goal; {nearest}")
+                }
+                (count, true) => {
+                    format!(
+                        "stopped; none of {count} settings that were measured reaches the goal; {nearest}"
+                    )
+                }
+            });
             return Ok(if stopped { 130 } else { 1 });
         };
         let found = &tried[best];
-        let naive = naive(&bench, &tried, goal);
-        let text = format!(
-            "// {}\n{}",
-            summary(&metric, goal, found, naive, &tried),
-            bench.overlay(&found.position)
-        );
+        let ended = match (finished, stopped) {
+            (true, _) => "no single turn of a knob helps",
+            (false, true) => "stopped, so there may be better ones",
+            (false, false) if left == 0 => "the budget is spent, so there may be better ones",
+            (false, false) => "a setting failed, so there may be better ones",
+        };
+        let summary = summary(&metric, goal, found, naive(&bench, &tried, goal));
+        let summary = format!("{summary}; {} settings measured: {ended}", tried.len());
+        let text = format!("// {summary}\n{}", bench.overlay(&found.position));
         cache::publish_file(&self.out, text.as_bytes())?;
         if self.json {
-            super::print(&format!("{}\n", self.told(&bench, &tried, best)))?;
+            let mut told = self.told(&bench, &metric, &tried, best);
+            (told["finished"], told["ended"]) = (json!(finished), json!(ended));
+            super::print(&format!("{told}\n"))?;
         } else {
-            self.print(&bench, &tried, best)?;
-            super::print(&format!("{}\n", summary(&metric, goal, found, naive, &tried)))?;
-            super::print(&format!("{}\n", self.out.display()))?;
+            self.print(&bench, &metric, &tried, best)?;
+            super::print(&format!("{summary}\n{}\n", self.out.display()))?;
         }
-        if stopped {
-            report::remark("stopped; this is the best of what was measured");
+        if let Some(wrong) = wrong {
+            report::remark(&wrong.to_string());
         }
         Ok(if stopped { 130 } else { 0 })
     }
 
     fn goal(&self) -> Result<(Metric, Goal), Error> {
-        let unknown = |text: &str| Error::Metric { text: text.to_owned(), known: Metric::known() };
+        let known = Metric::known();
         if let Some(text) = &self.max_error {
-            let (metric, bound) = Metric::bound(text).ok_or_else(|| unknown(text))?;
+            let (metric, bound) =
+                Metric::bound(text).ok_or_else(|| Error::Bound { text: text.clone(), known })?;
             return Ok((metric, Goal::Error(bound)));
         }
-        let metric = Metric::of(&self.metric).ok_or_else(|| unknown(&self.metric))?;
-        let cost = self.max_seconds.or(self.max_work).ok_or(Error::NoGoal)?;
-        Ok((metric, Goal::Cost(cost)))
+        let name = self.metric.as_deref().unwrap_or("flip");
+        let metric = Metric::of(name).ok_or_else(|| Error::Metric { text: name.to_owned(), known })?;
+        let seconds = self.max_seconds.map(|value| ("--max-seconds", value));
+        let work = self.max_work.map(|value| ("--max-work", value));
+        let (option, value) = seconds.or(work).ok_or(Error::NoGoal)?;
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(Error::NoCost { option, value });
+        }
+        Ok((metric, Goal::Cost(value)))
     }
 
-    fn print(&self, bench: &Bench<'_>, tried: &[Tried], best: usize) -> Result<(), Error> {
+    fn print(&self, bench: &Bench<'_>, metric: &Metric, tried: &[Tried], best: usize) -> Result<(), Error> {
         let front = pareto(tried);
         let mut rows = vec![["", "work", "seconds", "error", "setting"].map(str::to_owned).to_vec()];
         for (index, t) in tried.iter().enumerate() {
@@ -147,19 +176,19 @@ impl Tune {
                 ""
             };
             let (work, seconds, error) =
-                (tick_text(point.work), tick_text(point.seconds), tick_text(t.error));
+                (tick_text(point.work), tick_text(point.seconds), metric.told(Some(t.error)));
             rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.position)]);
         }
         super::print(&columns(&rows))
     }
 
-    fn told(&self, bench: &Bench<'_>, tried: &[Tried], best: usize) -> serde_json::Value {
+    fn told(&self, bench: &Bench<'_>, metric: &Metric, tried: &[Tried], best: usize) -> serde_json::Value {
         let front = pareto(tried);
         let point = |(index, t): (usize, &Tried)| {
             let point = bench.points.iter().find(|point| point.position == t.position);
             json!({
                 "setting": bench.name(&t.position),
-                "error": t.error,
+                "error": metric.value(t.error),
                 "work": point.map(|p| p.work),
                 "seconds": point.map(|p| p.seconds),
                 "front": front.contains(&index),
@@ -187,14 +216,8 @@ fn naive<'t>(bench: &Bench<'_>, tried: &'t [Tried], goal: Goal) -> Option<(&'sta
     presets.filter(|(_, t)| fits(t)).reduce(|a, b| if serves(b.1) < serves(a.1) { b } else { a })
 }
 
-fn summary(
-    metric: &Metric,
-    goal: Goal,
-    found: &Tried,
-    naive: Option<(&str, &Tried)>,
-    tried: &[Tried],
-) -> String {
-    let error = tick_text(found.error);
+fn summary(metric: &Metric, goal: Goal, found: &Tried, naive: Option<(&str, &Tried)>) -> String {
+    let error = metric.told(Some(found.error));
     let mut text = format!("{} {error} for {} of cost", metric.name, tick_text(found.cost));
     if let Some((name, preset)) = naive {
         match goal {
@@ -205,16 +228,22 @@ fn summary(
                 ));
             }
             Goal::Cost(_) => {
-                let other = tick_text(preset.error);
+                let other = metric.told(Some(preset.error));
                 text.push_str(&format!("; `{name}`, the best preset within it, has {other}"));
             }
         }
     }
-    text.push_str(&format!("; {} settings measured", tried.len()));
     text
 }
 
-fn line(name: &str, work: f64, seconds: f64, error: Option<f64>) -> String {
-    let error = error.map_or("not computed".to_owned(), tick_text);
-    format!("measured work {:>8}, {:>7} s, error {error:>8}  {name}", tick_text(work), tick_text(seconds))
+/// Says which pictures are not measured.
+pub fn tell_unreached(bench: &Bench<'_>) {
+    if !bench.unreached.is_empty() {
+        let names = bench.unreached.join("`, `");
+        report::remark(&format!("no knob reaches `{names}`, so it is left out"));
+    }
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "a whole number of 1 or more is wanted".to_owned())
 }

@@ -96,6 +96,8 @@ pub struct Bench<'e> {
     outputs: Vec<Output>,
     targets: Vec<usize>,
     pub dials: Vec<Dial>,
+    /// Names of pictures that no knob reaches, which are the same at any setting.
+    pub unreached: Vec<String>,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
     pub points: Vec<Point>,
@@ -126,11 +128,26 @@ impl<'e> Bench<'e> {
         if outputs.is_empty() {
             return Err(Error::NoPicture);
         }
+        let turned = |output: &Output| {
+            let dials = dials(&base, &[output.wire.node], &registry)?;
+            Ok::<bool, Error>(dials.iter().any(|dial| dial.values.len() > 1))
+        };
+        let reached = outputs.iter().map(turned).collect::<Result<Vec<bool>, Error>>()?;
+        let (mut left, mut kept) = (Vec::new(), Vec::new());
+        for (output, reached) in outputs.into_iter().zip(reached) {
+            (if reached { &mut kept } else { &mut left }).push(output);
+        }
+        let (outputs, unreached): (_, Vec<String>) =
+            (kept, left.into_iter().map(|output| output.name).collect());
+        if outputs.is_empty() {
+            return Err(Error::NoKnob(unreached.join("`, `")));
+        }
         let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
         targets.sort_unstable();
         targets.dedup();
         let dials = dials(&base, &targets, &registry)?;
-        Ok(Self { engine, registry, base, outputs, targets, dials, cancel, truth: None, points: Vec::new() })
+        let (truth, points) = (None, Vec::new());
+        Ok(Self { engine, registry, base, outputs, targets, dials, unreached, cancel, truth, points })
     }
 
     /// The position of the graph as it is.
@@ -225,7 +242,7 @@ impl<'e> Bench<'e> {
         let value = |output: &Output| {
             let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
             images.ok_or_else(|| {
-                Miss::Failed(format!("`{}` is not kept, so it cannot be measured", output.name))
+                Miss::Failed(format!("the picture of `{}` cannot be had again from the cache", output.name))
             })
         };
         self.outputs.iter().map(value).collect()
@@ -411,15 +428,20 @@ fn outputs(graph: &Graph, asked: &[usize]) -> Vec<Output> {
     wires.into_iter().map(output).collect()
 }
 
-/// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
-/// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
-fn dials(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Dial>, Error> {
+/// A graph at each of its presets.
+pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> {
     let preset = |name: &str| {
         let source = graph.source.clone().with_preset(name, registry);
         Graph::parse(source, registry, graph.root.clone()).map_err(Error::Graph)
     };
     let [draft, preview, finer, reference] = PRESETS.map(preset);
-    let laid = [draft?, preview?, finer?, reference?];
+    Ok([draft?, preview?, finer?, reference?])
+}
+
+/// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
+/// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
+fn dials(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Dial>, Error> {
+    let laid = presets(graph, registry)?;
     let knobs = laid.each_ref().map(|graph| graph.knobs(targets));
     let mut dials: Vec<Dial> = Vec::new();
     for knob in graph.knobs(targets).into_iter().filter(|knob| !knob.varies) {

@@ -8,6 +8,7 @@ pub mod search;
 pub mod work;
 
 use bench::Off;
+use serde_json::{Value, json};
 
 /// A measure of error, in which less is better, and the part of the picture that it is taken over.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,8 +23,10 @@ pub struct Metric {
 enum Of {
     /// A column of `compare`.
     Column(&'static str),
-    /// The root of the mean square of display values, which is what PSNR tells.
+    /// The root of the mean square of display values.
     Rmse,
+    /// The same, told in decibels.
+    Psnr,
 }
 
 /// Names of metrics, and what each takes.
@@ -31,7 +34,7 @@ const METRICS: [(&str, Of); 7] = [
     ("flip", Of::Column("flip mean")),
     ("flip95", Of::Column("flip p95")),
     ("rmse", Of::Rmse),
-    ("psnr", Of::Rmse),
+    ("psnr", Of::Psnr),
     ("ciede2000", Of::Column("ciede2000 mean")),
     ("mae", Of::Column("mean absolute error")),
     ("relmse", Of::Column("relative mse (linear, eps 0.01)")),
@@ -55,9 +58,22 @@ impl Metric {
         let (name, value) = text.split_once('=')?;
         let metric = Self::of(name.trim())?;
         let value: f64 = value.trim().parse().ok().filter(|v: &f64| v.is_finite() && *v >= 0.0)?;
-        let psnr = metric.name.ends_with("psnr");
-        let bound = if psnr { nodes::num::pow(10.0, -value / 20.0) } else { value };
+        let bound = if metric.of == Of::Psnr { nodes::num::pow(10.0, -value / 20.0) } else { value };
         Some((metric, bound))
+    }
+
+    /// An error as it is told: of PSNR in dB, in which more is better; `None` is not computed.
+    pub fn told(&self, error: Option<f64>) -> String {
+        match error {
+            None => "not computed".to_owned(),
+            Some(error) if self.of == Of::Psnr => format!("{} dB", plot::tick_text(decibels(error))),
+            Some(error) => plot::tick_text(error),
+        }
+    }
+
+    /// The same for programs.
+    pub fn value(&self, error: f64) -> Value {
+        number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
     /// What there is to choose from, for messages.
@@ -75,10 +91,21 @@ impl Metric {
         let rows = off.iter().filter(|row| row.region == self.region && row.judged == judged);
         let value = |row: &Off| match self.of {
             Of::Column(column) => row.values.get(column).copied(),
-            Of::Rmse => row.values.get("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
+            Of::Rmse | Of::Psnr => row.values.get("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
         };
         rows.map(value).reduce(|a, b| Some(a?.max(b?))).flatten()
     }
+}
+
+/// PSNR of values of which the largest is 1.
+fn decibels(rmse: f64) -> f64 {
+    // Not -0 dB, where no light is common.
+    if rmse > 0.0 { 0.0 - 20.0 * nodes::num::f64::log10(rmse) } else { f64::INFINITY }
+}
+
+/// A number in JSON, which has no infinity: that is a text.
+pub fn number(value: f64) -> Value {
+    if value.is_finite() { json!(value) } else { json!(value.to_string()) }
 }
 
 #[cfg(test)]
@@ -104,6 +131,12 @@ mod tests {
         let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0)];
         assert!((metric.error(&off).unwrap() - 0.1).abs() < 1e-15);
         assert_eq!(metric.error(&[row("touched", f64::INFINITY)]), Some(0.0));
+        let told = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.told(error));
+        assert_eq!(told, ["20 dB", "inf dB", "0 dB", "not computed"]);
+        assert!(
+            (metric.value(0.1).as_f64().unwrap() - 20.0).abs() < 1e-9 && metric.value(0.0) == json!("inf")
+        );
+        assert_eq!(Metric::of("rmse").unwrap().told(Some(0.1)), "0.1");
         assert_eq!(Metric::of("flip").unwrap().error(&off), None, "not computed is not 0");
     }
 }

@@ -21,9 +21,15 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below the least other one. `None`
+/// `told` writes an error. Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below the least other one. `None`
 /// where there is nothing to plot.
-pub fn svg(dots: &[Dot], cost: &str, error: &str, bound: Option<f64>) -> Option<String> {
+pub fn svg(
+    dots: &[Dot],
+    cost: &str,
+    error: &str,
+    told: impl Fn(f64) -> String,
+    bound: Option<f64>,
+) -> Option<String> {
     let log = |value: f64| nodes::num::f64::log10(value);
     let errors = dots.iter().map(|dot| dot.error).chain(bound).filter(|e| *e > 0.0 && e.is_finite());
     let least = errors.clone().reduce(f64::min).unwrap_or(1e-3);
@@ -71,7 +77,7 @@ pub fn svg(dots: &[Dot], cost: &str, error: &str, bound: Option<f64>) -> Option<
             WIDTH - RIGHT,
             LEFT - 6.0,
             at + 4.0,
-            tick_text(value)
+            told(value)
         );
     }
     if let Some(bound) = bound.filter(|bound| *bound > 0.0) {
@@ -85,7 +91,7 @@ pub fn svg(dots: &[Dot], cost: &str, error: &str, bound: Option<f64>) -> Option<
     for dot in dots {
         let (cx, cy) = (x(dot.cost), y(dot.error));
         let class = if dot.front { "dot on" } else { "dot" };
-        let (cost, error) = (tick_text(dot.cost), tick_text(dot.error));
+        let (cost, error) = (tick_text(dot.cost), told(dot.error));
         let title = super::page::escaped(&format!("{}: work {cost}, error {error}", dot.name));
         let _ = writeln!(
             text,
@@ -136,13 +142,14 @@ pub fn tick_text(value: f64) -> String {
     };
     match value.abs() {
         0.0 => "0".to_owned(),
+        v if !v.is_finite() => value.to_string(),
         v if v >= 1e9 => short(value / 1e9, " G"),
         v if v >= 1e6 => short(value / 1e6, " M"),
         v if v >= 1e4 => short(value / 1e3, " k"),
         v if v >= 1.0 => short(value, ""),
         v if v >= 1e-4 => {
             let text = format!("{value:.5}");
-            text.trim_end_matches('0').to_owned()
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
         }
         _ => format!("{value:.0e}"),
     }
@@ -156,6 +163,7 @@ mod tests {
     #[test]
     fn numbers_are_short() {
         let texts = [0.0, 2e-6, 0.004, 0.5, 1.0, 42.25, 640.0, 12_345.0, 1.25e6, 7e10].map(tick_text);
+        assert_eq!([0.999_999_9, f64::INFINITY].map(tick_text), ["1", "inf"]);
         assert_eq!(texts, ["0", "2e-6", "0.004", "0.5", "1", "42.2", "640", "12.3 k", "1.25 M", "70 G"]);
     }
 
@@ -163,7 +171,8 @@ mod tests {
     fn every_dot_lies_in_the_frame_and_an_error_of_nothing_at_its_foot() {
         let dot = |cost, error| Dot { cost, error, name: "a<b".to_owned(), front: true, named: true };
         let svg =
-            svg(&[dot(1.0, 0.5), dot(100.0, 0.01), dot(1000.0, 0.0)], "work", "error", Some(0.1)).unwrap();
+            svg(&[dot(1.0, 0.5), dot(100.0, 0.01), dot(1000.0, 0.0)], "work", "error", tick_text, Some(0.1))
+                .unwrap();
         let ys: Vec<f64> =
             svg.split("cy=\"").skip(1).map(|r| r.split('"').next().unwrap().parse().unwrap()).collect();
         assert!(ys.windows(2).all(|pair| pair[0] < pair[1]), "less error is lower: {ys:?}");
@@ -171,6 +180,6 @@ mod tests {
         assert!(svg.contains("a&lt;b") && svg.contains("class=\"bound\""));
         let foot = svg.split("text-anchor=\"end\">").filter(|rest| rest.starts_with("0<")).count();
         assert_eq!(foot, 1, "an axis that has a 0 says where it is");
-        assert_eq!(super::svg(&[], "", "", None), None);
+        assert_eq!(super::svg(&[], "", "", tick_text, None), None);
     }
 }

@@ -54,93 +54,121 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
+/// What a search found.
+#[derive(Debug, PartialEq)]
+pub struct Found {
+    /// Everything that was measured, in that order.
+    pub tried: Vec<Tried>,
+    /// Which of it serves the goal best.
+    pub best: Option<usize>,
+    /// Whether it came to its end; false where measuring was.
+    pub finished: bool,
+}
+
 /// Searches from the given positions. `sizes` has the number of values of each knob, `measure` gives cost and
-/// error of a position, `None` once there is to be no more measuring; a position is measured once. Gives
-/// everything that was tried, and which of it serves the goal best.
+/// error of a position, `None` once there is to be no more measuring; a position is measured once.
 ///
-/// To save work the best start that fits is taken, to save error the cheapest, and of the turns of a round only the
-/// best is kept. In each round every knob is turned by one value, down where work is to be
-/// saved and up where error is, and the turns are tried together in the order of what each gained for what it
-/// lost, each kept where the goal still holds. A turn that alone breaks the goal is not tried again from a
-/// position that is worse in every knob, so the number of measurements is at most about the sum of `sizes`
-/// times two. It ends where no turn helps: a local optimum, which is what is promised.
+/// From the best start that fits every knob is turned by one value, down where work is to be saved and up where error
+/// is, and the turns are tried together in the order of what each gained for what it lost, each kept where the goal
+/// still holds; and so on until no turn helps. To save error the same is done from the cheapest start, keeping
+/// of a round the best turn alone: what a dear knob that does little has taken of the cost is not given back by
+/// turning others up. Each search ends in a local optimum; the better one is the result.
 pub fn search(
     starts: &[Vec<usize>],
     sizes: &[usize],
     goal: Goal,
-    mut measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
-) -> (Vec<Tried>, Option<usize>) {
-    let mut tried: Vec<Tried> = Vec::new();
-    let mut look = |position: &[usize], tried: &mut Vec<Tried>| -> Option<usize> {
-        if let Some(known) = tried.iter().position(|t| t.position == position) {
+    measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
+) -> Found {
+    let mut search = Search { sizes, goal, measure, tried: Vec::new() };
+    let finished = search.whole(starts).is_some();
+    Found { best: search.best(|a, b| a.beats(b, goal)), tried: search.tried, finished }
+}
+
+struct Search<'s, M> {
+    sizes: &'s [usize],
+    goal: Goal,
+    measure: M,
+    tried: Vec<Tried>,
+}
+
+impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
+    /// `None` where measuring ended before the search.
+    fn whole(&mut self, starts: &[Vec<usize>]) -> Option<()> {
+        for start in starts {
+            self.look(start)?;
+        }
+        let goal = self.goal;
+        let saves_work = matches!(goal, Goal::Error(_));
+        let cheapest = self.best(|a, b| a.cost < b.cost);
+        if let Some(best) = self.best(|a, b| a.beats(b, goal)) {
+            self.climb(best, usize::MAX)?;
+        }
+        match cheapest {
+            Some(cheapest) if !saves_work => self.climb(cheapest, 1),
+            _ => Some(()),
+        }
+    }
+
+    /// The index of a position among what was tried.
+    fn look(&mut self, position: &[usize]) -> Option<usize> {
+        if let Some(known) = self.tried.iter().position(|t| t.position == position) {
             return Some(known);
         }
-        let (cost, error) = measure(position)?;
-        tried.push(Tried { position: position.to_vec(), cost, error });
-        Some(tried.len() - 1)
-    };
-    let best_of = |tried: &[Tried]| {
-        let fitting = (0..tried.len()).filter(|&index| tried[index].fits(goal));
-        fitting.reduce(|best, index| if tried[index].beats(&tried[best], goal) { index } else { best })
-    };
-    for start in starts {
-        if look(start, &mut tried).is_none() {
-            let best = best_of(&tried);
-            return (tried, best);
-        }
+        let (cost, error) = (self.measure)(position)?;
+        self.tried.push(Tried { position: position.to_vec(), cost, error });
+        Some(self.tried.len() - 1)
     }
-    let down = matches!(goal, Goal::Error(_));
-    let turned = |position: &[usize], knob: usize| -> Option<Vec<usize>> {
+
+    /// Of what fits, that which `better` says of.
+    fn best(&self, better: impl Fn(&Tried, &Tried) -> bool) -> Option<usize> {
+        let fitting = (0..self.tried.len()).filter(|&index| self.tried[index].fits(self.goal));
+        fitting.reduce(|best, index| if better(&self.tried[index], &self.tried[best]) { index } else { best })
+    }
+
+    /// A position with one knob turned by one value.
+    fn turned(&self, position: &[usize], knob: usize) -> Option<Vec<usize>> {
         let mut position = position.to_vec();
-        let next = if down { position[knob].checked_sub(1)? } else { position[knob] + 1 };
-        (next < sizes[knob]).then(|| position[knob] = next)?;
+        position[knob] = match self.goal {
+            Goal::Error(_) => position[knob].checked_sub(1)?,
+            Goal::Cost(_) => Some(position[knob] + 1).filter(|next| *next < self.sizes[knob])?,
+        };
         Some(position)
-    };
-    // Work is saved from the best start, error from the cheapest: what a dear knob that does little has taken of the
-    // cost is not given back by turning others up.
-    let cheapest = |tried: &[Tried]| {
-        let fitting = (0..tried.len()).filter(|&index| tried[index].fits(goal));
-        fitting.reduce(|best, index| if tried[index].cost < tried[best].cost { index } else { best })
-    };
-    let mut next_from = if down { best_of(&tried) } else { cheapest(&tried) };
-    while let Some(from) = next_from {
-        let here = tried[from].clone();
-        let mut turns = Vec::new();
-        for knob in 0..sizes.len() {
-            let Some(position) = turned(&here.position, knob) else { continue };
-            let Some(at) = look(&position, &mut tried) else {
-                let best = best_of(&tried);
-                return (tried, best);
-            };
-            if tried[at].fits(goal) && tried[at].beats(&here, goal) {
-                let (saved, lost) = if down {
-                    (here.cost - tried[at].cost, tried[at].error - here.error)
-                } else {
-                    (here.error - tried[at].error, tried[at].cost - here.cost)
-                };
-                // What gains and loses nothing comes first.
-                turns.push((saved / lost.max(1e-12), knob));
-            }
-        }
-        turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        if !down {
-            turns.truncate(1);
-        }
-        let mut at = from;
-        for (_, knob) in turns {
-            let Some(position) = turned(&tried[at].position, knob) else { continue };
-            let Some(next) = look(&position, &mut tried) else {
-                let best = best_of(&tried);
-                return (tried, best);
-            };
-            if tried[next].fits(goal) && tried[next].beats(&tried[at], goal) {
-                at = next;
-            }
-        }
-        next_from = Some(at).filter(|at| *at != from);
     }
-    let best = best_of(&tried);
-    (tried, best)
+
+    /// Turns knobs, at most so many in a round, until none helps.
+    fn climb(&mut self, mut from: usize, most: usize) -> Option<()> {
+        let goal = self.goal;
+        loop {
+            let here = self.tried[from].clone();
+            let mut turns = Vec::new();
+            for knob in 0..self.sizes.len() {
+                let Some(position) = self.turned(&here.position, knob) else { continue };
+                let at = self.look(&position)?;
+                let there = &self.tried[at];
+                if there.fits(goal) && there.beats(&here, goal) {
+                    let (saved, lost) = match goal {
+                        Goal::Error(_) => (here.cost - there.cost, there.error - here.error),
+                        Goal::Cost(_) => (here.error - there.error, there.cost - here.cost),
+                    };
+                    // What gains and loses nothing comes first.
+                    turns.push((saved / lost.max(1e-12), knob));
+                }
+            }
+            turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            let mut at = from;
+            for (_, knob) in turns.into_iter().take(most) {
+                let Some(position) = self.turned(&self.tried[at].position, knob) else { continue };
+                let next = self.look(&position)?;
+                if self.tried[next].fits(goal) && self.tried[next].beats(&self.tried[at], goal) {
+                    at = next;
+                }
+            }
+            if at == from {
+                return Some(());
+            }
+            from = at;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -194,8 +222,9 @@ mod tests {
         for most in [0.5, 0.1, 0.02] {
             let goal = Goal::Error(most);
             let presets: Vec<Vec<usize>> = [0, 3, 6, 8].map(|at| vec![at; 3]).to_vec();
-            let (tried, best) = search(&presets, &sizes, goal, model(BAD));
+            let Found { tried, best, finished } = search(&presets, &sizes, goal, model(BAD));
             let best = &tried[best.unwrap()];
+            assert!(finished);
             let ideal = exhaustive(&sizes, goal, model(BAD));
             let naive =
                 tried[..4].iter().filter(|t| t.fits(goal)).map(|t| t.cost).fold(f64::INFINITY, f64::min);
@@ -208,22 +237,35 @@ mod tests {
     #[test]
     fn the_least_error_within_a_cost() {
         let (sizes, goal) = ([9, 9, 9], Goal::Cost(900.0));
-        let (tried, best) = search(&[vec![0; 3], vec![3; 3]], &sizes, goal, model(BAD));
+        let Found { tried, best, .. } = search(&[vec![0; 3], vec![3; 3]], &sizes, goal, model(BAD));
         let (best, ideal) = (&tried[best.unwrap()], exhaustive(&sizes, goal, model(BAD)));
         assert!(best.cost <= 900.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
     }
 
+    // Two knobs help together alone, as samples and the pixels that they are taken of may: from the cheapest start
+    // nothing is found.
+    #[test]
+    fn the_best_start_is_searched_from_as_well() {
+        let measure = |position: &[usize]| {
+            let error = if position[0].min(position[1]) > 0 { 1.0 / (position[2] + 1) as f64 } else { 2.0 };
+            Some((1.0 + position.iter().sum::<usize>() as f64, error))
+        };
+        let Found { tried, best, finished } =
+            search(&[vec![0; 3], vec![1, 1, 0]], &[4; 3], Goal::Cost(5.0), measure);
+        assert!(finished && tried[best.unwrap()].position == [1, 1, 2], "{tried:?}");
+    }
+
     #[test]
     fn what_cannot_be_reached_is_no_result_and_a_stop_keeps_what_is_known() {
-        let (tried, best) = search(&[vec![0, 0, 0]], &[1, 1, 1], Goal::Error(1e-9), model(BAD));
-        assert_eq!((tried.len(), best), (1, None));
+        let found = search(&[vec![0, 0, 0]], &[1, 1, 1], Goal::Error(1e-9), model(BAD));
+        assert_eq!((found.tried.len(), found.best, found.finished), (1, None, true));
         let (mut left, mut of) = (5, model(BAD));
         let limited = |position: &[usize]| {
             left -= 1;
             if left < 0 { None } else { of(position) }
         };
-        let (tried, best) = search(&[vec![8; 3]], &[9; 3], Goal::Error(0.1), limited);
-        assert!(tried.len() == 5 && best.is_some());
+        let found = search(&[vec![8; 3]], &[9; 3], Goal::Error(0.1), limited);
+        assert!(found.tried.len() == 5 && found.best.is_some() && !found.finished);
     }
 
     #[test]

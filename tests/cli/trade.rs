@@ -77,3 +77,71 @@ fn a_preset_of_the_graph_wins_over_the_one_of_that_name() {
     let message = String::from_utf8_lossy(&wrong.stderr).into_owned();
     assert!(message.contains("did you mean `draft`?") && message.contains("reference"), "{message}");
 }
+
+#[test]
+fn knobs_show_what_the_graphs_own_presets_say_and_the_range() {
+    let place = Place::new(&INSERT.replace("nodes: (", "presets: (draft: (trace: (samples: 7))), nodes: ("));
+    let told: Value = serde_json::from_slice(&place.call(&["knobs", "graph.ron", "--json"]).stdout).unwrap();
+    let knob = |name: &str| {
+        let mut all = told["knobs"].as_array().unwrap().iter();
+        all.find(|knob| knob["node"] == "trace" && knob["parameter"] == name).unwrap().clone()
+    };
+    let samples = knob("samples");
+    assert_eq!(samples["presets"], serde_json::json!(["7", "16", "64", "1024"]));
+    assert_eq!(samples["range"], serde_json::json!([1.0, 1_048_576.0]));
+    let text = String::from_utf8(place.call(&["knobs", "graph.ron"]).stdout).unwrap();
+    let line = text.lines().find(|line| line.starts_with("trace.samples ")).unwrap();
+    assert!(line.contains("4  ") && line.contains("7  ") && line.contains("1 to 1048576"), "{line}");
+    // Its own `draft` leaves the probe alone.
+    let probe = text.lines().find(|line| line.starts_with("probe.size_px ")).unwrap();
+    assert_eq!(probe.split_whitespace().nth(3), Some("32"), "{probe}");
+}
+
+/// A photograph may be the background, what no knob reaches is left out, and a search tells how it ended.
+#[test]
+fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
+    let few = "presets: (draft: (trace: (samples: 1)), preview: (trace: (samples: 2)), final: (trace: (samples: 3)), \
+               reference: (trace: (samples: 8))), nodes: (";
+    let place = Place::new(&INSERT.replace("nodes: (", few));
+    let error = |arguments: &[&str]| {
+        let output = place.call(&[&["tune", "graph.ron"], arguments].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    for value in ["0", "-3", "nan", "inf"] {
+        let (code, told) = error(&[&format!("--max-work={value}")]);
+        assert!(code == Some(2) && told.contains("--max-work must be a number above 0"), "{told}");
+    }
+    assert_eq!(error(&["--max-error", "flip=0.1", "--metric", "rmse"]).0, Some(2));
+    assert_eq!(error(&["--max-work", "1e9", "--budget", "0"]).0, Some(2));
+    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("no measure of error"));
+    assert!(error(&["--max-error", "flip"]).1.contains("write METRIC=VALUE"));
+
+    let drawn = place.run(&["--only", "save"]);
+    assert_eq!(drawn.code, 0, "{}", drawn.errors);
+    let photographed = INSERT
+        .replace("nodes: (", few)
+        .replace("background: \"view\"", "background: \"photo\"")
+        .replace("save: ", "photo: LoadImage(path: \"out/final.png\"), same: WriteImage(image: \"photo\", path: \"b.png\"), save: ");
+    place.write(&photographed);
+    let told = place.call(&[
+        "tune",
+        "graph.ron",
+        "--max-work",
+        "1e12",
+        "--metric",
+        "touched.psnr",
+        "--budget",
+        "6",
+        "--json",
+    ]);
+    let errors = String::from_utf8_lossy(&told.stderr);
+    assert!(told.status.success() && errors.contains("no knob reaches `photo`"), "{errors}");
+    let told: Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert!(told["finished"] == false && told["ended"].as_str().unwrap().contains("budget"), "{told}");
+    let best = told["measured"].as_array().unwrap().iter().find(|point| point["best"] == true).unwrap();
+    assert_eq!(best["error"], "inf", "the reference is within the work: {told}");
+
+    place.write(r#"Graph(version: 1, scene: (up: "+z"), nodes: (photo: LoadImage(path: "out/final.png"), save: WriteImage(image: "photo", path: "b.png")))"#);
+    let (code, told) = error(&["--max-work", "1e9"]);
+    assert!(code == Some(2) && told.contains("no knob reaches `photo`"), "{told}");
+}

@@ -9,7 +9,7 @@ use engine::{Engine, Graph, Source, SourceRoot, Store};
 
 use super::*;
 use crate::trade::bench::Miss;
-use crate::trade::search::{Goal, search};
+use crate::trade::search::{Found, Goal, search};
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 
@@ -97,7 +97,7 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) {
     let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
     let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
     let mut left = 22_u32;
-    let (tried, best) = search(&starts, &sizes, goal, |position| {
+    let Found { tried, best, .. } = search(&starts, &sizes, goal, |position| {
         left = left.checked_sub(1)?;
         let at = measured(bench, position.to_vec()).unwrap();
         Some((bench.points[at].work, metric.error(&bench.points[at].off).unwrap()))
