@@ -55,6 +55,9 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
         let now = bench.now();
         let now = measured(&mut bench, now).unwrap();
         let error = metric.error(&bench.points[now].off).unwrap();
+        // The object without its shadow is nearer to the truth than no object.
+        let baseline = |judged: &str| metric.worst(&bench.points[now].off, judged).unwrap();
+        assert!(baseline("no shadow") > 0.0 && baseline("no shadow") < baseline("nothing inserted"));
         let blames = blames(&mut bench, &metric, true, measured).unwrap();
         let [worst, second, ..] = blames.as_slice() else { panic!("{blames:?}") };
         // By itself it makes most of the error, and its repair takes away more than a quarter.
