@@ -48,8 +48,9 @@ impl Walk<'_> {
 
             // Light of the sky that they take away.
             let look = if first { reach.look } else { sky.look(surface.bsdf.lit_side()) };
+            let several = first.then_some(sky.lights);
             let mut taken = Vec3::ZERO;
-            for (number, drawn) in self.lights(look, pair, first).into_iter().flatten().enumerate() {
+            for (number, drawn) in self.lights(look, pair, several).into_iter().flatten().enumerate() {
                 taken += self.taken(&surface, lift, drawn, key.wrapping_add(number as u32));
             }
             light -= rules.clamped(bounce, weight * taken);

@@ -46,7 +46,7 @@ pub struct Sky {
     texels: Vec<[f32; 4]>,
     bright: Vec<bool>,
     tiers: [Cells; TIERS],
-    /// Light samples of each tier where many are taken, powers of 2.
+    /// Light samples of each tier where several are taken, powers of 2.
     pub lights: [u32; TIERS],
     /// Samples that were negative or not finite and count as black.
     pub broken: u64,
@@ -122,21 +122,21 @@ impl Sky {
         [0, 1].map(|k| Aim::new(&self.tiers[k].grid, normals, to))
     }
 
-    /// Light samples to be expected of each tier: where many are taken, or of one alone.
+    /// Light samples to be expected of each tier: where several are taken, or of one alone.
     #[inline]
-    pub fn numbers(&self, look: Look<'_>, many: bool) -> [f32; TIERS] {
+    pub fn numbers(&self, look: Look<'_>, several: Option<[u32; TIERS]>) -> [f32; TIERS] {
         let [high, low] = look.map(|aim| aim.power);
-        match (many, high + low > 0.0) {
-            (true, _) => self.lights.map(|n| n as f32),
-            (false, true) => [high, low].map(|power| (power / (high + low)) as f32),
-            (false, false) => [0.0; TIERS],
+        match (several, high + low > 0.0) {
+            (Some(lights), _) => lights.map(|n| n as f32),
+            (None, true) => [high, low].map(|power| (power / (high + low)) as f32),
+            (None, false) => [0.0; TIERS],
         }
     }
 
     /// The tier of a light sample that is alone, and its point.
     #[inline]
     pub fn tier(&self, look: Look<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
-        let share = f64::from(self.numbers(look, false)[0]);
+        let share = f64::from(self.numbers(look, None)[0]);
         let at = f64::from(v) * SCALE;
         let (tier, at) = if at < share { (0, at / share) } else { (1, (at - share) / (1.0 - share)) };
         // The conversion keeps to the range of the type.
@@ -193,9 +193,9 @@ impl Sky {
     /// A light sample that is alone, for a surface whose light comes from one side, or from all; none where no
     /// light comes from there.
     pub fn one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<FromSky> {
-        let (look, alone) = (self.look(normal), false);
+        let look = self.look(normal);
         let [found] = match look.iter().any(|aim| aim.power > 0.0) {
-            true => self.sample(look, self.numbers(look, alone), &[self.tier(look, point)]),
+            true => self.sample(look, self.numbers(look, None), &[self.tier(look, point)]),
             false => [None],
         };
         found
@@ -221,7 +221,7 @@ impl Sky {
     /// The light from a unit direction, and the density of [`one`](Self::one).
     pub fn find(&self, normal: Option<Vec3>, direction: Vec3) -> FromSky {
         let look = self.look(normal);
-        self.lookup(look, self.numbers(look, false), direction)
+        self.lookup(look, self.numbers(look, None), direction)
     }
 
     /// The light from a unit direction.
@@ -372,7 +372,11 @@ mod tests {
                         (0..count).map(move |k| (tier, points.twig(k, count).bits(tier as u32)))
                     });
                     let draws: Vec<_> = draws.collect();
-                    for s in sky.sample::<8>(look, sky.numbers(look, true), &draws).into_iter().flatten() {
+                    for s in sky
+                        .sample::<8>(look, sky.numbers(look, Some(sky.lights)), &draws)
+                        .into_iter()
+                        .flatten()
+                    {
                         let cosine = s.direction.dot(normal).max(0.0);
                         sum += weight(s.radiance.to_array()) * f64::from(cosine / s.density);
                     }
@@ -451,7 +455,8 @@ mod tests {
             let draws: Vec<_> =
                 (0..sky.lights[0]).map(|k| Points::new(5, i).twig(k, sky.lights[0])).collect();
             let draws: Vec<_> = draws.iter().map(|points| (0, points.bits(0))).collect();
-            let found = sky.sample::<8>(look, sky.numbers(look, true), &draws).into_iter().flatten();
+            let found =
+                sky.sample::<8>(look, sky.numbers(look, Some(sky.lights)), &draws).into_iter().flatten();
             found.map(|s| f64::from(s.radiance.x * s.direction.dot(hot) / s.density)).sum::<f64>()
         };
         let got = (0..n).map(arrived).sum::<f64>() / f64::from(n);

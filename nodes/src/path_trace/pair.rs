@@ -6,7 +6,7 @@ use super::aim::Cone;
 use super::change::Reach;
 use super::film::{Area, Sums, TileSums};
 use super::lens::Lens;
-use super::tile::Tile;
+use super::tile::{Sample, Tile};
 use super::walk::{Vertex, Walk, World};
 use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
@@ -39,10 +39,12 @@ pub(super) fn trace_r0(
 ) -> TileSums {
     let mut sums_of_tile = TileSums::default();
     let tile = Tile::new(world, lens, pixels, range);
+    let aims = tile.aims();
+    let look = aims.as_ref().map(|aims| aims.each_ref());
     for samples in tile.samples.chunks_exact((range.1 - range.0) as usize) {
         let mut sums = [0.0; R0];
         for sample in samples {
-            let mut walk = Walk { look: tile.look(), ..Walk::new(world, sample.points, sample.key, false) };
+            let mut walk = Walk { look, ..Walk::new(world, sample.points, sample.key, false) };
             let light = match sample.hit {
                 Some(hit) => walk.radiance(Vertex::Receiver(hit), sample.ray.direction),
                 None => world.sky.seen(sample.ray.direction),
@@ -81,12 +83,14 @@ pub(super) fn trace_pair(
         return sums_of_tile;
     };
     let tile = Tile::new(world, lens, pixels, range);
-    let place = |s: &super::tile::Sample| {
+    let place = |s: &Sample| {
         let hit = s.hit?;
         let shift = shift(&world, lens, &hit, s.ray);
         Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
     };
     let towards = tile.towards(tile.samples.iter().filter_map(|s| Some(place(s)?.0)));
+    let aims = towards.or_else(|| tile.aims());
+    let look = aims.as_ref().map(|aims| aims.each_ref());
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
         let mut change = [0.0; 3];
@@ -109,9 +113,7 @@ pub(super) fn trace_pair(
             }
             let Some((start, hit, shift)) = landed else { continue };
             let mut walk = Walk::new(world, sample.points, sample.key, true);
-            let side = world.receiver.surface(&hit).bsdf.lit_side();
-            let towards = towards.as_ref().map(|aims| aims.each_ref());
-            let look = towards.or(tile.look()).unwrap_or_else(|| world.sky.look(side));
+            let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
             let cone = Cone::between([start; 2], [low, high]);
             let light = walk.change(hit, ray.direction, &Reach { look, cone, lift: ray.direction * shift });
             sums_of_tile.rays += walk.rays;

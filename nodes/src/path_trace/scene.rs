@@ -43,10 +43,31 @@ pub(super) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
 
 /// Position, unit normal of the winding, and margin of a hit.
 pub(super) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
-    let [a, b, c] = *corners;
-    let position = a * (1.0 - hit.b1 - hit.b2) + b * hit.b1 + c * hit.b2;
-    let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
-    (position, normal, margin(corners))
+    let face = Face::new(*corners);
+    (face.at(hit), face.normal, face.margin)
+}
+
+/// A triangle, with what all its points share.
+#[derive(Debug, Clone, Copy)]
+struct Face {
+    corners: [Vec3; 3],
+    /// Unit normal, by its winding.
+    normal: Vec3,
+    /// See [`margin`].
+    margin: f32,
+}
+
+impl Face {
+    fn new(corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
+        Self { corners, normal, margin: margin(&corners) }
+    }
+
+    fn at(&self, hit: &Hit) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a * (1.0 - hit.b1 - hit.b2) + b * hit.b1 + c * hit.b2
+    }
 }
 
 /// The mesh that stands for the place.
@@ -54,7 +75,7 @@ pub(super) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
 pub struct Receiver {
     /// Its tree.
     pub bvh: Bvh,
-    corners: Vec<[Vec3; 3]>,
+    faces: Vec<Face>,
     colours: Vec<[Vec3; 3]>,
     /// Vertex colours beyond [0, 1] or not finite, which were clamped.
     pub clamped: u64,
@@ -86,32 +107,40 @@ impl Receiver {
                 }
             });
         }
-        Self { bvh: Bvh::build(&corners), corners, colours, clamped }
+        let bvh = Bvh::build(&corners);
+        Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped }
     }
 
     /// The largest margin of the triangles that reach into a box.
     pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
-        let reaches = |[a, b, c]: &&[Vec3; 3]| {
-            a.min(*b).min(*c).cmple(high).all() && a.max(*b).max(*c).cmpge(low).all()
+        let reaches = |face: &&Face| {
+            let [a, b, c] = face.corners;
+            a.min(b).min(c).cmple(high).all() && a.max(b).max(c).cmpge(low).all()
         };
-        self.corners.iter().filter(reaches).map(margin).fold(0.0, f32::max)
+        self.faces.iter().filter(reaches).map(|face| face.margin).fold(0.0, f32::max)
     }
 
     /// Unit normal of a triangle, by its winding.
     pub fn normal(&self, triangle: u32) -> Vec3 {
-        let [a, b, c] = self.corners[triangle as usize];
-        (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3()
+        self.faces[triangle as usize].normal
+    }
+
+    /// Unit normal at a hit, on the side that the ray came from.
+    pub fn facing(&self, hit: &Hit) -> Vec3 {
+        let normal = self.normal(hit.triangle);
+        if hit.back { -normal } else { normal }
     }
 
     /// The surface at a hit, seen from where the ray came.
     pub fn surface(&self, hit: &Hit) -> Surface {
-        let (position, normal, margin) = geometry(&self.corners[hit.triangle as usize], hit);
-        let normal = if hit.back { -normal } else { normal };
+        let face = &self.faces[hit.triangle as usize];
+        let normal = self.facing(hit);
         let albedo = match self.colours.get(hit.triangle as usize) {
             Some([a, b, c]) => *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2,
             None => Vec3::splat(GREY),
         };
         let bsdf = Bsdf::matte(normal, albedo);
+        let (position, margin) = (face.at(hit), face.margin);
         Surface { position, normal, margin, bsdf, emission: Vec3::ZERO, way: Vec3::ONE }
     }
 }

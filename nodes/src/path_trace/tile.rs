@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::aim::{Aim, Cone};
 use super::lens::Lens;
-use super::light::{Look, TIERS};
+use super::light::TIERS;
 use super::walk::World;
 use crate::bvh::{Hit, Ray};
 use crate::sampling::Points;
@@ -24,36 +24,29 @@ pub(super) struct Sample {
 pub(super) struct Tile<'a> {
     world: World<'a>,
     pub(super) samples: Vec<Sample>,
-    /// Where to look for light, if the points face alike.
-    aims: Option<[Aim; TIERS]>,
+    /// The normals of its points, if they face alike.
     normals: Option<Cone>,
 }
 
 impl<'a> Tile<'a> {
     /// Casts the rays of the camera: for each pixel in turn its samples.
     pub(super) fn new(world: World<'a>, lens: &Lens<'_>, pixels: &[(u32, u32)], range: (u32, u32)) -> Self {
-        let numbered = pixels.iter().flat_map(|&pixel| (range.0..range.1).map(move |sample| (pixel, sample)));
-        let samples: Vec<Sample> = numbered
-            .map(|(pixel, sample)| {
-                let (points, key, ray) = lens.sample(pixel, sample);
+        let mut samples = Vec::with_capacity(pixels.len() * (range.1 - range.0) as usize);
+        samples.extend(pixels.iter().flat_map(|&pixel| (range.0..range.1).map(move |n| (pixel, n))).map(
+            |(pixel, number)| {
+                let (points, key, ray) = lens.sample(pixel, number);
                 Sample { points, key, ray, hit: world.landing(ray) }
-            })
-            .collect();
-        let facing = |s: &Sample| {
-            let hit = s.hit?;
-            let normal = world.receiver.normal(hit.triangle);
-            Some(if hit.back { -normal } else { normal })
-        };
+            },
+        ));
+        let facing = |s: &Sample| s.hit.map(|hit| world.receiver.facing(&hit));
         let landed = samples.iter().any(|s| s.hit.is_some());
         let normals = landed.then(|| Cone::around(samples.iter().filter_map(facing)));
-        let normals = normals.filter(|cone| cone.cosine > ALIKE);
-        let aims = normals.map(|cone| world.sky.aims(Some(cone), &Cone::ALL));
-        Self { world, samples, aims, normals }
+        Self { world, samples, normals: normals.filter(|cone| cone.cosine > ALIKE) }
     }
 
     /// Where its points look for light, if not by the normal of each.
-    pub(super) fn look(&self) -> Option<Look<'_>> {
-        self.aims.as_ref().map(|aims| aims.each_ref())
+    pub(super) fn aims(&self) -> Option<[Aim; TIERS]> {
+        self.normals.map(|cone| self.world.sky.aims(Some(cone), &Cone::ALL))
     }
 
     /// Where its points look for what the objects change, by where rays to these start; none where that is

@@ -222,23 +222,32 @@ impl<'a> Walk<'a> {
 
     /// Light samples for a vertex. The first of a path takes several of each tier: they cost less than another
     /// path, and what the picture shows of their noise is not blurred by anything. Later ones take one.
-    pub(super) fn lights(&self, look: Look<'_>, pair: u32, first: bool) -> [Option<Drawn>; MANY] {
+    pub(super) fn lights(
+        &self,
+        look: Look<'_>,
+        pair: u32,
+        several: Option<[u32; TIERS]>,
+    ) -> [Option<Drawn>; MANY] {
         let sky = self.world.sky;
-        let numbers = sky.numbers(look, first);
         let mut draws = [(0, [0; 2]); MANY];
         let mut known = 0;
-        for tier in (0..TIERS).filter(|&tier| first && look[tier].power > 0.0) {
-            let count = sky.lights[tier];
-            for (number, draw) in (0..count).zip(&mut draws[known..]) {
-                *draw = (tier, self.points.twig(number, count).bits(pair + TIER * tier as u32));
+        match several {
+            Some(lights) => {
+                for tier in (0..TIERS).filter(|&tier| look[tier].power > 0.0) {
+                    let count = lights[tier];
+                    for (number, draw) in (0..count).zip(&mut draws[known..]) {
+                        *draw = (tier, self.points.twig(number, count).bits(pair + TIER * tier as u32));
+                    }
+                    known += count as usize;
+                }
             }
-            known += count as usize;
+            None if look.iter().any(|aim| aim.power > 0.0) => {
+                draws[0] = sky.tier(look, self.points.bits(pair));
+                known = 1;
+            }
+            None => {}
         }
-        if !first && look.iter().any(|aim| aim.power > 0.0) {
-            draws[0] = sky.tier(look, self.points.bits(pair));
-            known = 1;
-        }
-        sky.draw(look, numbers, &draws[..known])
+        sky.draw(look, sky.numbers(look, several), &draws[..known])
     }
 
     /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
@@ -343,7 +352,7 @@ impl<'a> Walk<'a> {
             let first = bounce == 0;
             let usual = sky.look(surface.bsdf.lit_side());
             let look = if first { self.look.unwrap_or(usual) } else { usual };
-
+            let several = first.then_some(sky.lights);
             let lift = if first { self.lift } else { Vec3::ZERO };
 
             // Light sampling.
@@ -363,7 +372,8 @@ impl<'a> Walk<'a> {
                 }
             } else {
                 // Looked up together, they wait for memory together.
-                let lights = self.lights(look, pair, first).map(|drawn| drawn.map(|drawn| sky.light(drawn)));
+                let drawn = self.lights(look, pair, several);
+                let lights = drawn.map(|drawn| drawn.map(|drawn| sky.light(drawn)));
                 for (number, from_sky) in lights.into_iter().flatten().enumerate() {
                     let key = key.wrapping_add(number as u32);
                     lit += self.light_sample(&surface, lift, &(from_sky, None), None, key);
@@ -403,7 +413,7 @@ impl<'a> Walk<'a> {
                     break;
                 }
             } else if object.is_none() && to_sky {
-                let found = sky.lookup(look, sky.numbers(look, first), direction);
+                let found = sky.lookup(look, sky.numbers(look, several), direction);
                 if found.radiance != Vec3::ZERO {
                     let passes = match (sight.block, sight.lands) {
                         (Block::Solid, true) => landed.is_none(),
