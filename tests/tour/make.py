@@ -1,0 +1,125 @@
+#!/usr/bin/env python3
+"""Runs what `docs/tour.md` shows, in a new folder and with a new cache, and prints the page.
+
+usage: make.py LIGHTHARMONY WORK > docs/tour.md     takes about two minutes of CPU time
+
+Lines that only repeat are cut, and said to be; nothing else is changed, so times and digests are those of the machine.
+"""
+import os, re, shutil, signal, subprocess, sys, time
+
+PROGRAM, WORK = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+ENV = {**os.environ, "LIGHTHARMONY_CACHE": f"{WORK}/cache", "NO_COLOR": "1", "PATH": f"{WORK}/bin:{os.environ['PATH']}"}
+
+def say(text):
+    print(text, flush=True)
+
+def shown(text, most):
+    lines = [line.replace(WORK, "~") for line in text.rstrip("\n").split("\n")]
+    if len(lines) > most:
+        cut = len(lines) - most
+        lines = lines[: most - 1] + [f"    [{cut} lines more]"] + lines[-1:]
+    return "\n".join(line[:150] + (" .." if len(line) > 150 else "") for line in lines)
+
+def run(command, folder="", most=14):
+    """One command of the shell, with both its outputs and, where it is not 0, its exit code."""
+    done = subprocess.run(command, shell=True, cwd=f"{WORK}/{folder}", env=ENV, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    say(f"$ {command}")
+    if done.stdout:
+        say(shown(done.stdout, most))
+    if done.returncode:
+        say(f"[exit code {done.returncode}]")
+
+def section(title, text=""):
+    say(f"\n## {title}\n{text}" if text else f"\n## {title}")
+
+def transcript(*commands, folder="", most=14):
+    say("```text")
+    for command in commands:
+        run(command, folder, most)
+    say("```")
+
+def replaced(path, old, new):
+    with open(path) as f:
+        text = f.read()
+    assert old in text, (path, old)
+    with open(path, "w") as f:
+        f.write(text.replace(old, new, 1))
+
+def watch():
+    """A watch beside which the graph is edited: what it says after each edit."""
+    graph, log = f"{WORK}/first/graph.ron", f"{WORK}/watch.txt"
+    with open(log, "w") as to:
+        process = subprocess.Popen([PROGRAM, "watch", "graph.ron"], cwd=f"{WORK}/first", env=ENV, stdout=to, stderr=to)
+    read = 0
+    def until(word):
+        nonlocal read
+        for _ in range(1200):
+            time.sleep(0.1)
+            with open(log) as f:
+                text = f.read()
+            if word in text[read:] and text.endswith("\n"):
+                time.sleep(0.3)
+                with open(log) as f:
+                    text = f.read()
+                new, read = text[read:], len(text)
+                return new
+        sys.exit(f"waited in vain for {word}")
+    say("```text\n$ lightharmony watch graph.ron")
+    say(shown(until("watching"), 14))
+    replaced(graph, "yaw_deg: -24.0", "yaw_deg: 45.0")
+    say("[the editor saves another yaw]\n" + shown(until("watching"), 16))
+    replaced(graph, "yaw_deg: 45.0", "yaw_dge: 45.0")
+    say("[a slip of the finger]\n" + shown(until("watching"), 16))
+    replaced(graph, "yaw_dge: 45.0", "yaw_deg: -24.0")
+    say("[the first yaw again]\n" + shown(until("watching"), 16))
+    process.send_signal(signal.SIGINT)
+    process.wait()
+    say("[Ctrl-C]\n```")
+
+shutil.rmtree(WORK, ignore_errors=True)
+os.makedirs(f"{WORK}/bin")
+os.symlink(PROGRAM, f"{WORK}/bin/lightharmony")
+say("""# A tour
+
+Every command below was run, in this order, in a new folder and with a new cache, by
+
+```sh
+python3 tests/tour/make.py target/release/lightharmony /tmp/tour > docs/tour.md
+```
+
+`~` is that folder. Long outputs are cut where it is said. Times are wall times of whatever machine it was,
+here two cores shared with a load of about 8.""")
+section("A first picture")
+transcript("lightharmony init first", most=6)
+transcript("lightharmony run graph.ron", "lightharmony run graph.ron", folder="first", most=20)
+section("Watching", "Saved while `watch` runs. Nothing but what the yaw touches runs; what takes long would be shown roughly first.")
+watch()
+section("What would run, and why")
+transcript("lightharmony plan graph.ron --set pose.yaw_deg=35.0", "lightharmony explain graph.ron trace --set pose.yaw_deg=35.0",
+           "lightharmony run graph.ron --set pose.yaw_deg=35.0 --trace threads.json", "head -c 300 threads.json; echo",
+           "sed 's/-24.0/35.0/' graph.ron > other.ron", "lightharmony diff graph.ron other.ron", folder="first", most=20)
+section("Many pictures", "One node along an axis is as many nodes; what does not read the axis is one.")
+os.makedirs(f"{WORK}/many")
+shutil.copy(f"{os.path.dirname(os.path.abspath(__file__))}/../../graphs/turntable.ron", f"{WORK}/many")
+transcript("lightharmony run turntable.ron --preset draft > told.txt 2>&1; tail -1 told.txt",
+           "grep -o 'ran [a-z]*' told.txt | sort | uniq -c", "ls -R out", folder="many", most=30)
+section("The same bytes elsewhere")
+transcript("lightharmony run graph.ron 2>&1 | tail -1", "lightharmony lock graph.ron", "lightharmony pack graph.ron first.lhb --results all", "ls -s --block-size=k first.lhb", folder="first", most=8)
+say("\nIn another folder, with another cache:")
+os.makedirs(f"{WORK}/second")
+shutil.copy(f"{WORK}/first/first.lhb", f"{WORK}/second")
+ENV["LIGHTHARMONY_CACHE"] = f"{WORK}/cache2"
+transcript("lightharmony verify first.lhb --sample 3 --seed 1", "lightharmony unpack first.lhb again", "ls again",
+           "lightharmony run again/graph.ron", "cmp out/picture.png ../first/out/picture.png && echo equal",
+           "cp ../first/out/picture.png . && lightharmony run picture.png --out from-picture",
+           "cmp from-picture/*.png picture.png && echo equal", folder="second", most=8)
+ENV["LIGHTHARMONY_CACHE"] = f"{WORK}/cache"
+section("The cache")
+transcript("lightharmony cache stat", "lightharmony cache verify", "lightharmony cache gc --max-size 1M --dry-run",
+           "lightharmony cache pin first/graph.ron", "lightharmony cache gc --max-size 0", "lightharmony run first/graph.ron --out first/out", most=8)
+section("Faults")
+transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "rm -r first/out; lightharmony run first/graph.ron --out first/out",
+           "lightharmony run first/graph.rom", "lightharmony run first/graph.ron --set pose.yaw=3", "lightharmony run first/graph.ron --set demo.width_px=4000000000",
+           "lightharmony run first/graph.ron --out /proc/out --set pose.yaw_deg=1.0 2>&1 | tail -6",
+           "timeout --foreground --preserve-status -s INT 3 lightharmony run first/graph.ron --set trace.samples=4000 2>&1 | tail -3", most=12)
