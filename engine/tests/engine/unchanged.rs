@@ -82,10 +82,10 @@ fn whatever_changed_makes_it_an_ordinary_run() {
     let remove = |name: &'static str| move |lab: &Lab| fs::remove_file(lab.path(name)).unwrap();
     type Change = Box<dyn Fn(&Lab)>;
     let changes: [(&str, Change); 7] = [
-        ("a source", Box::new(rewrite("a.txt", "4"))),
+        ("a source", Box::new(rewrite("a.txt", "4.25"))),
         ("a source that is gone", Box::new(remove("a.txt"))),
         ("a file that is gone", Box::new(remove("out/deep/also.txt"))),
-        ("a file that says something else", Box::new(rewrite("out/save.txt", "?"))),
+        ("a file that says something else", Box::new(rewrite("out/save.txt", "something of another length"))),
         (
             "a file of equal content, but another one",
             Box::new(|lab: &Lab| {
