@@ -240,17 +240,17 @@ pub(crate) fn parse_all<'t>(
             }
         }
     }
+    let others = pieces
+        .iter()
+        .zip(&documents)
+        .filter(|(piece, _)| matches!(piece.role, Role::Include | Role::Subgraph));
+    let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
     let included = |role| pieces.iter().enumerate().filter(move |(_, piece)| piece.role == role);
     let includes: BTreeMap<&str, usize> =
         included(Role::Include).map(|(at, piece)| (piece.name, at)).collect();
     let subgraphs: SubgraphFiles<'t> = included(Role::Subgraph)
         .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
         .collect();
-    let others = pieces
-        .iter()
-        .zip(&documents)
-        .filter(|(piece, _)| matches!(piece.role, Role::Include | Role::Subgraph));
-    let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
     let mut document = with_includes(0, &pieces, &includes, &mut documents);
     document.others = others;
     document.whole &= subgraphs.values().all(|subgraph| subgraph.whole);

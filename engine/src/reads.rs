@@ -1,7 +1,7 @@
 //! The files that a graph is made of and reads, which nothing that is made of it may be written over.
 
 use std::collections::{BTreeSet, HashMap};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use crate::diag::{Code, Diagnostic, Diagnostics};
 use crate::graph::Graph;
@@ -34,13 +34,25 @@ fn places_of(path: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> impl Itera
         _ => Path::new("."),
     };
     if !folders.contains_key(folder) {
-        // One that is not there has no links in it.
-        let real = folder.canonicalize().or_else(|_| std::path::absolute(folder));
-        folders.insert(folder.to_owned(), real.unwrap_or_else(|_| folder.to_owned()));
+        folders.insert(folder.to_owned(), folder.canonicalize().unwrap_or_else(|_| in_steps(folder)));
     }
     let place = folders[folder].join(path.file_name().unwrap_or_default());
     let end = if place.is_symlink() { place.canonicalize().ok() } else { None };
     [Some(place), end].into_iter().flatten()
+}
+
+/// Where a folder would lie of which a part is not there, and would be made.
+fn in_steps(folder: &Path) -> PathBuf {
+    let mut at = PathBuf::new();
+    for part in std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).components() {
+        if part == Component::ParentDir {
+            at.pop();
+        } else {
+            at.push(part);
+            at = at.canonicalize().unwrap_or(at);
+        }
+    }
+    at
 }
 
 impl Graph {
@@ -107,6 +119,8 @@ mod tests {
             "read.png",
             "in/b.png",
             "gone/x.png",
+            "no/../in/a.png",
+            "way/no/./../a.png",
         ] {
             assert!(read.has(&at(name)), "{name}");
         }
