@@ -113,9 +113,11 @@ pub struct TileSums {
 }
 
 impl TileSums {
-    /// Appends the sums of a pixel, those beyond single precision as its largest number.
+    /// Appends the sums of a pixel, those beyond single precision as its largest number. What is infinite, as depth
+    /// beyond all surfaces, stays so.
     pub fn push(&mut self, sums: &[f64]) {
-        self.sums.extend(sums.iter().map(|&v| (v as f32).clamp(-f32::MAX, f32::MAX)));
+        let single = |v: f64| if v.is_finite() { (v as f32).clamp(-f32::MAX, f32::MAX) } else { v as f32 };
+        self.sums.extend(sums.iter().map(|&v| single(v)));
     }
 }
 
