@@ -217,6 +217,23 @@ fn every_instruction_set_and_thread_count_gives_the_same_bytes() {
     }
 }
 
+/// What several jobs of the projection found of each row of tiles comes together in the order of the file, whatever
+/// the number of threads; where nothing is bounded there is but one row.
+#[test]
+fn scenes_of_several_jobs_are_one_picture() {
+    let splats = cloud(20_000, 6);
+    let camera = camera(40, 70, 60.0);
+    let settings = Settings { precision: Precision::F32, stop: 0.0, ..F64 };
+    let none = draw(&splats, &camera, Settings { bounds: Bounds::None, ..settings });
+    for threads in [1, 2, 5] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let exact = pool.install(|| draw(&splats, &camera, settings));
+        assert_eq!(bits(&exact), bits(&none), "{threads} threads");
+        assert_eq!(exact.work.blends, none.work.blends);
+    }
+    assert!(none.work.blends > 500_000, "{:?}", none.work);
+}
+
 #[test]
 fn depth_is_planar_and_modes_differ_as_they_say() {
     let near = one([0.0, 0.0, 2.0], [0.4; 3], 0.4, [1.0; 3]);
