@@ -47,6 +47,11 @@ pub(super) fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
     }
 }
 
+/// A length as people read it.
+fn short(length: f32) -> String {
+    if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
+}
+
 /// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
 /// surface has lost what lies nearer.
 pub(super) fn tell_lost(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
@@ -55,10 +60,10 @@ pub(super) fn tell_lost(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes)
         let around = stage.receiver().margin_within(low - size, high + size);
         let margin = around.max(margin(&[low, high, high]));
         if size > 0.0 && margin > COARSE * size {
+            let [size, distance, margin] = [size, distance, margin].map(short);
             let text = format!(
-                "object {index} is {size:.3e} units large and {distance:.3e} from the first camera, which is where \
-                 coordinates start: rays leave surfaces there from {margin:.1e} off, and contact shadows and detail \
-                 below that are lost"
+                "object {index} is {size} units large and {distance} from the first camera, where coordinates start: rays \
+                 leave surfaces there from {margin} off, and contact shadows and detail below that are lost"
             );
             notes.warning("coarse-coordinates", format!("{text}; bring the first camera of the rig nearer"));
         }
