@@ -13,6 +13,9 @@ use super::shot::Running;
 
 /// Side of the blocks of pixels that take more samples together, in tiles.
 const BLOCK: u32 = 4;
+/// A receiver with less than this share of the mean light of `without` counts nothing: `shadow-ratio` leaves it as
+/// it is, by default.
+const DARK: f64 = 1e-3;
 /// What stratified samples gain at most over independent ones, in variance, that is believed.
 const GAIN: f64 = 16.0;
 
@@ -22,6 +25,8 @@ pub(super) struct Goal {
     asked: f64,
     /// Mean luminance of the objects over what they cover.
     scale: f64,
+    /// Least luminance of `without` that counts.
+    dark: f64,
     /// All chunks of samples that may be taken.
     chunks: Vec<(u32, u32)>,
 }
@@ -44,12 +49,13 @@ pub(super) struct Reached {
 impl Goal {
     /// The goal for a picture of which the first chunk is known.
     pub(super) fn new(asked: f64, most: u32, running: &Running) -> Self {
-        Self { asked, scale: running.shine(), chunks: chunks(most) }
+        Self { asked, scale: running.shine(), dark: DARK * running.light(), chunks: chunks(most) }
     }
 
     /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
     /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
-    /// mean of their light, the larger of both. From one chunk as if samples were independent, from several by how far
+    /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
+    /// above 1 its error is relative to it. From one chunk as if samples were independent, from several by how far
     /// they lie apart.
     fn error(&self, running: &Running, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
@@ -61,7 +67,9 @@ impl Goal {
                 let seen = 1.0 - running.alpha(index);
                 let object = if self.scale > 0.0 { 1.0 / (self.scale * self.scale) } else { 0.0 };
                 let of_chunks = running.spread_of_chunks(index, chunks);
-                let weights = [seen * seen, object];
+                let [without, with] = running.lights(index);
+                let shown = if without > self.dark { seen * without / without.max(with) } else { 0.0 };
+                let weights = [shown * shown, object];
                 for (k, square) in [spread.ratio, spread.object].into_iter().enumerate() {
                     alone[k] += weights[k] * square;
                     apart[k] += weights[k] * of_chunks[k];

@@ -89,6 +89,18 @@ impl Running {
         sums[R0 + 7] / n
     }
 
+    /// Mean luminances of R0 and R1 in a pixel.
+    pub(super) fn lights(&self, index: usize) -> [f64; 2] {
+        let (sums, n) = self.pixel(index);
+        [0, R0].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
+    }
+
+    /// Mean luminance of R0.
+    pub(super) fn light(&self) -> f64 {
+        let pixels = self.samples.len();
+        (0..pixels).map(|index| self.lights(index)[0]).sum::<f64>() / pixels.max(1) as f64
+    }
+
     /// Mean luminance of the objects over what they cover.
     pub(super) fn shine(&self) -> f64 {
         let (mut light, mut cover) = (0.0, 0.0);
