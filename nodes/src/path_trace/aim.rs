@@ -72,6 +72,8 @@ fn sine(cosine: f32) -> f32 {
 pub struct Cell {
     /// Its directions; with a cosine below 0 nothing is known of them.
     pub cone: Cone,
+    /// Solid angle.
+    pub area: f64,
     /// Luminance times solid angle.
     pub power: f64,
     /// Mean direction of its light, shorter than 1.
@@ -159,6 +161,8 @@ pub struct Aim {
     cumulative: Vec<f32>,
     /// The light that it expects; with none all cells are alike.
     pub power: f64,
+    /// Solid angle of the cells that it expects light from.
+    pub area: f64,
 }
 
 impl Aim {
@@ -167,7 +171,8 @@ impl Aim {
     pub fn new(grid: &Grid, normals: Option<Cone>, to: &Cone) -> Self {
         let Grid { cells, columns } = grid;
         let rows = cells.len() / columns;
-        let mut aim = Self { columns: *columns, cumulative: vec![0.0; rows + cells.len()], power: 0.0 };
+        let cumulative = vec![0.0; rows + cells.len()];
+        let mut aim = Self { columns: *columns, cumulative, power: 0.0, area: 0.0 };
         let (to_rows, to_columns) = aim.cumulative.split_at_mut(rows);
         let mut exact = vec![0.0; rows.max(*columns)];
         let mut narrow = |weights: &[f64], to: &mut [f32]| {
@@ -182,6 +187,8 @@ impl Aim {
         let mut of_rows = Vec::with_capacity(rows);
         for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(*columns)) {
             let weights: Vec<f64> = cells.iter().map(weight).collect();
+            let bright = cells.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
+            aim.area += bright.map(|(cell, _)| cell.area).sum::<f64>();
             of_rows.push(narrow(&weights, to));
         }
         aim.power = narrow(&of_rows, to_rows);
@@ -280,7 +287,7 @@ mod tests {
             .map(|i| {
                 let axis = direction(i, 1);
                 let cosine = crate::num::f32::cos(tip);
-                Cell { cone: Cone { axis, cosine }, power: 1.0, towards: axis * 0.99 }
+                Cell { cone: Cone { axis, cosine }, area: 0.2, power: 1.0, towards: axis * 0.99 }
             })
             .collect();
         let table = table(&Grid { cells: cells.clone(), columns: 8 });

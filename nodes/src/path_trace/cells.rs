@@ -136,7 +136,7 @@ impl Cells {
         let mut of_rows = Vec::with_capacity(rows.len());
         let mut cumulative = vec![0.0; rows.len().max(columns.len())];
         let share = |c: &[f32], i: usize| f64::from(c[i]) - if i > 0 { f64::from(c[i - 1]) } else { 0.0 };
-        let mut towards = [0.0; 3];
+        let (mut towards, mut solid_angle) = ([0.0; 3], 0.0);
         for y in rows.clone() {
             let to = &mut self.across[y * self.width..][columns.clone()];
             let weights: Vec<f64> = to.iter().map(|&w| f64::from(w)).collect();
@@ -145,6 +145,7 @@ impl Cells {
                 *to = *from as f32;
             }
             let area = pixel_solid_angle(self.width, self.height, y);
+            solid_angle += area * columns.len() as f64;
             let above = 0.5 * (globe.cosines[y] + globe.cosines[y + 1]);
             let radius = (1.0 - above * above).max(0.0).sqrt();
             for (weight, x) in weights.iter().zip(columns.clone()) {
@@ -179,6 +180,6 @@ impl Cells {
         let farthest = corners.iter().map(|corner| corner.dot(axis)).fold(1.0, f32::min) - 1e-5;
         let cosine = if columns.len() * 4 > self.width { -1.0 } else { farthest };
         let towards = globe.world(towards.map(|t| if power > 0.0 { t / power } else { 0.0 }));
-        Cell { cone: Cone { axis, cosine }, power, towards }
+        Cell { cone: Cone { axis, cosine }, area: solid_angle, power, towards }
     }
 }

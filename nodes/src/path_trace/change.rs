@@ -8,13 +8,14 @@ use glam::Vec3;
 
 use super::aim::Cone;
 use super::bsdf::Lobe;
-use super::light::{Drawn, Look};
+use super::light::{Drawn, Look, TIERS};
 use super::scene::Surface;
 use super::walk::{PAIRS, Vertex, Walk, Way};
 use crate::bvh::{Hit, Ray};
 use crate::sampling::{circle, hash, unit};
 
-/// First of the pairs of dimensions for rays to the objects: direction, and whether one is sent.
+/// First of the pairs of dimensions for rays to the objects: direction, whether one is sent, and whether the
+/// sample asks for a change at all.
 const TOWARDS: u32 = 1 << 17;
 /// Rays to the objects for each steradian in which they are seen.
 const RAYS: f32 = 1.0;
@@ -24,6 +25,10 @@ const RAYS: f32 = 1.0;
 pub struct Reach<'a> {
     /// The part of the sky that they can hide.
     pub look: Look<'a>,
+    /// Light samples of each tier.
+    pub lights: [u32; TIERS],
+    /// Odds that the sample asks for a change.
+    pub odds: f32,
     /// The directions of rays that can meet them.
     pub cone: Cone,
     /// Added to the start of rays to them: see [`super::contact`].
@@ -33,11 +38,19 @@ pub struct Reach<'a> {
 impl Walk<'_> {
     /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera of the
     /// given unit direction.
-    pub fn change(&mut self, mut hit: Hit, direction: Vec3, reach: &Reach<'_>) -> Vec3 {
-        let (sky, rules) = (self.world.sky, self.world.rules);
-        if rules.near.is_some() {
-            return self.both(hit, direction, reach.lift);
+    pub fn change(&mut self, hit: Hit, direction: Vec3, reach: &Reach<'_>) -> Vec3 {
+        if self.world.rules.near.is_some() {
+            self.both(hit, direction, reach.lift)
+        } else if reach.odds >= 1.0 || unit(self.points.bits(TOWARDS + 2)[0]) < reach.odds {
+            self.apart(hit, reach) / reach.odds
+        } else {
+            Vec3::ZERO
         }
+    }
+
+    /// What the objects take and give, each by samples of its own.
+    fn apart(&mut self, mut hit: Hit, reach: &Reach<'_>) -> Vec3 {
+        let (sky, rules) = (self.world.sky, self.world.rules);
         let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
         let mut lift = reach.lift;
         for bounce in 0..=rules.max_bounces {
@@ -48,7 +61,7 @@ impl Walk<'_> {
 
             // Light of the sky that they take away.
             let look = if first { reach.look } else { sky.look(surface.bsdf.lit_side()) };
-            let several = first.then_some(sky.lights);
+            let several = first.then_some(reach.lights);
             let mut taken = Vec3::ZERO;
             for (number, drawn) in self.lights(look, pair, several).into_iter().flatten().enumerate() {
                 taken += self.taken(&surface, lift, drawn, key.wrapping_add(number as u32));

@@ -152,7 +152,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -266,7 +266,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |tile| trace_r0(world, &lens, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 8, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 9, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, (area, &r0));

@@ -6,7 +6,7 @@ use super::aim::Cone;
 use super::change::Reach;
 use super::film::{Area, Sums, TileSums};
 use super::lens::Lens;
-use super::tile::{Sample, Tile};
+use super::tile::{Sample, Stakes, Tile};
 use super::walk::{Vertex, Walk, World};
 use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
@@ -88,9 +88,14 @@ pub(super) fn trace_pair(
         let shift = shift(&world, lens, &hit, s.ray);
         Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
     };
-    let towards = tile.towards(tile.samples.iter().filter_map(|s| Some(place(s)?.0)));
-    let aims = towards.or_else(|| tile.aims());
-    let look = aims.as_ref().map(|aims| aims.each_ref());
+    // Where the receiver is the light, whole paths are traced.
+    let far = world.rules.near.is_none();
+    let stakes = if far { tile.stakes(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
+    let aims = if far && stakes.is_none() { tile.aims() } else { None };
+    let (look, lights, odds) = match &stakes {
+        Some(Stakes { aims, lights, odds }) => (Some(aims.each_ref()), *lights, *odds),
+        None => (aims.as_ref().map(|aims| aims.each_ref()), world.sky.lights, 1.0),
+    };
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
         let mut change = [0.0; 3];
@@ -115,7 +120,8 @@ pub(super) fn trace_pair(
             let mut walk = Walk::new(world, sample.points, sample.key, true);
             let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
             let cone = Cone::between([start; 2], [low, high]);
-            let light = walk.change(hit, ray.direction, &Reach { look, cone, lift: ray.direction * shift });
+            let reach = Reach { look, lights, odds, cone, lift: ray.direction * shift };
+            let light = walk.change(hit, ray.direction, &reach);
             sums_of_tile.rays += walk.rays;
             touched |= light != Vec3::ZERO;
             if add(&mut change, light, &mut sums_of_tile.broken) {

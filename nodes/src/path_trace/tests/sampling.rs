@@ -33,6 +33,32 @@ fn rays_are_only_cast_where_they_may_matter() {
     assert!(near.iter().sum::<u64>() < samples * 11, "{near:?} over {solid:?}");
 }
 
+// Where little is at stake few samples ask what a ball takes, and what they tell is right on average: of a uniform
+// sky a sphere of radius r takes `r^2 h / d^3` from a plane h below its middle, at the distance d.
+#[test]
+fn what_is_seldom_asked_is_right_on_average() {
+    let black = Material { ior: 1.0, ..matte(0.0) };
+    let (radius, height, size) = (0.4, 0.5, 32_u32);
+    let objects = [ball(radius, black, DVec3::new(0.0, 0.0, f64::from(height)))];
+    let eye = DVec3::new(2.5, 0.0, 5.0);
+    let rig = rig(eye, DVec3::new(2.5, 0.0, 0.0), size, 8.0);
+    let cx = context();
+    let (out, _) = render_in(&cx, &params(64, EnvBlock::Solid), &plane(8.0), &objects, &rig, &white());
+    let aside = |k: u32| (f64::from(k) + 0.5 - 16.0) / (8.0 * 16.0) * eye.z;
+    let taken = |i: usize| {
+        let (x, y) = (eye.x + aside(i as u32 % size), aside(i as u32 / size));
+        let squared = x * x + y * y + f64::from(height * height);
+        f64::from(radius * radius * height) / (squared * squared.sqrt())
+    };
+    let expected = (0..1024).map(taken).sum::<f64>();
+    let pairs = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
+    let got: f64 = pairs.map(|(a, b)| f64::from(1.0 - b[0] / a[0])).sum();
+    // The ball is a polyhedron, a little smaller, and the mean of all pixels is noisy by less than that.
+    assert!((got / expected - 1.0).abs() < 0.025, "{got} for {expected}");
+    // Beside four for each sample of `without` not four again.
+    assert!(cx.counts()["shadow_rays"] < 64 * 1024 * 6, "{:?}", cx.counts());
+}
+
 // 64 then 256 equals 256 at once, in small: chunks are the same whatever the number of samples is.
 #[test]
 fn more_samples_only_add_chunks() {
