@@ -165,7 +165,7 @@ fn equal_scenes_give_equal_files() {
 
 /// What was read is written as it was, also where the largest components of a rotation tie but for rounding, and where
 /// what rounds to nothing is below 0. Two codes may be one rotation to the bit; then the first of them is written.
-/// Seen red with an `AS_LARGE` of 1e-7, and with `part < 0.0` for `part.is_sign_negative()`.
+/// Seen red with an `AS_LARGE` of 1e-7.
 #[test]
 fn rotations_of_spz_come_back_as_they_were() {
     let sizes = [0_u32, 1, 2, 87, 208, 294, 295, 296, 360, 361, 362, 417, 509, 510, 511];

@@ -59,7 +59,7 @@ fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
 
 /// The shadow of a ball on a floor does not depend on what else there is of the floor: a stray triangle far away, or
 /// two triangles that reach to a horizon.
-/// Mutation: `NEAREST` to 1e9 in `grade.rs`, or the origin to the middle of the receiver's box.
+/// Mutation: `NEAREST` to 1e9 in `Grade::of` (seen red).
 #[test]
 fn row_42_a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
@@ -219,7 +219,7 @@ fn row_48_light_of_any_strength_gives_the_same_picture() {
 
 /// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
 /// finite, and told.
-/// Mutation: `sums[k].sqrt()` left out of `trace_pair`, and `v * v` of `Running::add`.
+/// Mutation: `sums[k].sqrt()` left out of `trace_pair`, and `v * v` of `Running::add` (seen red).
 #[test]
 fn row_48_the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();
