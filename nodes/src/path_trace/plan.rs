@@ -55,7 +55,7 @@ impl Goal {
     /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
     /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
     /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
-    /// above 1 its error is relative to it. From one chunk as if samples were independent, from several by how far
+    /// above 1 its error is relative to it; that of a highlight is relative to the highlight. From one chunk as if samples were independent, from several by how far
     /// they lie apart.
     fn error(&self, running: &Running, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
@@ -65,9 +65,10 @@ impl Goal {
                 let index = running.whole.index(pixel);
                 let spread = running.spread(index);
                 let seen = 1.0 - running.alpha(index);
-                let object = if self.scale > 0.0 { 1.0 / (self.scale * self.scale) } else { 0.0 };
                 let of_chunks = running.spread_of_chunks(index, chunks);
-                let [without, with] = running.lights(index);
+                let [without, with, shine] = running.lights(index);
+                let scale = self.scale.max(shine);
+                let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
                 let shown = if without > self.dark { seen * without / without.max(with) } else { 0.0 };
                 let weights = [shown * shown, object];
                 for (k, square) in [spread.ratio, spread.object].into_iter().enumerate() {

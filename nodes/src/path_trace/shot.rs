@@ -89,10 +89,10 @@ impl Running {
         sums[R0 + 7] / n
     }
 
-    /// Mean luminances of R0 and R1 in a pixel.
-    pub(super) fn lights(&self, index: usize) -> [f64; 2] {
+    /// Mean luminances of R0, R1 and the objects in a pixel.
+    pub(super) fn lights(&self, index: usize) -> [f64; 3] {
         let (sums, n) = self.pixel(index);
-        [0, R0].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
+        [0, R0, R0 + 4].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
     }
 
     /// Mean luminance of R0.
