@@ -213,8 +213,14 @@ pub(crate) fn finish(
     let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
     let hole_alpha = hole_alpha as f32;
     let open = alpha.iter().filter(|a| **a < hole_alpha).count();
-    if open == alpha.len() {
-        notes.degraded("nothing-seen", "the views show nothing: the panorama is a hole");
+    let most = alpha.iter().copied().fold(0.0, f32::max);
+    if most <= 0.0 {
+        notes.degraded("nothing-seen", "nothing is seen in any direction: the panorama is a hole");
+    } else if open == alpha.len() {
+        let text = format!(
+            "alpha reaches {most:.2e}, nowhere the `hole_alpha` of {hole_alpha}: all counts as holes"
+        );
+        notes.warning("little-seen", text);
     } else if open > 0 {
         let share: f64 = (0..height)
             .map(|y| {
@@ -283,7 +289,7 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
 
 impl Kind for Stitch {
     const NAME: &'static str = "stitch";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up];
     type Params = Self;
     type In = In;

@@ -125,6 +125,21 @@ fn holes_take_the_colour_around_them() {
     }
 }
 
+// Little is not nothing.
+#[test]
+fn a_panorama_of_next_to_nothing_is_told_from_one_of_nothing() {
+    for (alpha, id) in [(0.0, "nothing-seen"), (0.155, "little-seen")] {
+        let scene = views(rig(8, 3.0, Turn::OffAxis), |camera, x, y| {
+            let up = camera.direction(x as f64 + 0.5, y as f64 + 0.5).z > 0.9;
+            if up { [alpha; 4] } else { [0.0; 4] }
+        });
+        let params = Stitch { width_px: 32, holes: Holes::PushPull, hole_alpha: 0.25 };
+        let (_, notes) = Stitch::run(&params, In { views: scene }, &context()).expect("stitches");
+        let told: Vec<_> = notes.iter().map(|note| note.id.to_string()).collect();
+        assert_eq!(told, [id]);
+    }
+}
+
 #[test]
 fn views_from_two_points_are_refused() {
     let mut rig = rig(4, 3.0, Turn::OffAxis);
