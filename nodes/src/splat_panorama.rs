@@ -5,7 +5,7 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
 
 use crate::equirect;
-use crate::splat::{self, Around, Drawing, MAX_PIXELS, Rendered, Sort, Surface};
+use crate::splat::{self, Around, Drawing, MAX_PIXELS, Rendered, Sort, Surface, most_bytes};
 use crate::stitch::{self, Found, Holes};
 use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
 
@@ -104,7 +104,7 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
@@ -113,10 +113,10 @@ impl Kind for SplatPanorama {
     fn estimate((params, _): &Self::Params, inputs: &In) -> Cost {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let samples = pixels * u64::from(params.supersample) * u64::from(params.supersample);
-        let splats = inputs.splats.len() as u64;
-        // A sample: its tile or its row, the picture of the belt and of the caps, their union. A splat, of which
-        // nearly all are seen: a footprint, its key, its place in the order and in the tiles.
-        Cost { bytes: pixels * 80 + samples * 60 + splats * 110 }
+        let fine = u64::from(params.width_px) * u64::from(params.supersample);
+        let lists = most_bytes(inputs.splats.len() as u64, (fine, fine / 2));
+        // A sample: its tile or its row, the picture of the belt and of the caps, their union.
+        Cost { bytes: (pixels * 80 + samples * 60).saturating_add(lists) }
     }
 
     fn work((params, _): &Self::Params, sizes: &Sizes) -> f64 {

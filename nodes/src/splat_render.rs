@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
 
-use crate::splat::{Blocks, Drawing, MAX_PIXELS, Sort, Work, render_with};
+use crate::splat::{Blocks, Drawing, MAX_PIXELS, Sort, Work, most_bytes, render_with};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
@@ -62,7 +62,7 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -72,9 +72,10 @@ impl Kind for SplatRender {
         let all: u64 = inputs.rig.cameras.iter().map(pixels).sum();
         let largest = inputs.rig.cameras.iter().map(pixels).max().unwrap_or(0);
         let splats = inputs.splats.len() as u64;
-        // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand. Per splat: a footprint, its
-        // key, its place in the order and in the tiles.
-        Cost { bytes: all * 44 + largest * 24 + splats * 160 }
+        let size = |c: &Camera| (u64::from(c.width_px), u64::from(c.height_px));
+        let lists = inputs.rig.cameras.iter().map(|c| most_bytes(splats, size(c))).max().unwrap_or(0);
+        // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand.
+        Cost { bytes: (all * 44 + largest * 24).saturating_add(lists) }
     }
 
     // Splats are read once a view; a view of a megapixel makes up for its share of them.

@@ -1,18 +1,20 @@
-//! A stable sort of the footprints of each row of tiles, then their lists by tile.
+//! Groups of tiles whose lists are held together; of each group a stable sort of the footprints of each row of tiles,
+//! then their lists by tile.
 
 use std::ops::Range;
 
 use engine::{Context, NodeError};
 
 use super::lens;
-use super::project::{Entry, Projected};
+use super::lens::Reach;
+use super::project::{Entry, Footprint, Projected};
+use super::settings::LIST_BYTES;
 use super::{Bounds, Settings};
 
 /// Side of a tile, in pixels; the INRIA rasterizer's, whose bounds depend on it.
 pub const TILE: usize = 16;
 
 /// Values listed by slot, such as rows or columns of tiles: those of slot `i` at `starts[i]..starts[i + 1]`.
-#[derive(Default)]
 pub(super) struct Listed<T> {
     starts: Vec<u32>,
     values: Vec<T>,
@@ -56,6 +58,72 @@ impl<T: Copy + Default> Listed<T> {
     }
 }
 
+/// What of a range lies within another one, counted from where that begins.
+#[inline(always)]
+pub(super) fn clip(range: Range<u16>, within: &Range<usize>) -> Range<u16> {
+    let (first, end) = (within.start as u16, within.end as u16);
+    let start = range.start.clamp(first, end);
+    start - first..range.end.clamp(start, end) - first
+}
+
+/// Tiles whose lists are held together: a rectangle of rows and columns of them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Group {
+    rows: Range<usize>,
+    columns: Range<usize>,
+}
+
+/// What a footprint takes in the lists of a row of tiles, at most: while it is sorted, as it was listed, as it stood
+/// and as it goes.
+const ENTRY_BYTES: u64 = 3 * size_of::<Entry>() as u64;
+/// What it takes in the list of a tile.
+const PAIR_BYTES: u64 = size_of::<u32>() as u64;
+
+/// What is held at most to render a picture of so many pixels of this many splats, beyond the pictures: footprints,
+/// keys and reaches, and the lists of one group.
+pub(crate) fn most_bytes(splats: u64, (width, height): (u64, u64)) -> u64 {
+    let tile = TILE as u64;
+    let (columns, rows) = (width.div_ceil(tile), height.div_ceil(tile));
+    let held = (size_of::<Footprint>() + size_of::<(u64, Reach)>()) as u64;
+    // A group of one row may hold each splat once, and that of one tile as well.
+    let lists = (rows * (ENTRY_BYTES + columns * PAIR_BYTES)).saturating_mul(splats);
+    let bounded = (ENTRY_BYTES + PAIR_BYTES).saturating_mul(splats).saturating_add(LIST_BYTES);
+    lists.min(bounded).saturating_add(held.saturating_mul(splats))
+}
+
+/// The groups of a picture of so many columns and rows of tiles: as many rows as the lists may take, or of one row as
+/// many columns, at least one. An ordinary picture is one group.
+pub(super) fn groups(
+    projected: &Projected,
+    (columns, rows): (usize, usize),
+    settings: &Settings,
+) -> Vec<Group> {
+    if !settings.is_bounded() {
+        return vec![Group { rows: 0..rows, columns: 0..columns }];
+    }
+    let most = settings.list_bytes;
+    let mut groups: Vec<Group> = Vec::new();
+    let mut held = 0;
+    for (row, [entries, pairs]) in projected.in_rows(rows).into_iter().enumerate() {
+        let bytes = entries * ENTRY_BYTES + pairs * PAIR_BYTES;
+        if pairs * PAIR_BYTES > most {
+            // As if each of them touched every column: so each part holds no more, wherever they lie.
+            let each = (most / (entries * PAIR_BYTES)).max(1) as usize;
+            let part = |first: usize| first..(first + each).min(columns);
+            let parts = (0..columns).step_by(each).map(part);
+            groups.extend(parts.map(|columns| Group { rows: row..row + 1, columns }));
+            held = most;
+        } else if let Some(last) = groups.last_mut().filter(|_| held + bytes <= most) {
+            last.rows.end = row + 1;
+            held += bytes;
+        } else {
+            groups.push(Group { rows: row..row + 1, columns: 0..columns });
+            held = bytes;
+        }
+    }
+    groups
+}
+
 /// Bits of a digit of the sort, at most.
 const DIGIT_BITS: u32 = 12;
 
@@ -91,17 +159,26 @@ fn sorted(mut from: Vec<Entry>, cx: &Context) -> Vec<Entry> {
     from
 }
 
-/// What touches each of so many rows of tiles, front to back.
-pub(super) fn sort(projected: &Projected, rows: usize, cx: &Context) -> Result<Vec<Vec<Entry>>, NodeError> {
-    let rows = cx.for_each_tile(rows, |row| sorted(projected.row(row), cx))?;
+/// What touches each row of a group, front to back; the only row has all where bounds are none.
+pub(super) fn sort(
+    projected: &Projected,
+    group: &Group,
+    settings: &Settings,
+    cx: &Context,
+) -> Result<Vec<Vec<Entry>>, NodeError> {
+    let rows = if settings.is_bounded() { group.rows.clone() } else { 0..1 };
+    let listed = projected.listed(&rows, cx)?;
+    let rows = cx.for_each_tile(rows.len(), |row| {
+        let parts: Vec<&[Entry]> = listed.iter().map(|chunk| chunk.of(row)).collect();
+        sorted(parts.concat(), cx)
+    })?;
     cx.check()?;
     Ok(rows)
 }
 
-/// The footprints of every tile, front to back.
-pub(super) struct Lists {
-    columns: usize,
-    rows: usize,
+/// The footprints of every tile of a group, front to back.
+pub(super) struct Lists<'a> {
+    group: &'a Group,
     of: ListsOf,
 }
 
@@ -112,20 +189,21 @@ enum ListsOf {
     Rows(Vec<Listed<u32>>),
 }
 
-impl Lists {
+impl Lists<'_> {
     /// Number of tiles.
     pub(super) fn tiles(&self) -> usize {
-        self.columns * self.rows
+        self.group.columns.len() * self.group.rows.len()
     }
 
-    /// The list of a tile, and its column and row.
+    /// The list of a tile, and its column and row in the picture.
     pub(super) fn tile(&self, tile: usize) -> (&[u32], usize, usize) {
-        let (row, column) = (tile / self.columns, tile % self.columns);
+        let Group { rows, columns } = self.group;
+        let (row, column) = (tile / columns.len(), tile % columns.len());
         let list = match &self.of {
             ListsOf::All(list) => list.as_slice(),
-            ListsOf::Rows(rows) => rows[row].of(column),
+            ListsOf::Rows(lists) => lists[row].of(column),
         };
-        (list, column, row)
+        (list, columns.start + column, rows.start + row)
     }
 
     /// Pairs of a splat and a tile.
@@ -137,39 +215,41 @@ impl Lists {
     }
 }
 
-/// Lists the footprints by tile, in the order in which they are given for each row, of a picture of this width and
-/// height in pixels.
-pub(super) fn bin(
+/// Lists the footprints by tile of a group, in the order in which they are given for each row, of a picture of so many
+/// columns of tiles.
+pub(super) fn bin<'a>(
     projected: &Projected,
     sorted: &[Vec<Entry>],
-    (width, height): (usize, usize),
+    group: &'a Group,
+    columns: usize,
     settings: &Settings,
     cx: &Context,
-) -> Result<Lists, NodeError> {
-    let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+) -> Result<Lists<'a>, NodeError> {
     if !settings.is_bounded() {
         let all = sorted.iter().flatten().map(|entry| entry.index).collect();
-        return Ok(Lists { columns, rows, of: ListsOf::All(all) });
+        return Ok(Lists { group, of: ListsOf::All(all) });
     }
     let exact = settings.bounds == Bounds::Exact;
-    let lists = cx.for_each_tile(rows, |row| {
+    let lists = cx.for_each_tile(group.rows.len(), |row| {
         let mut entries = Vec::with_capacity(sorted[row].len());
         for &Entry { index, x0, x1, .. } in &sorted[row] {
             let mut span = (x0, x1);
             // Below four columns the blend's own row test is as cheap as this one.
             if exact && x1 - x0 > 3 {
-                let (left, right) = projected.footprint(index).extent_in(row * TILE, projected.log2_cut);
+                let (left, right) =
+                    projected.footprint(index).extent_in((group.rows.start + row) * TILE, projected.log2_cut);
                 span = lens::columns(left, right, span, projected.period);
             }
             entries.push((index, span));
         }
         let last = columns as u16;
         // Columns beyond the last are the first ones again.
-        Listed::by(columns, &entries, |_, &(index, (first, end))| {
-            (index, [first..end.min(last), 0..end.saturating_sub(last)])
+        Listed::by(group.columns.len(), &entries, |_, &(index, (first, end))| {
+            let ranges = [first..end.min(last), 0..end.saturating_sub(last)];
+            (index, ranges.map(|range| clip(range, &group.columns)))
         })
     })?;
-    Ok(Lists { columns, rows, of: ListsOf::Rows(lists) })
+    Ok(Lists { group, of: ListsOf::Rows(lists) })
 }
 
 #[cfg(test)]

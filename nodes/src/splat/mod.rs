@@ -3,7 +3,8 @@
 //! One picture at a time. `project` turns every splat that can matter into a `Footprint` (f64
 //! throughout, so that needles and far-off worlds keep their digits), `bin` sorts the footprints once
 //! (stable; equal keys stay in file order) and lists them by tile, and `blend32` or `blend64`
-//! composites each tile front to back. Every stage gives the same bits for any number of threads and
+//! composites each tile front to back. Where the lists would be too long, the last two take a group of tiles after the
+//! other. Every stage gives the same bits for any number of threads and
 //! any instruction set.
 
 mod around;
@@ -28,6 +29,7 @@ use fearless_simd::Level;
 
 pub use around::{Around, panorama, panorama_at};
 pub use bin::TILE;
+pub(crate) use bin::most_bytes;
 pub use block::Blocks;
 use lens::{Lens, Pinhole};
 use project::{Footprint, Projected};
@@ -48,10 +50,14 @@ pub struct Work {
     pub projected: u64,
     /// Of these, the ones whose harmonics were summed up in a direction; none of a scene of degree 0.
     pub directed: u64,
-    /// Splats at or below the near plane; counted where next to nothing is seen, and 0 otherwise.
+    /// Splats whose opacity is below the cut; counted where next to nothing is seen, and 0 otherwise.
+    pub faint: u64,
+    /// Others at or below the near plane; counted where next to nothing is seen, and 0 otherwise.
     pub behind: u64,
     /// Splats whose footprint is not a finite ellipse.
     pub degenerate: u64,
+    /// Splats whose colour was held at the largest there is.
+    pub held: u64,
     /// Pairs of a splat and a tile.
     pub tile_pairs: u64,
     /// Pixels at which a splat was evaluated.
@@ -66,8 +72,10 @@ impl AddAssign for Work {
         self.skipped += other.skipped;
         self.projected += other.projected;
         self.directed += other.directed;
+        self.faint += other.faint;
         self.behind += other.behind;
         self.degenerate += other.degenerate;
+        self.held += other.held;
         self.tile_pairs += other.tile_pairs;
         self.evaluations += other.evaluations;
         self.blends += other.blends;
@@ -91,12 +99,25 @@ impl Work {
         if self.degenerate > 0 {
             notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
         }
+        if self.held > 0 {
+            let text =
+                format!("colours are above {:e}, where white is 1, or overflow; held at that", sh::LARGEST);
+            notes.count("colours-held", self.held, text);
+        }
         // A scene and an eye in different frames give an empty picture, not an error.
         if self.projected * 100 < splats as u64 {
-            let why = if self.behind * 2 >= self.visited + self.skipped {
+            let most = |count: u64| count * 2 >= self.visited + self.skipped;
+            let why = if splats > 0 && most(self.faint) {
+                format!("most have an opacity of 0 or below `alpha_cut`, {:.6}", settings.alpha_cut)
+            } else if most(self.behind) {
                 format!(
                     "most lie behind or nearer than `near`, {near} world units: is that too far for this scene, or does \
                      the eye look away from it?"
+                )
+            } else if self.degenerate > self.projected {
+                format!(
+                    "the footprints of {} are no finite ellipse: are their scales meant?",
+                    self.degenerate
                 )
             } else {
                 "do the eye and the splats share a frame and a scale?".to_owned()
@@ -254,36 +275,41 @@ fn draw<L: Lens>(
     };
 
     let projected = project::project(splats, blocks, lens, settings, cx, level)?;
-    let project_s = lap();
-    let (width, height) = lens.size();
-    let rows = if settings.is_bounded() { height.div_ceil(TILE) } else { 1 };
-    let rows = bin::sort(&projected, rows, cx)?;
-    let sort_s = lap();
-    let lists = bin::bin(&projected, &rows, (width, height), settings, cx)?;
-    drop(rows);
-    let bin_s = lap();
+    let mut work = projected.work();
+    let mut seconds = [lap(), 0.0, 0.0, 0.0];
 
+    let (width, height) = lens.size();
+    let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let pixels = width * height;
     let (mut rgba, mut depth) = (vec![0.0_f32; pixels * 4], vec![0.0_f32; pixels]);
     let mut blends = vec![0.0_f32; if settings.count_blends { pixels } else { 0 }];
     let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, &mut blends);
-    let tiles = cx.for_each_tile(lists.tiles(), |tile| {
-        let (list, column, row) = lists.tile(tile);
-        let (x0, y0) = (column * TILE, row * TILE);
-        let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
-        let strip = &strips[row];
-        let task = Task { projected: &projected, list, area, limit, settings, cx, strip };
-        match settings.precision {
-            Precision::F32 => blend32::blend(level, &task),
-            Precision::F64 => blend64::blend(&task),
+    for group in bin::groups(&projected, (columns, rows), settings) {
+        let sorted = bin::sort(&projected, &group, settings, cx)?;
+        seconds[1] += lap();
+        let lists = bin::bin(&projected, &sorted, &group, columns, settings, cx)?;
+        drop(sorted);
+        seconds[2] += lap();
+        let tiles = cx.for_each_tile(lists.tiles(), |tile| {
+            let (list, column, row) = lists.tile(tile);
+            let (x0, y0) = (column * TILE, row * TILE);
+            let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
+            let strip = &strips[row];
+            let task = Task { projected: &projected, list, area, limit, settings, cx, strip };
+            match settings.precision {
+                Precision::F32 => blend32::blend(level, &task),
+                Precision::F64 => blend64::blend(&task),
+            }
+        })?;
+        // A tile may take seconds where bounds are `None`, so a blend ends early once the run is stopped.
+        cx.check()?;
+        work.tile_pairs += lists.pairs();
+        for tile in tiles {
+            work.evaluations += tile.evaluations;
+            work.blends += tile.blends;
         }
-    })?;
-    // A tile may take seconds where bounds are `None`, so a blend ends early once the run is stopped.
-    cx.check()?;
-    let mut work = Work { tile_pairs: lists.pairs(), ..projected.work() };
-    for tile in tiles {
-        work.evaluations += tile.evaluations;
-        work.blends += tile.blends;
+        seconds[3] += lap();
     }
-    Ok(Rendered { rgba, depth, blends, work, seconds: [project_s, sort_s, bin_s, lap()] })
+    drop(strips);
+    Ok(Rendered { rgba, depth, blends, work, seconds })
 }

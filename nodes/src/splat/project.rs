@@ -7,7 +7,7 @@ use engine::{Context, NodeError};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 
-use super::bin::{Listed, TILE};
+use super::bin::{Listed, TILE, clip};
 use super::block::{BLOCK, Blocks};
 use super::lens::{Lens, Reach, SLACK_PX};
 use super::shape::{BATCH, Batch, Shape};
@@ -49,14 +49,15 @@ pub(super) struct Entry {
     pub x1: u16,
 }
 
-/// The footprints of one job, in file order, and the rows of tiles that they touch.
+/// The footprints of one job, in file order, their keys and the tiles that they touch.
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    rows: Listed<Entry>,
+    reaches: Vec<(u64, Reach)>,
     skipped: u64,
     directed: u64,
     degenerate: u64,
+    held: u64,
 }
 
 /// The footprints of a view, in file order. They stay in the chunks they were made in: joining them would take
@@ -65,7 +66,9 @@ pub(crate) struct Projected {
     chunks: Vec<Chunk>,
     /// Splats of the scene.
     splats: u64,
-    /// Of these, the ones at or below the near plane; 0 unless next to nothing is seen.
+    /// Of these, the ones whose opacity is below the cut, and others at or below the near plane; 0 unless next to
+    /// nothing is seen.
+    faint: u64,
     behind: u64,
     /// log2 of the smallest alpha blended.
     pub log2_cut: f64,
@@ -77,13 +80,36 @@ impl Projected {
     /// Of one chunk, for calibration.
     pub(super) fn of(footprints: Vec<Footprint>) -> Self {
         let chunks = vec![Chunk { footprints, ..Chunk::default() }];
-        Self { chunks, splats: 0, behind: 0, log2_cut: 0.0, period: None }
+        Self { chunks, splats: 0, faint: 0, behind: 0, log2_cut: 0.0, period: None }
     }
 
-    /// What touches a row of tiles, in file order; the only row has all where bounds are none.
-    pub(super) fn row(&self, row: usize) -> Vec<Entry> {
-        let parts: Vec<&[Entry]> = self.chunks.iter().map(|chunk| chunk.rows.of(row)).collect();
-        parts.concat()
+    /// What touches each of these rows of tiles, in file order, chunk by chunk.
+    pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
+        cx.for_each_tile(self.chunks.len(), |chunk| {
+            let number = (chunk << CHUNK_BITS) as u32;
+            Listed::by(rows.len(), &self.chunks[chunk].reaches, |at, &(key, Reach { x0, x1, y0, y1 })| {
+                (Entry { key, index: number + at as u32, x0, x1 }, [clip(y0..y1, rows), 0..0])
+            })
+        })
+    }
+
+    /// Of each of so many rows of tiles: how many footprints touch it, and in how many pairs with a tile, at most.
+    pub(super) fn in_rows(&self, rows: usize) -> Vec<[u64; 2]> {
+        // What changes from row to row; a sum that ends goes below zero and around.
+        let mut sums = vec![[0_u64; 2]; rows + 1];
+        for (_, reach) in self.chunks.iter().flat_map(|chunk| &chunk.reaches) {
+            let both = [1, u64::from(reach.x1 - reach.x0)];
+            for (i, count) in both.into_iter().enumerate() {
+                let (first, end) = (usize::from(reach.y0), usize::from(reach.y1));
+                sums[first][i] = sums[first][i].wrapping_add(count);
+                sums[end][i] = sums[end][i].wrapping_sub(count);
+            }
+        }
+        for row in 1..sums.len() {
+            sums[row] = [0, 1].map(|i| sums[row][i].wrapping_add(sums[row - 1][i]));
+        }
+        sums.truncate(rows);
+        sums
     }
 
     #[inline(always)]
@@ -93,12 +119,13 @@ impl Projected {
 
     /// What the projection took.
     pub(super) fn work(&self) -> Work {
-        let mut work = Work { behind: self.behind, ..Work::default() };
+        let mut work = Work { faint: self.faint, behind: self.behind, ..Work::default() };
         for chunk in &self.chunks {
             work.projected += chunk.footprints.len() as u64;
             work.skipped += chunk.skipped;
             work.directed += chunk.directed;
             work.degenerate += chunk.degenerate;
+            work.held += chunk.held;
         }
         Work { visited: self.splats - work.skipped, ..work }
     }
@@ -157,17 +184,27 @@ pub(super) fn project<L: Lens>(
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
         dispatch!(level, simd => chunk(simd, &projection, range))
     })?;
-    let splats_behind = |job: usize| {
-        let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
-        let drawn = range.filter(|index| is_drawn(splats.opacities[*index], settings));
-        let offsets = drawn.map(|index| splats.mean(index) - lens.eye());
-        offsets.filter(|d| lens.is_behind(*d, settings.near)).count() as u64
+    let mut projected = Projected {
+        chunks,
+        splats: splats.len() as u64,
+        faint: 0,
+        behind: 0,
+        log2_cut,
+        period: lens.period(),
     };
-    let mut projected =
-        Projected { chunks, splats: splats.len() as u64, behind: 0, log2_cut, period: lens.period() };
-    // Only then is it asked for.
+    // Only then is it asked why.
     if projected.work().projected * 100 < projected.splats {
-        projected.behind = cx.for_each_tile(splats.len().div_ceil(CHUNK), splats_behind)?.iter().sum();
+        let causes = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
+            let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
+            let length = range.len() as u64;
+            let drawn = range.filter(|index| is_drawn(splats.opacities[*index], settings));
+            let behind = drawn.map(|index| lens.is_behind(splats.mean(index) - lens.eye(), settings.near));
+            behind.fold([length, 0], |[faint, behind], one| [faint - 1, behind + u64::from(one)])
+        })?;
+        for [faint, behind] in causes {
+            projected.faint += faint;
+            projected.behind += behind;
+        }
     }
     Ok(projected)
 }
@@ -275,7 +312,7 @@ impl<'a, L: Lens> Projection<'a, L> {
 
     /// Adds what is to be drawn of a splat of this shape.
     #[inline(always)]
-    fn add(&self, index: usize, shape: &Shape, out: &mut Chunk, reaches: &mut Vec<(u64, Reach)>) {
+    fn add(&self, index: usize, shape: &Shape, out: &mut Chunk) {
         let Self { splats, lens, settings, log2_cut, .. } = *self;
         let &Shape { offset, u, v, depth, xx, yy, det, raw_det, root_xx, root_yy, l11, l21, l22 } = shape;
         let mut opacity = f64::from(splats.opacities[index]);
@@ -308,6 +345,7 @@ impl<'a, L: Lens> Projection<'a, L> {
         }
         let each = splats.sh_len();
         let rgb = sh::colour(self.degree, &splats.sh[index * each..(index + 1) * each], direction);
+        out.held += u64::from(rgb.contains(&sh::LARGEST));
         let by = match settings.sort {
             Sort::Depth => depth,
             Sort::Distance => offset.length(),
@@ -319,7 +357,7 @@ impl<'a, L: Lens> Projection<'a, L> {
             Precision::F32 => by.to_bits() >> 20,
             Precision::F64 => by.to_bits(),
         };
-        reaches.push((key, reach));
+        out.reaches.push((key, reach));
         let (opacity, log2_opacity, z) = (opacity as f32, log2_opacity as f32, depth as f32);
         out.footprints.push(Footprint { u, v, l11, l21, l22, opacity, log2_opacity, rgb, z });
     }
@@ -339,7 +377,7 @@ impl<'a, L: Lens> Projection<'a, L> {
             }
         }
         out.footprints.reserve_exact(places.len());
-        let mut reaches = Vec::with_capacity(places.len());
+        out.reaches.reserve_exact(places.len());
         let mut batch = Batch::new();
         for places in places.chunks(BATCH) {
             for (lane, place) in places.iter().enumerate() {
@@ -348,15 +386,9 @@ impl<'a, L: Lens> Projection<'a, L> {
             }
             batch.project(lens, self.settings.low_pass_px2);
             for (lane, place) in places.iter().enumerate() {
-                self.add(range.start + usize::from(*place), &batch.get(lane), &mut out, &mut reaches);
+                self.add(range.start + usize::from(*place), &batch.get(lane), &mut out);
             }
         }
-        let number = range.start as u32;
-        let rows = if self.bounded { usize::from(lens.everywhere().y1) } else { 1 };
-        out.rows = Listed::by(rows, &reaches, |at, &(key, Reach { x0, x1, y0, y1 })| {
-            let rows = if self.bounded { y0..y1 } else { 0..1 };
-            (Entry { key, index: number + at as u32, x0, x1 }, [rows, 0..0])
-        });
         out
     }
 }

@@ -123,6 +123,7 @@ impl Drawing {
             depth: self.depth,
             count_blends: self.count_blends,
             skip_unseen: self.skip_unseen,
+            list_bytes: LIST_BYTES,
         }
     }
 
@@ -168,7 +169,13 @@ pub struct Settings {
     pub count_blends: bool,
     /// True to leave out blocks of splats that cannot be in the picture.
     pub skip_unseen: bool,
+    /// Most bytes that the lists of tiles take, beyond what one row lists once a splat; never changes a bit.
+    pub list_bytes: u64,
 }
+
+/// Bytes for the lists of tiles: enough for an ordinary view at once, and far less than all lists of one whose splats
+/// cover it many times over.
+pub(crate) const LIST_BYTES: u64 = 1 << 26;
 
 impl Settings {
     /// False where every splat is drawn everywhere.
@@ -194,6 +201,7 @@ impl Default for Settings {
             depth: DepthMode::Expected,
             count_blends: false,
             skip_unseen: true,
+            list_bytes: LIST_BYTES,
         }
     }
 }

@@ -50,7 +50,11 @@ pub(super) fn basis(degree: u32, [x, y, z]: [f32; 3]) -> [f32; MAX_LEN] {
     b
 }
 
-/// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0.
+/// The largest colour, where white is 1: as linear light, its power of 2.4, it is still a finite f32.
+pub(super) const LARGEST: f32 = 1e15;
+
+/// Colour of a splat seen along `direction`: the sum over `coefficients`, plus one half, not below 0. What is above
+/// [`LARGEST`], or no number since it is made of sums that overflow, is that.
 #[inline(always)]
 pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]) -> [f32; 3] {
     let basis = basis(degree, direction);
@@ -61,7 +65,7 @@ pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]
             *sum += weight * value;
         }
     }
-    rgb.map(|c| (c + 0.5).max(0.0))
+    rgb.map(|c| if c + 0.5 < LARGEST { (c + 0.5).max(0.0) } else { LARGEST })
 }
 
 #[cfg(test)]
@@ -109,7 +113,16 @@ mod tests {
     }
 
     #[test]
-    fn colour_is_clamped_below_only() {
+    fn colour_is_cut_at_0_and_where_it_would_not_be_finite() {
         assert_eq!(colour(0, &[[-10.0, 0.0, 100.0]], [0.0, 0.0, 1.0]), [0.0, 0.5, 100.0 * 0.282_094_8 + 0.5]);
+        // Along z the third function is above 0: sums that overflow upwards, downwards, and both ways.
+        let most = f32::MAX;
+        let [up, down] = [[most; 3], [-most; 3]];
+        let seen = |coefficients: [[f32; 3]; 9]| colour(2, &coefficients, [0.0, 0.0, 1.0]);
+        let none = [0.0; 3];
+        assert_eq!(seen([up, none, up, none, none, none, up, none, none]), [LARGEST; 3]);
+        assert_eq!(seen([down, none, down, none, none, none, down, none, none]), [0.0; 3]);
+        assert!(seen([up, down, up, up, none, none, [f32::NEG_INFINITY; 3], up, up])[0] <= LARGEST);
+        assert!(crate::color::linear_from_srgb(LARGEST).is_finite());
     }
 }

@@ -7,6 +7,7 @@ use crate::testing::{context, levels};
 mod around;
 mod blocks;
 mod extremes;
+mod groups;
 mod modes;
 
 /// Numbers in [0, 1), the same on every machine.
@@ -111,6 +112,7 @@ const F64: Settings = Settings {
     depth: DepthMode::Expected,
     count_blends: false,
     skip_unseen: true,
+    list_bytes: settings::LIST_BYTES,
 };
 
 /// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Nothing is shared

@@ -283,6 +283,28 @@ fn row_15_colours_are_cut_at_0_and_nowhere_else() {
     assert_eq!(back.find("R"), Some(&plane(0)[..]));
 }
 
+/// Coefficients of which each is a finite number, and the sum is not: the colour is held, and told. A splat at the edge
+/// of a tile, so that some pixels of a vector see it and others do not.
+/// Mutation: no `LARGEST` in `sh::colour` (seen red).
+#[test]
+fn row_15_colours_that_overflow_are_held_and_told() {
+    let mut splats = one([0.0, 0.0, 1.0], [0.03; 3], 0.9, [3.3e38; 3]);
+    splats.sh_degree = 2;
+    splats.sh.extend([[3.3e38; 3]; 8]);
+    for precision in [Precision::F32, Precision::F64] {
+        let settings = Settings { precision, ..F64 };
+        let around = Around { eye: DVec3::ZERO, up: Up::PlusY, width_px: 64 };
+        let everything = panorama(&splats, &around, None, &settings, &context()).expect("renders");
+        for seen in [draw(&splats, &camera(40, 30, 60.0), settings), everything] {
+            assert!(seen.rgba.iter().all(|v| v.is_finite()), "{precision:?}");
+            assert!(seen.rgba.iter().any(|v| *v > 1e14), "{precision:?}");
+            let mut notes = Notes::none();
+            seen.work.report(1, &settings, &context(), &mut notes);
+            assert!(notes.iter().any(|note| note.id == "colours-held"), "{precision:?}");
+        }
+    }
+}
+
 /// The widest and the narrowest angle, one pixel and a strip, against the textbook.
 /// Mutation: `GUARD` to 0.1 in `lens` (seen red).
 #[test]

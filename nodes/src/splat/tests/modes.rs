@@ -110,6 +110,19 @@ fn an_empty_view_is_told_with_its_cause() {
         text.starts_with("few-splats-seen: 0 of 300") && text.contains("than `near`, 50 world"),
         "{text}"
     );
+    // Too faint to be drawn; points without a filter.
+    for (opacity, low_pass_px2, cause) in
+        [(0.001, 0.3, "below `alpha_cut`, 0.003922"), (0.5, 0.0, "no finite ellipse")]
+    {
+        let mut points = cloud(300, 5);
+        points.opacities.fill(opacity);
+        points.scales.fill([0.0; 3]);
+        let settings = Settings { low_pass_px2, ..F64 };
+        let mut notes = Notes::none();
+        draw(&points, &ahead, settings).work.report(points.len(), &settings, &context(), &mut notes);
+        let few = notes.iter().find(|note| note.id == "few-splats-seen").expect("is told");
+        assert!(few.text.contains(cause), "{}", few.text);
+    }
     let aside = DMat4::from_translation(DVec3::new(1e4, 0.0, -1e3)).to_cols_array();
     let text = told(&Camera { world_from_camera: aside, ..ahead }, 0.2);
     assert!(text.contains("share a frame"), "{text}");
