@@ -14,6 +14,7 @@ mod globe;
 mod grade;
 mod lens;
 pub mod light;
+mod lobes;
 pub mod lookup;
 pub mod near;
 pub mod objects;
@@ -152,7 +153,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -311,7 +312,7 @@ impl Kind for PathTrace {
                 notes.warning("objects-not-seen", text);
             }
         }
-        Ok((assemble(&inputs.rig, shots, &decided, centre), notes))
+        Ok((assemble(&inputs, shots, &decided, centre), notes))
     }
 }
 

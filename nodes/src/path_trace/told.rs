@@ -5,7 +5,6 @@ use std::sync::Arc;
 use engine::Notes;
 use glam::DVec3;
 
-use super::Out;
 use super::contact::LARGEST;
 use super::decide::Decided;
 use super::film::Rays;
@@ -15,8 +14,9 @@ use super::rules::Block;
 use super::scene::margin;
 use super::shot::Shot;
 use super::stage::Stage;
+use super::{In, Out, lobes};
 use crate::support::Level;
-use crate::types::{Cell, Images, NamedImage, Report, Rig, Table};
+use crate::types::{Cell, Images, NamedImage, Report, Table};
 
 /// Rays may leave surfaces from this share of the size of an object off without a word.
 const COARSE: f32 = 1.0 / 512.0;
@@ -142,7 +142,7 @@ pub(super) fn tell_plan(view: &str, reached: &Reached, most: u32, notes: &mut No
 }
 
 pub(super) fn assemble(
-    rig: &Rig,
+    inputs: &In,
     shots: Vec<Shot>,
     Decided { rules, probe, twice }: &Decided,
     centre: DVec3,
@@ -151,7 +151,7 @@ pub(super) fn assemble(
     let mut rows = Vec::with_capacity(shots.len());
     let mut plans = Vec::new();
     let mut rays = Rays::default();
-    for (camera, shot) in rig.cameras.iter().zip(shots) {
+    for (camera, shot) in inputs.rig.cameras.iter().zip(shots) {
         let [without, with, object] = shot.images;
         let pictures = [
             without.into(),
@@ -188,6 +188,7 @@ pub(super) fn assemble(
         vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
         vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],
         vec![text("rays".to_owned()), Cell::Count(rays.all())],
+        vec![text("lobes that no material has".to_owned()), text(lobes::absent(&inputs.objects))],
     ];
     if let Some(twice) = twice {
         decisions.push(vec![text("light that walls counted twice add".to_owned()), Cell::Number(*twice)]);

@@ -40,6 +40,9 @@ engine::params! {
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// How hidden light is estimated.
         method: Method = Method::Learned, other("Skip");
+        /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
+        /// light: it shows that what is left out there is nothing, and what that saves.
+        force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
     }
 }
 
@@ -111,7 +114,7 @@ impl Kind for PredictExposure {
         let nothing = || (vec![0.0; mask.len()], Vec::new());
         let on_grid = || Clipped::new(pano, &pixels, &mask);
         let (log2_gain, regions) = match &params.method {
-            _ if clipped == 0 => {
+            _ if clipped == 0 && !params.force => {
                 notes.decision("nothing-clipped", "no pixel is clipped, so nothing is predicted");
                 nothing()
             }

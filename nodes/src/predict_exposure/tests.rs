@@ -25,9 +25,32 @@ fn run(pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
 const METHODS: [Method; 2] = [Method::Region, Method::Learned];
 
 fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
-    let params = PredictExposure { evs: evs.to_vec(), method };
+    let params = PredictExposure { evs: evs.to_vec(), method, force: false };
     let (out, notes) = PredictExposure::run(&params, In { pano }, &cx()).expect("runs");
     (out.brackets, notes)
+}
+
+// What the check leaves out is nothing: asked all the same, no method gives light to a panorama in which nothing is
+// clipped, be it black, grey, or a room whose window and lamp end just below.
+#[test]
+fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
+    let mut room = (*room(128)).clone();
+    if let Picture::Srgb(image) = &mut room.image {
+        image.samples.iter_mut().for_each(|v| *v = v.min(0.97));
+    }
+    let flat = |value: f32| pano(64, move |_, _| [value; 3]);
+    for source in [Arc::new(room), flat(0.0), flat(0.6)] {
+        for method in METHODS {
+            let run = |force: bool| {
+                let params = PredictExposure { evs: vec![-3.0, -6.0], method: method.clone(), force };
+                let (out, notes) =
+                    PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
+                (out.brackets, notes.iter().any(|note| note.id == "nothing-clipped"))
+            };
+            let ((left, told), (forced, silent)) = (run(false), run(true));
+            assert!(told && !silent && left == forced, "{method:?}");
+        }
+    }
 }
 
 /// A room with a window that lies across the seam and a lamp of a few pixels.
@@ -185,7 +208,7 @@ fn a_linear_panorama_is_clipped_at_white_and_not_above() {
 fn row_35_exposures_are_sorted_and_listed_once() {
     assert_eq!(run(room(64), &[-3.0, -20.0, -6.0]).0.evs, [-20.0, -6.0, -3.0]);
     assert!(run(room(64), &[-20.0]).0.exposures[0].samples.iter().all(|v| v.is_finite()));
-    let params = PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region };
+    let params = PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region, force: false };
     assert!(PredictExposure::check(&params).is_err());
 }
 
@@ -219,7 +242,7 @@ fn emitters_act_where_the_user_states_them() {
     // The lamp of the room, at columns 100 to 104 and rows 30 to 34 of 256x128.
     let (azimuth, elevation) = (360.0 * (102.0 / 256.0 - 0.5), 90.0 - 180.0 * 32.0 / 128.0);
     let stated = |emitters: Vec<[f64; 4]>| {
-        let params = PredictExposure { evs: vec![-3.0], method: Method::Manual { emitters } };
+        let params = PredictExposure { evs: vec![-3.0], method: Method::Manual { emitters }, force: false };
         PredictExposure::check(&params)?;
         PredictExposure::run(&params, In { pano: source.clone() }, &cx())
     };
@@ -261,7 +284,7 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     assert_ne!(key(&method), key(&flux_kontext(["a.gguf", "b", "c", "d"], 4, 1)));
     assert_eq!(key(&Method::Region), "Region");
     assert!(method.within(0.0, 0.0) && !flux_kontext(["a", "b", "c", "d"], 0, 0).within(0.0, 0.0));
-    let checked = PredictExposure::check(&PredictExposure { evs: vec![-3.0], method });
+    let checked = PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, force: false });
     if cfg!(feature = "learned") {
         assert!(checked.is_ok());
     } else {
@@ -290,7 +313,7 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
         prompt.to_str().expect("is text"),
         &at("lora_kohya.safetensors"),
     ];
-    let params = PredictExposure { evs: vec![-6.0, -3.0], method: flux_kontext(files, 2, 3) };
+    let params = PredictExposure { evs: vec![-6.0, -3.0], method: flux_kontext(files, 2, 3), force: false };
     let cx = cx();
     let sources = PredictExposure::sources(&params, &SourceRoot::new(".")).expect("are there");
     // The four files, and what stands beside two of them.

@@ -38,7 +38,7 @@ fn number(cell: &Cell) -> f64 {
 #[test]
 fn the_sun_of_the_bench_case_is_the_strongest_light() {
     let base = pano();
-    let params = PredictExposure { evs: vec![-6.0, -3.0], method: Method::Region };
+    let params = PredictExposure { evs: vec![-6.0, -3.0], method: Method::Region, force: false };
     let inputs = predict_exposure::In { pano: base.clone() };
     let (predicted, _) = PredictExposure::run(&params, inputs, &cx()).unwrap();
     let params = FuseHdr {
