@@ -84,6 +84,7 @@
 extern crate self as engine;
 
 mod action;
+mod again;
 mod artifact;
 mod axis;
 mod bundle;

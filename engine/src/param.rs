@@ -230,6 +230,11 @@ pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 's
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self>;
     /// Visits (name, value) in the order of declaration.
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
+
+    /// Every parameter at its default, for code that has no graph; `None` where one has none.
+    fn defaults() -> Option<Self> {
+        Self::read(&mut Fields { fields: &[], node_span: 0..0, kind: "", diagnostics: &mut Vec::new() })
+    }
 }
 
 /// A kind's own parameters, and those that it shares with others; the doc is that of its own.

@@ -6,14 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use cache::{Digest, Store};
+use cache::Store;
 
-use crate::action::{Action, last_keys, last_outputs, read_sources};
-use crate::context::Context;
+use crate::action::last_keys;
 use crate::diag::Diagnostics;
 use crate::event::{Event, Totals};
-use crate::graph::{Graph, Wire};
-use crate::job::guarded;
+use crate::graph::Graph;
 use crate::memory::{Memory, free_memory};
 use crate::run::Run;
 use crate::settled::Settled;
@@ -149,30 +147,5 @@ impl Engine {
     /// How the last run ended.
     pub(crate) fn settled(&self) -> MutexGuard<'_, Option<Settled>> {
         self.settled.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The value of an output that the last run of a graph had: from the store or, of a loader, of which only the
-    /// digest is kept, by its code. `None` where neither gives it. For tests and viewers.
-    pub fn value<A: crate::Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
-        let record = last_outputs(&self.store, graph, &graph.nodes[wire.node])?;
-        let output = record.outputs.get(wire.port)?;
-        let bytes = match output.stored {
-            true => self.store.get_blob(&output.digest).ok()??,
-            false => self.loaded_again(graph, wire).filter(|bytes| Digest::of(bytes) == output.digest)?,
-        };
-        crate::artifact::decode_all(&bytes).ok()
-    }
-
-    /// The bytes of an output of a node without inputs.
-    fn loaded_again(&self, graph: &Graph, wire: Wire) -> Option<Vec<u8>> {
-        let node = &graph.nodes[wire.node];
-        if !node.inputs.iter().all(Vec::is_empty) {
-            return None;
-        }
-        let sources = read_sources(graph, wire.node, &self.store).ok()?;
-        let context = Context::of_node(graph, wire.node, &Action { sources, ..Action::default() });
-        let inputs = vec![Vec::new(); node.inputs.len()];
-        let (values, _) = guarded(|| node.step.run(inputs, &context)).ok()?;
-        Some((node.kind.outputs[wire.port].artifact.encode)(values.get(wire.port)?))
     }
 }

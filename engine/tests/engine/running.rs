@@ -295,3 +295,27 @@ fn a_stored_value_can_be_looked_at() {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 20);
     assert_eq!(engine.value::<crate::arithmetic::Num>(&graph, wire), None);
 }
+
+#[test]
+fn a_value_of_which_only_the_digest_was_kept_is_made_again_and_never_another_one() {
+    // `s` keeps nothing, nor does the loader above it; `t`, which it reads too, keeps its value.
+    let mut lab = Lab::on_disk();
+    lab.write("a.txt", "4\n");
+    let mut add = engine::KindEntry::of::<crate::arithmetic::Add>();
+    add.store = engine::Keep::Cheap;
+    lab.registry = crate::arithmetic::registry_with(add);
+    let text = graph_text(
+        "a: LoadNumber(path: \"a.txt\"), t: Scale(value: \"a\"), s: Add(terms: [\"a\", \"t\"]), \
+         u: Add(terms: \"s\", bias: 1.0), d: Drift(value: \"a\")",
+    );
+    lab.run_text(&text);
+    let graph = lab.parse(&text).unwrap();
+    let value = |name: &str| {
+        let wire = engine::Wire { node: graph.find(name).unwrap(), port: 0 };
+        lab.engine().value::<crate::arithmetic::Num>(&graph, wire).map(|number| number.0)
+    };
+    assert_eq!(["s", "u"].map(value), [Some(12.0), Some(13.0)]);
+    assert_eq!(value("d"), None, "it gives another number each time");
+    lab.write("a.txt", "5\n");
+    assert_eq!(value("s"), None, "the file is another one now");
+}
