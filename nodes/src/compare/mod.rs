@@ -29,8 +29,8 @@ engine::params! {
     /// pictures only); FLIP, the difference that a viewer sees when the two alternate, as mean and 95th
     /// percentile; CIEDE2000; LPIPS where weights are given; mean and largest error; relative MSE in linear
     /// light, `mean((a - b)^2 / (b^2 + 0.01))`. Data, such as the ratio of a shadow, has a table `ratio`:
-    /// the mean of `|ln a - ln b|`, and how far the two agree on what is shadow (below 0.98) as
-    /// intersection over union. What cannot be computed is left out of its row, never 0.
+    /// the mean of `|ln a - ln b|`, where what is below 0.001 counts as that, and how far the two agree on what is
+    /// shadow (below 0.98) as intersection over union. What cannot be computed is left out of its row, never 0.
     ///
     /// A region's SSIM and FLIP average the map over it; CIEDE2000, FLIP and LPIPS need `Display` or say
     /// so. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
@@ -106,12 +106,20 @@ const COLOUR: [&str; 10] = [
     "largest error",
     "relative mse (linear, eps 0.01)",
 ];
-const RATIO: [&str; 5] =
-    ["psnr (dB)", "mean absolute error", "largest error", "mean |ln a - ln b|", "shadow IoU (below 0.98)"];
+const RATIO: [&str; 5] = [
+    "psnr (dB)",
+    "mean absolute error",
+    "largest error",
+    "mean |ln a - ln b| (from 0.001 up)",
+    "shadow IoU (below 0.98)",
+];
+/// Less light than this share is as good as none: what is below counts as this in the logarithm, so that a shadow which is
+/// pitch black, as `shadow-ratio` may give, is off by a number and not left out.
+const DARKEST: f64 = 0.001;
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -278,7 +286,7 @@ fn inside(mask: &Picture) -> Vec<bool> {
 fn number(value: Option<f64>) -> Cell {
     match value {
         Some(value) if value.is_finite() => Cell::Number(value),
-        Some(value) if value.is_infinite() => Cell::Text("inf".to_owned()),
+        Some(value) if value.is_infinite() => Cell::Text(value.to_string()),
         _ => Cell::Missing,
     }
 }
@@ -501,6 +509,26 @@ mod tests {
         let (out, _) = Compare::run(&node(), inputs(map(1.0), map(0.5)), &context()).expect("runs");
         assert_eq!(out.report.tables[0].rows[0].last(), Some(&Cell::Number(0.0)));
         assert!(out.flip.0.is_empty());
+    }
+
+    // Half of the pixels are black where the truth is one half. And nothing equals what is infinitely far off.
+    #[test]
+    fn what_is_pitch_black_or_infinite_is_off() {
+        let map = |dark: f32| one(Image::<Data>::from_samples(2, 1, 1, vec![dark, 1.0]));
+        let row = |dark: f32| {
+            let (out, _) = Compare::run(&node(), inputs(map(dark), map(0.5)), &context()).expect("runs");
+            let table = &out.report.tables[0];
+            let at =
+                |name: &str| table.columns.iter().position(|c| c.starts_with(name)).expect("is a column");
+            [at("psnr"), at("mean |ln")].map(|at| table.rows[0][at].clone())
+        };
+        let want = 0.5 * num::f64::ln(500.0);
+        for dark in [0.0, -1.0, 1e-4] {
+            assert!(matches!(row(dark)[1], Cell::Number(v) if (v - want).abs() < 1e-12), "{dark}");
+        }
+        assert_eq!(row(f32::INFINITY), [Cell::Text("-inf".to_owned()), Cell::Text("inf".to_owned())]);
+        assert_eq!(row(0.5)[0], Cell::Text("inf".to_owned()));
+        assert_eq!(row(f32::NAN)[1], Cell::Missing);
     }
 
     #[test]

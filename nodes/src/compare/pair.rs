@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::{Compare, Space};
+use super::{Compare, DARKEST, Space};
 use crate::color::srgb_from_linear;
 use crate::layers::linear;
 use crate::metrics::{
@@ -155,7 +155,7 @@ impl Pair {
         Some(row)
     }
 
-    /// For ratios: the mean of `|ln a - ln b|` over samples where both are above 0, and intersection over
+    /// For ratios: the mean of `|ln a - ln b|` over samples, of which none is below [`DARKEST`], and intersection over
     /// union of the pixels whose mean is below 0.98.
     fn ratio(&self, counts: impl Fn(usize) -> bool) -> (Option<f64>, Option<f64>) {
         let channels = self.a.channels.min(self.b.channels).max(1);
@@ -166,10 +166,10 @@ impl Pair {
                 continue;
             }
             for (a, b) in a.iter().zip(b).take(channels) {
-                if *a > 0.0 && *b > 0.0 && a.is_finite() && b.is_finite() {
-                    sum += (num::f64::ln(*a) - num::f64::ln(*b)).abs();
-                    samples += 1;
-                }
+                // What is no number stays none, and then neither is the mean.
+                let ln = |v: f64| if v < DARKEST { num::f64::ln(DARKEST) } else { num::f64::ln(v) };
+                sum += (ln(*a) - ln(*b)).abs();
+                samples += 1;
             }
             let dark = |p: &[f64]| p[..channels].iter().sum::<f64>() / (channels as f64) < 0.98;
             both += u64::from(dark(a) && dark(b));
