@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 use engine::{Level, PRESETS};
-use nodes::types::{Cell, Report, Table};
+use nodes::types::{Cell, Images, Picture, Report, Table};
 use serde_json::{Value, json};
 
 use super::tune::tell_unreached;
@@ -13,6 +14,7 @@ use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trade::bench::{Bench, Miss, Point, Position};
 use crate::trade::blame::{Blame, blames};
+use crate::trade::left_out::{LeftOut, left_out};
 use crate::trade::page::Page;
 use crate::trade::plot::{self, Dot, tick_text};
 use crate::trade::search::{Tried, pareto};
@@ -156,13 +158,19 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
         json!({"node": b.node, "error_with_it_alone_at_the_reference": error(b.alone),
                "error_with_all_else_at_the_reference": error(b.all_but), "work": b.work_alone})
     };
+    let skipped = |row: &LeftOut| {
+        json!({"what": row.what, "nodes": row.nodes, "left_out": row.left_out, "found": row.found,
+               "check": row.check, "forced_by": row.force})
+    };
+    let reports = bench.reports_at(now);
     json!({
         "metric": metric.name,
         "points": bench.points.iter().enumerate().map(point).collect::<Vec<_>>(),
         "attribution": blames.iter().map(blame).collect::<Vec<_>>(),
-        "reports": bench.reports_at(now).iter().map(|(name, report)| (name.clone(), tables(report)))
+        "reports": reports.iter().map(|(name, report)| (name.clone(), tables(report)))
             .collect::<serde_json::Map<_, _>>(),
         "left_out": bench.unreached,
+        "not_modelled": left_out(&bench.points[now].nodes, &reports).iter().map(skipped).collect::<Vec<_>>(),
     })
 }
 
@@ -174,12 +182,14 @@ fn page(
     blames: &[Blame],
 ) -> Result<Page, Miss> {
     let mut page = Page::default();
+    facts(&mut page, bench, metric, now, blames);
     page.words(&format!(
         "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
          weighed as rays. Work and errors are the same in every run; seconds are wall times of the nodes' code when \
          it ran, and depend on the machine and its load.",
         metric.name
     ));
+    pictures(&mut page, bench, presets, now)?;
     plots(&mut page, bench, metric, presets, now);
     page.heading("Presets");
     let mut rows = Vec::new();
@@ -195,14 +205,43 @@ fn page(
         rows.push(row);
     }
     let columns =
-        ["preset", "work", "seconds", "flip, whole", "rmse, whole", "flip, touched", "rmse, touched"];
+        ["preset", "work", "seconds", "FLIP, whole", "RMSE, whole", "FLIP, touched", "RMSE, touched"];
     page.table(&columns, &rows);
-    baselines(&mut page, bench, now);
     blame(&mut page, bench, metric, now, blames);
+    baselines(&mut page, bench, now);
+    let reports = bench.reports_at(now);
+    unmodelled(&mut page, &left_out(&bench.points[now].nodes, &reports));
     costs(&mut page, &bench.points[now]);
+    notes(&mut page, &bench.points[now]);
+    page.heading("What nodes found");
+    for (name, report) in reports {
+        page.report(&name, &report);
+    }
     page.heading("Settings");
     page.words("The graph as it is, as an overlay: `run --overlay` takes it, `tune` writes one like it.");
     page.code(&bench.overlay(&bench.points[now].position));
+    Ok(page)
+}
+
+/// What one asks first.
+fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
+    let point = &bench.points[now];
+    let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();
+    let stands = match worst {
+        Some(Level::Degraded) => "degraded",
+        Some(Level::Warning) => "with warnings",
+        _ => "as asked",
+    };
+    page.facts(&[
+        ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
+        ("work", format!("{} rays", tick_text(point.work))),
+        ("code ran", format!("{} s", tick_text(point.seconds))),
+        ("largest error of one node", blames.first().map_or("none".to_owned(), |blame| blame.node.clone())),
+        ("result", stands.to_owned()),
+    ]);
+}
+
+fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -> Result<(), Miss> {
     let reference = bench.pictures_at(presets[3])?;
     let pictures = bench.pictures_at(now)?;
     let maps = bench.flip_maps(&pictures);
@@ -210,37 +249,63 @@ fn page(
     page.words("As it is, the reference, and FLIP between them: black is 0, white 1, along the root.");
     for (index, (name, images)) in pictures.iter().enumerate() {
         for view in &images.0 {
-            page.picture(&view.picture, &format!("{name} {}, as it is", view.name), 520);
-            if let Some(picture) = reference.get(index).and_then(|(_, images)| images.view(&view.name)) {
-                page.picture(picture, &format!("{name} {}, reference", view.name), 520);
-            }
-            if let Some(map) = maps.get(index).and_then(|images| images.view(&view.name)) {
-                page.picture(map, &format!("{name} {}, FLIP", view.name), 520);
-            }
+            let other = |of: Option<&Arc<Images>>| of.and_then(|images| images.view(&view.name)).cloned();
+            let reference = other(reference.get(index).map(|(_, images)| images));
+            let row = [
+                (Some(view.picture.clone()), "as it is"),
+                (reference, "reference"),
+                (other(maps.get(index)), "FLIP"),
+            ];
+            let row: Vec<(Picture, String)> = row
+                .into_iter()
+                .filter_map(|(picture, what)| Some((picture?, format!("{name} {}, {what}", view.name))))
+                .collect();
+            let row: Vec<_> = row.iter().map(|(picture, text)| (picture, text.clone())).collect();
+            page.pictures(&row, 520);
         }
     }
-    page.heading("What was decided and left out");
+    Ok(())
+}
+
+fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
+    page.heading("Left out, and the check behind it");
+    page.words(
+        "What is modelled only where the scene needs it. Whatever a check leaves out can be had all the same, by the \
+         last column; `docs/trade.md` has the error of each.",
+    );
+    let told = |row: &LeftOut| {
+        let nodes = match row.nodes.as_slice() {
+            [first, second, third, rest @ ..] if !rest.is_empty() => {
+                format!("{first}, {second}, {third} and {} more", rest.len())
+            }
+            nodes => nodes.join(", "),
+        };
+        let left_out = match row.left_out {
+            Some(true) => "left out",
+            Some(false) => "modelled",
+            None => "not asked",
+        };
+        [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
+    };
+    let columns = ["what", "at", "here", "what was found", "left out where", "forced by"];
+    page.table(&columns, &rows.iter().map(told).collect::<Vec<_>>());
+}
+
+fn notes(page: &mut Page, point: &Point) {
+    page.heading("What was decided");
     let levels = |level: Level| match level {
         Level::Count => "count",
         Level::Decision => "decision",
         Level::Warning => "warning",
         Level::Degraded => "degraded",
     };
-    let notes = bench.points[now].nodes.iter().flat_map(|node| {
+    let notes = point.nodes.iter().flat_map(|node| {
         node.notes.iter().map(|note| {
             vec![node.id.clone(), levels(note.level).to_owned(), note.id.clone(), note.text.clone()]
         })
     });
-    page.words(
-        "What each node left out, assumed or had to pass over, and what it saw that it did. Counts of what was not done \
-         (`splats_skipped`, pixels too dark for a ratio) stand here or among the counts above.",
-    );
+    page.words("What each node assumed, passed over or chose by itself, and what it saw that it did.");
     page.table(&["node", "sort", "check", "what it found"], &notes.collect::<Vec<_>>());
-    page.heading("What nodes found");
-    for (name, report) in bench.reports_at(now) {
-        page.report(&name, &report);
-    }
-    Ok(page)
 }
 
 fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize], now: usize) {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use engine::{
-    Artifact, Context, Counts, Engine, Event, Graph, Kind, Note, PRESETS, Registry, RunOptions, Source, Wire,
-    overlay_text,
+    Artifact, Context, Counts, Digest, Engine, Event, Graph, Kind, Note, PRESETS, Registry, RunOptions,
+    Source, Wire, overlay_text,
 };
 use nodes::compare::{Compare, In, Space};
 use nodes::composite::{self, Composite};
@@ -41,6 +41,10 @@ pub struct NodeCost {
     pub seconds: f64,
     pub counts: Counts,
     pub notes: Vec<Note>,
+    /// Whether it is there once for each point of axes.
+    pub varies: bool,
+    /// Equal keys are one and the same action.
+    pub key: Option<Digest>,
 }
 
 /// How far one view of a picture is off, in one region.
@@ -200,12 +204,12 @@ impl<'e> Bench<'e> {
             return Ok(known);
         }
         let graph = self.graph(position)?;
-        let mut notes: BTreeMap<String, Vec<Note>> = BTreeMap::new();
+        let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
         let outcome = self.engine.run(&graph, &options, |event| {
-            if let Event::Node { id, notes: told, .. } = event {
-                notes.insert(id, told);
+            if let Event::Node { id, notes, key, .. } = event {
+                told.insert(id, (notes, key));
             }
         });
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
@@ -215,16 +219,21 @@ impl<'e> Bench<'e> {
             return Err(Miss::Failed(failures.to_string()));
         }
         let wanted = graph.above(&self.targets);
-        let mut nodes = Vec::new();
+        let (mut nodes, mut keys) = (Vec::new(), BTreeSet::new());
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
-            let spent = self.engine.spent(&graph, index).unwrap_or_default();
+            let (notes, key) = told.remove(&node.id).unwrap_or_default();
+            // What several instances of a node are is done once.
+            let first = key.is_none_or(|key| keys.insert(key));
+            let spent = self.engine.spent(&graph, index).filter(|_| first).unwrap_or_default();
             nodes.push(NodeCost {
                 id: node.id.clone(),
                 kind: node.kind.name,
                 work: work_of(&spent.counts),
                 seconds: spent.seconds,
                 counts: spent.counts,
-                notes: notes.remove(&node.id).unwrap_or_default(),
+                notes,
+                varies: !node.point.is_empty(),
+                key,
             });
         }
         let pictures = self.pictures(&graph)?;
@@ -365,6 +374,7 @@ fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
     let number = |(column, cell): (&String, &Cell)| match cell {
         Cell::Number(value) => Some((column.clone(), *value)),
         Cell::Text(text) if text == "inf" => Some((column.clone(), f64::INFINITY)),
+        Cell::Text(text) if text == "-inf" => Some((column.clone(), f64::NEG_INFINITY)),
         _ => None,
     };
     let values = columns.iter().zip(row).skip(4).filter_map(number).collect();

@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod blame;
+pub mod left_out;
 pub mod page;
 pub mod plot;
 pub mod search;
@@ -81,14 +82,16 @@ impl Metric {
         METRICS.map(|(name, _)| name).join(", ")
     }
 
-    /// The largest error over outputs and views; `None` where it was not computed for one of them.
+    /// The largest error over outputs and the views that show any of the region; `None` where it was not computed for
+    /// one of them, or none shows it.
     pub fn error(&self, off: &[Off]) -> Option<f64> {
         self.worst(off, "image")
     }
 
     /// The same of a baseline.
     pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
-        let rows = off.iter().filter(|row| row.region == self.region && row.judged == judged);
+        let rows =
+            off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
         let value = |row: &Off| match self.of {
             Of::Column(column) => row.values.get(column).copied(),
             Of::Rmse | Of::Psnr => row.values.get("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
@@ -128,7 +131,10 @@ mod tests {
             pixels: 1,
             values: [("psnr (dB)".to_owned(), psnr)].into(),
         };
-        let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0)];
+        // The object is out of sight in one view, of which nothing can be computed there.
+        let unseen = Off { pixels: 0, values: [].into(), ..row("touched", 0.0) };
+        assert_eq!(metric.error(std::slice::from_ref(&unseen)), None);
+        let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0), unseen];
         assert!((metric.error(&off).unwrap() - 0.1).abs() < 1e-15);
         assert_eq!(metric.error(&[row("touched", f64::INFINITY)]), Some(0.0));
         let told = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.told(error));

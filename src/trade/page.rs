@@ -13,16 +13,27 @@ pub struct Page {
 }
 
 const STYLE: &str = "\
-body{font:15px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222;background:#fff}\
-h1{font-size:1.5em}h2{font-size:1.15em;margin-top:2em;border-bottom:1px solid #ddd}\
-table{border-collapse:collapse;margin:.6em 0;font-variant-numeric:tabular-nums;font-size:.9em}\
-th,td{padding:.2em .7em;border-bottom:1px solid #e4e4e4;text-align:right;vertical-align:top}\
-th:first-child,td:first-child,td.t,th.t{text-align:left}th{font-weight:600;background:#f6f6f6}\
-figure{display:inline-block;margin:.4em .6em .4em 0;vertical-align:top}\
-figcaption{font-size:.85em;color:#555}img{max-width:100%;display:block}\
-.frame{fill:none;stroke:#999}.grid{stroke:#eee}.tick{font-size:11px;fill:#555}.axis{font-size:12px;fill:#222}\
-.front{fill:none;stroke:#1668b8;stroke-width:1.5}.dot{fill:#bbb}.dot.on{fill:#1668b8}.name{font-size:11px}\
-.bound{stroke:#c33;stroke-dasharray:5 4}code{font-size:.95em}pre{background:#f6f6f6;padding:.8em;overflow:auto}";
+:root{color-scheme:light dark;--ink:#1f2328;--dim:#59636e;--paper:#fff;--line:#dfe3e8;--head:#f4f6f8;--on:#1668b8;\
+--off:#b9c0c8;--bound:#c33}\
+@media(prefers-color-scheme:dark){:root{--ink:#dfe3e8;--dim:#98a2ad;--paper:#15181c;--line:#30363d;--head:#1d2127;\
+--on:#6cb2f5;--off:#565f69;--bound:#f07070}}\
+body{font:15px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:var(--ink);\
+background:var(--paper)}\
+h1{font-size:1.5em;overflow-wrap:anywhere}h2{font-size:1.15em;margin-top:2.2em;border-bottom:1px solid var(--line)}\
+h3{font-size:1em;margin:1.4em 0 0}p{max-width:48em}\
+.wide{overflow-x:auto}table{border-collapse:collapse;margin:.6em 0;font-variant-numeric:tabular-nums;font-size:.9em}\
+th,td{padding:.25em .7em;border-bottom:1px solid var(--line);text-align:right;vertical-align:top}\
+.t{text-align:left}td.t{min-width:6em}th{font-weight:600;background:var(--head)}\
+.facts{display:flex;flex-wrap:wrap;gap:.6em;margin:1em 0;padding:0}\
+.facts div{flex:1 1 8em;background:var(--head);border-radius:6px;padding:.5em .9em}\
+.facts dt{font-size:.8em;color:var(--dim)}.facts dd{margin:0;font-size:1.25em;overflow-wrap:anywhere}\
+.row{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,240px),1fr));gap:.8em;margin:.8em 0}\
+figure{margin:0}figcaption{font-size:.85em;color:var(--dim)}img{width:100%;display:block;border-radius:3px}\
+svg{max-width:100%;height:auto}.frame{fill:none;stroke:var(--off)}.grid{stroke:var(--line)}\
+.tick{font-size:11px;fill:var(--dim)}.axis{font-size:12px;fill:var(--ink)}\
+.front{fill:none;stroke:var(--on);stroke-width:1.5}.dot{fill:var(--off)}.dot.on{fill:var(--on)}\
+.name{font-size:11px;fill:var(--ink)}.bound{stroke:var(--bound);stroke-dasharray:5 4}\
+pre{background:var(--head);padding:.8em;overflow:auto;font-size:.9em}";
 
 impl Page {
     /// A heading.
@@ -41,23 +52,35 @@ impl Page {
         let _ = writeln!(self.body, "<pre>{}</pre>", escaped(text));
     }
 
-    /// A table. Cells that are no numbers stand on the left.
+    /// A few values with their names, in large letters.
+    pub fn facts(&mut self, facts: &[(&str, String)]) {
+        self.body.push_str("<dl class=\"facts\">");
+        for (name, value) in facts {
+            let _ = write!(self.body, "<div><dt>{}</dt><dd>{}</dd></div>", escaped(name), escaped(value));
+        }
+        self.body.push_str("</dl>\n");
+    }
+
+    /// A table. Columns of words stand on the left.
     pub fn table(&mut self, columns: &[&str], rows: &[Vec<String>]) {
-        self.body.push_str("<table><tr>");
-        for column in columns {
-            let _ = write!(self.body, "<th>{}</th>", escaped(column));
+        let class = |column: usize| {
+            let mut cells = rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty());
+            if !rows.is_empty() && cells.all(|cell| is_number(cell)) { "" } else { " class=\"t\"" }
+        };
+        let classes: Vec<&str> = (0..columns.len()).map(class).collect();
+        self.body.push_str("<div class=\"wide\"><table><tr>");
+        for (column, class) in columns.iter().zip(&classes) {
+            let _ = write!(self.body, "<th{class}>{}</th>", escaped(column));
         }
         self.body.push_str("</tr>\n");
         for row in rows {
             self.body.push_str("<tr>");
-            for cell in row {
-                let number = cell.is_empty() || cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
-                let class = if number { "" } else { " class=\"t\"" };
+            for (cell, class) in row.iter().zip(&classes) {
                 let _ = write!(self.body, "<td{class}>{}</td>", escaped(cell));
             }
             self.body.push_str("</tr>\n");
         }
-        self.body.push_str("</table>\n");
+        self.body.push_str("</table></div>\n");
     }
 
     /// What is already HTML or SVG of ours.
@@ -76,28 +99,40 @@ impl Page {
         }
     }
 
-    /// A picture within the page, at most so many pixels wide.
-    pub fn picture(&mut self, picture: &Picture, caption: &str, widest: usize) {
-        let raster = if let Picture::Data(_) = picture { heat(picture) } else { shown(picture) };
-        let Some(raster) = raster.map(|raster| halved(raster, widest)) else { return };
-        let Ok(bytes) = png::write(&raster, true, &[]) else { return };
-        let _ = writeln!(
-            self.body,
-            "<figure><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption></figure>",
-            escaped(caption),
-            base64(&bytes)
-        );
+    /// Pictures beside each other, as far as there is room, each at most so many pixels wide.
+    pub fn pictures(&mut self, pictures: &[(&Picture, String)], widest: usize) {
+        self.body.push_str("<div class=\"row\">\n");
+        for (picture, caption) in pictures {
+            let raster = if let Picture::Data(_) = picture { heat(picture) } else { shown(picture) };
+            let Some(raster) = raster.map(|raster| halved(raster, widest)) else { continue };
+            let Ok(bytes) = png::write(&raster, true, &[]) else { continue };
+            let _ = writeln!(
+                self.body,
+                "<figure><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption></figure>",
+                escaped(caption),
+                base64(&bytes)
+            );
+        }
+        self.body.push_str("</div>\n");
     }
 
     /// The whole file.
     pub fn finish(self, title: &str) -> String {
         let title = escaped(title);
         format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title>\
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+             <meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title>\
              <style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n{}</body></html>\n",
             self.body
         )
     }
+}
+
+/// Whether a cell holds a number or says that there is none: `1.2 M`, `40 dB`, `not computed`.
+fn is_number(cell: &str) -> bool {
+    let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
+    let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");
+    (unit && first.parse::<f64>().is_ok()) || matches!(cell, "not computed" | "not measured")
 }
 
 /// Text within HTML.
@@ -200,11 +235,25 @@ mod tests {
     fn a_page_needs_nothing_beside_it_and_quotes_what_users_named() {
         let mut page = Page::default();
         page.table(&["a<b", "n"], &[vec!["<script>".to_owned(), "1.5".to_owned()]]);
-        page.picture(&Image::<Linear>::from_samples(5, 2, 3, vec![0.2; 30]).into(), "p\"q", 2);
-        page.picture(&Image::<Data>::from_samples(2, 1, 1, vec![0.0, 1.0]).into(), "map", 600);
+        let picture = Image::<Linear>::from_samples(5, 2, 3, vec![0.2; 30]).into();
+        let map = Image::<Data>::from_samples(2, 1, 1, vec![0.0, 1.0]).into();
+        page.pictures(&[(&picture, "p\"q".to_owned()), (&map, "map".to_owned())], 2);
         let text = page.finish("t");
         assert!(!text.contains("<script>") && text.contains("&lt;script&gt;") && !text.contains("http"));
         assert_eq!(text.matches("data:image/png;base64,").count(), 2);
+    }
+
+    #[test]
+    fn columns_of_numbers_stand_on_the_right() {
+        for cell in ["1.2 M", "-3", "0.5", "inf dB", "40 dB", "12 %", "not computed", "inf"] {
+            assert!(is_number(cell), "{cell}");
+        }
+        for cell in ["64 nodes", "draft", "0 of 10", ""] {
+            assert!(!is_number(cell), "{cell}");
+        }
+        let mut page = Page::default();
+        page.table(&["what", "n"], &[vec!["64 nodes".to_owned(), "2".to_owned()]]);
+        assert!(page.body.contains("<th class=\"t\">what</th><th>n</th>"), "{}", page.body);
     }
 
     #[test]

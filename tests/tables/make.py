@@ -65,11 +65,10 @@ def presets(work):
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             def worst(region, column):
-                rows = [row["values"].get(column) for row in point["off"]
-                        if row["picture"] == "image" and row["region"] == region]
-                # Equal pictures have no finite PSNR, which JSON tells as null.
-                values = [(10 ** (-v / 20) if v is not None else 0.0) if "psnr" in column else v for v in rows]
-                return short(max(values))
+                # Equal pictures have no finite PSNR, which JSON tells as the text `inf`.
+                values = [float(row["values"][column]) for row in point["off"]
+                          if row["picture"] == "image" and row["region"] == region]
+                return short(max(10 ** (-v / 20) if "psnr" in column else v for v in values))
             cells = [worst(region, column) for column in ["flip mean", "psnr (dB)"] for region in ["whole", "touched"]]
             text += f"| `{preset}` | {cpu:.1f} | {point['work'] / 1e6:.2f} M | {' | '.join(cells)} |\n"
         text += "\n"
@@ -107,6 +106,7 @@ def tables(data, work):
     return {
         "presets": ("docs/trade.md", "7 and 1", lambda: presets(work)),
         "bad": ("docs/trade.md", 3, lambda: bad(work)),
+        "coverage": ("docs/trade.md", "0 to 19", lambda: call(*bench, "coverage")),
         "weights": ("docs/trade.md", 7, lambda: call("python3", f"{HERE}/weights.py", PROGRAM, os.path.join(work, "weights"))),
         "extremes": (None, None, lambda: call("tests/extremes/page")),
         "splats": ("docs/splats.md", None, lambda: call(*bench, "splat", "--", data)),

@@ -1,0 +1,198 @@
+//! How often the true value lies within the standard errors that a run tells, over twenty seeds: of the ratio
+//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/trade.md`.
+//! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it.
+#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use engine::{
+    Artifact, Context, Engine, Graph, Kind, Params, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
+};
+use nodes::color::luminance;
+use nodes::composite::{self, Composite};
+use nodes::path_trace::rules::EnvBlock;
+use nodes::path_trace::{self, PathTrace};
+use nodes::shadow_ratio::{self, ShadowRatio};
+use nodes::types::{Environment, Images, Mesh, Placed, Rig};
+
+const SEEDS: u64 = 20;
+/// Seeds and samples of what is taken for the truth. They are none of those above.
+const TRUTH: (u64, u32) = (8, 256);
+
+/// What `trace` reads in a graph of `tests/tables`, and the background of its picture.
+struct Place {
+    receiver: Arc<Mesh>,
+    objects: Vec<Arc<Placed>>,
+    rig: Arc<Rig>,
+    env: Arc<Environment>,
+    background: Arc<Images>,
+}
+
+/// Values of pixels with what is told of their standard errors; 0 where there is no noise.
+type Told = Vec<[f64; 2]>;
+
+impl Place {
+    /// That of a graph in which one piece of text, which says how large its pictures are, is another one.
+    fn load(name: &str, (before, after): (&str, &str)) -> Self {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/tables");
+        let text = std::fs::read_to_string(folder.join(name)).unwrap();
+        assert_eq!(text.matches(before).count(), 1, "{name} has no `{before}`");
+        let source = Source::new(name, text.replace(before, after));
+        let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(folder)).unwrap();
+        let engine = Engine::new(Store::in_memory(), 2, 1 << 32);
+        let wires = |node: &str, port: &str| {
+            let node = &graph.nodes[graph.find(node).unwrap()];
+            let at = node.kind.inputs.iter().position(|spec| spec.name == port).unwrap();
+            node.inputs[at].clone()
+        };
+        let ports = ["receiver", "objects", "rig", "env"].map(|port| wires("trace", port));
+        let background = wires("final", "background");
+        let only = ports.iter().chain([&background]).flatten().map(|wire| wire.node).collect();
+        let outcome = engine.run(&graph, &RunOptions { only, ..RunOptions::default() }, |_| ());
+        assert!(outcome.failures.is_none());
+        fn value<A: Artifact>(engine: &Engine, graph: &Graph, wire: Wire) -> Arc<A> {
+            Arc::new(engine.value(graph, wire).unwrap())
+        }
+        let [receiver, objects, rig, env] = &ports;
+        Self {
+            receiver: value(&engine, &graph, receiver[0]),
+            objects: objects.iter().map(|wire| value(&engine, &graph, *wire)).collect(),
+            rig: value(&engine, &graph, rig[0]),
+            env: value(&engine, &graph, env[0]),
+            background: value(&engine, &graph, background[0]),
+        }
+    }
+
+    /// Ratio and picture of all views, for a seed.
+    fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed }, ".");
+        let inputs = path_trace::In {
+            receiver: self.receiver.clone(),
+            objects: self.objects.clone(),
+            rig: self.rig.clone(),
+            env: self.env.clone(),
+        };
+        let (traced, _) = PathTrace::run(params, inputs, &cx).unwrap();
+        let pair = shadow_ratio::In { without: traced.without.clone(), with: traced.with.clone() };
+        let (ratio, _) = ShadowRatio::run(&ShadowRatio::defaults().unwrap(), pair, &cx).unwrap();
+        let layers = composite::In {
+            background: self.background.clone(),
+            object: traced.object,
+            shadow: Some(ratio.shadow),
+            added: None,
+            front: None,
+            variance: Some(traced.variance.clone()),
+        };
+        let (made, _) = Composite::run(&Composite::defaults().unwrap(), layers, &cx).unwrap();
+
+        let pairs = light(&traced.without).into_iter().zip(light(&traced.with));
+        let told = plane(&traced.variance, 3).into_iter();
+        let ratio =
+            pairs.zip(told).map(
+                |((without, with), variance)| {
+                    if without > 0.0 { [with / without, variance.sqrt()] } else { [1.0, 0.0] }
+                },
+            );
+        let picture = light(&made.image).into_iter().zip(plane(&made.error, 0));
+        [ratio.collect(), picture.map(|(value, error)| [value, error]).collect()]
+    }
+}
+
+/// Luminance of each pixel of all views.
+fn light(images: &Images) -> Vec<f64> {
+    let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
+    pixels.map(|p| f64::from(luminance([p[0], p[1], p[2]]))).collect()
+}
+
+/// A channel of each pixel of all views.
+fn plane(images: &Images, channel: usize) -> Vec<f64> {
+    let pixels = images.0.iter().flat_map(|view| view.picture.samples().chunks_exact(view.picture.size().2));
+    pixels.map(|p| f64::from(p[channel])).collect()
+}
+
+/// How often the truth was within 1, 2 and 3 errors, and by how much the values were off on average.
+#[derive(Default)]
+struct Tally {
+    within: [u64; 3],
+    pixels: u64,
+    off: f64,
+    square: f64,
+    told: f64,
+}
+
+impl Tally {
+    fn add(&mut self, told: &Told, truth: &[f64]) {
+        for ([value, error], truth) in told.iter().zip(truth).filter(|([_, error], _)| *error > 0.0) {
+            let apart = value - truth;
+            for (within, times) in self.within.iter_mut().zip([1.0, 2.0, 3.0]) {
+                *within += u64::from(apart.abs() <= times * error);
+            }
+            (self.off, self.square, self.told) =
+                (self.off + apart, self.square + apart * apart, self.told + error * error);
+            self.pixels += 1;
+        }
+    }
+
+    fn cells(&self) -> String {
+        let n = self.pixels as f64;
+        let shares = self.within.map(|within| format!("{:.1} %", 100.0 * within as f64 / n));
+        let ratio = (self.told / self.square).sqrt();
+        format!("{} | {} | {ratio:.2} | {:+.4}", self.pixels / SEEDS, shares.join(" | "), self.off / n)
+    }
+}
+
+fn main() {
+    println!(
+        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | told over true error | mean off by |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");
+    let beyond = EnvBlock::PassBeyond { metres: 1.1 };
+    let scenes = [
+        ("demo", Place::load("demo.ron", demo), beyond, Some(0.02)),
+        (
+            "bench case",
+            Place::load("plaza.ron", ("resolution: 0.25", "resolution: 0.1")),
+            EnvBlock::Auto,
+            None,
+        ),
+    ];
+    let mut rows: [Vec<String>; 2] = Default::default();
+    for (name, place, env_block, contact_metres) in scenes {
+        let params = |samples, max_error| PathTrace {
+            samples,
+            max_error,
+            env_block,
+            contact_metres,
+            ..PathTrace::defaults().unwrap()
+        };
+        let (seeds, samples) = TRUTH;
+        let mut truth: [Vec<f64>; 2] = Default::default();
+        for seed in 0..seeds {
+            for (truth, told) in truth.iter_mut().zip(place.traced(&params(samples, None), 1000 + seed)) {
+                truth.resize(told.len(), 0.0);
+                truth.iter_mut().zip(told).for_each(|(sum, [value, _])| *sum += value / seeds as f64);
+            }
+        }
+        for (said, params) in [
+            ("4", params(4, None)),
+            ("16", params(16, None)),
+            ("up to 64, `max_error: 0.03`", params(64, Some(0.03))),
+        ] {
+            let mut tallies: [Tally; 2] = Default::default();
+            for seed in 0..SEEDS {
+                let told = place.traced(&params, seed);
+                for ((tally, told), truth) in tallies.iter_mut().zip(&told).zip(&truth) {
+                    tally.add(told, truth);
+                }
+            }
+            for (rows, tally) in rows.iter_mut().zip(&tallies) {
+                rows.push(format!("{name} | {said} | {} |", tally.cells()));
+            }
+        }
+    }
+    for (of, rows) in ["ratio", "picture"].iter().zip(&rows) {
+        rows.iter().for_each(|row| println!("| {of} | {row}"));
+    }
+}
