@@ -70,6 +70,8 @@ pub trait Kind: 'static {
     const STORE: Keep = Keep::Always;
     /// Whether the paths it reads may be folders.
     const FOLDERS: bool = false;
+    /// Whether `run` holds the files that it reads as they are, all at once: memory for them is then part of what it takes.
+    const HOLDS_FILES: bool = false;
     /// Where files that users must get from elsewhere are to be had: told of one that is missing.
     const SUPPLIED: Option<&'static str> = None;
     /// What may change the bits: `portable`, or the profile of a library that promises none.
@@ -212,6 +214,8 @@ pub struct KindEntry {
     pub rough: &'static [(&'static str, u64)],
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
+    /// [`Kind::HOLDS_FILES`].
+    pub(crate) holds_files: bool,
     /// [`Kind::SUPPLIED`].
     pub(crate) supplied: Option<&'static str>,
     /// Whether a parameter names a file to read.
@@ -239,6 +243,7 @@ impl KindEntry {
             refines: K::REFINES,
             rough: K::ROUGH,
             folders: K::FOLDERS,
+            holds_files: K::HOLDS_FILES,
             supplied: K::SUPPLIED,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));

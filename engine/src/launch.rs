@@ -51,8 +51,10 @@ impl<'a> Run<'a> {
         if let Some(bytes) = self.slots[index].cost {
             return Ok(bytes);
         }
-        let (step, inputs) = (&self.graph.nodes[index].step, self.inputs(index));
-        let bytes = guarded(|| Ok(step.estimate(inputs)))?.bytes;
+        let (node, inputs) = (&self.graph.nodes[index], self.inputs(index));
+        let files = self.slots[index].action.sources.iter().filter(|_| node.kind.holds_files);
+        let files = files.fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
+        let bytes = guarded(|| Ok(node.step.estimate(inputs)))?.bytes.saturating_add(files);
         if bytes > self.engine.limits().memory {
             let (needs, budget) = (size_text(bytes), size_text(self.engine.limits().memory));
             return Err(NodeError::new(format!("needs about {needs} of memory, the budget is {budget}"))

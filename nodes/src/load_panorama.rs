@@ -134,7 +134,7 @@ fn photograph(mut light: Image<Linear>, ev: f64, notes: &mut Notes) -> (Picture,
         1.0
     });
     let scale = ev0 * num::f64::exp2(ev);
-    notes.decision("exposure", format!("light was multiplied by {scale:.4} and clipped at white"));
+    notes.decision("exposure", format!("light was multiplied by {scale:.3e} and clipped at white"));
     for v in &mut light.samples {
         *v = (f64::from(*v) * scale).min(f64::from(f32::MAX)) as f32;
     }

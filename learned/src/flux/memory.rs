@@ -42,6 +42,14 @@ impl Memory {
         }
     }
 
+    /// What an edit by the published model takes beside its files, before any is opened; 512 tokens of text.
+    pub fn published(size: (usize, usize)) -> u64 {
+        let config = Config::kontext();
+        let largest = (config.hidden * (3 * config.hidden + config.mlp)) as u64;
+        let transformer = Tally { largest, ..Tally::default() };
+        Self::of((&config, &transformer), (&VaeConfig::flux(), &Tally::default()), size, 512).total()
+    }
+
     /// All of it.
     pub fn total(&self) -> u64 {
         self.weights + self.widened + self.activations

@@ -41,6 +41,18 @@ struct File {
 }
 
 impl VaeConfig {
+    /// The autoencoder of Flux.1.
+    pub fn flux() -> Self {
+        Self {
+            widths: vec![128, 256, 512, 512],
+            blocks: 2,
+            latents: 16,
+            groups: 32,
+            scale: 0.3611,
+            shift: 0.1159,
+        }
+    }
+
     /// Sizes from the shapes in the header. The number of groups, scale and shift stand in no header: they come
     /// from `config.json` beside the file if there is one, and else are those of Flux.1.
     fn of(source: &Source) -> Result<(Names, Self)> {

@@ -107,14 +107,7 @@ fn peak_of_this_process() -> String {
 #[test]
 fn every_key_of_the_published_model_finds_its_place() {
     let folder = tempfile::tempdir().unwrap();
-    let vae = VaeConfig {
-        widths: vec![128, 256, 512, 512],
-        blocks: 2,
-        latents: 16,
-        groups: 32,
-        scale: 0.3611,
-        shift: 0.1159,
-    };
+    let vae = VaeConfig::flux();
     let diffusers = keys("transformer/diffusion_pytorch_model.safetensors");
     let original = keys("transformer_bfl.safetensors");
     println!(
@@ -142,6 +135,7 @@ fn every_key_of_the_published_model_finds_its_place() {
             gb(large.activations),
             gb(small.activations)
         );
+        assert_eq!(Memory::published((1440, 720)), large.total() - large.weights);
         tallies.push((path, tally));
     }
     println!("peak memory of the process that mapped them: {}", peak_of_this_process());

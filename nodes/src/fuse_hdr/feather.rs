@@ -1,10 +1,12 @@
 //! Lights that rise gradually from their edge, over an angle that does not depend on the size of the picture.
 
-use engine::{Context, NodeError, Up};
+use std::f64::consts::PI;
+
+use engine::{Context, NodeError};
 
 use super::Fused;
 use super::ledger::{Lights, luminance_of};
-use crate::equirect::{direction, pixel_solid_angle};
+use crate::equirect::pixel_solid_angle;
 use crate::light::linear::LinearPixels;
 use crate::num;
 
@@ -21,9 +23,9 @@ impl Lights {
         let (width, height) = (pixels.width, pixels.height);
         let mut lit = vec![false; fused.len()];
         self.members.iter().flatten().for_each(|&at| lit[at] = true);
+        let edges = Edges::new(&lit, width, feather_deg.to_radians());
         let part = |at: usize| {
-            let angle = angle_to_edge(at, &lit, width, feather_deg.to_radians());
-            let t = (angle.to_degrees() / feather_deg).clamp(0.0, 1.0);
+            let t = (edges.angle(at).to_degrees() / feather_deg).clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
         };
         let rows = cx.for_each_tile(height, |y| {
@@ -50,30 +52,94 @@ impl Lights {
     }
 }
 
-/// The least angle from a pixel to one that is not lit, or `most` where there is none within it. In radians.
-fn angle_to_edge(at: usize, lit: &[bool], width: usize, most: f64) -> f64 {
-    let height = lit.len() / width;
-    let toward = |x: usize, y: usize| {
-        direction(Up::PlusZ, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64)
+/// Where the nearest pixels are that are not lit. Within a row the nearest by columns is the nearest by angle, so one
+/// look at each row within reach is enough.
+struct Edges {
+    width: usize,
+    /// The largest angle of interest, in radians.
+    most: f64,
+    /// For each pixel the columns to the nearest one of its row that is not lit; `None` where the row is lit all round.
+    columns: Vec<Option<u32>>,
+    /// Sine and cosine of the angle from the pole to each row.
+    rows: Vec<(f64, f64)>,
+    /// Cosine of the turn by so many columns, up to half a turn.
+    turns: Vec<f64>,
+}
+
+impl Edges {
+    fn new(lit: &[bool], width: usize, most: f64) -> Self {
+        let height = lit.len() / width;
+        let row = |y: usize| num::sin_cos(PI * (y as f64 + 0.5) / height as f64);
+        let turn = |x: usize| num::f64::cos(2.0 * PI * x as f64 / width as f64);
+        Self {
+            width,
+            most,
+            columns: lit.chunks_exact(width).flat_map(columns_to_edge).collect(),
+            rows: (0..height).map(row).collect(),
+            turns: (0..=width / 2).map(turn).collect(),
+        }
+    }
+
+    /// The angle from a pixel to the nearest one that is not lit, or `most` where there is none within it.
+    fn angle(&self, at: usize) -> f64 {
+        let (x, y, height) = (at % self.width, at / self.width, self.rows.len());
+        let (sine, cosine) = self.rows[y];
+        let reach = (self.most / PI * height as f64).ceil() as usize;
+        let within = y.saturating_sub(reach)..=(y + reach).min(height - 1);
+        let nearest = within.fold(num::f64::cos(self.most), |nearest, row| {
+            let Some(columns) = self.columns[row * self.width + x] else { return nearest };
+            let (sine_there, cosine_there) = self.rows[row];
+            nearest.max(sine * sine_there * self.turns[columns as usize] + cosine * cosine_there)
+        });
+        num::f64::acos(nearest.clamp(-1.0, 1.0))
+    }
+}
+
+/// For each pixel of a row, which is round, how many columns away the nearest one is that is not lit.
+fn columns_to_edge(lit: &[bool]) -> Vec<Option<u32>> {
+    let width = lit.len();
+    let mut nearest = vec![None; width];
+    let mut pass = |column: &dyn Fn(usize) -> usize| {
+        let mut since = None;
+        // Twice round, so that the first columns know of the last.
+        for x in (0..2 * width).map(|step| column(step % width)) {
+            since = if lit[x] { since.map(|since: u32| since + 1) } else { Some(0) };
+            nearest[x] = since.into_iter().chain(nearest[x]).min();
+        }
     };
-    let (x, y) = (at % width, at / width);
-    let own = toward(x, y);
-    let row_angle = std::f64::consts::PI / height as f64;
-    let reach = (most / row_angle).ceil() as usize;
-    let (first, last) = (y.saturating_sub(reach), (y + reach).min(height - 1));
-    // Columns lie closest where a row within reach is nearest to a pole.
-    let (high, _) = num::sin_cos(row_angle * (first as f64 + 0.5));
-    let (low, _) = num::sin_cos(row_angle * (last as f64 + 0.5));
-    let column_angle = 2.0 * row_angle * height as f64 / width as f64 * high.min(low);
-    let columns = ((most / column_angle).ceil() as usize).min(width / 2);
-    let mut nearest = num::f64::cos(most);
-    for row in first..=last {
-        for step in 0..=2 * columns {
-            let column = (x + width + step - columns) % width;
-            if !lit[row * width + column] {
-                nearest = nearest.max(own.dot(toward(column, row)));
+    pass(&|x| x);
+    pass(&|x| width - 1 - x);
+    nearest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::Up;
+
+    use crate::equirect::direction;
+    use crate::sampling::{hash, unit};
+
+    // Against the definition: all pixels that are not lit, tried one by one; at the poles, across the seam, with rows
+    // lit all round. Mutation: the second `pass` left out, or `width / 2` to `width / 4`.
+    #[test]
+    fn the_nearest_edge_is_the_nearest_of_all_pixels() {
+        let (width, height) = (48, 24);
+        for (seed, share, most) in [(1, 0.9, 0.3), (2, 0.98, 1.2), (3, 0.995, 3.0)] {
+            let mut lit: Vec<bool> =
+                (0..width * height).map(|at| unit(hash(seed, at as u32)) < share).collect();
+            lit[3 * width..5 * width].fill(true);
+            let toward = |at: usize| {
+                let (u, v) = ((at % width) as f64 + 0.5, (at / width) as f64 + 0.5);
+                direction(Up::PlusZ, u / width as f64, v / height as f64)
+            };
+            let edges = Edges::new(&lit, width, most);
+            for at in (0..lit.len()).filter(|&at| lit[at]) {
+                let others = (0..lit.len()).filter(|&other| !lit[other]);
+                let cosine = others.map(|other| toward(at).dot(toward(other))).fold(-1.0, f64::max);
+                let wanted = num::f64::acos(cosine.min(1.0)).min(most);
+                assert!((edges.angle(at) - wanted).abs() < 1e-7, "{at}: {} {wanted}", edges.angle(at));
             }
         }
     }
-    num::f64::acos(nearest.clamp(-1.0, 1.0))
 }

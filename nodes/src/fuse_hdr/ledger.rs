@@ -9,16 +9,20 @@ use crate::equirect::{axes, direction, pixel_solid_angle};
 use crate::light::linear::LinearPixels;
 use crate::light::{measure, regions};
 use crate::num;
-use crate::types::{Cell, Image, Linear, Report, Table};
+use crate::types::{Cell, Report, Table};
 
 /// Lights listed one by one; the rest are summed in a last row.
 const LISTED: usize = 32;
+/// Less than this share of the predicted light may be left out without a word.
+const UNUSED: f64 = 0.01;
 /// The ramp may be made up for by at most this factor within a light.
 const LARGEST_COMPENSATION: f64 = 8.0;
 
-/// Connected regions of pixels that fusion made brighter.
+/// Connected regions of pixels that fusion made brighter, and what each step of the fusion made of them.
 pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
+    /// Name of a step, and luminance after it of each pixel of each light.
+    steps: Vec<(&'static str, Vec<Vec<f64>>)>,
 }
 
 pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
@@ -36,7 +40,37 @@ impl Lights {
                 members[*region as usize].push(at);
             }
         }
-        Self { members }
+        let mut lights = Self { members, steps: Vec::new() };
+        lights.enter("panorama", |at| luminance_of(pixels, at));
+        lights
+    }
+
+    /// Enters a step into the books.
+    pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
+        let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
+        self.steps.push((step, self.members.iter().map(of_light).collect()));
+    }
+
+    /// Warns where light was predicted for what does not count as clipped here.
+    pub(super) fn tell_unused(&self, pixels: &LinearPixels, log2_gain: &[f32], notes: &mut Notes) {
+        let mut used = vec![false; log2_gain.len()];
+        self.members.iter().flatten().for_each(|&at| used[at] = true);
+        let (mut all, mut unused, mut count) = (0.0, 0.0, 0_u64);
+        for (at, gain) in log2_gain.iter().enumerate().filter(|(_, gain)| **gain > 0.0) {
+            let size = pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
+            let light = luminance_of(pixels, at) * (num::f64::exp2(f64::from(*gain)) - 1.0) * size;
+            all += light;
+            if !used[at] {
+                (unused, count) = (unused + light, count + 1);
+            }
+        }
+        if unused > UNUSED * all {
+            let percent = 100.0 * unused / all;
+            notes.warning(
+                "prediction-unused",
+                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out"),
+            );
+        }
     }
 
     /// The ramp holds back part of what was predicted for pixels that are barely clipped; gives it back to
@@ -75,12 +109,11 @@ impl Lights {
         }
     }
 
-    /// The tables of lights and of energy.
+    /// The tables of lights, of energy before and after, and of both at each step.
     pub(super) fn report(
         &self,
         up: Up,
         pixels: &LinearPixels,
-        image: &Image<Linear>,
         fused: &[Fused],
         evs: &[f64],
         gain: Gain,
@@ -103,43 +136,74 @@ impl Lights {
         columns.extend(sources.iter().map(|s| format!("share {s}")));
         columns.push("share that is a lower bound".to_owned());
         let mut lights: Vec<Light> =
-            self.members.iter().map(|m| Light::of(m, up, pixels, fused, sources.len())).collect();
+            (0..self.members.len()).map(|i| self.light(i, up, pixels, fused, sources.len())).collect();
         // Brightest first; equal ones stay in the order of their first pixel.
-        lights.sort_by(|a, b| b.after.total_cmp(&a.after));
+        lights.sort_by(|a, b| b.after().total_cmp(&a.after()));
         let rows = lights.iter().take(LISTED).map(|light| light.row(up)).collect();
         let emitters = Table { name: "emitters".to_owned(), columns, rows };
+        let sums: Vec<[f64; 3]> = (0..self.steps.len()).map(|step| self.sums(step, up, pixels)).collect();
         let unlisted = lights.get(LISTED..).unwrap_or_default();
-        let ledger = ledger(up, pixels, image, lights.len(), unlisted);
-        Report { title: "Recovered light".to_owned(), tables: vec![emitters, ledger] }
+        let energy = energy(&sums, lights.len(), unlisted);
+        let steps = self.table(&sums, &lights);
+        Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
-}
 
-struct Light {
-    direction: DVec3,
-    solid_angle: f64,
-    before: f64,
-    after: f64,
-    peak: f64,
-    /// Flux by source, the base last; then that of lower bounds.
-    by_source: Vec<f64>,
-    bound: f64,
-    flux: f64,
-}
-
-impl Light {
-    fn of(members: &[usize], up: Up, pixels: &LinearPixels, fused: &[Fused], sources: usize) -> Self {
+    /// Power, irradiance of the ground and peak luminance of the whole after a step. What is no light is as it was.
+    fn sums(&self, step: usize, up: Up, pixels: &LinearPixels) -> [f64; 3] {
         let (w, h) = (pixels.width, pixels.height);
+        let mut luminance: Vec<f64> = (0..w * h).map(|at| luminance_of(pixels, at)).collect();
+        for (members, values) in self.members.iter().zip(&self.steps[step].1) {
+            members.iter().zip(values).for_each(|(&at, value)| luminance[at] = *value);
+        }
+        let above = axes(up)[2];
+        let (mut power, mut ground, mut peak) = (0.0, 0.0, 0.0_f64);
+        for (y, row) in luminance.chunks_exact(w).enumerate() {
+            let size = pixel_solid_angle(w, h, y);
+            let facing = direction(up, 0.5, (y as f64 + 0.5) / h as f64).dot(above).max(0.0) * size;
+            for luminance in row {
+                power += luminance * size;
+                ground += luminance * facing;
+                peak = peak.max(*luminance);
+            }
+        }
+        [power, ground, peak]
+    }
+
+    /// One column for each step: the whole, then each light that is listed.
+    fn table(&self, sums: &[[f64; 3]], lights: &[Light]) -> Table {
+        let whole = ["power of the sphere (sr)", "irradiance of the ground", "peak luminance"];
+        let row = |name: String, values: Vec<f64>| {
+            std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
+        };
+        let mut rows: Vec<Vec<Cell>> = (0..whole.len())
+            .map(|k| row(whole[k].to_owned(), sums.iter().map(|sums| sums[k]).collect()))
+            .collect();
+        let listed = lights.iter().take(LISTED).enumerate();
+        rows.extend(
+            listed.map(|(i, light)| {
+                row(format!("irradiance facing light {}", i + 1), light.irradiance.clone())
+            }),
+        );
+        let names = self.steps.iter().map(|(name, _)| (*name).to_owned());
+        let columns = std::iter::once(String::new()).chain(names).collect();
+        Table { name: "steps".to_owned(), columns, rows }
+    }
+
+    fn light(&self, i: usize, up: Up, pixels: &LinearPixels, fused: &[Fused], sources: usize) -> Light {
+        let (w, h, members) = (pixels.width, pixels.height, &self.members[i]);
         let toward =
             |at: usize| direction(up, ((at % w) as f64 + 0.5) / w as f64, ((at / w) as f64 + 0.5) / h as f64);
         let size = |at: usize| pixel_solid_angle(w, h, at / w);
         let sum =
             members.iter().fold(DVec3::ZERO, |s, &at| s + toward(at) * (size(at) * fused[at].luminance));
         let centre = sum.try_normalize().unwrap_or(axes(up)[2]);
+        let facing: Vec<f64> = members.iter().map(|&at| toward(at).dot(centre).max(0.0) * size(at)).collect();
+        let irradiance =
+            |values: &Vec<f64>| values.iter().zip(&facing).map(|(value, facing)| value * facing).sum();
         let mut light = Light {
             direction: centre,
             solid_angle: 0.0,
-            before: 0.0,
-            after: 0.0,
+            irradiance: self.steps.iter().map(|(_, lights)| irradiance(&lights[i])).collect(),
             peak: 0.0,
             by_source: vec![0.0; sources + 1],
             bound: 0.0,
@@ -147,10 +211,7 @@ impl Light {
         };
         for &at in members {
             let (own, new, size) = (luminance_of(pixels, at), fused[at].luminance, size(at));
-            let facing = toward(at).dot(centre).max(0.0) * size;
             light.solid_angle += size;
-            light.before += own * facing;
-            light.after += new * facing;
             light.peak = light.peak.max(new);
             light.flux += new * size;
             light.by_source[sources] += own * size;
@@ -159,13 +220,36 @@ impl Light {
         }
         light
     }
+}
+
+struct Light {
+    direction: DVec3,
+    solid_angle: f64,
+    /// Of a plane that faces it, after each step.
+    irradiance: Vec<f64>,
+    peak: f64,
+    /// Flux by source, the base last; then that of lower bounds.
+    by_source: Vec<f64>,
+    bound: f64,
+    flux: f64,
+}
+
+impl Light {
+    /// Irradiance of a plane that faces it, before and after fusion.
+    fn before(&self) -> f64 {
+        self.irradiance.first().copied().unwrap_or(0.0)
+    }
+
+    fn after(&self) -> f64 {
+        self.irradiance.last().copied().unwrap_or(0.0)
+    }
 
     fn row(&self, up: Up) -> Vec<Cell> {
         let (azimuth, elevation) = measure::angles_deg(up, self.direction);
         let share = |part: f64| if self.flux > 0.0 { part / self.flux } else { 0.0 };
         let (base, predicted) = self.by_source.split_last().map_or((0.0, &[][..]), |(b, p)| (*b, p));
         let mut row =
-            vec![azimuth, elevation, self.solid_angle, self.before, self.after, self.peak, share(base)];
+            vec![azimuth, elevation, self.solid_angle, self.before(), self.after(), self.peak, share(base)];
         row.extend(predicted.iter().map(|p| share(*p)));
         row.push(share(self.bound));
         row.into_iter().map(Cell::Number).collect()
@@ -173,39 +257,21 @@ impl Light {
 }
 
 /// Total power and irradiance of the ground, before and after.
-fn ledger(up: Up, pixels: &LinearPixels, image: &Image<Linear>, lights: usize, unlisted: &[Light]) -> Table {
-    let (w, h) = (pixels.width, pixels.height);
-    let above = axes(up)[2];
-    let sums = |value: &dyn Fn(usize) -> f64| {
-        let (mut power, mut ground, mut peak) = (0.0, 0.0, 0.0_f64);
-        for y in 0..h {
-            let size = pixel_solid_angle(w, h, y);
-            let facing = direction(up, 0.5, (y as f64 + 0.5) / h as f64).dot(above).max(0.0) * size;
-            for at in y * w..(y + 1) * w {
-                let luminance = value(at);
-                power += luminance * size;
-                ground += luminance * facing;
-                peak = peak.max(luminance);
-            }
-        }
-        [power, ground, peak]
-    };
-    let row = |name: &str, sums: [f64; 3], count: Cell| {
+fn energy(sums: &[[f64; 3]], lights: usize, unlisted: &[Light]) -> Table {
+    let row = |name: &str, sums: Option<&[f64; 3]>, count: Cell| {
         let mut row = vec![Cell::Text(name.to_owned())];
-        row.extend(sums.map(Cell::Number));
+        row.extend(sums.copied().unwrap_or_default().map(Cell::Number));
         row.push(count);
         row
     };
-    let before = sums(&|at| luminance_of(pixels, at));
-    let after = sums(&|at| f64::from(luminance(image.rgb(at % w, at / w))));
     let rest: f64 = unlisted.iter().map(|light| light.flux).sum();
     let columns = ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"];
     Table {
         name: "energy".to_owned(),
         columns: columns.map(String::from).to_vec(),
         rows: vec![
-            row("panorama", before, Cell::Missing),
-            row("environment", after, Cell::Count(lights as u64)),
+            row("panorama", sums.first(), Cell::Missing),
+            row("environment", sums.last(), Cell::Count(lights as u64)),
             vec![
                 Cell::Text("of it, lights not listed".to_owned()),
                 Cell::Number(rest),

@@ -13,6 +13,8 @@ use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Pictu
 mod feather;
 mod ledger;
 
+use self::ledger::Lights;
+
 engine::choices! {
     /// How predicted light takes over from the panorama's own.
     pub enum Blend {
@@ -40,7 +42,7 @@ engine::choices! {
         /// The panorama, as in the paper; where all channels are clipped that is white.
         Base,
         /// The brightest exposure that is not clipped there, as far as the panorama is; where there is none, the
-        /// panorama.
+        /// panorama. It matters for `Photographs`: other methods give exposures of the panorama's own colour.
         Exposures,
     }
 }
@@ -49,19 +51,21 @@ engine::params! {
     /// Fuses a panorama and its predicted exposures into an environment of light.
     /// Where the panorama is clipped the predicted light takes its place, with the panorama's own hue;
     /// everywhere else the panorama is kept exactly. The report lists each recovered light: where it
-    /// is, how much it gives, and where that energy came from.
+    /// is, how much it gives, where that energy came from, and what each step of the fusion made of it.
     pub struct FuseHdr {
         /// Where clipping begins, in linear light with white at 1.
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
         /// How predicted light takes over from the panorama's own.
         blend: Blend = Blend::Ramp, other("Hard");
-        /// How display values become linear light; applies to base and exposures alike.
+        /// How display values become linear light; applies to the base and to exposures that were photographed alike.
+        /// Those that were derived are sRGB and know it.
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
         /// Whether the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
         /// Where the colour of recovered light comes from.
         hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
-        /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without.
+        /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without, so
+        /// its middle is brighter, with `Brackets` also than the white of the darkest exposure.
         feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
     }
 }
@@ -88,6 +92,9 @@ engine::outputs! {
     }
 }
 
+/// The least linear light that is white, whatever the last bit of the transfer is.
+const WHITE: f32 = 0.999;
+
 /// Where the luminance of one pixel came from after fusion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Fused {
@@ -101,14 +108,14 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type Params = Self;
     type In = In;
     type Out = Out;
 
     fn estimate(_: &Self, inputs: &In) -> Cost {
         let pixels = inputs.base.alpha.samples.len() as u64;
-        Cost { bytes: pixels * 80 }
+        Cost { bytes: pixels * 96 }
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -125,19 +132,25 @@ impl Kind for FuseHdr {
             (y * width..(y + 1) * width).map(|at| fuse(params, &pixels, &brackets, at)).collect::<Vec<_>>()
         })?;
         cx.count("pixels", pixels.rgb.len() as u64);
-        let mut fused: Vec<Fused> = rows.into_iter().flatten().collect();
-        let lights = ledger::Lights::find(&pixels, &fused);
+        let (mut fused, predicted): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
+        let mut lights = Lights::find(&pixels, &fused);
+        lights.enter("predicted", |at| predicted[at]);
+        lights.tell_unused(&pixels, &brackets.log2_gain.samples, &mut notes);
+        lights.enter("blended", |at| fused[at].luminance);
+        drop(predicted);
         if params.gain == Gain::Direct && params.blend == Blend::Ramp {
             lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
+            lights.enter("flux kept", |at| fused[at].luminance);
         }
         if params.feather_deg > 0.0 {
             lights.feather(params.feather_deg, &pixels, &mut fused, cx)?;
+            lights.enter("feathered", |at| fused[at].luminance);
         }
         let mut image = Image::<Linear>::new(width, height, 3);
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
             to.copy_from_slice(&apply(*rgb, fused.luminance));
         }
-        if params.hue == Hue::Exposures {
+        if params.hue == Hue::Exposures && pixels.ceiling {
             let coloured = cx.for_each_tile(height, |y| {
                 let row = &image.samples[3 * y * width..][..3 * width];
                 let colour = |x: usize| {
@@ -155,7 +168,8 @@ impl Kind for FuseHdr {
             notes.warning("saturated-at-darkest", text);
         }
         cx.check()?;
-        let report = lights.report(base.up, &pixels, &image, &fused, &brackets.evs, params.gain);
+        lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
+        let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image, up: base.up, origin: Some(base.origin) };
         let image = Arc::new(Images::single("env", env.image.clone()));
         Ok((Out { env: Arc::new(env), report: Arc::new(report), image }, notes))
@@ -191,40 +205,41 @@ fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
     }
 }
 
-/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction).
-fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
+/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number is
+/// the luminance that was predicted for it, before the panorama itself came in.
+fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
-    let own = f64::from(luminance(base));
     let n = brackets.evs.len();
-    let start = match params.gain {
+    let own = Fused { luminance: f64::from(luminance(base)), source: n, saturated: false };
+    let kept = |saturated| (Fused { saturated, ..own }, own.luminance);
+    let darkest = match params.gain {
+        _ if !pixels.ceiling => return kept(false),
         Gain::Direct => {
             let held = base.map(|v| v.min(1.0));
             let gain = num::f64::exp2(f64::from(brackets.log2_gain.samples[at]));
             Fused { luminance: f64::from(luminance(held)) * gain, source: 0, saturated: false }
         }
-        Gain::Brackets if n == 0 => Fused { luminance: own, source: 0, saturated: false },
-        Gain::Brackets => {
-            let mut fused = exposure(params, brackets, 0, at).1;
-            for i in 1..n {
-                let (linear, step) = exposure(params, brackets, i, at);
-                fused = merge(params, fused, linear, step);
-            }
-            fused
-        }
+        // The panorama itself is then the darkest exposure.
+        Gain::Brackets if n == 0 => return kept(max3(base) >= WHITE),
+        Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {
+            let (linear, step) = exposure(params, brackets, i, at);
+            merge(params, fused, linear, step)
+        }),
     };
-    let fused = merge(params, start, base, Fused { luminance: own, source: n, saturated: false });
-    Fused { saturated: fused.saturated && fused.source != n, ..fused }
+    let fused = merge(params, darkest, base, own);
+    (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
 }
 
 /// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i.
 fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32; 3], Fused) {
     let encoded = brackets.exposures[i].samples[3 * at..3 * at + 3].iter();
+    let transfer = if brackets.photographed { params.transfer } else { Transfer::Srgb };
     let mut linear = [0.0; 3];
     for (to, value) in linear.iter_mut().zip(encoded) {
-        *to = params.transfer.linear(value.min(1.0));
+        *to = transfer.linear(value.min(1.0));
     }
     let scaled = f64::from(luminance(linear)) * num::f64::exp2(-brackets.evs[i]);
-    (linear, Fused { luminance: scaled, source: i, saturated: i == 0 && max3(linear) >= 0.999 })
+    (linear, Fused { luminance: scaled, source: i, saturated: i == 0 && max3(linear) >= WHITE })
 }
 
 /// How far a picture is clipped, by its brightest channel: 0 at the threshold, 1 at white.

@@ -62,6 +62,7 @@ fn photograph(
         log2_gain: Image::<Data>::from_samples(W, H, 1, (0..W * H).map(gain).collect()),
         evs: evs.to_vec(),
         exposures: evs.iter().map(|&ev| take(ev)).collect(),
+        photographed: true,
         report: Report::default(),
     };
     (Arc::new(pano), Arc::new(brackets))
@@ -184,7 +185,7 @@ fn row_28_the_darkest_values_keep_their_colour() {
 }
 
 /// White in every exposure is a lower bound, and said so.
-/// Mutation: `0.999` to `1.5` in `exposure` (seen red).
+/// Mutation: 0.999 to 1.5 in `WHITE` (seen red).
 #[test]
 fn row_29_saturation_at_the_darkest_exposure_is_told() {
     let taken =
@@ -241,13 +242,112 @@ fn row_33_energy_does_not_depend_on_how_many_pixels_hold_it() {
     assert!((power(1) / power(5) - 1.0).abs() < 0.01, "{} {}", power(1), power(5));
 }
 
+// Without exposures the panorama is the darkest one, and what is white in it is a lower bound.
+// Mutation: `kept(false)` there.
+#[test]
+fn a_bracket_of_no_exposures_is_told() {
+    let taken = photograph(&ramp, &[], Transfer::Srgb, Some(255.0));
+    let (out, notes) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, taken);
+    let white = (0..W * H).filter(|&at| ramp(at)[0] >= 1.0).count();
+    let told =
+        notes.iter().find(|n| n.id == "saturated-at-darkest").map(|n| n.text.clone()).unwrap_or_default();
+    assert!(told.starts_with(&format!("{white} pixels")), "{told}");
+    assert_eq!(out.report.tables[1].rows[1][4], Cell::Count(0));
+}
+
+// A threshold above where a lamp clips leaves out what was predicted for it; so does a prediction for another panorama.
+// Mutation: `!used[at]` to `used[at]`.
+#[test]
+fn predicted_light_that_is_left_out_is_told() {
+    let (base, brackets) =
+        photograph(&|at| if at == 9 { [0.97; 3] } else { [0.2; 3] }, &[], Transfer::Srgb, None);
+    let mut gain = (*brackets).clone();
+    gain.log2_gain.samples[9] = 5.0;
+    for (threshold, told) in [(0.9, false), (0.98, true)] {
+        let params = FuseHdr { threshold, ..params() };
+        let (_, notes) = run(&params, (base.clone(), Arc::new(gain.clone())));
+        let note = notes.iter().find(|n| n.id == "prediction-unused").map(|n| n.text.clone());
+        assert_eq!(note.is_some_and(|text| text.starts_with("100.0 %")), told);
+    }
+}
+
+// Exposures that were derived are sRGB whatever the panorama is taken for, so a light is the same by either gain.
+// Mutation: `brackets.photographed` not asked.
+#[test]
+fn derived_exposures_are_decoded_as_they_were_encoded() {
+    let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Srgb, None);
+    let derived = Arc::new(Brackets { photographed: false, ..(*brackets).clone() });
+    let peak = |gain| {
+        let params = FuseHdr { gain, transfer: Transfer::Gamma24, ..params() };
+        run(&params, (base.clone(), derived.clone())).0.env.image.samples[63 * 3]
+    };
+    assert!(
+        (peak(Gain::Direct) / 40.0 - 1.0).abs() < 1e-3 && (peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3
+    );
+}
+
+// Linear light that goes on above white has no ceiling, so it is kept to the bit, whatever was predicted for it.
+// Mutation: `pixels.ceiling` not asked in `fuse`.
+#[test]
+fn light_above_white_is_kept_to_the_bit() {
+    let (base, brackets) = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, None);
+    let mut pano = (*base).clone();
+    let light = Image::<Linear>::from_samples(W, H, 3, (0..W * H).flat_map(ramp).collect());
+    pano.image = light.clone().into();
+    let pano = Arc::new(pano);
+    for gain in [Gain::Direct, Gain::Brackets] {
+        for (hue, blend) in
+            [(Hue::Base, Blend::Ramp), (Hue::Exposures, Blend::Ramp), (Hue::Base, Blend::Hard)]
+        {
+            let (out, notes) =
+                run(&FuseHdr { gain, hue, blend, ..params() }, (pano.clone(), brackets.clone()));
+            assert_eq!(out.env.image, light);
+            // The prediction was made for the photograph, and is of no use here.
+            assert!(notes.iter().all(|n| n.id == "prediction-unused"));
+        }
+    }
+}
+
+// The books: what each step adds to the whole it adds to the lights, and the steps that share light out anew give back
+// what was predicted. Mutation: `feather` without `before / after`, or a step entered before it is done.
+#[test]
+fn every_step_is_in_the_books() {
+    let light = |at: usize| if (at / W == 9 || at / W == 10) && at % W < 9 { [30.0; 3] } else { [0.1; 3] };
+    let (base, brackets) = photograph(&light, &[-6.0, -3.0], Transfer::Srgb, None);
+    let (out, _) = run(&FuseHdr { feather_deg: 8.0, ..params() }, (base, brackets));
+    let steps = &out.report.tables[2];
+    assert_eq!(
+        steps.columns,
+        ["", "panorama", "predicted", "blended", "flux kept", "feathered", "environment"]
+    );
+    let row = |i: usize| -> Vec<f64> {
+        let number = |cell: &Cell| if let Cell::Number(v) = cell { *v } else { panic!("a number") };
+        steps.rows[i][1..].iter().map(number).collect()
+    };
+    let (power, facing) = (row(0), row(3));
+    let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-5;
+    assert!(power[1..].iter().all(|p| near(*p, power[1])) && power[1] > 1.2 * power[0], "{power:?}");
+    // The light is small, so a plane that faces it has about its power; feathered, it is moved inwards.
+    assert!(near(facing[1], facing[2]) && near(facing[2], facing[3]) && facing[4] > facing[3], "{facing:?}");
+    assert!((facing[1] - facing[0]) / (power[1] - power[0]) > 0.8);
+    assert!(near(facing[4], facing[5]));
+    assert_eq!(out.report.tables[0].rows[0][3], steps.rows[3][1]);
+    assert_eq!(out.report.tables[0].rows[0][4], steps.rows[3][6]);
+}
+
 // A light whose pixels are barely clipped still gets all that was predicted for it.
 #[test]
 fn the_ramp_keeps_the_flux_of_a_light() {
     let (base, _) = photograph(&|at| if at == 500 { [0.96; 3] } else { [0.1; 3] }, &[], Transfer::Srgb, None);
     let mut gain = Image::<Data>::new(W, H, 1);
     gain.samples[500] = 6.0;
-    let brackets = Brackets { log2_gain: gain, evs: vec![], exposures: vec![], report: Report::default() };
+    let brackets = Brackets {
+        log2_gain: gain,
+        evs: vec![],
+        exposures: vec![],
+        photographed: false,
+        report: Report::default(),
+    };
     let (out, _) = run(&params(), (base, Arc::new(brackets)));
     assert!(
         (out.env.image.samples[1500] / (0.96 * 64.0) - 1.0).abs() < 1e-3,
@@ -343,7 +443,7 @@ fn a_feather_is_an_angle_and_keeps_the_light() {
         };
         let rgb: Vec<[f32; 3]> =
             (0..width * height).map(|at| if angle(at) < 12.0 { [1.0; 3] } else { [0.2; 3] }).collect();
-        let pixels = LinearPixels { width, height, rgb, broken: 0, negative: 0 };
+        let pixels = LinearPixels { width, height, rgb, broken: 0, negative: 0, ceiling: true };
         let light = |rgb: &[f32; 3]| if rgb[0] == 1.0 { 9.0 } else { f64::from(luminance(*rgb)) };
         let whole: Vec<Fused> = pixels
             .rgb
@@ -351,7 +451,7 @@ fn a_feather_is_an_angle_and_keeps_the_light() {
             .map(|rgb| Fused { luminance: light(rgb), source: 0, saturated: false })
             .collect();
         let mut soft = whole.clone();
-        ledger::Lights::find(&pixels, &whole).feather(8.0, &pixels, &mut soft, &cx()).expect("runs");
+        Lights::find(&pixels, &whole).feather(8.0, &pixels, &mut soft, &cx()).expect("runs");
         let flux = |fused: &[Fused]| -> f64 {
             let size = |at| crate::equirect::pixel_solid_angle(width, height, at / width);
             fused.iter().enumerate().map(|(at, f)| f.luminance * size(at)).sum()

@@ -38,7 +38,7 @@ pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
         sum += weight;
         sum >= (1.0 - ABOVE_WHITE) * total
     });
-    Some(limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak).max(1e-12))))
+    Some(limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak))))
 }
 
 #[cfg(test)]
@@ -58,5 +58,9 @@ mod tests {
         let much = ev0_scale(&lit(6..10)).unwrap_or_default();
         assert!((much - 1.0 / 40.0).abs() < 1e-9, "{much}");
         assert_eq!(ev0_scale(&Image::new(4, 2, 3)), None);
+        // However dim: a picture of 1e-30 of the light is brought up by 1e30.
+        let dim = lit(6..10).samples.iter().map(|v| v * 1e-30).collect();
+        let dim = ev0_scale(&Image::from_samples(width, height, 3, dim)).unwrap_or_default();
+        assert!((dim * 1e-30 * 40.0 - 1.0).abs() < 1e-5, "{dim}");
     }
 }

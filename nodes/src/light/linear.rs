@@ -37,14 +37,20 @@ pub struct LinearPixels {
     pub broken: u64,
     /// Samples below 0, which count as 0.
     pub negative: u64,
+    /// Whether what reaches white is clipped there. Display codes end at white; linear light does only where nothing
+    /// lies above it: a picture that holds more has no ceiling, and what is near white in it is what it is.
+    pub ceiling: bool,
 }
+
+/// Linear light above this is more than white, and not white with noise on it.
+const ABOVE_WHITE: f32 = 1.05;
 
 /// Linear light of a 3-channel picture. A picture that is linear already is taken as it is.
 pub fn linear_pixels(picture: &Picture, transfer: Transfer) -> LinearPixels {
     let (width, height, channels) = picture.size();
     let (mut broken, mut negative) = (0, 0);
     let display = matches!(picture, Picture::Srgb(_));
-    let rgb = picture
+    let rgb: Vec<[f32; 3]> = picture
         .samples()
         .chunks_exact(channels.max(1))
         .map(|pixel| {
@@ -59,7 +65,8 @@ pub fn linear_pixels(picture: &Picture, transfer: Transfer) -> LinearPixels {
             })
         })
         .collect();
-    LinearPixels { width, height, rgb, broken, negative }
+    let ceiling = display || rgb.iter().all(|rgb| max3(*rgb) <= ABOVE_WHITE);
+    LinearPixels { width, height, rgb, broken, negative, ceiling }
 }
 
 /// The largest of three.

@@ -23,6 +23,8 @@ pub(super) struct Grid {
     pub seen: Vec<bool>,
     /// The cell of each pixel.
     pub cell_of: Vec<u32>,
+    /// The column of pixels that the first cells begin at, of how many.
+    pub start: (usize, usize),
 }
 
 impl Grid {
@@ -30,6 +32,7 @@ impl Grid {
         let (w, h) = (pixels.width, pixels.height);
         let (width, height) = (WIDTH.min(w), (WIDTH / 2).min(h));
         let n = width * height;
+        let start = if w > WIDTH { first_column(pixels) } else { 0 };
         let (mut sums, mut rgb) = (vec![0.0; n], vec![[0.0; 3]; n]);
         let (mut clipped, mut seen) = (vec![false; n], vec![false; n]);
         let mut cell_of = Vec::with_capacity(w * h);
@@ -37,7 +40,8 @@ impl Grid {
             let solid_angle = pixel_solid_angle(w, h, y);
             for x in 0..w {
                 let at = y * w + x;
-                let cell = (2 * y + 1) * height / (2 * h) * width + (2 * x + 1) * width / (2 * w);
+                let from_start = (x + w - start) % w;
+                let cell = (2 * y + 1) * height / (2 * h) * width + (2 * from_start + 1) * width / (2 * w);
                 cell_of.push(cell as u32);
                 sums[cell] += solid_angle;
                 for (sum, value) in rgb[cell].iter_mut().zip(pixels.rgb[at]) {
@@ -50,15 +54,50 @@ impl Grid {
         for (rgb, sum) in rgb.iter_mut().zip(&sums) {
             *rgb = rgb.map(|v| v / sum.max(f64::MIN_POSITIVE));
         }
-        Self { width, height, rgb, clipped, seen, cell_of }
+        Self { width, height, rgb, clipped, seen, cell_of, start: (start, w) }
+    }
+
+    /// Where the centre of a pixel lies, in cells.
+    pub fn place(&self, x: usize, y: usize, height: usize) -> [f64; 2] {
+        let (start, w) = self.start;
+        let from_start = (x + w - start) % w;
+        [(from_start, w, self.width), (y, height, self.height)]
+            .map(|(i, n, cells)| (i as f64 + 0.5) * cells as f64 / n as f64)
+    }
+
+    /// Whether any cell shows light that is not clipped.
+    pub fn anything_visible(&self) -> bool {
+        (0..self.rgb.len()).any(|c| self.seen[c] && !self.clipped[c] && self.rgb[c].iter().any(|v| *v > 0.0))
     }
 
     pub fn direction(&self, up: Up, cell: usize) -> DVec3 {
         let (x, y) = ((cell % self.width) as f64 + 0.5, (cell / self.width) as f64 + 0.5);
-        direction(up, x / self.width as f64, y / self.height as f64)
+        let (start, w) = self.start;
+        direction(up, (x / self.width as f64 + start as f64 / w as f64) % 1.0, y / self.height as f64)
     }
 
     pub fn solid_angle(&self, cell: usize) -> f64 {
         pixel_solid_angle(self.width, self.height, cell / self.width)
     }
+}
+
+/// The column at which the sums of columns, read to the right and round, come last in order. Cells that begin there lie
+/// the same on a panorama that was turned by any number of pixels.
+fn first_column(pixels: &LinearPixels) -> usize {
+    let width = pixels.width;
+    let mut sums = vec![0.0_f64; width];
+    for row in pixels.rgb.chunks_exact(width) {
+        for (sum, rgb) in sums.iter_mut().zip(row) {
+            *sum += f64::from(rgb[0]) + f64::from(rgb[1]) + f64::from(rgb[2]);
+        }
+    }
+    let mut left: Vec<usize> = (0..width).collect();
+    for step in 0..width {
+        let most = left.iter().map(|x| sums[(x + step) % width]).fold(f64::NEG_INFINITY, f64::max);
+        left.retain(|x| sums[(x + step) % width].total_cmp(&most).is_eq());
+        if left.len() == 1 {
+            break;
+        }
+    }
+    left.first().copied().unwrap_or(0)
 }

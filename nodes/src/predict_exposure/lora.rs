@@ -65,7 +65,7 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
     }
     let sound = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let rgb = rgb.as_chunks::<3>().0.iter().map(|rgb| rgb.map(sound)).collect();
-    Ok(LinearPixels { width, height, rgb, broken: 0, negative: 0 })
+    Ok(LinearPixels { width, height, rgb, broken: 0, negative: 0, ceiling: true })
 }
 
 /// What luminance is multiplied by to be at EV 0.
@@ -192,7 +192,7 @@ mod tests {
     fn ev_0_shows_the_median_as_a_half_unless_too_much_were_clipped() {
         let panorama = |light: &dyn Fn(usize) -> f32| {
             let rgb = (0..64 * 32).map(|i| [light(i % 64); 3]).collect();
-            LinearPixels { width: 64, height: 32, rgb, broken: 0, negative: 0 }
+            LinearPixels { width: 64, height: 32, rgb, broken: 0, negative: 0, ceiling: true }
         };
         let half = linear_from_srgb(0.5);
         assert!((exposure(&panorama(&|_| 3.0)) - half / 3.0).abs() < 1e-6);

@@ -12,12 +12,15 @@ const STOPS: f64 = 24.0;
 
 /// Refuses what is no light.
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
-    for (i, &[_, elevation, radius, stops]) in emitters.iter().enumerate() {
-        let sound =
-            elevation.abs() <= 90.0 && radius > 0.0 && radius <= 180.0 && (0.0..=STOPS).contains(&stops);
+    for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
+        let sound = azimuth.abs() <= 360.0
+            && elevation.abs() <= 90.0
+            && radius > 0.0
+            && radius <= 180.0
+            && (0.0..=STOPS).contains(&stops);
         if !sound {
             let text = format!(
-                "emitter {} is no light: elevation is within +-90, radius above 0 up to 180, stops 0 to {STOPS}",
+                "emitter {} is no light: azimuth is within +-360, elevation within +-90, radius above 0 up to 180, stops 0 to {STOPS}",
                 i + 1
             );
             return Err(NodeError::new(text)
@@ -28,7 +31,8 @@ pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The log2 gain of every pixel: that of the nearest emitter that reaches it, 0 elsewhere; and the emitters.
+/// The log2 gain of every pixel: that of the narrowest emitter that reaches it (of equal ones the nearest), 0
+/// elsewhere; and the emitters.
 pub(super) fn predict(
     emitters: &[[f64; 4]],
     clipped: &Clipped<'_>,
@@ -46,7 +50,9 @@ pub(super) fn predict(
             let d = direction(up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
             let cosines = lights.iter().map(|(light, _)| d.dot(*light)).enumerate();
             let within = cosines.filter(|(i, cosine)| *cosine >= lights[*i].1);
-            within.reduce(|a, b| if b.1 > a.1 { b } else { a }).map(|(i, _)| i)
+            // The larger its cosine the narrower is an emitter, and the nearer; the first of equal ones.
+            let rank = |&(i, cosine): &(usize, f64)| (lights[i].1, cosine);
+            within.reduce(|a, b| if rank(&b) > rank(&a) { b } else { a }).map(|(i, _)| i)
         };
         (0..width).map(|x| if mask[y * width + x] { nearest(x) } else { None }).collect::<Vec<_>>()
     })?;

@@ -17,8 +17,13 @@ pub enum Method {
     /// As the user says; what is clipped elsewhere stays clipped.
     Manual {
         /// Lights, each by azimuth (clockwise from forward), elevation, and radius of the clipped pixels it acts
-        /// on, in degrees, and how many stops brighter than white these are.
+        /// on, in degrees, and how many stops brighter than white these are. The narrowest that reaches a pixel counts.
         emitters: Vec<[f64; 4]>,
+    },
+    /// As darker photographs of the same panorama show it; `evs` then says at which exposures they were taken.
+    Photographs {
+        /// The files, one for each of `evs` in the same order, of the panorama's size.
+        files: Vec<InputFile>,
     },
     /// Not at all: what is clipped stays clipped.
     Skip,
@@ -111,7 +116,7 @@ impl ParamType for Method {
     const ROLE: Role = Role::Input;
 
     fn describe() -> String {
-        "Learned | Region | Manual(emitters: [(azimuth, elevation, radius, stops)]) | Skip | FluxKontext(transformer: path, vae: path, prompt: path, lora: path, strength: 1.0, \
+        "Learned | Region | Manual(emitters: [(azimuth, elevation, radius, stops)]) | Photographs(files: [path, ..]) | Skip | FluxKontext(transformer: path, vae: path, prompt: path, lora: path, strength: 1.0, \
          steps: 28, guidance: 2.5, width_px: 1024, seamless: true, seed: 0)"
             .to_owned()
     }
@@ -124,6 +129,7 @@ impl ParamType for Method {
     /// every machine, so its name is part of the method.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {
         match self.kontext() {
+            None if matches!(self, Self::Photographs { .. }) => Ok(Some("Photographs".to_owned())),
             None => canonical(self).map(Some),
             Some(Kontext { strength, steps, guidance, width_px, seamless, seed, .. }) => {
                 let numbers = canonical(&(strength, steps, guidance, width_px, seamless, seed))?;
@@ -133,6 +139,10 @@ impl ParamType for Method {
     }
 
     fn paths(&self) -> Vec<&str> {
-        self.kontext().map_or_else(Vec::new, |kontext| kontext.files().map(|file| file.0.as_str()).to_vec())
+        match (self, self.kontext()) {
+            (Self::Photographs { files }, _) => files.iter().map(|file| file.0.as_str()).collect(),
+            (_, Some(kontext)) => kontext.files().map(|file| file.0.as_str()).to_vec(),
+            _ => Vec::new(),
+        }
     }
 }

@@ -15,7 +15,7 @@ use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::light::measure;
 use crate::light::regions::{self, Regions};
 use crate::num;
-use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Srgb, Table};
+use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Table};
 
 mod grid;
 mod kontext;
@@ -24,6 +24,7 @@ mod learned;
 pub mod lora;
 mod manual;
 mod method;
+mod photographs;
 mod region;
 mod spread;
 #[cfg(feature = "learned")]
@@ -36,7 +37,8 @@ engine::params! {
     /// that clipping hid, as a gain for every pixel, and from it what a camera would have taken at any
     /// darker exposure. Where nothing is clipped nothing is changed.
     pub struct PredictExposure {
-        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order.
+        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; those of `Photographs`
+        /// are derived from nothing, and listed in the order of the files.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// How hidden light is estimated.
         method: Method = Method::Learned, other("Skip");
@@ -69,38 +71,52 @@ engine::outputs! {
 /// A pixel counts as clipped when its brightest channel is above this, in linear light where white is
 /// 1: the middle of the ramp from 0.9 to 1 on which the regression was fitted.
 const CLIPPED: f32 = 0.95;
-/// A linear panorama can hold more than white; what lies above this was not clipped.
-const ABOVE_WHITE: f32 = 1.05;
+/// Exposures cost memory, and beyond a few say nothing new.
+const MOST_EXPOSURES: usize = 64;
 /// Pixels seen less than this were filled in, so they say nothing about clipping.
 const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const DATA: &'static [u8] = learned::WEIGHTS;
+    const HOLDS_FILES: bool = true;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
     type In = In;
     type Out = Out;
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
-        let pixels = inputs.pano.alpha.samples.len();
-        Cost { bytes: (pixels * (40 + 12 * params.evs.len())) as u64 }
+        let pano = &inputs.pano.alpha;
+        let own = pano.samples.len() * (120 + 12 * params.evs.len());
+        let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
+        Cost { bytes: own as u64 + model }
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
         let evs = sorted(&params.evs);
+        if evs.len() > MOST_EXPOSURES {
+            let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
+            return Err(NodeError::new(text).at("evs").hint("the gain map holds all of them"));
+        }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
         }
         if let Method::Manual { emitters } = &params.method {
             manual::check(emitters)?;
         }
+        if let Method::Photographs { files } = &params.method {
+            photographs::check(files, &params.evs)?;
+        }
         params.method.kontext().map_or(Ok(()), |kontext| kontext.check())
     }
 
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        params.method.kontext().map_or(Ok(Vec::new()), |kontext| kontext.sources(root))
+        match (&params.method, params.method.kontext()) {
+            (Method::Photographs { files }, _) => Ok(files.iter().map(|file| root.file(file)).collect()),
+            (_, Some(kontext)) => kontext.sources(root),
+            _ => Ok(Vec::new()),
+        }
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -112,19 +128,40 @@ impl Kind for PredictExposure {
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
         let nothing = || (vec![0.0; mask.len()], Vec::new());
+        let mut taken = None;
+        let unseen = |notes: &mut Notes| {
+            let text =
+                "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
+            notes.warning("nothing-visible", text);
+            nothing()
+        };
         let on_grid = || Clipped::new(pano, &pixels, &mask);
         let (log2_gain, regions) = match &params.method {
             _ if clipped == 0 && !params.force => {
-                notes.decision("nothing-clipped", "no pixel is clipped, so nothing is predicted");
+                let brightest = pixels.rgb.iter().map(|rgb| max3(*rgb)).fold(0.0, f32::max);
+                let why = if pixels.ceiling {
+                    format!(
+                        "no pixel is clipped: the brightest reaches {brightest:.3} of white, clipping is told from {CLIPPED} on"
+                    )
+                } else {
+                    "the panorama holds light above white, so nothing in it is clipped".to_owned()
+                };
+                notes.decision("nothing-clipped", format!("{why}; nothing is predicted"));
                 nothing()
             }
-            Method::Learned => learned::predict(&on_grid(), &mut notes, cx)?,
-            Method::Region => region::predict(&on_grid(), cx)?,
+            Method::Learned | Method::Region => match on_grid() {
+                clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
+                clipped if params.method == Method::Learned => learned::predict(&clipped, cx)?,
+                clipped => region::predict(&clipped, cx)?,
+            },
             Method::Manual { emitters } => manual::predict(emitters, &on_grid(), &mut notes, cx)?,
-            Method::Skip => {
-                notes.warning("clipping-kept", format!("{clipped} clipped pixels stay as they are (Skip)"));
-                nothing()
+            Method::Photographs { files } => {
+                let (gain, pictures) =
+                    photographs::predict(files, &params.evs, (&pixels, &mask), &mut notes, cx)?;
+                taken = Some(pictures);
+                (gain, Vec::new())
             }
+            Method::Skip => nothing(),
             Method::FluxKontext { .. } => {
                 let darkest = params.evs.iter().copied().fold(0.0, f64::min);
                 let kontext = params.method.kontext();
@@ -132,6 +169,10 @@ impl Kind for PredictExposure {
                 (gain.transpose()?.unwrap_or_default(), Vec::new())
             }
         };
+        let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
+        if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
+            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
+        }
         if regions.iter().any(|region| region.sun) {
             notes.decision("sun", "a small clipped region in a blue sky is taken for the sun");
         }
@@ -140,18 +181,23 @@ impl Kind for PredictExposure {
         }
         let (width, height) = (pixels.width, pixels.height);
         let evs = sorted(&params.evs);
-        let rows = cx.for_each_tile(evs.len(), |i| expose(&pixels, &log2_gain, evs[i]))?;
-        let exposures: Vec<Image<Srgb>> =
-            rows.into_iter().map(|samples| Image::<Srgb>::from_samples(width, height, 3, samples)).collect();
+        let photographed = taken.is_some();
+        let exposures = match taken {
+            Some(pictures) => pictures,
+            None => cx.for_each_tile(evs.len(), |i| {
+                Image::from_samples(width, height, 3, expose(&pixels, &log2_gain, evs[i]))
+            })?,
+        };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let report = report(&params.method, clipped, mask.len() as u64, &regions);
+        let chosen = if clipped == 0 { &Method::Skip } else { &params.method };
+        let report = report(chosen, clipped, mask.len() as u64, &regions);
         let named = evs
             .iter()
             .zip(&exposures)
             .map(|(ev, image)| NamedImage { name: format!("ev_{ev}"), picture: image.clone().into() });
         let pictures = Arc::new(Images(named.collect()));
         let table = Arc::new(report.clone());
-        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, report });
+        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, photographed, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
 }
@@ -238,8 +284,7 @@ fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, Nod
 }
 
 fn clip_mask(pano: &Panorama, pixels: &LinearPixels) -> Vec<bool> {
-    let linear = matches!(pano.image, Picture::Linear(_));
-    let clipped = |rgb: [f32; 3]| max3(rgb) > CLIPPED && !(linear && max3(rgb) > ABOVE_WHITE);
+    let clipped = |rgb: [f32; 3]| pixels.ceiling && max3(rgb) > CLIPPED;
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
@@ -258,6 +303,7 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[Found]) -> Repo
         Method::Learned => "learned",
         Method::Region => "region regression",
         Method::Manual { .. } => "manual",
+        Method::Photographs { .. } => "photographs",
         Method::Skip => "skip",
         Method::FluxKontext { .. } => "Flux.1 Kontext",
     };

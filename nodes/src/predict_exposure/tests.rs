@@ -1,5 +1,7 @@
 use super::*;
+use crate::color::srgb_from_linear;
 use crate::equirect::pixel_solid_angle;
+use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
 use glam::DVec3;
 
@@ -113,13 +115,15 @@ fn row_23_flat_panoramas_stay_monotone_and_finite() {
             if value <= 0.5 {
                 assert!(brackets.log2_gain.samples.iter().all(|&g| g == 0.0));
                 assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
-            } else if method == Method::Learned && value.is_finite() {
+                assert_eq!(brackets.report.tables[0].rows[0][0], Cell::Text("skip".to_owned()));
+            } else if value.is_finite() {
                 assert!(notes.iter().any(|note| note.id == "nothing-visible"));
             }
             assert_eq!(notes.iter().any(|note| note.id == "not-finite"), !value.is_finite());
         }
     }
-    let white = LinearPixels { width: 1, height: 1, rgb: vec![[1.0; 3]], broken: 0, negative: 0 };
+    let white =
+        LinearPixels { width: 1, height: 1, rgb: vec![[1.0; 3]], broken: 0, negative: 0, ceiling: true };
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
@@ -141,6 +145,30 @@ fn row_24_rolling_the_panorama_rolls_the_gain() {
                 let a = plain.log2_gain.pixel((x + shift) % 256, y)[0];
                 let b = rolled.log2_gain.pixel(x, y)[0];
                 assert!((a - b).abs() < 2e-4, "({x}, {y}) {a} {b}");
+            }
+        }
+    }
+}
+
+/// Also of a panorama finer than the grid, by less than a cell. Mutation: `start` 0 in
+/// `Grid::new` (seen red).
+#[test]
+fn row_24_turning_by_part_of_a_cell_turns_the_gain() {
+    let width = 300;
+    let scene = |x: usize, y: usize| match (x, y) {
+        (299 | 0, 50) => [1.0; 3],
+        (100..=130, 30..=45) => [1.0, 1.0, 0.98],
+        (_, 75..) => [0.3, 0.28, 0.2],
+        _ => [0.4, 0.5, 0.5 + x as f32 * 8e-4],
+    };
+    for method in METHODS {
+        let plain = run_by(method.clone(), pano(width, scene), &[-3.0]).0;
+        for shift in [1, 151] {
+            let turned = pano(width, |x, y| scene((x + shift) % width, y));
+            let turned = run_by(method.clone(), turned, &[-3.0]).0;
+            for (at, gain) in turned.log2_gain.samples.iter().enumerate() {
+                let from = plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];
+                assert!((gain - from).abs() < 2e-4, "{shift}: {at} {gain} {from}");
             }
         }
     }
@@ -191,16 +219,68 @@ fn holes_are_not_clipped() {
     assert!(notes.iter().any(|note| note.id == "nothing-clipped"));
 }
 
+// Linear light that ends at white was clipped there; where it goes on above, what lies near white is what it is.
+// Mutation: `pixels.ceiling` not asked in `clip_mask`.
 #[test]
-fn a_linear_panorama_is_clipped_at_white_and_not_above() {
+fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     let mut pano = (*pano(64, |_, _| [0.5; 3])).clone();
     let mut image = Image::<crate::types::Linear>::from_samples(64, 32, 3, vec![0.2; 64 * 32 * 3]);
     image.pixel_mut(5, 8).fill(1.0);
+    pano.image = image.clone().into();
+    let (brackets, _) = run(Arc::new(pano.clone()), &[-3.0]);
+    assert!(brackets.log2_gain.pixel(5, 8)[0] > 0.0);
     image.pixel_mut(20, 8).fill(90.0);
     pano.image = image.into();
-    let (brackets, _) = run(Arc::new(pano), &[-3.0]);
-    assert!(brackets.log2_gain.pixel(5, 8)[0] > 0.0);
-    assert_eq!(brackets.log2_gain.pixel(20, 8)[0], 0.0);
+    for method in METHODS {
+        let (brackets, notes) = run_by(method, Arc::new(pano.clone()), &[-3.0]);
+        assert!(brackets.log2_gain.samples.iter().all(|gain| *gain == 0.0));
+        assert!(notes.iter().any(|note| note.id == "nothing-clipped" && note.text.contains("above white")));
+    }
+}
+
+/// What was photographed is measured: each clipped pixel by the brightest file that shows it, in any order of files.
+/// Mutation: `.rev()` dropped in `photographs::predict`.
+#[test]
+fn photographs_tell_the_gain_and_are_the_exposures() {
+    use crate::io::png::{self, Raster};
+    let folder = tempfile::tempdir().expect("a folder");
+    let light = |at: usize| [3.0_f32, 30.0, 900.0, 0.3][at % 4];
+    let take = |name: &str, ev: f32, (width, height): (usize, usize)| {
+        let code =
+            |v: f32| u16::from(crate::color::code8(srgb_from_linear((v * num::f32::exp2(ev)).min(1.0))));
+        let codes = (0..width * height).flat_map(|at| [code(light(at)); 3]).collect();
+        let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let bytes = png::write(&raster, false, &[]).expect("writes");
+        std::fs::write(folder.path().join(name), bytes).expect("writes");
+    };
+    take("a.png", -3.0, (64, 32));
+    take("b.png", -6.0, (64, 32));
+    take("small.png", -6.0, (32, 16));
+    let pano = pano(64, |x, _| [srgb_from_linear(light(x).min(1.0)); 3]);
+    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, folder.path());
+    let by = |files: &[&str], evs: &[f64]| {
+        let files = files.iter().map(|file| engine::InputFile((*file).to_owned())).collect();
+        let params = PredictExposure { evs: evs.to_vec(), method: Method::Photographs { files } };
+        PredictExposure::check(&params)?;
+        PredictExposure::run(&params, In { pano: pano.clone() }, &cx)
+    };
+    let (out, notes) = by(&["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
+    let gains = &out.brackets.log2_gain.samples;
+    for (at, wanted) in [1.585, 4.907, 6.0, 0.0].into_iter().enumerate() {
+        assert!((gains[at] - wanted).abs() < 0.02, "{at}: {}", gains[at]);
+    }
+    // The sun is white at EV -6 too.
+    assert!(
+        notes.iter().any(|note| note.id == "still-clipped" && note.text.starts_with("512 ")),
+        "{notes:?}"
+    );
+    assert_eq!(out.brackets.evs, [-6.0, -3.0]);
+    assert!((out.brackets.exposures[0].rgb(0, 0)[0] - srgb_from_linear(3.0 / 64.0)).abs() < 0.003);
+    let (other, _) = by(&["b.png", "a.png"], &[-6.0, -3.0]).expect("runs");
+    assert_eq!(other.brackets, out.brackets);
+    assert!(by(&["a.png"], &[-3.0, -6.0]).is_err() && by(&[], &[]).is_err());
+    let error = by(&["a.png", "small.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("is too small");
+    assert!(error.to_string().contains("small.png") && error.to_string().contains("32x16"), "{error}");
 }
 
 /// Mutation: `sort_by` dropped in `sorted` (seen red).
@@ -210,6 +290,8 @@ fn row_35_exposures_are_sorted_and_listed_once() {
     assert!(run(room(64), &[-20.0]).0.exposures[0].samples.iter().all(|v| v.is_finite()));
     let params = PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region, force: false };
     assert!(PredictExposure::check(&params).is_err());
+    let many = PredictExposure { evs: (1..=65).map(|ev| -0.1 * f64::from(ev)).collect(), ..params };
+    assert!(PredictExposure::check(&many).expect_err("are too many").to_string().contains("65 exposures"));
 }
 
 /// A grey ground under a sky of one colour with a clipped disc of a few pixels at 45 degrees.
@@ -251,8 +333,24 @@ fn emitters_act_where_the_user_states_them() {
         let lamp = (30..34).contains(&(at / 256)) && (100..104).contains(&(at % 256));
         assert_eq!(*gain, if lamp { 5.0 } else { 0.0 });
     }
+    // A sun within a bright sky: the narrower one is stated of what both reach, whichever comes first.
+    for order in [[0, 1], [1, 0]] {
+        let both = [[azimuth, elevation, 180.0, 2.0], [azimuth - 1.0, elevation, 4.0, 8.0]];
+        let (out, notes) = stated(order.map(|i| both[i]).to_vec()).expect("runs");
+        let lamp = out.brackets.log2_gain.pixel(102, 32)[0];
+        assert!(lamp == 8.0 && out.brackets.log2_gain.pixel(0, 50)[0] == 2.0, "{lamp}");
+        assert!(notes.iter().all(|note| note.id != "nothing-to-light"));
+    }
     let (_, notes) = stated(vec![[azimuth + 180.0, -80.0, 3.0, 5.0]]).expect("runs");
     assert!(notes.iter().any(|note| note.id == "nothing-to-light"));
+    // What no emitter reaches is told, as it is of `Skip`. Mutation: `Method::Manual` left out there.
+    let mask = clip_mask(&source, &linear_pixels(&source.image, Transfer::Srgb));
+    let all = mask.iter().filter(|clipped| **clipped).count();
+    let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());
+    let (_, none) = stated(Vec::new()).expect("runs");
+    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels stay as they are")));
+    assert_eq!(kept(&stated(vec![[0.0, 0.0, 180.0, 5.0]]).expect("runs").1), None);
+    assert!(stated(vec![[1e300, 5.0, 3.0, 5.0]]).is_err());
     assert!(stated(vec![[0.0, 95.0, 3.0, 5.0]]).is_err() && stated(vec![[0.0, 5.0, 0.0, 5.0]]).is_err());
 }
 

@@ -31,6 +31,9 @@ pub struct Brackets {
     pub evs: Vec<f64>,
     /// What a camera would have taken at each of `evs`: display-encoded, clipped to 1, one view each.
     pub exposures: Vec<Image<Srgb>>,
+    /// Whether a camera did take them. Their codes then follow the curve of the panorama's own, whatever that is; those
+    /// that were derived follow the sRGB curve.
+    pub photographed: bool,
     /// Which method made it, and each region it found.
     pub report: Report,
 }
@@ -112,7 +115,7 @@ impl Artifact for Panorama {
 
 impl Artifact for Brackets {
     const TYPE: &'static str = "brackets";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
 
     fn encode(&self, to: &mut Encoder) {
         encode_picture(&Picture::Data(self.log2_gain.clone()), to);
@@ -120,6 +123,7 @@ impl Artifact for Brackets {
         for exposure in &self.exposures {
             encode_picture(&Picture::Srgb(exposure.clone()), to);
         }
+        to.bool(self.photographed);
         self.report.encode(to);
     }
 
@@ -135,7 +139,7 @@ impl Artifact for Brackets {
                 _ => Err(Corrupt("an exposure is display-encoded".to_owned())),
             })
             .collect::<Result<_, _>>()?;
-        Ok(Self { log2_gain, evs, exposures, report: Report::decode(from)? })
+        Ok(Self { log2_gain, evs, exposures, photographed: from.bool()?, report: Report::decode(from)? })
     }
 
     fn bytes(&self) -> usize {

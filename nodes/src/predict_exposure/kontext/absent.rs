@@ -12,6 +12,10 @@ impl Kontext<'_> {
             .hint("build it with `--features learned`, or use another method"))
     }
 
+    pub(in super::super) fn memory(&self, _width: usize) -> u64 {
+        0
+    }
+
     pub(in super::super) fn sources(&self, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
     }

@@ -3,6 +3,7 @@
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
 
+use super::super::photographs::tell_still;
 use super::Kontext;
 use super::picture::{STOPS, gains, shrunk};
 use crate::light::linear::LinearPixels;
@@ -13,6 +14,18 @@ const MAX_PASSES: f64 = 8.0;
 impl Kontext<'_> {
     pub(in super::super) fn check(&self) -> Result<(), NodeError> {
         Ok(())
+    }
+
+    /// What the published model takes for a panorama of `width` columns beside its files, in bytes; a smaller one takes
+    /// less.
+    pub(in super::super) fn memory(&self, width: usize) -> u64 {
+        let width = self.width(width);
+        learned::flux::Memory::published((width, width / 2))
+    }
+
+    /// At how many columns it works.
+    fn width(&self, width: usize) -> usize {
+        width.min(self.width_px as usize) / 32 * 32
     }
 
     /// Its files, with shards and the `config.json` beside them. What is missing is said with where it is to be had.
@@ -48,7 +61,7 @@ impl Kontext<'_> {
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {
-        let width = pixels.width.min(self.width_px as usize) / 32 * 32;
+        let width = self.width(pixels.width);
         if width == 0 || pixels.width != 2 * pixels.height {
             let size = format!("a panorama of {} x {} pixels", pixels.width, pixels.height);
             return Err(NodeError::new(format!("{size} is too small, or not twice as wide as high"))
@@ -83,21 +96,15 @@ impl Kontext<'_> {
         let exposures =
             made.iter().map(learned::flux::samples).collect::<Result<Vec<_>, _>>().map_err(error)?;
         let gains = gains(&small, &exposures);
-        let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0_u64);
+        let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0);
         for (at, gain) in log2_gain.iter_mut().enumerate().filter(|(at, _)| mask[*at]) {
             let (x, y) =
                 (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
             let (found, clipped) = gains[y * width + x];
             *gain = found;
-            still += u64::from(clipped);
+            still += usize::from(clipped);
         }
-        if still > 0 {
-            let ev = -STOPS * passes as f64;
-            notes.warning(
-                "still-clipped",
-                format!("{still} pixels are clipped even at EV {ev}, so their gain is a lower bound; ask for a darker exposure in `evs`"),
-            );
-        }
+        tell_still(still, -STOPS * passes as f64, notes);
         Ok(log2_gain)
     }
 }

@@ -1,8 +1,8 @@
 //! A panorama as the model takes it, and a gain from what the model shows.
 
-use crate::color::{linear_from_srgb, luminance, srgb_from_linear};
-use crate::light::linear::{LinearPixels, max3};
-use crate::num;
+use super::super::photographs::measured;
+use crate::color::{linear_from_srgb, srgb_from_linear};
+use crate::light::linear::LinearPixels;
 
 /// How many stops darker one pass makes a panorama.
 pub const STOPS: f64 = 3.0;
@@ -38,36 +38,28 @@ fn overlap(i: usize, n: usize, j: usize, m: usize) -> f64 {
     high.saturating_sub(low) as f64 / m as f64
 }
 
-/// A channel above this, in linear light, is clipped as far as anybody can tell.
-const CLIPPED: f32 = 0.9;
-
-/// For each pixel the log2 of its luminance, in the brightest exposure that shows it unclipped, over that of the
-/// panorama, at least 0; and whether none shows it so. Pictures are display-encoded, channel by channel.
+/// The gain of each pixel by the exposures that the model made, and whether none shows it unclipped. Pictures are
+/// display-encoded, channel by channel; each exposure is [`STOPS`] below the one before.
 pub fn gains(base: &[f32], exposures: &[Vec<f32>]) -> Vec<(f32, bool)> {
     let count = base.len() / 3;
     let pixel = |planes: &[f32], at: usize| [0, 1, 2].map(|c| linear_from_srgb(planes[c * count + at]));
-    (0..count)
-        .map(|at| {
-            let own = f64::from(luminance(pixel(base, at))).max(1e-4);
-            let open = exposures.iter().position(|planes| max3(pixel(planes, at)) <= CLIPPED);
-            let shown = open.unwrap_or(exposures.len().saturating_sub(1));
-            let Some(planes) = exposures.get(shown) else { return (0.0, false) };
-            let stops = STOPS * (shown + 1) as f64;
-            let light = f64::from(luminance(pixel(planes, at))) * num::f64::exp2(stops);
-            (num::f64::log2((light / own).max(1.0)) as f32, open.is_none())
-        })
-        .collect()
+    let shown = |at: usize| {
+        let made = exposures.iter().enumerate();
+        made.map(move |(i, planes)| (-STOPS * (i + 1) as f64, pixel(planes, at)))
+    };
+    (0..count).map(|at| measured(pixel(base, at), shown(at))).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::num;
 
     #[test]
     fn shrinking_keeps_the_mean_of_light() {
         let rgb: Vec<[f32; 3]> = (0..12 * 6).map(|i| [0.01 * i as f32, 0.5, 0.0]).collect();
         let mean = rgb.iter().map(|rgb| f64::from(rgb[0])).sum::<f64>() / 72.0;
-        let pixels = LinearPixels { width: 12, height: 6, rgb, broken: 0, negative: 0 };
+        let pixels = LinearPixels { width: 12, height: 6, rgb, broken: 0, negative: 0, ceiling: true };
         for (width, height) in [(12, 6), (6, 3), (5, 4), (1, 1)] {
             let small = shrunk(&pixels, width, height);
             let count = width * height;

@@ -5,7 +5,7 @@ mod net;
 mod overview;
 mod scene;
 
-use engine::{Context, NodeError, Notes};
+use engine::{Context, NodeError};
 
 use super::spread::Spread;
 use super::{Clipped, Found};
@@ -55,22 +55,13 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 }
 
 /// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
-pub(super) fn predict(
-    clipped: &Clipped<'_>,
-    notes: &mut Notes,
-    cx: &Context,
-) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
+pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
     let Clipped { up, pixels, mask, ref grid, ref labels, .. } = *clipped;
     let network = Network::parse(FILE, WEIGHTS, OVERVIEW, CELL)?;
     let scene = Scene::new(grid, up, labels);
     cx.check()?;
     cx.progress(0.4);
     let mut log2_gain = vec![0.0_f32; mask.len()];
-    if scene.open_flux <= 0.0 {
-        let text = "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
-        notes.warning("nothing-visible", text);
-        return Ok((log2_gain, Vec::new()));
-    }
     let hidden = hidden(&network, &scene, labels.count);
     // Log of hidden over visible light of each clipped cell; neighbours in a region are interpolated between.
     let mut log_ratio = vec![None; grid.rgb.len()];
@@ -82,13 +73,9 @@ pub(super) fn predict(
         }
     }
     let profile = |region: usize, at: usize| {
-        let (x, y) = (at % pixels.width, at / pixels.width);
-        let place = |i: usize, n: usize, cells: usize| {
-            let at = (i as f64 + 0.5) * cells as f64 / n as f64 - 0.5;
-            (at.floor(), at - at.floor())
-        };
-        let ((left, right_part), (top, low_part)) =
-            (place(x, pixels.width, grid.width), place(y, pixels.height, grid.height));
+        let place = grid.place(at % pixels.width, at / pixels.width, pixels.height);
+        let [(left, right_part), (top, low_part)] =
+            place.map(|at| ((at - 0.5).floor(), (at - 0.5) - (at - 0.5).floor()));
         let (mut sum, mut total) = (0.0, 0.0);
         for (row, of_row) in [(top, 1.0 - low_part), (top + 1.0, low_part)] {
             for (column, of_column) in [(left, 1.0 - right_part), (left + 1.0, right_part)] {

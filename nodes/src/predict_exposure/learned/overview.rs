@@ -185,6 +185,7 @@ mod tests {
             clipped: vec![false; cells],
             seen: vec![true; cells],
             cell_of: Vec::new(),
+            start: (0, width),
         };
         (grid.rgb[5 * width + 3], grid.clipped[5 * width + 3]) = ([1.0; 3], true);
         Scene::new(&grid, Up::PlusZ, &regions::label(&grid.clipped, width)).overview
