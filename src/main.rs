@@ -12,10 +12,8 @@ mod trade;
 
 use std::process::ExitCode;
 
-use clap::Parser;
-
 fn main() -> ExitCode {
-    let command = commands::Command::parse();
+    let command = commands::Command::read();
     let json = command.tells_json();
     match command.run() {
         Ok(code) => return ExitCode::from(code),

@@ -169,8 +169,12 @@ impl Lines {
                 self.line("done", "1", &totals_text(totals));
             }
             Event::Plan(forecast) => self.line("plan", "1", &forecast_text(forecast)),
-            Event::Pass { parameter, level, of } => {
-                self.line("preview", "36", &format!("{parameter} {level} of {of}"));
+            Event::Pass { parameter, level, of, coarse } => {
+                let blocks = match coarse {
+                    1 => String::new(),
+                    n => format!(", one pixel of each {n} by {n}"),
+                };
+                self.line("preview", "36", &format!("{parameter} {level} of {of}{blocks}"));
             }
             Event::Mistakes { text, .. } => self.bars.suspend(|| error(text)),
             Event::Stale { path } => {

@@ -136,6 +136,8 @@ pub enum Event {
         level: u64,
         /// What the graph says.
         of: u64,
+        /// Side of the blocks of pixels of which one is computed; 1 where all are.
+        coarse: u64,
     },
     /// The graph is wrong or nodes of it failed.
     Mistakes {

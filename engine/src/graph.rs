@@ -382,26 +382,41 @@ impl Graph {
         values.iter().find(|(name, _)| *name == parameter)?.1.parse().ok()
     }
 
-    /// The same graph with a parameter at most `level` in every node that has it, and what kinds say of previews
-    /// beside it; and the nodes where that makes a difference. `None` where the parameter makes none.
-    pub fn capped(&self, parameter: &str, level: u64) -> Option<(Self, Vec<usize>)> {
-        let over = |node: usize, name: &str, cap: u64| self.number(node, name).is_some_and(|n| n > cap);
-        if !(0..self.nodes.len()).any(|node| over(node, parameter, level)) {
-            return None;
-        }
+    /// Whether a node can compute a part of its pixels.
+    pub(crate) fn can_be_coarse(&self, node: usize) -> bool {
+        self.nodes[node].kind.coarse.is_some()
+    }
+
+    /// The same graph with a parameter at most `level` in every node that has it, at one pixel for a block of `coarse`
+    /// by `coarse` where kinds can, and below these with what kinds say of previews; and the nodes where that makes a
+    /// difference. `None` where the parameter makes none.
+    pub fn rough(&self, parameter: &str, level: u64, coarse: u64) -> Option<(Self, Vec<usize>)> {
         let mut graph = self.clone();
-        let mut capped = Vec::new();
-        for index in 0..self.nodes.len() {
-            let caps =
-                std::iter::once((parameter, level)).chain(self.nodes[index].kind.rough.iter().copied());
-            for (name, cap) in caps.filter(|(name, cap)| over(index, name, *cap)) {
-                let step = graph.nodes[index].with(name, &cap.to_string())?.into();
-                Arc::make_mut(&mut graph.nodes[index]).step = step;
-                capped.push(index);
+        let (mut below, mut changed) = (vec![false; self.nodes.len()], Vec::new());
+        for &index in self.order() {
+            let kind = &self.nodes[index].kind;
+            let mut settings = Vec::new();
+            if let Some(n) = self.number(index, parameter) {
+                let coarsens =
+                    kind.coarse.filter(|name| self.number(index, name).is_some_and(|n| n < coarse));
+                settings.extend((n > level).then(|| (parameter, level.to_string())));
+                settings.extend(coarsens.map(|name| (name, coarse.to_string())));
             }
+            below[index] = !settings.is_empty() || self.reads(index).iter().any(|&above| below[above]);
+            if below[index] {
+                let costly = kind.rough.iter().filter(|(name, value)| match value.parse::<u64>() {
+                    Ok(most) => self.number(index, name).is_some_and(|n| n > most),
+                    Err(_) => self.nodes[index].values().iter().any(|(n, v)| n == name && v != value),
+                });
+                settings.extend(costly.map(|(name, value)| (*name, (*value).to_owned())));
+            }
+            for (name, value) in &settings {
+                let step = graph.nodes[index].with(name, value)?.into();
+                Arc::make_mut(&mut graph.nodes[index]).step = step;
+            }
+            changed.extend((!settings.is_empty()).then_some(index));
         }
-        capped.dedup();
-        Some((graph, capped))
+        (!changed.is_empty()).then_some((graph, changed))
     }
 
     /// The nodes of a name: one, every instance of a node that axes multiply, or all of a subgraph.

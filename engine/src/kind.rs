@@ -84,8 +84,12 @@ pub trait Kind: 'static {
     /// exactly what follows.
     const INSTANT: bool = false;
 
-    /// Whole numbers that a preview while watching caps, and at what: those that cost much and show little.
-    const ROUGH: &'static [(&'static str, u64)] = &[];
+    /// What a preview while watching sets, of what costs much and shows little: a whole number to at most so much,
+    /// anything else as it stands here.
+    const ROUGH: &'static [(&'static str, &'static str)] = &[];
+
+    /// The parameter by which a first preview computes one pixel for each block of so many by so many; 1 is each.
+    const COARSE: Option<&'static str> = None;
 
     /// The parameter in whose steps the work is kept in parts: raising it pays only for what is new. A forecast
     /// counts no more than that.
@@ -211,7 +215,9 @@ pub struct KindEntry {
     /// [`Kind::REFINES`].
     pub refines: Option<&'static str>,
     /// [`Kind::ROUGH`].
-    pub rough: &'static [(&'static str, u64)],
+    pub rough: &'static [(&'static str, &'static str)],
+    /// [`Kind::COARSE`].
+    pub coarse: Option<&'static str>,
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
     /// [`Kind::HOLDS_FILES`].
@@ -242,6 +248,7 @@ impl KindEntry {
             instant: K::INSTANT,
             refines: K::REFINES,
             rough: K::ROUGH,
+            coarse: K::COARSE,
             folders: K::FOLDERS,
             holds_files: K::HOLDS_FILES,
             supplied: K::SUPPLIED,

@@ -85,18 +85,19 @@ impl Layers<'_> {
 }
 
 impl Composite {
-    fn view(&self, layers: &Layers<'_>, broken: &mut u64) -> Image<Linear> {
+    /// The picture, and how many of its samples were not finite.
+    fn view(&self, layers: &Layers<'_>, cx: &Context) -> Result<(Image<Linear>, u64), NodeError> {
         let Layers { background, object, .. } = *layers;
         let (width, height) = (background.width, background.height);
         let keep_alpha = self.backdrop.is_none() && background.channels == 4;
-        let mut out = Image::new(width, height, if keep_alpha { 4 } else { 3 });
-        for y in 0..height {
-            for x in 0..width {
+        let channels = if keep_alpha { 4 } else { 3 };
+        let rows = cx.for_each_tile(height, |y| {
+            let (mut row, mut broken) = (vec![0.0; channels * width], 0);
+            for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
                 let b = background.pixel(x, y);
                 let o = object.pixel(x, y);
                 let behind = if background.channels == 4 { b[3] } else { 1.0 };
                 let cover = if object.channels == 4 { o[3] } else { 1.0 };
-                let pixel = out.pixel_mut(x, y);
                 for c in 0..3 {
                     let factor = layers.shadow.as_ref().map_or(1.0, |s| s.pixel(x, y)[c]);
                     let mut under = b[c] * factor;
@@ -114,7 +115,7 @@ impl Composite {
                         None => o[c],
                     };
                     let value = under * (1.0 - cover) + over;
-                    *broken += u64::from(!value.is_finite());
+                    broken += u64::from(!value.is_finite());
                     pixel[c] = if value.is_finite() { value } else { 0.0 };
                 }
                 if keep_alpha {
@@ -122,8 +123,11 @@ impl Composite {
                     pixel[3] = if alpha.is_finite() { alpha } else { 0.0 };
                 }
             }
-        }
-        out
+            (row, broken)
+        })?;
+        let broken = rows.iter().map(|(_, broken)| broken).sum();
+        let samples = rows.into_iter().flat_map(|(row, _)| row).collect();
+        Ok((Image::from_samples(width, height, channels, samples), broken))
     }
 }
 
@@ -176,7 +180,8 @@ impl Kind for Composite {
                 front,
                 variance,
             };
-            let image = params.view(&layers, &mut broken);
+            let (image, lost) = params.view(&layers, cx)?;
+            broken += lost;
             errors.push(NamedImage { name: view.name.clone(), picture: layers.error().into() });
             views.push(NamedImage { name: view.name.clone(), picture: image.into() });
         }

@@ -91,16 +91,31 @@ struct Tally {
     broken: u64,
 }
 
+impl Tally {
+    fn add(&mut self, other: &Self) {
+        self.samples += other.samples;
+        self.dark += other.dark;
+        self.clipped += other.clipped;
+        self.broken += other.broken;
+    }
+}
+
 impl ShadowRatio {
     /// The shaped factor of a raw ratio; the paper's parametric shadow shaping.
     fn shape(&self, ratio: f64) -> f64 {
-        let powered = if self.gamma == 1.0 { ratio } else { num::pow(ratio, self.gamma) };
+        // Most of a picture is 1, as is every power of it.
+        let powered = if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) };
         1.0 - self.lambda * (1.0 - powered.max(self.s_min))
     }
 
-    fn view(&self, without: &Image<Linear>, with: &Image<Linear>, tally: &mut Tally) -> [Image<Data>; 2] {
+    fn view(
+        &self,
+        without: &Image<Linear>,
+        with: &Image<Linear>,
+        tally: &mut Tally,
+        cx: &Context,
+    ) -> Result<[Image<Data>; 2], NodeError> {
         let (width, height) = (without.width, without.height);
-        let [mut shadow, mut added] = [3, 3].map(|channels| Image::new(width, height, channels));
         // The level that fractions refer to: the mean over channels of every finite sample.
         let (mut sum, mut count) = (0.0_f64, 0_u64);
         for pixel in without.samples.chunks_exact(without.channels) {
@@ -113,7 +128,9 @@ impl ShadowRatio {
             RatioForm::Paper => 1.0,
             _ => sum / count.max(1) as f64,
         };
-        for y in 0..height {
+        let rows = cx.for_each_tile(height, |y| {
+            let (mut shadow, mut added) = (Vec::with_capacity(3 * width), Vec::with_capacity(3 * width));
+            let mut tally = Tally::default();
             for x in 0..width {
                 let pair = [without.rgb(x, y), with.rgb(x, y)].map(|rgb| rgb.map(f64::from));
                 for c in 0..3 {
@@ -128,7 +145,7 @@ impl ShadowRatio {
                                 RatioForm::Paper => a,
                                 _ => self.neighbourhood(without, x, y, c),
                             };
-                            factor = self.ratio(a, b, energy, unit, tally);
+                            factor = self.ratio(a, b, energy, unit, &mut tally);
                         }
                         extra = match self.form {
                             RatioForm::Difference => pair[1][c] - pair[0][c],
@@ -137,12 +154,20 @@ impl ShadowRatio {
                         };
                         extra = if extra.is_finite() { extra } else { 0.0 };
                     }
-                    shadow.pixel_mut(x, y)[c] = self.shape(factor) as f32;
-                    added.pixel_mut(x, y)[c] = (self.lambda * extra) as f32;
+                    shadow.push(self.shape(factor) as f32);
+                    added.push((self.lambda * extra) as f32);
                 }
             }
+            (shadow, added, tally)
+        })?;
+        let (mut shadow, mut added) =
+            (Vec::with_capacity(3 * width * height), Vec::with_capacity(3 * width * height));
+        for (row, light, of_row) in rows {
+            shadow.extend(row);
+            added.extend(light);
+            tally.add(&of_row);
         }
-        [shadow, added]
+        Ok([shadow, added].map(|samples| Image::from_samples(width, height, 3, samples)))
     }
 
     /// The raw ratio of a channel, 1 where there is too little light for one.
@@ -207,7 +232,7 @@ impl Kind for ShadowRatio {
             let without = linear(&view.picture, "without")?;
             let size = (without.width, without.height);
             let with = linear(matching(&inputs.with, "with", &view.name, size)?, "with")?;
-            let [shadow, added] = params.view(&without, &with, &mut tally);
+            let [shadow, added] = params.view(&without, &with, &mut tally, cx)?;
             shadows.push(NamedImage { name: view.name.clone(), picture: shadow.into() });
             lights.push(NamedImage { name: view.name.clone(), picture: added.into() });
         }

@@ -19,6 +19,15 @@ engine::choices! {
         Straight,
     }
 }
+engine::choices! {
+    /// How much time a PNG may take.
+    pub enum Effort {
+        /// Small files.
+        Balanced,
+        /// A tenth of the time, and larger files; `watch` takes it for previews.
+        Fast,
+    }
+}
 engine::params! {
     /// Writes pictures as PNG or JPEG, by the ending of the path.
     ///
@@ -33,6 +42,8 @@ engine::params! {
         alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
         /// Quality of a JPEG.
         quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
+        /// How much time compressing a PNG may take; its pixels are the same.
+        effort: Effort = Effort::Balanced, other("Fast");
         /// Writes the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
@@ -56,6 +67,7 @@ impl Kind for WriteImage {
     const NAME: &'static str = "write-image";
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Recipe];
+    const ROUGH: &'static [(&'static str, &'static str)] = &[("effort", "Fast")];
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -104,7 +116,10 @@ impl Kind for WriteImage {
             let bytes = if p.path.extension() == "png" {
                 let software = ("Software", "lightharmony");
                 let texts: Vec<_> = std::iter::once(software).chain(recipe.map(|r| (KEYWORD, r))).collect();
-                png::write(&raster, srgb, &texts)?
+                match p.effort {
+                    Effort::Balanced => png::write(&raster, srgb, &texts)?,
+                    Effort::Fast => png::write_fast(&raster, srgb, &texts)?,
+                }
             } else {
                 jpeg::write(&raster, p.quality as u8, recipe)?
             };
@@ -228,6 +243,7 @@ mod tests {
             bits: 8,
             alpha: AlphaOutput::Drop,
             quality: 92,
+            effort: Effort::Balanced,
             recipe: true,
         }
     }
@@ -267,6 +283,18 @@ mod tests {
         assert!(notes.is_degraded());
         assert!(notes.iter().any(|n| n.id == "clipped-above" && n.text.starts_with("2 ")));
         assert!(notes.iter().any(|n| n.id == "clipped-below" && n.text.starts_with("1 ")));
+    }
+
+    /// A preview is compressed less, and only where it is a preview.
+    #[test]
+    fn less_effort_gives_other_bytes_and_the_same_pixels() {
+        let samples = (0..64 * 64 * 3).map(|i| ((i * 37) % 101) as f32 / 100.0).collect();
+        let picture = Image::<Srgb>::from_samples(64, 64, 3, samples);
+        let fast = WriteImage { effort: Effort::Fast, ..node("a.png") };
+        let [slow, fast] = [node("a.png"), fast].map(|p| write(&p, picture.clone()).0);
+        assert_ne!(slow, fast);
+        let read = |bytes: &[u8]| png::read("a.png", bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(read(&slow), read(&fast));
     }
 
     // Row 58: a straight file put back over black equals the picture on black.

@@ -89,7 +89,31 @@ enum Verb {
     Manual(completions::Manual),
 }
 
+/// `run` alone.
+#[derive(Debug, Parser)]
+#[command(version, about, max_term_width = 100)]
+struct RunCommand {
+    #[command(subcommand)]
+    verb: RunVerb,
+}
+
+#[derive(Debug, Subcommand)]
+enum RunVerb {
+    /// Runs a graph: computes what is not known and writes the files of its sinks
+    Run(run::Run),
+}
+
 impl Command {
+    /// What the command line says; ends the process where that is a mistake or a question.
+    pub fn read() -> Self {
+        // A run that finds nothing to do is over before the table of all verbs is made.
+        if std::env::args_os().nth(1).is_some_and(|verb| verb == "run") {
+            let RunVerb::Run(run) = RunCommand::parse().verb;
+            return Self { verb: Verb::Run(run) };
+        }
+        Self::parse()
+    }
+
     /// True where standard output belongs to a program, which is told mistakes there, too.
     pub fn tells_json(&self) -> bool {
         match &self.verb {

@@ -92,6 +92,9 @@ const DOUBT: Duration = Duration::from_secs(2);
 /// A pass that is done within this time is no preview but the picture.
 const SOON: f64 = 0.5;
 
+/// A first look is made of all pixels where they take no longer than this, in seconds, and else of fewer.
+const AT_ONCE: f64 = 0.3;
+
 /// What wakes the thread that decides.
 enum Input {
     /// Something happened at these paths; none stands for anywhere.
@@ -247,10 +250,11 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             .filter(|(index, _)| graph.number(*index, parameter).is_some())
             .map(|(_, node)| node.forecast)
             .sum();
-        for level in levels(most, seconds) {
-            let Some((rough, capped)) = graph.capped(parameter, level) else { continue };
-            (self.tell)(Event::Pass { parameter: parameter.to_owned(), level, of: most });
-            match self.pass(current, &rough, only, capped) {
+        let coarse = open().any(|(index, _)| graph.can_be_coarse(index));
+        for Level { level, coarse } in levels(most, seconds, coarse) {
+            let Some((rough, changed)) = graph.rough(parameter, level, coarse) else { continue };
+            (self.tell)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
+            match self.pass(current, &rough, only, changed) {
                 Next::Ended => {}
                 other => return other,
             }
@@ -422,15 +426,53 @@ impl Drop for Ended {
     }
 }
 
-/// The caps of the passes before the last one, for a parameter that is at most `most` and takes `seconds`
-/// in all, where that is known. They are those at which a node that works in parts cuts its work, and one
-/// sample in front of them.
-fn levels(most: u64, seconds: Option<f64>) -> Vec<u64> {
-    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most as f64);
+/// What a rough pass does.
+#[derive(Debug, PartialEq, Eq)]
+struct Level {
+    /// The cap of the parameter.
+    level: u64,
+    /// Side of the blocks of pixels of which one is computed.
+    coarse: u64,
+}
+
+/// The passes before the last one, for a parameter that is at most `most` and takes `seconds` in all, where that is
+/// known. The caps are those at which a node that works in parts cuts its work, and one sample in front of them;
+/// where that takes long, too, and some node can, a part of the pixels comes first.
+fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
+    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
+    let block = match takes(1) {
+        ..=AT_ONCE => None,
+        // Of 2 by 2 pixels one takes a quarter.
+        time if time <= 4.0 * AT_ONCE => Some(2),
+        _ => Some(4),
+    };
+    let first = block.filter(|_| coarse && most > 0).map(|coarse| Level { level: 1, coarse });
     let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
     // A level is left out where the next one comes soon, too.
-    steps
+    let levels = steps
         .take_while(|step| *step < most)
         .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
-        .collect()
+        .map(|level| Level { level, coarse: 1 });
+    first.into_iter().chain(levels).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
+        levels(most, seconds, true).into_iter().map(|l| (l.level, l.coarse)).collect()
+    }
+
+    #[test]
+    fn what_takes_long_comes_roughly_first() {
+        assert_eq!(told(0, None), [], "nothing is refined");
+        assert_eq!(told(64, Some(0.4)), [], "soon there");
+        assert_eq!(told(64, Some(1.0)), [(16, 1)]);
+        assert_eq!(told(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
+        assert_eq!(told(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
+        assert_eq!(told(1, None), [(1, 4)], "one sample of many pixels");
+        assert_eq!(told(3, None), [(1, 4), (1, 1)]);
+        assert_eq!(levels(3, None, false), [Level { level: 1, coarse: 1 }], "no node can be coarse");
+    }
 }

@@ -275,6 +275,8 @@ engine::params! {
     pub struct Series {
         /// How many.
         samples: u32 = 32, range(1, 4096), other("48");
+        /// 1 is exact.
+        coarse: u32 = 1, range(1, 64), other("2");
         /// Scales the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
         /// How long a part takes; no part depends on it.
@@ -297,9 +299,10 @@ simple!(
             sum += chunk.0;
             cx.progress(last as f32 / params.samples as f32);
         }
-        give(sum / f64::from(params.samples) * params.gain)
+        give(sum / f64::from(params.samples) * params.gain + f64::from(params.coarse - 1))
     },
-    const REFINES: Option<&'static str> = Some("samples");
+    const REFINES: Option<&'static str> = Some("samples");,
+    const COARSE: Option<&'static str> = Some("coarse");
 );
 
 engine::params! {
@@ -337,7 +340,7 @@ simple!(
     Sum = "sum",
     Listed,
     |params, inputs, _cx| give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)),
-    const ROUGH: &'static [(&'static str, u64)] = &[("times", 1)];
+    const ROUGH: &'static [(&'static str, &'static str)] = &[("times", "1")];
 );
 
 engine::params! {

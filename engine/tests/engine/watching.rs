@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
-use engine::{Event, Handle, Load, Refusal, Source, SourceRoot, State, Watch, WatchOptions};
+use engine::{Event, Graph, Handle, Load, Refusal, Source, SourceRoot, State, Watch, WatchOptions};
 
 use crate::lab::{Lab, graph_text};
 
@@ -31,11 +31,9 @@ impl Session {
         let load = move |_: bool| {
             let graph = match std::fs::read_to_string(&path) {
                 Err(error) => Err(Refusal::other(error.to_string())),
-                Ok(text) => {
-                    engine::Graph::parse(Source::new("graph.ron", text), &registry, SourceRoot::new(&folder))
-                        .map(|graph| (Arc::new(graph), Vec::new()))
-                        .map_err(|mistakes| Refusal::mistakes(&mistakes, false))
-                }
+                Ok(text) => Graph::parse(Source::new("graph.ron", text), &registry, SourceRoot::new(&folder))
+                    .map(|graph| (Arc::new(graph), Vec::new()))
+                    .map_err(|mistakes| Refusal::mistakes(&mistakes, false)),
             };
             Load { graph, texts: vec![path.clone()] }
         };
@@ -213,14 +211,14 @@ fn rough_passes_come_first_and_the_last_one_pays_only_the_rest() {
         save: WriteNumber(number: "series", path: "s.txt"), note: WriteNumber(number: "one", path: "n.txt"),"#;
     let watch = Session::of(series);
     let events = watch.rest();
-    let passes: Vec<u64> = events
+    let passes: Vec<(u64, u64)> = events
         .iter()
         .filter_map(|event| match event {
-            Event::Pass { level, of: 100, .. } => Some(*level),
+            Event::Pass { level, of: 100, coarse, .. } => Some((*level, *coarse)),
             _ => None,
         })
         .collect();
-    assert_eq!(passes, [1, 4, 16, 64]);
+    assert_eq!(passes, [(1, 4), (1, 1), (4, 1), (16, 1), (64, 1)]);
     let shown: Vec<(&str, bool)> = events
         .iter()
         .filter_map(|event| match event {
@@ -229,8 +227,8 @@ fn rough_passes_come_first_and_the_last_one_pays_only_the_rest() {
         })
         .collect();
     let of = |wanted: &str| shown.iter().filter(|(id, _)| *id == wanted).map(|(_, p)| *p).collect::<Vec<_>>();
-    assert_eq!(of("save"), [true, true, true, true, false]);
-    assert_eq!(of("note"), [false; 5], "it does not depend on what is rough");
+    assert_eq!(of("save"), [true, true, true, true, true, false]);
+    assert_eq!(of("note"), [false; 6], "it does not depend on what is rough");
     // The same bytes as at once, and the plan knows nothing of the rough ones.
     let last = watch.lab.out("s.txt");
     let at_once = Lab::on_disk();
@@ -249,13 +247,23 @@ fn rough_passes_come_first_and_the_last_one_pays_only_the_rest() {
 #[test]
 fn a_preview_caps_what_kinds_say_and_the_picture_does_not() {
     let lab = Lab::in_memory();
-    let nodes = r#"one: Number, r: Ramp(value: "one", count: 5), s: Sum(numbers: "r", times: 3), m: Series(value: "s", samples: 40)"#;
+    let nodes = r#"one: Number, m: Series(value: "one", samples: 40), r: Ramp(value: "m", count: 5), s: Sum(numbers: "r", times: 3),
+        other: Ramp(value: "one", count: 5), apart: Sum(numbers: "other", times: 3)"#;
     let graph = lab.parse(&graph_text(nodes)).unwrap();
-    let (rough, capped) = graph.capped("samples", 4).unwrap();
-    assert_eq!(capped, [2, 3]);
-    assert_eq!((rough.number(2, "times"), rough.number(3, "samples")), (Some(1), Some(4)));
-    assert_eq!((graph.number(2, "times"), graph.number(3, "samples")), (Some(3), Some(40)));
-    assert!(graph.capped("samples", 40).is_none(), "where nothing is refined, nothing is rough");
+    let of = |graph: &Graph| {
+        ["m", "m", "s", "apart"]
+            .into_iter()
+            .zip(["samples", "coarse", "times", "times"])
+            .map(|(node, name)| graph.number(graph.find(node).unwrap(), name).unwrap())
+            .collect::<Vec<_>>()
+    };
+    let [m, s] = ["m", "s"].map(|name| graph.find(name).unwrap());
+    let (rough, changed) = graph.rough("samples", 4, 1).unwrap();
+    assert_eq!((changed, of(&rough)), (vec![m, s], vec![4, 1, 1, 3]));
+    assert_eq!(of(&graph), [40, 1, 3, 3], "the graph itself stays");
+    let (coarse, changed) = graph.rough("samples", 40, 2).unwrap();
+    assert_eq!((changed, of(&coarse)), (vec![m, s], vec![40, 2, 1, 3]));
+    assert!(graph.rough("samples", 40, 1).is_none(), "where nothing is refined, nothing is rough");
 }
 
 #[test]

@@ -89,6 +89,7 @@ impl Case {
             near_field: NearField::Auto,
             clamp_indirect: 0.0,
             contact_metres: Some(0.0),
+            coarse_px: 1,
         };
         let run = |rig: Arc<Rig>| {
             let inputs = path_trace::In {

@@ -188,6 +188,12 @@ impl Denoise {
         if self.strength == 0.0 {
             return Ok((out, 0, false));
         }
+        // Where no variance is known, no pixel is like another and none is a firefly: all stay.
+        if !view.variance.samples().iter().any(|v| known(*v) > 0.0) {
+            let covered = |o: &[f32]| o[3] > 0.0 && o.iter().all(|v| v.is_finite());
+            let inserted = view.object.samples.chunks_exact(4).any(covered);
+            return Ok((out, 0, inserted || view.with.samples != view.without.samples));
+        }
         let set = |image: &mut Image<Linear>, i: usize, rgb: &[f32]| {
             let at = i * image.channels;
             image.samples[at..at + 3].copy_from_slice(rgb);
@@ -241,7 +247,7 @@ impl Kind for Denoise {
     const NAME: &'static str = "denoise";
     const VERSION: u32 = 3;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
-    const ROUGH: &'static [(&'static str, u64)] = &[("radius_px", 2)];
+    const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, Transformations};
 
 use crate::Error;
 
@@ -106,7 +106,12 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 /// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` tells that colour samples are
 /// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, srgb, texts)
+    write_all(std::slice::from_ref(raster), None, false, srgb, texts)
+}
+
+/// The same pixels in a tenth of the time and a larger file.
+pub fn write_fast(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
+    write_all(std::slice::from_ref(raster), None, true, srgb, texts)
 }
 
 /// Writes frames of one size and sort as an animated PNG. `delay` is the time of a frame as a fraction of a
@@ -118,7 +123,7 @@ pub fn write_frames(
     srgb: bool,
     texts: &[(&str, &str)],
 ) -> Result<Vec<u8>, Error> {
-    write_all(frames, Some((delay, plays)), srgb, texts)
+    write_all(frames, Some((delay, plays)), false, srgb, texts)
 }
 
 type Animation = ((u16, u16), u32);
@@ -126,6 +131,7 @@ type Animation = ((u16, u16), u32);
 fn write_all(
     frames: &[Raster],
     animation: Option<Animation>,
+    fast: bool,
     srgb: bool,
     texts: &[(&str, &str)],
 ) -> Result<Vec<u8>, Error> {
@@ -142,8 +148,11 @@ fn write_all(
         _ => ColorType::Rgba,
     });
     encoder.set_depth(if first.largest == 255 { BitDepth::Eight } else { BitDepth::Sixteen });
-    encoder.set_compression(png::Compression::Balanced);
-    encoder.set_filter(png::Filter::Adaptive);
+    // What is compressed fast has no time for the best filter of each row.
+    let (compression, filter) =
+        if fast { (Compression::Fast, Filter::Up) } else { (Compression::Balanced, Filter::Adaptive) };
+    encoder.set_compression(compression);
+    encoder.set_filter(filter);
     if srgb {
         encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     }

@@ -28,6 +28,11 @@ impl Area {
         Self { left: 0, top: 0, width: camera.width_px, height: camera.height_px }
     }
 
+    /// With a block of so many by so many pixels for each of its pixels.
+    pub fn in_blocks(self, side: u32) -> Self {
+        Self { width: self.width.div_ceil(side), height: self.height.div_ceil(side), ..self }
+    }
+
     /// How many pixels it has.
     pub fn pixels(&self) -> usize {
         self.width as usize * self.height as usize

@@ -11,7 +11,8 @@ use crate::sampling::{hash, stream};
 /// Depth and normal of what is in front at the centres of some pixels.
 pub(super) fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32)]) -> TileSums {
     let mut tile = TileSums::default();
-    for &(x, y) in pixels {
+    for &block in pixels {
+        let (x, y) = lens.pixel(block);
         let ray = lens.through(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let key = hash(stream(lens.seed, x, y), 0);
         tile.rays.camera += 2;

@@ -37,16 +37,31 @@ pub(super) struct Lens<'a> {
     pub(super) spread: f32,
     pub(super) seed: u64,
     pub(super) ground: &'a Ground,
+    /// Side of the blocks of pixels of which one is traced.
+    coarse_px: u32,
 }
 
 impl<'a> Lens<'a> {
-    pub(super) fn new(camera: &'a Camera, origin: DVec3, seed: u64, ground: &'a Ground) -> Self {
+    pub(super) fn new(
+        camera: &'a Camera,
+        origin: DVec3,
+        seed: u64,
+        ground: &'a Ground,
+        coarse_px: u32,
+    ) -> Self {
         let pose = camera.world_from_camera();
         let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
         let spread = (0.25 / (camera.fx * camera.fy).abs().sqrt()) as f32;
-        Self { camera, eye: rules::framed(camera.eye(), origin), axes, spread, seed, ground }
+        Self { camera, eye: rules::framed(camera.eye(), origin), axes, spread, seed, ground, coarse_px }
     }
 
+    /// The pixel of the picture that stands for a block: its middle, or the last one there is.
+    pub(super) fn pixel(&self, (x, y): (u32, u32)) -> (u32, u32) {
+        let middle = |block: u32, size: u32| (block * self.coarse_px + self.coarse_px / 2).min(size - 1);
+        (middle(x, self.camera.width_px), middle(y, self.camera.height_px))
+    }
+
+    /// The ray through a place in the picture.
     pub(super) fn through(&self, x: f64, y: f64) -> Ray {
         let Camera { fx, fy, cx, cy, .. } = *self.camera;
         let [right, down, forward] = self.axes;
@@ -54,8 +69,9 @@ impl<'a> Lens<'a> {
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
-    /// The points, hash key and camera ray of a sample: uniform over the pixel, a box filter.
-    pub(super) fn sample(&self, (x, y): (u32, u32), sample: u32) -> (Points, u32, Ray) {
+    /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel, a box filter.
+    pub(super) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
+        let (x, y) = self.pixel(block);
         let stream = stream(self.seed, x, y);
         let points = Points::new(stream, sample);
         let [dx, dy] = points.pair(0);

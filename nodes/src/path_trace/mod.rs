@@ -87,6 +87,9 @@ engine::params! {
         /// black gap under the object, one too high would hide its foot. `None` measures the mesh's roughness
         /// under each object and takes a smooth one as it is; 0 takes any as it is.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
+        /// Traces one pixel of each block of so many by so many, for all of them: a look at what comes, which `watch`
+        /// shows before all pixels are traced. 1 traces each.
+        coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
     }
 }
 
@@ -146,6 +149,7 @@ struct Extra<'a> {
     origin: [f64; 3],
     seed: u64,
     area: Area,
+    coarse_px: u32,
     range: (u32, u32),
     /// Up and the mesh's error where objects stand; absent for what does not depend on it.
     contact: Option<([f64; 3], Option<f64>)>,
@@ -157,6 +161,7 @@ impl Kind for PathTrace {
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
+    const COARSE: Option<&'static str> = Some("coarse_px");
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -177,7 +182,8 @@ impl Kind for PathTrace {
         let samples = f64::from(params.samples);
         // A guess: at the edge of a shadow one sample is off by 0.2, and such tiles are a tenth of the picture.
         let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
-        sizes.of("rig") * all.min(samples)
+        let coarse = f64::from(params.coarse_px);
+        sizes.of("rig") * all.min(samples) / (coarse * coarse)
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
@@ -246,8 +252,8 @@ impl Kind for PathTrace {
         let cameras = &inputs.rig.cameras;
         let mut shots = Vec::with_capacity(cameras.len());
         for (number, camera) in cameras.iter().enumerate() {
-            let lens = Lens::new(camera, origin, seed, &ground);
-            let whole = Area::whole(camera);
+            let lens = Lens::new(camera, origin, seed, &ground, params.coarse_px);
+            let whole = Area::whole(camera).in_blocks(params.coarse_px);
             let tell = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
             let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
             let step = || tell(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
@@ -257,6 +263,7 @@ impl Kind for PathTrace {
                 origin: origin.to_array(),
                 seed,
                 area,
+                coarse_px: params.coarse_px,
                 range,
                 contact,
             };
@@ -291,7 +298,7 @@ impl Kind for PathTrace {
                 Sums::trace(cx, whole, FRONT, || (), |tile| trace_front(world, &lens, tile))
             })?;
             expect_size(&front, whole, FRONT)?;
-            shots.push(finish(camera, &running, &front, reached));
+            shots.push(finish(camera, params.coarse_px, &running, &front, reached));
         }
         let broken: u64 = shots.iter().map(|shot| shot.broken).sum();
         if broken > 0 {

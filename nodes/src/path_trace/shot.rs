@@ -159,14 +159,21 @@ pub(super) struct Spread {
     pub(super) ratio: f64,
 }
 
-/// The pictures of a camera from the sums of all its samples.
-pub(super) fn finish(camera: &Camera, running: &Running, front: &Sums, reached: Option<Reached>) -> Shot {
+/// The pictures of a camera from the sums of all its samples, where each stands for a block of pixels.
+pub(super) fn finish(
+    camera: &Camera,
+    coarse_px: u32,
+    running: &Running,
+    front: &Sums,
+    reached: Option<Reached>,
+) -> Shot {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
     let [mut depth, mut normal, mut variance] = [1, 3, 4].map(|channels| Image::new(width, height, channels));
     let (mut means, mut errors, mut beyond, mut told_any) = ([0.0; 3], [0.0; 3], 0, false);
-    for index in 0..width * height {
-        let (x, y) = (index % width, index / width);
+    for (x, y) in Area::whole(camera).each() {
+        let index = running.whole.index((x / coarse_px, y / coarse_px));
+        let (x, y) = (x as usize, y as usize);
         let (sums, n) = running.pixel(index);
         for ((image, first), mean) in images.iter_mut().zip([0, R0, R0 + 4]).zip(&mut means) {
             let channels = image.channels;

@@ -11,6 +11,7 @@ use crate::testing::context;
 use crate::types::{Camera, Material, Object, Primitive};
 
 mod adaptive;
+mod coarse;
 mod enough;
 mod extremes;
 mod insertion;
@@ -123,6 +124,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         near_field: NearField::Auto,
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
+        coarse_px: 1,
     }
 }
 

@@ -64,6 +64,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
         near_field: NearField::Auto,
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
+        coarse_px: 1,
     };
     let inputs = path_trace::In {
         receiver: Arc::new(floor),
