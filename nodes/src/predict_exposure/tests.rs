@@ -260,7 +260,8 @@ fn photographs_tell_the_gain_and_are_the_exposures() {
     let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, folder.path());
     let by = |files: &[&str], evs: &[f64]| {
         let files = files.iter().map(|file| engine::InputFile((*file).to_owned())).collect();
-        let params = PredictExposure { evs: evs.to_vec(), method: Method::Photographs { files }, force: false };
+        let params =
+            PredictExposure { evs: evs.to_vec(), method: Method::Photographs { files }, force: false };
         PredictExposure::check(&params)?;
         PredictExposure::run(&params, In { pano: pano.clone() }, &cx)
     };
