@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use engine::Kind;
-use nodes::denoise::{self, Denoise};
+use nodes::denoise::{self, Denoise, Method};
 use nodes::path_trace::Out;
 use nodes::path_trace::rules::{Bounce, EnvBlock};
 use nodes::types::Images;
@@ -42,7 +42,7 @@ fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
         variance: Arc::clone(&out.variance),
     };
     let start = super::cpu_seconds();
-    let params = Denoise { strength: 1.0, radius_px: 7 };
+    let params = Denoise { strength: 1.0, radius_px: 7, method: Method::Means };
     let clean = Denoise::run(&params, inputs, &context(data, 1)).unwrap().0;
     (clean, super::cpu_seconds() - start)
 }

@@ -24,6 +24,8 @@ const SIDE: usize = TILE + 2 * PATCH;
 const FLOOR: f32 = 1e-8;
 /// Off the plane of a pixel by this share of the depth is another surface.
 const OFF: f32 = 0.05;
+/// Sums of values above this could overflow: their weights add up to less than 2^12.
+const ROOM: f32 = f32::MAX / 65536.0;
 /// Values that are averaged together.
 pub const VALUES: usize = 6;
 
@@ -65,6 +67,13 @@ pub struct Field {
     pub height: usize,
     /// Row by row.
     pub pixels: Vec<Pixel>,
+}
+
+impl Pixel {
+    /// Whether it takes an average.
+    pub fn is_noisy(&self) -> bool {
+        self.there && self.variance > 0.0
+    }
 }
 
 impl Field {
@@ -133,8 +142,11 @@ impl Field {
         cx: &Context,
     ) -> Result<Vec<[f32; VALUES]>, NodeError> {
         let (across, down) = (self.width.div_ceil(TILE), self.height.div_ceil(TILE));
+        // A power of two, so it changes no bit but where sums would overflow.
+        let scale = if self.brightest() > ROOM { 1.0 / 65536.0 } else { 1.0 };
         let tiles = cx.for_each_tile(across * down, |index| {
-            let tile = Tile::cut(self, index % across * TILE, index / across * TILE, reach.radius + PATCH);
+            let corner = [index % across * TILE, index / across * TILE];
+            let tile = Tile::cut(self, corner, reach.radius + PATCH, scale);
             let rows = tile.noisy_rows();
             let radius = if rows.is_empty() { 0 } else { reach.radius };
             cx.count("taps", ((2 * radius + 1) * (2 * radius + 1) * rows.len() * TILE) as u64);
@@ -146,10 +158,17 @@ impl Field {
             let (left, top) = (index % across * TILE, index / across * TILE);
             for (row, values) in tile.chunks_exact(TILE).enumerate().take(self.height - top) {
                 let wide = TILE.min(self.width - left);
-                out[(top + row) * self.width + left..][..wide].copy_from_slice(&values[..wide]);
+                let out = &mut out[(top + row) * self.width + left..][..wide];
+                out.iter_mut()
+                    .zip(values)
+                    .for_each(|(out, values)| *out = values.map(|v| (v / scale).min(f32::MAX)));
             }
         }
         Ok(out)
+    }
+
+    fn brightest(&self) -> f32 {
+        self.pixels.iter().filter(|pixel| pixel.there).flat_map(|pixel| pixel.values).fold(0.0, f32::max)
     }
 }
 
@@ -183,7 +202,7 @@ fn cut<const N: usize>(plane: &[f32], start: usize) -> &[f32; N] {
 }
 
 impl Tile {
-    fn cut(field: &Field, left: usize, top: usize, rim: usize) -> Self {
+    fn cut(field: &Field, [left, top]: [usize; 2], rim: usize, scale: f32) -> Self {
         let stride = TILE + 2 * rim;
         let plane = || vec![0.0; stride * stride];
         let mut tile = Self {
@@ -216,7 +235,7 @@ impl Tile {
                 tile.nearness[k][i] = pixel.nearness[k];
             }
             for (plane, value) in tile.values.iter_mut().zip(pixel.values) {
-                plane[i] = value;
+                plane[i] = value * scale;
             }
         }
         tile

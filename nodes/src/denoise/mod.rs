@@ -2,16 +2,18 @@
 
 mod firefly;
 mod means;
+mod method;
+mod oidn;
+mod view;
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes};
-use glam::Vec3;
-
-use crate::color::luminance;
 use crate::layers::{linear, matching};
 use crate::types::{Image, Images, Linear, NamedImage, Picture};
-use means::{Field, Pixel, Reach, VALUES};
+use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use means::{Field, Reach, VALUES};
+pub use method::Method;
+use view::View;
 
 engine::params! {
     /// Takes noise out of what `path-trace` renders, between it and `shadow-ratio`.
@@ -23,11 +25,16 @@ engine::params! {
     /// the noise. A single pixel that a lucky path has lit far beyond all around it takes their ratio, and is
     /// counted. The object's colour is averaged within its alpha, which stays. With more samples the filter
     /// fades by itself.
+    ///
+    /// `Oidn` has Open Image Denoise filter the ratio and the object instead, where the same pixels are noisy.
     pub struct Denoise {
-        /// How far pixels may differ to be averaged, relative to their noise; 0 leaves all as it is.
+        /// How far pixels may differ to be averaged, relative to their noise; 0 leaves all as it is. Of `Oidn` only
+        /// 0 is told from the rest.
         strength: f64 = 1.0, range(0.0, 4.0), other("0.0"), knob(Filter, "", "", "", "0.0");
-        /// How far away pixels are looked for.
+        /// How far away pixels are looked for; `Oidn` does not read it.
         radius_px: u32 = 7, range(1, 24), unit("px"), other("1"), knob(Depth, "3", "5", "7", "7");
+        /// Who filters.
+        method: Method = Method::Means;
     }
 }
 engine::inputs! {
@@ -67,110 +74,6 @@ const STRENGTHS: [f64; 2] = [0.7, 0.5];
 const BENDS: [f32; 2] = [0.5, 0.05];
 /// Objects are averaged over half as far, for their textures and highlights.
 const OBJECT_RADIUS: usize = 2;
-/// Largest ratio that is told from larger ones.
-const MOST: f32 = 8.0;
-
-/// Layers of one view.
-struct View<'a> {
-    without: &'a Image<Linear>,
-    with: &'a Image<Linear>,
-    object: &'a Image<Linear>,
-    depth: &'a Picture,
-    normal: &'a Picture,
-    variance: &'a Picture,
-}
-
-impl View<'_> {
-    /// A field with the surfaces of the guides filled in, and the rest by `fill` from pixel and alpha.
-    fn field(&self, fill: impl Fn(usize, f32, &mut Pixel)) -> Field {
-        let (width, height) = (self.without.width, self.without.height);
-        let pixel = |i: usize| {
-            let normal = &self.normal.samples()[i * 3..i * 3 + 3];
-            let depth = self.depth.samples()[i];
-            let near = if depth > 0.0 && depth.is_finite() { 1.0 / depth } else { 0.0 };
-            let normal = Vec3::new(normal[0], normal[1], normal[2]);
-            let mut pixel = Pixel {
-                normal: if normal.is_finite() { normal } else { Vec3::ZERO },
-                nearness: [near, 0.0, 0.0],
-                ..Pixel::default()
-            };
-            fill(i, self.object.samples[i * 4 + 3], &mut pixel);
-            pixel
-        };
-        let mut field = Field { width, height, pixels: (0..width * height).map(pixel).collect() };
-        field.find_slopes();
-        field
-    }
-
-    /// R0 and R1, told apart by their ratio, and how many fireflies were taken out.
-    fn receiver(&self) -> (Field, u64) {
-        let mut field = self.field(|i, alpha, pixel| {
-            let colour = |image: &Image<Linear>| -> [f32; 3] {
-                let at = i * image.channels;
-                [image.samples[at], image.samples[at + 1], image.samples[at + 2]]
-            };
-            let (r0, r1) = (colour(self.without), colour(self.with));
-            pixel.values = [r0[0], r0[1], r0[2], r1[0], r1[1], r1[2]];
-            let variance = self.variance.samples()[i * 4 + 3];
-            // Beyond the receiver there is nothing that objects change, whatever lies beside it.
-            let met = pixel.nearness[0] > 0.0;
-            pixel.there = met && pixel.values.iter().all(|v| v.is_finite()) && luminance(r0) > 0.0;
-            if pixel.there {
-                let ratio = |k: usize| if r0[k] > 0.0 { (r1[k] / r0[k]).clamp(0.0, MOST) } else { 1.0 };
-                pixel.signal = [ratio(0), ratio(1), ratio(2)];
-                pixel.variance = known(variance);
-            }
-            // In front is the object; which part of the receiver lies behind is not known.
-            if alpha > 0.0 {
-                pixel.normal = Vec3::ZERO;
-            }
-        });
-        // Only what is brighter than it would be without objects: in a shadow few paths may bring all there is.
-        let fireflies = field.quench(1.0, |values, ratio| {
-            (0..3).for_each(|k| values[3 + k] = values[k] * ratio[k]);
-        });
-        // A few chunks of samples tell a variance with few degrees of freedom.
-        field.smooth_variance(3);
-        (field, fireflies)
-    }
-
-    /// A power of two that brings the mean light of the object near 1, so that what is too little to count is a share
-    /// of it, and light of any strength is filtered alike, bit for bit.
-    fn exposure(&self) -> f32 {
-        let (mut sum, mut cover) = (0.0, 0.0);
-        for o in self.object.samples.chunks_exact(4).filter(|o| o[3] > 0.0 && o.iter().all(|v| v.is_finite()))
-        {
-            sum += f64::from(luminance([o[0], o[1], o[2]]));
-            cover += f64::from(o[3]);
-        }
-        let mean = (sum / cover) as f32;
-        // The exponent alone, of what is a normal number.
-        let exponent = mean.to_bits() >> 23;
-        if mean.is_normal() && (1..=253).contains(&exponent) {
-            f32::from_bits((254 - exponent) << 23)
-        } else {
-            1.0
-        }
-    }
-
-    /// The object, by its colour.
-    fn inserted(&self) -> Field {
-        let exposure = self.exposure();
-        let mut field = self.field(|i, alpha, pixel| {
-            let o = &self.object.samples[i * 4..i * 4 + 4];
-            let variance = self.variance.samples()[i * 4 + 2] / (alpha * alpha);
-            pixel.values = [o[0], o[1], o[2], o[3], 0.0, 0.0];
-            pixel.there = alpha > 0.0 && o.iter().all(|v| v.is_finite());
-            if pixel.there {
-                pixel.signal = [0, 1, 2].map(|k| o[k] / alpha * exposure);
-                pixel.variance = known(variance) * exposure * exposure;
-            }
-        });
-        field.smooth_variance(1);
-        field
-    }
-}
-
 impl Denoise {
     fn reach(&self, layer: usize) -> Reach {
         let radius = self.radius_px as usize;
@@ -198,33 +101,30 @@ impl Denoise {
             let at = i * image.channels;
             image.samples[at..at + 3].copy_from_slice(rgb);
         };
-        let (field, fireflies) = view.receiver();
-        let is_noisy = |field: &Field| field.pixels.iter().any(|pixel| pixel.there && pixel.variance > 0.0);
-        let mut noisy = is_noisy(&field);
-        let averages: Vec<[f32; VALUES]> = field.average(self.reach(0), cx)?;
-        for (i, values) in averages.iter().enumerate().filter(|(i, _)| field.pixels[*i].there) {
+        let (receiver, fireflies) = view.receiver();
+        let object = view.inserted();
+        let is_noisy = |field: &Field| field.pixels.iter().any(|pixel| pixel.is_noisy());
+        let noisy = is_noisy(&receiver) || is_noisy(&object);
+        let [lit, inserted]: [Vec<[f32; VALUES]>; 2] = match self.method {
+            Method::Means => [receiver.average(self.reach(0), cx)?, object.average(self.reach(1), cx)?],
+            Method::Oidn => oidn::filter(view, [&receiver, &object], cx)?,
+        };
+        for (i, values) in lit.iter().enumerate().filter(|(i, _)| receiver.pixels[*i].there) {
             set(&mut out[0], i, &values[..3]);
             set(&mut out[1], i, &values[3..]);
         }
-        let field = view.inserted();
-        noisy |= is_noisy(&field);
-        let inserted =
-            field.pixels.iter().any(|pixel| pixel.there) || view.with.samples != view.without.samples;
-        for (i, values) in field.average(self.reach(1), cx)?.iter().enumerate() {
-            let pixel = &field.pixels[i];
-            if pixel.there && pixel.variance > 0.0 {
+        for (i, values) in inserted.iter().enumerate() {
+            let pixel = &object.pixels[i];
+            if pixel.is_noisy() {
                 // The mean of colours, each with the weight of its alpha, over this pixel's own.
                 let share = pixel.values[3] / values[3];
-                set(&mut out[2], i, &[values[0] * share, values[1] * share, values[2] * share]);
+                let colour = [0, 1, 2].map(|k| (values[k] * share).min(f32::MAX));
+                set(&mut out[2], i, &colour);
             }
         }
-        Ok((out, fireflies, inserted && !noisy))
+        let any = object.pixels.iter().any(|pixel| pixel.there) || view.with.samples != view.without.samples;
+        Ok((out, fireflies, any && !noisy))
     }
-}
-
-/// A variance, or 0 where it is not known: what stands at the largest number may be more.
-fn known(variance: f32) -> f32 {
-    if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }
 
 /// A guide of the given number of channels.
@@ -245,24 +145,33 @@ fn guide<'a>(
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
     const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
     type Params = Self;
     type In = In;
     type Out = Out;
 
-    fn estimate(_: &Self, inputs: &In) -> Cost {
+    fn estimate(params: &Self, inputs: &In) -> Cost {
         let sizes = inputs.without.0.iter().map(|view| view.picture.size());
         let pixels: usize = sizes.map(|(width, height, _)| width * height).sum();
         // Copies of three layers of every view; fields, averages and their copies of one at a time.
-        Cost { bytes: (pixels * (10 * 4 + 200)) as u64 }
+        Cost { bytes: (pixels * (10 * 4 + 200)) as u64 + params.method.bytes(pixels) }
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        params.method.check()
+    }
+
+    fn sources(params: &Self, _: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        params.method.sources()
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut sets: [Vec<NamedImage>; 3] = Default::default();
         let views = &inputs.without.0;
         let (mut notes, mut fireflies) = (Notes::none(), 0);
+        params.method.tell(&mut notes)?;
         for (index, view) in views.iter().enumerate() {
             cx.check()?;
             let without = linear(&view.picture, "without")?;

@@ -72,7 +72,9 @@ fn samples_mut(images: &mut Arc<Images>) -> &mut [f32] {
 }
 
 fn run(strength: f64, inputs: In) -> Out {
-    Denoise::run(&Denoise { strength, radius_px: 7 }, inputs, &context()).unwrap_or_else(|e| panic!("{e}")).0
+    Denoise::run(&Denoise { strength, radius_px: 7, method: Method::Means }, inputs, &context())
+        .unwrap_or_else(|e| panic!("{e}"))
+        .0
 }
 
 /// RMSE of the ratio over some columns.
@@ -154,7 +156,8 @@ fn instruction_sets_do_not_show() {
     let [depth, normal, variance] =
         [&inputs.depth, &inputs.normal, &inputs.variance].map(|images| &images.0[0].picture);
     let view = View { without: &without, with: &with, object: &object, depth, normal, variance };
-    let (field, reach) = (view.receiver().0, Denoise { strength: 1.0, radius_px: 7 }.reach(0));
+    let (field, reach) =
+        (view.receiver().0, Denoise { strength: 1.0, radius_px: 7, method: Method::Means }.reach(0));
     let average = |level| field.average_at(level, reach, &context()).unwrap_or_else(|e| panic!("{e}"));
     let bits = |averages: Vec<[f32; VALUES]>| averages.into_iter().flatten().map(f32::to_bits).collect();
     let all: Vec<Vec<u32>> = levels().into_iter().map(average).map(bits).collect();
@@ -190,7 +193,8 @@ fn fireflies_are_taken_out_and_highlights_stay() {
         let r0 = samples(&inputs.without)[at * 3];
         (0..3).for_each(|k| change(&mut inputs.with, at * 3 + k, 20.0 * r0));
         change(&mut inputs.variance, at * 4 + 3, variance);
-        let run = Denoise::run(&Denoise { strength: 1.0, radius_px: 7 }, inputs, &context());
+        let run =
+            Denoise::run(&Denoise { strength: 1.0, radius_px: 7, method: Method::Means }, inputs, &context());
         run.unwrap_or_else(|e| panic!("{e}"))
     };
     let calm = run(1.0, noisy(6));
@@ -206,7 +210,9 @@ fn fireflies_are_taken_out_and_highlights_stay() {
 #[test]
 fn other_layers_are_refused() {
     let inputs = In { variance: noisy(5).normal, ..noisy(5) };
-    let error = Denoise::run(&Denoise { strength: 1.0, radius_px: 7 }, inputs, &context()).err();
+    let error =
+        Denoise::run(&Denoise { strength: 1.0, radius_px: 7, method: Method::Means }, inputs, &context())
+            .err();
     assert!(error.expect("three channels").message().contains("4"));
 }
 
@@ -233,7 +239,8 @@ fn row_48_light_of_any_strength_is_filtered_alike() {
             (0..3).for_each(|k| told[k] *= scale * scale);
         }
         let (out, notes) =
-            Denoise::run(&Denoise { strength: 1.0, radius_px: 5 }, input, &context()).expect("runs");
+            Denoise::run(&Denoise { strength: 1.0, radius_px: 5, method: Method::Means }, input, &context())
+                .expect("runs");
         assert_eq!(notes.iter().filter(|note| note.id == "no-variance").count(), 0);
         let of = |images: &Images, k: usize| -> Vec<f32> {
             let samples = images.0[0].picture.samples().iter().enumerate();
@@ -263,7 +270,8 @@ fn a_variance_of_nothing_is_told() {
     variance.samples.fill(0.0);
     let told = |input: In| {
         let (_, notes) =
-            Denoise::run(&Denoise { strength: 1.0, radius_px: 3 }, input, &context()).expect("runs");
+            Denoise::run(&Denoise { strength: 1.0, radius_px: 3, method: Method::Means }, input, &context())
+                .expect("runs");
         notes.iter().any(|note| note.id == "no-variance")
     };
     let Picture::Linear(object) = input.object.0[0].picture.clone() else { panic!("is linear") };
@@ -277,4 +285,68 @@ fn a_variance_of_nothing_is_told() {
         variance: input.variance.clone(),
     };
     assert!(told(input) && !told(bare) && !told(noisy(1)));
+}
+
+/// Light near the largest number stays a number: sums of many pixels of it would not.
+/// Mutation: `scale` of 1 in `Field::average_at` (seen red).
+#[test]
+fn the_brightest_light_stays_finite() {
+    let bright = |scale: f32| {
+        let mut inputs = noisy(9);
+        for images in [&mut inputs.without, &mut inputs.with] {
+            samples_mut(images).iter_mut().for_each(|v| *v *= scale);
+        }
+        let alpha = |i: usize| i % 4 == 3;
+        let object = samples_mut(&mut inputs.object).iter_mut().enumerate();
+        object.filter(|(i, _)| !alpha(*i)).for_each(|(_, v)| *v *= scale);
+        samples_mut(&mut inputs.variance).chunks_exact_mut(4).for_each(|told| told[2] = f32::MAX);
+        run(1.0, inputs)
+    };
+    // The largest of R0 is 1.05, that of the object 1.2.
+    let (plain, bright) = (bright(1.0), bright(f32::MAX / 2.0));
+    let pairs = [(&plain.without, &bright.without), (&plain.with, &bright.with)];
+    for (a, b) in pairs.into_iter().flat_map(|(a, b)| samples(a).iter().zip(samples(b))) {
+        assert!((b / (f32::MAX / 2.0) / a - 1.0).abs() < 1e-6, "{a} became {b}");
+    }
+    assert!(samples(&bright.object).iter().all(|v| v.is_finite()));
+}
+
+fn oidn() -> Denoise {
+    Denoise { strength: 1.0, radius_px: 7, method: Method::Oidn }
+}
+
+#[test]
+fn oidn_is_refused_where_it_cannot_run() {
+    let refused = Denoise::check(&oidn()).err().map(|error| error.to_string());
+    if cfg!(feature = "oidn") {
+        // It is installed, or what says that it is not tells where it was looked for.
+        assert!(refused.is_none_or(|text| text.contains("there is no `libOpenImageDenoise.so.2` in `/")));
+    } else {
+        assert!(refused.expect("is not built in").contains("feature `oidn`"));
+    }
+}
+
+/// What `noise_goes_and_the_edge_stays` and `what_no_object_touches_stays` ask, of the library.
+#[cfg(feature = "oidn")]
+#[test]
+#[allow(clippy::print_stderr, reason = "what is left out is told")]
+fn where_oidn_is_installed_it_filters_what_is_noisy() {
+    if let Err(missing) = Denoise::check(&oidn()) {
+        return eprintln!("where_oidn_is_installed_it_filters_what_is_noisy: left out, {missing}");
+    }
+    let before = noisy(1);
+    let (after, notes) = Denoise::run(&oidn(), noisy(1), &context()).expect("runs");
+    assert!(notes.iter().any(|note| note.id == "oidn" && note.text.contains("Open Image Denoise 2.")));
+    let raw = error(&before.without, &before.with, 0..SIZE);
+    let left = error(&after.without, &after.with, 0..SIZE);
+    assert!(left * 1.5 < raw, "{left} of {raw}");
+    assert_eq!(samples(&before.without), samples(&after.without));
+    for (a, b) in samples(&before.with).chunks(3 * SIZE).zip(samples(&after.with).chunks(3 * SIZE)) {
+        assert_eq!(a[..3 * 16], b[..3 * 16]);
+    }
+    for (a, b) in samples(&before.object).chunks(4).zip(samples(&after.object).chunks(4)) {
+        assert_eq!(a[3], b[3]);
+        assert!(a[3] > 0.0 || b == [0.0; 4]);
+    }
+    assert_ne!(samples(&before.object), samples(&after.object));
 }

@@ -1,0 +1,28 @@
+//! A build that cannot load it.
+
+use engine::{Context, NodeError, Notes, SourceFile};
+
+use super::super::means::{Field, VALUES};
+use super::super::view::View;
+
+pub(in super::super) fn sources() -> Result<Vec<SourceFile>, NodeError> {
+    Err(NodeError::new("this build cannot load Open Image Denoise: it lacks the feature `oidn`")
+        .at("method")
+        .hint("build it with `--features oidn`, or use `Means`"))
+}
+
+pub(in super::super) fn tell(_: &mut Notes) -> Result<(), NodeError> {
+    sources().map(|_| ())
+}
+
+pub(in super::super) fn bytes(_: usize) -> u64 {
+    0
+}
+
+pub(in super::super) fn filter(
+    _: &View<'_>,
+    _: [&Field; 2],
+    _: &Context,
+) -> Result<[Vec<[f32; VALUES]>; 2], NodeError> {
+    sources().map(|_| Default::default())
+}

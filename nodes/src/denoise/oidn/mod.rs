@@ -1,0 +1,11 @@
+//! `Method::Oidn`: ratio and object by Open Image Denoise.
+
+#[cfg(not(feature = "oidn"))]
+mod absent;
+#[cfg(feature = "oidn")]
+mod present;
+
+#[cfg(not(feature = "oidn"))]
+pub(super) use absent::{bytes, filter, sources, tell};
+#[cfg(feature = "oidn")]
+pub(super) use present::{bytes, filter, sources, tell};

@@ -1,0 +1,105 @@
+//! Open Image Denoise, the denoiser of Intel's that Blender has too, loaded where it is installed. Nothing here is
+//! in a default build; the feature `oidn` of `lightharmony` brings it in.
+//!
+//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find`] looks for the library
+//! and tells where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the thread that
+//! calls it. Version 2 for Linux is known; version 1 has other names.
+
+mod find;
+mod library;
+
+pub use find::{Found, Missing, find};
+pub use library::{Library, MEMORY_BYTES, Surfaces};
+
+/// Why the library filtered nothing.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// The caller asked it to stop.
+    #[error("stopped")]
+    Stopped,
+    /// It is there, but is not what it should be.
+    #[error("`{path}` cannot be loaded: {why}")]
+    Load {
+        /// The file.
+        path: String,
+        /// What the linker says.
+        why: String,
+    },
+    /// It refused the work.
+    #[error("Open Image Denoise {version} failed: {why}")]
+    Failed {
+        /// Its version.
+        version: String,
+        /// What it says.
+        why: String,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::print_stderr, reason = "what is left out is told")]
+
+    use super::*;
+
+    const SIZE: [usize; 2] = [48, 40];
+
+    /// The library, where it is installed; else the name of the test that is left out is told.
+    fn installed(test: &str) -> Option<Library> {
+        match find() {
+            Ok(found) => Some(found.load().expect("what is installed can be loaded")),
+            Err(missing) => {
+                eprintln!("{test}: left out, {missing}");
+                None
+            }
+        }
+    }
+
+    /// Grey of 1 left of the middle, 0.25 right of it, with the noise of few samples.
+    fn noisy() -> Vec<f32> {
+        let pixel = |i: usize| {
+            let noise = ((i as u32).wrapping_mul(0x9e37_79b9) >> 16) as f32 / 65536.0;
+            let grey = if i % SIZE[0] < SIZE[0] / 2 { 1.0 } else { 0.25 };
+            [grey * (0.5 + noise); 3]
+        };
+        (0..SIZE[0] * SIZE[1]).flat_map(pixel).collect()
+    }
+
+    fn error(pixels: &[f32]) -> f32 {
+        let truth = |i: usize| if i / 3 % SIZE[0] < SIZE[0] / 2 { 1.0 } else { 0.25 };
+        let squares = pixels.iter().enumerate().map(|(i, v)| (v - truth(i)) * (v - truth(i)));
+        (squares.sum::<f32>() / pixels.len() as f32).sqrt()
+    }
+
+    // Mutations: `set_image` with the rows for the columns; `numThreads` misspelt (both seen red).
+    #[test]
+    fn where_it_is_installed_noise_goes_and_the_edge_stays() {
+        let Some(library) = installed("where_it_is_installed_noise_goes_and_the_edge_stays") else { return };
+        let colour = noisy();
+        let on = || true;
+        let alone = library.denoise(SIZE, &colour, None, &on).expect("filters");
+        assert!(error(&alone) * 3.0 < error(&colour), "{} of {}", error(&alone), error(&colour));
+        let (albedo, normal) = (vec![0.5; colour.len()], [0.0, 0.0, 1.0].repeat(SIZE[0] * SIZE[1]));
+        let surfaces = Some(Surfaces { albedo: &albedo, normal: &normal });
+        let guided = library.denoise(SIZE, &colour, surfaces, &on).expect("filters");
+        assert!(error(&guided) * 3.0 < error(&colour), "{} of {}", error(&guided), error(&colour));
+        assert_ne!(alone, guided, "surfaces count");
+        assert_eq!(alone, library.denoise(SIZE, &colour, None, &on).expect("filters"), "the same again");
+    }
+
+    #[test]
+    fn where_it_is_installed_it_stops_when_told() {
+        let Some(library) = installed("where_it_is_installed_it_stops_when_told") else { return };
+        let stopped = library.denoise(SIZE, &noisy(), None, &|| false);
+        assert_eq!(stopped, Err(Error::Stopped));
+    }
+
+    #[test]
+    fn what_is_not_the_library_is_told() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("libOpenImageDenoise.so.2");
+        std::fs::write(&path, b"\0libOpenImageDenoise_core.so.2.3.3\0").expect("is written");
+        let error = Found { path, version: "2.3.3".to_owned() }.load().err().expect("is no library");
+        let text = error.to_string();
+        assert!(text.contains("libOpenImageDenoise.so.2` cannot be loaded: "), "{text}");
+    }
+}

@@ -1,0 +1,191 @@
+//! The library as it is called.
+#![allow(unsafe_code, reason = "a library in C has no other interface; each block says why it is sound")]
+
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::ptr;
+
+use crate::{Error, Found};
+
+type Device = *mut c_void;
+type Filter = *mut c_void;
+type Monitor = unsafe extern "C" fn(*mut c_void, f64) -> bool;
+type SetImage =
+    unsafe extern "C" fn(Filter, *const c_char, *mut c_void, c_int, usize, usize, usize, usize, usize);
+
+/// `OIDN_DEVICE_TYPE_CPU`: what computes on graphics cards gives other bytes for each.
+const CPU: c_int = 1;
+/// `OIDN_FORMAT_FLOAT3`.
+const FLOAT3: c_int = 3;
+/// Bytes that it takes for itself, at most and about; pictures that need more are filtered in tiles.
+pub const MEMORY_BYTES: u64 = 1 << 30;
+
+/// What is called of the library, as `OpenImageDenoise/oidn.h` of version 2 declares it.
+pub struct Library {
+    version: String,
+    new_device: unsafe extern "C" fn(c_int) -> Device,
+    set_device_int: unsafe extern "C" fn(Device, *const c_char, c_int),
+    commit_device: unsafe extern "C" fn(Device),
+    release_device: unsafe extern "C" fn(Device),
+    device_error: unsafe extern "C" fn(Device, *mut *const c_char) -> c_int,
+    new_filter: unsafe extern "C" fn(Device, *const c_char) -> Filter,
+    set_image: SetImage,
+    set_bool: unsafe extern "C" fn(Filter, *const c_char, bool),
+    set_int: unsafe extern "C" fn(Filter, *const c_char, c_int),
+    set_monitor: unsafe extern "C" fn(Filter, Option<Monitor>, *mut c_void),
+    commit_filter: unsafe extern "C" fn(Filter),
+    execute_filter: unsafe extern "C" fn(Filter),
+    release_filter: unsafe extern "C" fn(Filter),
+}
+
+/// What is known of the surfaces in a picture, three floats a pixel like the picture itself.
+#[derive(Debug, Clone, Copy)]
+pub struct Surfaces<'a> {
+    /// Reflectance, 0 to 1.
+    pub albedo: &'a [f32],
+    /// Normals, 0 where there is none.
+    pub normal: &'a [f32],
+}
+
+impl Found {
+    /// Loads the library. It stays loaded until the program ends, since its threads may not be gone before.
+    ///
+    /// # Errors
+    /// When what is found is not the library, or needs others that are not there.
+    pub fn load(&self) -> Result<Library, Error> {
+        let path = self.path.display().to_string();
+        let failed = |why: libloading::Error| {
+            let why = std::error::Error::source(&why).map_or_else(|| why.to_string(), ToString::to_string);
+            Error::Load { path: path.clone(), why }
+        };
+        // SAFETY: loading runs the library's initialisers. It lies where the administrator or the user of this
+        // machine has put it, and no graph can say where.
+        let library = unsafe { libloading::Library::new(&self.path) }.map_err(failed)?;
+        macro_rules! symbol {
+            // SAFETY: the types are those of the header of version 2, which the file name promises.
+            ($name:literal) => {
+                *unsafe { library.get($name) }.map_err(failed)?
+            };
+        }
+        let loaded = Library {
+            version: self.version.clone(),
+            new_device: symbol!(b"oidnNewDevice\0"),
+            set_device_int: symbol!(b"oidnSetDeviceInt\0"),
+            commit_device: symbol!(b"oidnCommitDevice\0"),
+            release_device: symbol!(b"oidnReleaseDevice\0"),
+            device_error: symbol!(b"oidnGetDeviceError\0"),
+            new_filter: symbol!(b"oidnNewFilter\0"),
+            set_image: symbol!(b"oidnSetSharedFilterImage\0"),
+            set_bool: symbol!(b"oidnSetFilterBool\0"),
+            set_int: symbol!(b"oidnSetFilterInt\0"),
+            set_monitor: symbol!(b"oidnSetFilterProgressMonitorFunction\0"),
+            commit_filter: symbol!(b"oidnCommitFilter\0"),
+            execute_filter: symbol!(b"oidnExecuteFilter\0"),
+            release_filter: symbol!(b"oidnReleaseFilter\0"),
+        };
+        // The functions must outlive every use of them.
+        std::mem::forget(library);
+        Ok(loaded)
+    }
+}
+
+impl Library {
+    /// Its version: `2.3.3`.
+    pub fn version(&self) -> &str {
+        &self.version
+    }
+
+    /// Filters a picture of linear light, `width` x `height` pixels of three floats from row to row, on this thread.
+    /// `goes_on` is asked all along whether to. The same library on the same sort of processor gives the same bytes;
+    /// another one may not.
+    ///
+    /// # Errors
+    /// When `goes_on` said no, or the library refuses.
+    ///
+    /// # Panics
+    /// When a picture has another size than `width` x `height` x 3, which is the caller's mistake.
+    pub fn denoise(
+        &self,
+        [width, height]: [usize; 2],
+        colour: &[f32],
+        surfaces: Option<Surfaces<'_>>,
+        goes_on: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Vec<f32>, Error> {
+        let mut out = vec![0.0_f32; width * height * 3];
+        let guides = surfaces.map(|of| [(c"albedo", of.albedo), (c"normal", of.normal)]);
+        let given = [(c"color", colour)].into_iter().chain(guides.into_iter().flatten());
+        // SAFETY: the calls are in the order that the library's documentation asks for, on a device and a filter that
+        // live until the end of the block and are used by this thread alone. A device that could not be made is null,
+        // which every function takes and reports. All pictures hold `width` x `height` x 3 floats, which is checked, and
+        // outlive the filter; of them it writes `output` alone. The monitor is called during `execute_filter` only, when
+        // what its pointer leads to is alive, and may be called on any thread.
+        unsafe {
+            let device = (self.new_device)(CPU);
+            let _device = Release(self.release_device, device);
+            (self.set_device_int)(device, c"numThreads".as_ptr(), 1);
+            (self.commit_device)(device);
+            self.check(device)?;
+            let filter = (self.new_filter)(device, c"RT".as_ptr());
+            let _filter = Release(self.release_filter, filter);
+            let image = |name: &CStr, samples: *mut f32| {
+                (self.set_image)(filter, name.as_ptr(), samples.cast(), FLOAT3, width, height, 0, 0, 0);
+            };
+            for (name, samples) in given {
+                assert_eq!(samples.len(), out.len(), "{name:?} has the size of the picture");
+                image(name, samples.as_ptr().cast_mut());
+            }
+            image(c"output", out.as_mut_ptr());
+            (self.set_bool)(filter, c"hdr".as_ptr(), true);
+            (self.set_int)(filter, c"maxMemoryMB".as_ptr(), (MEMORY_BYTES >> 20) as c_int);
+            (self.set_monitor)(filter, Some(monitor), ptr::from_ref(&goes_on).cast_mut().cast());
+            (self.commit_filter)(filter);
+            (self.execute_filter)(filter);
+            self.check(device)?;
+        }
+        Ok(out)
+    }
+
+    /// The first error of the device since it was last asked.
+    ///
+    /// # Safety
+    /// The device must be one of this library's, or null.
+    unsafe fn check(&self, device: Device) -> Result<(), Error> {
+        /// `OIDN_ERROR_CANCELLED`.
+        const CANCELLED: c_int = 6;
+        let mut text = ptr::null();
+        // SAFETY: the caller promises the device; the text is read before the library is called again.
+        let (code, why) = unsafe {
+            let code = (self.device_error)(device, &raw mut text);
+            let why = if text.is_null() {
+                "no reason given".into()
+            } else {
+                CStr::from_ptr(text).to_string_lossy()
+            };
+            (code, why)
+        };
+        match code {
+            0 => Ok(()),
+            CANCELLED => Err(Error::Stopped),
+            _ => Err(Error::Failed { version: self.version.clone(), why: why.into_owned() }),
+        }
+    }
+}
+
+/// Asks the closure behind the pointer whether to go on.
+///
+/// # Safety
+/// The pointer must lead to a `&(dyn Fn() -> bool + Sync)`.
+unsafe extern "C" fn monitor(goes_on: *mut c_void, _: f64) -> bool {
+    // SAFETY: `denoise` hands over such a pointer, to what outlives the work.
+    let goes_on = unsafe { &*goes_on.cast::<&(dyn Fn() -> bool + Sync)>() };
+    goes_on()
+}
+
+/// Releases what the library made.
+struct Release(unsafe extern "C" fn(*mut c_void), *mut c_void);
+
+impl Drop for Release {
+    fn drop(&mut self) {
+        // SAFETY: it was made by the library, and is released once.
+        unsafe { (self.0)(self.1) }
+    }
+}
