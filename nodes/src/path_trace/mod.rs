@@ -274,7 +274,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |tile| trace_r0(world, &lens, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 9, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 10, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some(contact)), || {
                     let world = world();
                     let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, (area, &r0));

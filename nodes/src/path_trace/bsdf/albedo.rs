@@ -86,10 +86,14 @@ fn index(step: f32) -> f32 {
     (1.0 + 0.5 * step) / (1.0 - 0.5 * step)
 }
 
+/// What round GGX facets reflect towards a viewer at a place: see [`reflected`].
+fn facets(place: f32, roughness: f32, rise: impl Fn(f32) -> f32) -> [f32; 2] {
+    reflected(&Ggx::round(roughness), viewer(place), rise)
+}
+
 /// What GGX facets reflect towards a viewer: `[a, b]` of `f0 * a + f90 * b`, where reflectance has risen from
 /// f0 to f90 by the share `rise` of the cosine to a facet.
-fn facets(place: f32, roughness: f32, rise: impl Fn(f32) -> f32) -> [f32; 2] {
-    let (ggx, out) = (Ggx::round(roughness), viewer(place));
+fn reflected(ggx: &Ggx, out: Vec3, rise: impl Fn(f32) -> f32) -> [f32; 2] {
     mean(256, |point| {
         let incident = ggx.reflect(out, point);
         if incident.z <= 0.0 {
@@ -106,6 +110,22 @@ pub fn metal(cosine: f32, roughness: f32) -> [f32; 2] {
     static TABLE: LazyLock<Table<2, 2>> =
         LazyLock::new(|| Table::new([32, 32], |[place, roughness]| facets(place, roughness, schlick)));
     TABLE.at([place(cosine), roughness])
+}
+
+/// The same for facets stretched along an axis, of the widths of `ggx`, for a viewer in their frame.
+pub fn brushed(ggx: &Ggx, out: Vec3) -> [f32; 2] {
+    // The place of the viewer, how far along the first axis it is seen aslant, and the roots of both widths.
+    static TABLE: LazyLock<Table<4, 2>> = LazyLock::new(|| {
+        Table::new([16, 5, 9, 9], |[place, along, x, y]| {
+            let aslant = viewer(place);
+            let out = Vec3::new(aslant.x * along.sqrt(), aslant.x * (1.0 - along).sqrt(), aslant.z);
+            reflected(&Ggx::of([x * x, y * y]), out, schlick)
+        })
+    });
+    let (x, y) = (out.x * out.x, out.y * out.y);
+    let along = if x + y > 0.0 { x / (x + y) } else { 0.5 };
+    let [a, b] = ggx.widths().map(f32::sqrt);
+    TABLE.at([place(out.z), along, a, b])
 }
 
 /// The same for facets of a dielectric of an index, by Fresnel's formula.

@@ -36,8 +36,17 @@ impl Ggx {
     /// Of a perceptual roughness, wider along the first axis: KHR_materials_anisotropy.
     pub fn brushed(roughness: f32, strength: f32) -> Self {
         let alpha = roughness * roughness;
-        let x = alpha + (1.0 - alpha) * strength * strength;
-        Self { x: x.max(NARROWEST), y: alpha.max(NARROWEST) }
+        Self::of([alpha + (1.0 - alpha) * strength * strength, alpha])
+    }
+
+    /// Of widths along both axes.
+    pub fn of([x, y]: [f32; 2]) -> Self {
+        Self { x: x.max(NARROWEST), y: y.max(NARROWEST) }
+    }
+
+    /// The widths along both axes.
+    pub fn widths(&self) -> [f32; 2] {
+        [self.x, self.y]
     }
 
     /// The roughness of the round distribution that loses about as much light between facets towards `out`.

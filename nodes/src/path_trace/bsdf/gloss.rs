@@ -94,8 +94,13 @@ impl Gloss {
         }
         let strength = interface.strength;
         let single = |f0: Vec3, [a, b]: [f32; 2]| f0 * a + Vec3::splat(b);
-        let (of_dielectric, of_metal) =
-            (albedo::dielectric(cosine, roughness, look.ior), albedo::metal(cosine, roughness));
+        let mut of_dielectric = albedo::dielectric(cosine, roughness, look.ior);
+        let mut of_metal = albedo::metal(cosine, roughness);
+        if look.anisotropy > 0.0 {
+            let brushed = albedo::brushed(&ggx, out);
+            let more = brushed.iter().sum::<f32>() / of_metal.iter().sum::<f32>().max(1e-3);
+            (of_dielectric, of_metal) = (of_dielectric.map(|v| v * more), brushed);
+        }
         let all = of_metal.iter().sum::<f32>().clamp(1e-3, 1.0);
         let gains = |f0: Vec3, average: &dyn Fn(f32) -> f32| {
             Vec3::from_array(f0.to_array().map(|f0| albedo::gain(average(f0), all, roughness)))
