@@ -13,7 +13,7 @@ use crate::types::{Image, Images, Linear, NamedImage, Picture};
 use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
 use means::{Field, Reach, VALUES};
 pub use method::Method;
-use view::View;
+use view::{View, known};
 
 engine::params! {
     /// Takes noise out of what `path-trace` renders, between it and `shadow-ratio`.
@@ -91,8 +91,8 @@ impl Denoise {
         if self.strength == 0.0 {
             return Ok((out, 0, false));
         }
-        // Where no variance is known, no pixel is like another and none is a firefly: all stay.
-        if !view.variance.samples().iter().any(|v| known(*v) > 0.0) {
+        // Where no variance is known, no pixel is like another and none is a firefly: all stay as they are.
+        if self.method == Method::Means && !view.variance.samples().iter().any(|v| known(*v) > 0.0) {
             let covered = |o: &[f32]| o[3] > 0.0 && o.iter().all(|v| v.is_finite());
             let inserted = view.object.samples.chunks_exact(4).any(covered);
             return Ok((out, 0, inserted || view.with.samples != view.without.samples));

@@ -113,6 +113,6 @@ impl View<'_> {
 }
 
 /// A variance, or 0 where it is not known: what stands at the largest number may be more.
-fn known(variance: f32) -> f32 {
+pub fn known(variance: f32) -> f32 {
     if variance < f32::MAX { variance.max(0.0) } else { 0.0 }
 }
