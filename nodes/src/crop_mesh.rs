@@ -56,9 +56,8 @@ impl Kind for CropMesh {
         let highest = params.below_height.unwrap_or(f64::INFINITY);
         let mut kept = Mesh::default();
         let mut moved = vec![u32::MAX; mesh.positions.len()];
-        let vertex = |index: u32| DVec3::from_array(mesh.positions[index as usize].map(f64::from));
         for triangle in &mesh.triangles {
-            let centroid = triangle.iter().fold(DVec3::ZERO, |sum, &v| sum + vertex(v)) / 3.0;
+            let centroid = triangle.iter().fold(DVec3::ZERO, |sum, &v| sum + mesh.position(v)) / 3.0;
             if centroid.cmplt(low).any() || centroid.cmpgt(high).any() || centroid.dot(above) > highest {
                 continue;
             }
@@ -67,6 +66,7 @@ impl Kind for CropMesh {
                 if *at == u32::MAX {
                     *at = kept.positions.len() as u32;
                     kept.positions.push(mesh.positions[index as usize]);
+                    kept.positions_low.extend(mesh.positions_low.get(index as usize));
                     kept.colours.extend(mesh.colours.get(index as usize));
                 }
                 *at
@@ -91,6 +91,7 @@ mod tests {
     fn what_is_outside_goes_with_its_vertices() {
         let mesh = Mesh {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0], [1.0, 0.0, 3.0]],
+            positions_low: vec![[1e-9; 3], [2e-9; 3], [3e-9; 3], [4e-9; 3], [5e-9; 3]],
             colours: vec![[0.1; 3], [0.2; 3], [0.3; 3], [0.4; 3], [0.5; 3]],
             triangles: vec![[0, 3, 4], [2, 1, 0]],
         };
@@ -98,6 +99,7 @@ mod tests {
         let (out, _) = CropMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("runs");
         assert_eq!(out.mesh.positions, [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3]]);
         assert_eq!(out.mesh.colours, [[0.3; 3], [0.2; 3], [0.1; 3]]);
+        assert_eq!(out.mesh.positions_low, [[3e-9; 3], [2e-9; 3], [1e-9; 3]]);
         assert_eq!(out.mesh.triangles, [[0, 1, 2]]);
         let boxed = CropMesh { box_min: Some([0.1, -1.0, 1.0]), box_max: Some([2.0; 3]), below_height: None };
         let (out, _) = CropMesh::run(&boxed, In { mesh: Arc::new(mesh) }, &context()).expect("runs");

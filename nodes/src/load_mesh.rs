@@ -62,6 +62,8 @@ engine::outputs! {
 #[derive(Default)]
 struct RawMesh {
     positions: Vec<[f64; 3]>,
+    /// Whether the file holds them as f64.
+    finer: bool,
     colours: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     fanned: u64,
@@ -71,7 +73,7 @@ struct RawMesh {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -182,6 +184,7 @@ fn vertices(
     let mut slots = [usize::MAX; 6];
     for (slot, axis) in slots.iter_mut().zip(["x", "y", "z"]) {
         *slot = element.find(axis).ok_or_else(|| missing(axis))?;
+        raw.finer |= element.properties[*slot].scalar == ply::Scalar::F64;
     }
     let colour_names =
         [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
@@ -266,7 +269,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
     let (mut clamped, mut lost) = (0, 0);
     for (index, position) in raw.positions.iter().enumerate() {
-        let position = position.map(|c| c as f32);
+        let (exact, position) = (*position, position.map(|c| c as f32));
         if !position.iter().all(|c| c.is_finite()) {
             renamed.push(u32::MAX);
             lost += 1;
@@ -274,6 +277,9 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         }
         renamed.push(mesh.positions.len() as u32);
         mesh.positions.push(position);
+        if raw.finer {
+            mesh.positions_low.push([0, 1, 2].map(|k| (exact[k] - f64::from(position[k])) as f32));
+        }
         if let Some(colour) = raw.colours.get(index) {
             let legal = colour.iter().all(|c| (0.0..=1.0).contains(c));
             clamped += u64::from(!legal);
@@ -290,7 +296,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         let t = triangle.map(|v| renamed[v as usize]);
         if t.contains(&u32::MAX) {
             dangling += 1;
-        } else if area_is_zero(t.map(|v| mesh.positions[v as usize])) {
+        } else if area_is_zero(t.map(|v| mesh.position(v))) {
             flat += 1;
         } else {
             mesh.triangles.push(t);
@@ -320,8 +326,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
 }
 
 /// In f64, where products of f32 differences are exact enough that only a true line gives 0.
-fn area_is_zero(t: [[f32; 3]; 3]) -> bool {
-    let [a, b, c] = t.map(|v| DVec3::from_array(v.map(f64::from)));
+fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
     (b - a).cross(c - a) == DVec3::ZERO
 }
 
@@ -380,6 +385,36 @@ mod tests {
         assert!(
             notes.iter().any(|n| n.id == "colour-encoding") && notes.iter().any(|n| n.id == "faces-fanned")
         );
+    }
+
+    // A surveyed frame: millimetres at a distance of a thousand kilometres, which f32 rounds to sixteenths of a metre.
+    // Seen red with `area_is_zero` of the rounded corners, and without the low parts.
+    #[test]
+    fn doubles_far_from_the_origin_keep_their_millimetres() {
+        let at = [1_048_576.001, -524_288.5, 262_144.004];
+        let text =
+            String::from_utf8(ascii()).unwrap_or_default().replace("property float", "property double");
+        let (head, body) = text.split_once("end_header\n").unwrap_or_default();
+        let moved = body.lines().map(|line| {
+            let words: Vec<&str> = line.split(' ').collect();
+            let [x, y, z, rest @ ..] = words.as_slice() else { panic!("{line}") };
+            if rest.len() != 3 {
+                return line.to_owned();
+            }
+            let place =
+                [x, y, z].into_iter().zip(at).map(|(word, at)| word.parse::<f64>().unwrap_or(0.0) / 1e3 + at);
+            let place: Vec<String> = place.map(|c| format!("{c:?}")).collect();
+            format!("{} {}", place.join(" "), rest.join(" "))
+        });
+        let moved = format!("{head}end_header\n{}\n", moved.collect::<Vec<_>>().join("\n"));
+        let ((mesh, notes), (near, _)) = (good(moved.as_bytes()), good(&ascii()));
+        assert!(notes.iter().all(|note| note.id != "triangles-without-area"));
+        assert_eq!(mesh.triangles, near.triangles);
+        for vertex in 0..4 {
+            let off = mesh.position(vertex) - DVec3::from(at) - near.position(vertex) / 1e3;
+            assert!(off.abs().max_element() < 1e-9, "{off}");
+        }
+        assert!(near.positions_low.is_empty());
     }
 
     #[test]

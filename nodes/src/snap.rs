@@ -130,7 +130,7 @@ fn on_mesh(
     cx: &Context,
 ) -> Result<Vec<[f64; 3]>, NodeError> {
     let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
-    let corner = |i: u32| (DVec3::from_array(mesh.positions[i as usize].map(f64::from)) - around).as_vec3();
+    let corner = |i: u32| (mesh.position(i) - around).as_vec3();
     let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
     let bvh = Bvh::build(&corners);
     let axes = Foot::axes(up);
@@ -213,8 +213,8 @@ mod tests {
         let corner = |x: f32, y: f32| [x, y, height + rise * x];
         Mesh {
             positions: vec![corner(-2.0, -2.0), corner(2.0, -2.0), corner(2.0, 2.0), corner(-2.0, 2.0)],
-            colours: Vec::new(),
             triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
         }
     }
 

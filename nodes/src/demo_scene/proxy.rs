@@ -108,6 +108,7 @@ pub(super) fn mesh(lit: &Lit<'_>, layout: &Layout, world: &World, cx: &Context) 
         positions: weld.points.iter().enumerate().map(place).collect(),
         colours: colours.into_iter().flatten().collect(),
         triangles: weld.triangles,
+        ..Mesh::default()
     })
 }
 

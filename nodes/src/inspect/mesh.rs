@@ -52,7 +52,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         // A floor is flat: all of its vertices may lie at the lowest percentile.
         Extent { min: at(0.02), max: at(0.98) }
     });
-    let corners = |of: &[u32; 3]| of.map(|v| mesh.positions[v as usize]);
+    let corners = |of: &[u32; 3]| of.map(|v| mesh.position(v));
     let area: f64 = mesh.triangles.iter().map(|of| cross(corners(of)).length() * 0.5).sum();
     let (open_edges, odd_edges) = edges(mesh);
     let mut found = Inspection {
@@ -93,19 +93,18 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
 }
 
 /// Normal of a triangle, twice as long as its area.
-fn cross([a, b, c]: [[f32; 3]; 3]) -> DVec3 {
-    let [a, b, c] = [a, b, c].map(|p| DVec3::from(p.map(f64::from)));
+fn cross([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 
 /// A triangle as a piece of a surface of this area. It is no sample but the surface itself: each ten-thousandth of
 /// the whole counts as an observation.
-fn patch(corners: [[f32; 3]; 3], whole: f64) -> Patch {
+fn patch(corners: [DVec3; 3], whole: f64) -> Patch {
     let cross = cross(corners);
     let length = cross.length();
     let weight = 0.5 * length;
     Patch {
-        middle: [0, 1, 2].map(|k| corners.iter().map(|corner| f64::from(corner[k])).sum::<f64>() / 3.0),
+        middle: [0, 1, 2].map(|k| corners.iter().map(|corner| corner[k]).sum::<f64>() / 3.0),
         normal: (length > 0.0).then(|| (cross / length).to_array()),
         weight,
         variance: weight * weight.min(whole / 10_000.0),
@@ -117,7 +116,7 @@ fn edges(mesh: &Mesh) -> (usize, usize) {
     // Exporters give a vertex again wherever its normal or colour changes: the same point is the same vertex.
     let mut order: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     // -0 is 0.
-    let point = |v: u32| mesh.positions[v as usize].map(|c| (c + 0.0).to_bits());
+    let point = |v: u32| mesh.position(v).to_array().map(|c| (c + 0.0).to_bits());
     order.sort_unstable_by_key(|v| (point(*v), *v));
     let mut first = vec![0_u32; order.len()];
     for same in order.chunk_by(|a, b| point(*a) == point(*b)) {

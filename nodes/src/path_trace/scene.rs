@@ -84,7 +84,7 @@ pub struct Receiver {
 impl Receiver {
     /// Triangles of a mesh, relative to `origin`, near which large ones are cut: see `grade`.
     pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
-        let place = |i: u32| DVec3::from_array(mesh.positions[i as usize].map(f64::from)) - origin;
+        let place = |i: u32| mesh.position(i) - origin;
         let mut clamped = 0;
         let albedos: Vec<Vec3> = mesh
             .colours

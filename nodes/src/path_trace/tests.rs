@@ -29,7 +29,7 @@ fn box_mesh(low: [f32; 3], high: [f32; 3], inward: bool) -> Mesh {
         .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]])
         .map(|[a, b, c]| if inward { [a, c, b] } else { [a, b, c] })
         .collect();
-    Mesh { positions: (0..8).map(corner).collect(), colours: Vec::new(), triangles }
+    Mesh { positions: (0..8).map(corner).collect(), triangles, ..Mesh::default() }
 }
 
 fn merge(mut a: Mesh, b: Mesh) -> Mesh {
@@ -43,8 +43,8 @@ fn merge(mut a: Mesh, b: Mesh) -> Mesh {
 fn plane(size: f32) -> Mesh {
     Mesh {
         positions: vec![[-size, -size, 0.0], [size, -size, 0.0], [size, size, 0.0], [-size, size, 0.0]],
-        colours: Vec::new(),
         triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
     }
 }
 

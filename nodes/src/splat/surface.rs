@@ -12,7 +12,7 @@ pub struct Surface(Bvh);
 impl Surface {
     /// A mesh seen from `eye`; both in world units.
     pub fn new(mesh: &Mesh, eye: DVec3) -> Self {
-        let corner = |i: u32| (DVec3::from_array(mesh.positions[i as usize].map(f64::from)) - eye).as_vec3();
+        let corner = |i: u32| (mesh.position(i) - eye).as_vec3();
         let corners: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
         Self(Bvh::build(&corners))
     }

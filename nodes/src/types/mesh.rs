@@ -1,24 +1,41 @@
 //! Receiver meshes.
 
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
+use glam::DVec3;
 
 /// A triangle mesh with vertex colours: the stand-in for the captured place.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Mesh {
     /// Vertex positions in world units.
     pub positions: Vec<[f32; 3]>,
+    /// What f32 loses of the positions, to be added to them in f64; empty where the file holds f32. A mesh that
+    /// stands far from the origin, in a surveyed frame, needs it.
+    pub positions_low: Vec<[f32; 3]>,
     /// Linear Rec.709 albedo of each vertex, 0 to 1; empty where the file has no colours.
     pub colours: Vec<[f32; 3]>,
     /// Counter-clockwise triangles of vertex indices, each below the number of vertices.
     pub triangles: Vec<[u32; 3]>,
 }
 
+impl Mesh {
+    /// The place of a vertex, which must exist.
+    #[inline]
+    pub fn position(&self, index: u32) -> DVec3 {
+        let high = DVec3::from(self.positions[index as usize].map(f64::from));
+        match self.positions_low.get(index as usize) {
+            Some(low) => high + DVec3::from(low.map(f64::from)),
+            None => high,
+        }
+    }
+}
+
 impl Artifact for Mesh {
     const TYPE: &'static str = "mesh";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
 
     fn encode(&self, to: &mut Encoder) {
         to.f32s(self.positions.as_flattened());
+        to.f32s(self.positions_low.as_flattened());
         to.f32s(self.colours.as_flattened());
         to.u32s(self.triangles.as_flattened());
     }
@@ -26,19 +43,22 @@ impl Artifact for Mesh {
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let mesh = Self {
             positions: triples(from.f32s()?)?,
+            positions_low: triples(from.f32s()?)?,
             colours: triples(from.f32s()?)?,
             triangles: triples(from.u32s()?)?,
         };
         let vertices = mesh.positions.len();
-        let colours_fit = mesh.colours.is_empty() || mesh.colours.len() == vertices;
-        if !colours_fit || mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
+        let fit = |len: usize| len == 0 || len == vertices;
+        let all_fit = fit(mesh.colours.len()) && fit(mesh.positions_low.len());
+        if !all_fit || mesh.triangles.as_flattened().iter().any(|&v| v as usize >= vertices) {
             return Err(Corrupt("a mesh that names vertices it does not have".to_owned()));
         }
         Ok(mesh)
     }
 
     fn bytes(&self) -> usize {
-        (self.positions.len() + self.colours.len() + self.triangles.len()) * 12
+        let vectors = [&self.positions, &self.positions_low, &self.colours].map(Vec::len);
+        (vectors.iter().sum::<usize>() + self.triangles.len()) * 12
     }
 
     fn difference(&self, other: &Self) -> Difference {

@@ -6,6 +6,7 @@
 //! there is a change of a picture: look at it, then renew the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+mod moved;
 mod references;
 
 use std::fmt::Write as _;

@@ -182,8 +182,8 @@ fn the_sun_through_a_window_lights_its_patch() {
     walls.triangles.retain(|t| t.iter().any(|&i| walls.positions[i as usize][0] < 2.0));
     let strip = |y: [f32; 2], z: [f32; 2]| Mesh {
         positions: vec![[2.0, y[0], z[0]], [2.0, y[0], z[1]], [2.0, y[1], z[1]], [2.0, y[1], z[0]]],
-        colours: Vec::new(),
         triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
     };
     for (y, z) in [
         ([-2.0, -0.7], [0.0, 4.0]),

@@ -292,8 +292,7 @@ fn a_wide_splat_over_the_pole_covers_all_columns() {
 fn a_surface_in_front_hides_what_is_behind_it() {
     let splats = shell(600, 13);
     let corners = [[2.0, -50.0, -50.0], [2.0, 50.0, -50.0], [2.0, 50.0, 50.0], [2.0, -50.0, 50.0]];
-    let wall =
-        Mesh { positions: corners.to_vec(), colours: Vec::new(), triangles: vec![[0, 1, 2], [0, 2, 3]] };
+    let wall = Mesh { positions: corners.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() };
     let wall = Surface::new(&wall, DVec3::ZERO);
     let before = |up: Up, splats: &Splats, settings: Settings| {
         panorama(splats, &origin(up, 128), Some(&wall), &settings, &context()).expect("renders")
