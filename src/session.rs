@@ -81,7 +81,9 @@ pub enum Error {
     #[error("{0}")]
     Sources(engine::NodeError),
     /// An error or a time for a graph that takes no samples.
-    #[error("no node of this graph takes samples that an error or a time could bound; `path-trace` does")]
+    #[error(
+        "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its `samples` do not vary along an axis"
+    )]
     NoSamples,
     /// A time for what was never timed.
     #[error(
@@ -145,8 +147,8 @@ pub enum Error {
     )]
     NoKnob(String),
     /// A measure that does not exist for these pictures.
-    #[error("`{0}` cannot be computed of every picture here; `touched.` needs a composite with a background")]
-    NotComputed(String),
+    #[error("`{metric}` cannot be computed of every picture here; it needs {why}")]
+    NotComputed { metric: String, why: &'static str },
     /// A graph that does not run at some setting.
     #[error("with the setting {setting}:\n{why}")]
     Setting { setting: String, why: String },

@@ -9,7 +9,8 @@ use crate::trade::bench::presets;
 
 /// Lists what trades work for accuracy in a graph, and which outputs it reaches.
 ///
-/// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference.
+/// A knob has a value in each preset, from the least work to the least error: draft, preview, final, reference. One that
+/// varies along an axis, of which the list shows the first value, is no preset's and no search's to set.
 /// `run --preset draft` sets all of them; `tune` looks for better settings by measuring.
 #[derive(Debug, Args)]
 pub struct Knobs {
@@ -41,6 +42,8 @@ impl Knobs {
             let told = |knob: &GraphKnob| {
                 let mut told = json!(knob);
                 (told["presets"], told["range"]) = (json!(rungs(knob)), json!(range(knob)));
+                // From the least work to the least error.
+                told["values"] = json!(knob.knob.values());
                 told
             };
             let told: Vec<_> = knobs.iter().map(told).collect();
@@ -56,7 +59,8 @@ impl Knobs {
         rows[0].extend(PRESETS.iter().map(|preset| (*preset).to_owned()));
         rows[0].extend(["range", "reaches"].map(str::to_owned));
         for knob in &knobs {
-            let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), knob.value.clone()];
+            let now = if knob.varies { format!("{}, ..", knob.value) } else { knob.value.clone() };
+            let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), now];
             // A dot: the preset leaves what the graph says.
             let left = knob.knob.ladder.map(str::is_empty);
             let rung = |(value, left): (String, bool)| {

@@ -9,7 +9,7 @@ use engine::{Level, PRESETS};
 use nodes::types::{Cell, Images, Picture, Report, Table};
 use serde_json::{Value, json};
 
-use super::tune::tell_unreached;
+use super::tune::tell_unjudged;
 use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trade::bench::{Bench, Miss, Point, Position};
@@ -55,7 +55,6 @@ impl MakeReport {
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
-        tell_unreached(&bench);
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);
         let Measured { presets, now, blames } = match measured {
             Ok(measured) => measured,
@@ -98,6 +97,7 @@ fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<
             Miss::Stopped => Stop::Asked,
             Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
         })?;
+        tell_unjudged(bench);
         let point = &bench.points[at];
         let error = metric.told(metric.error(&point.off));
         report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
@@ -169,7 +169,7 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
         "attribution": blames.iter().map(blame).collect::<Vec<_>>(),
         "reports": reports.iter().map(|(name, report)| (name.clone(), tables(report)))
             .collect::<serde_json::Map<_, _>>(),
-        "left_out": bench.unreached,
+        "left_out": bench.unjudged.iter().map(|(name, _)| name).collect::<Vec<_>>(),
         "not_modelled": left_out(&bench.points[now].nodes, &reports).iter().map(skipped).collect::<Vec<_>>(),
     })
 }
@@ -232,11 +232,13 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames
         Some(Level::Warning) => "with warnings",
         _ => "as asked",
     };
+    let known = blames.first().filter(|blame| blame.all_but.or(blame.alone).is_some());
+    let bottleneck = known.map_or("not known".to_owned(), |blame| blame.node.clone());
     page.facts(&[
         ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
         ("code ran", format!("{} s", tick_text(point.seconds))),
-        ("largest error of one node", blames.first().map_or("none".to_owned(), |blame| blame.node.clone())),
+        ("bottleneck", bottleneck),
         ("result", stands.to_owned()),
     ]);
 }
@@ -376,25 +378,32 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
 fn blame(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
     page.heading("Which node is to blame");
     let error = metric.error(&bench.points[now].off);
-    let told = |value: Option<f64>| value.map_or("not measured".to_owned(), |error| metric.told(Some(error)));
-    page.words(&format!(
-        "As it is the error is {}. First column: what it falls to when this node alone is set to the reference; second: what \
-         is left when all others are. What neither tells is interaction.",
-        metric.told(error)
-    ));
-    if let [worst, ..] = blames {
-        page.words(&match worst.all_but {
-            Some(own) => format!(
-                "`{}` is the bottleneck: by itself it makes an error of {}.",
-                worst.node,
-                metric.told(Some(own))
-            ),
-            None => format!("Setting `{}` to the reference helps most.", worst.node),
-        });
+    let both = blames.iter().any(|b| b.all_but.is_some());
+    let mut text = format!("As it is the error is {}. ", metric.told(error));
+    text.push_str("First column: what it falls to when this node alone is set to the reference");
+    text.push_str(if both {
+        "; second: what is left when all others are. What neither tells is interaction."
+    } else {
+        "."
+    });
+    page.words(&text);
+    page.words(&match blames {
+        [Blame { node, all_but: Some(own), .. }, ..] => {
+            let own = metric.told(Some(*own));
+            format!("`{node}` is the bottleneck: by itself it makes an error of {own}.")
+        }
+        [Blame { node, alone: Some(_), .. }, ..] => format!("Setting `{node}` to the reference helps most."),
+        _ => format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs()),
+    });
+    let row = |b: &Blame| {
+        let all_but = both.then(|| metric.told(b.all_but));
+        [b.node.clone(), metric.told(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
+    };
+    let rows: Vec<Vec<String>> = blames.iter().map(|b| row(b).collect()).collect();
+    let mut columns = vec!["node", "it alone at the reference", "work with it alone"];
+    if both {
+        columns.insert(2, "all but it at the reference");
     }
-    let row = |b: &Blame| vec![b.node.clone(), told(b.alone), told(b.all_but), tick_text(b.work_alone)];
-    let rows: Vec<Vec<String>> = blames.iter().map(row).collect();
-    let columns = ["node", "it alone at the reference", "all but it at the reference", "work with it alone"];
     page.table(&columns, &rows);
 }
 

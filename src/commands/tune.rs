@@ -63,7 +63,6 @@ impl Tune {
         let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
         // The first one is what others are compared with.
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
-        tell_unreached(&bench);
         let (mut left, mut wrong) = (self.budget, None);
         let by_seconds = self.max_seconds.is_some();
         let Found { tried, best, finished } = search(&starts, &sizes, goal, |position| {
@@ -71,6 +70,7 @@ impl Tune {
             let position = position.to_vec();
             match bench.measure(&position) {
                 Ok(at) => {
+                    tell_unjudged(&bench);
                     let point = &bench.points[at];
                     let error = metric.error(&point.off);
                     let cost = if by_seconds { point.seconds } else { point.work };
@@ -82,7 +82,7 @@ impl Tune {
                         ));
                     }
                     if error.is_none() {
-                        wrong = Some(Error::NotComputed(metric.name.clone()));
+                        wrong = Some(Error::NotComputed { metric: metric.name.clone(), why: metric.needs() });
                     }
                     Some((cost, error?))
                 }
@@ -236,11 +236,10 @@ fn summary(metric: &Metric, goal: Goal, found: &Tried, naive: Option<(&str, &Tri
     text
 }
 
-/// Says which pictures are not measured.
-pub fn tell_unreached(bench: &Bench<'_>) {
-    if !bench.unreached.is_empty() {
-        let names = bench.unreached.join("`, `");
-        report::remark(&format!("no knob reaches `{names}`, so it is left out"));
+/// Says which pictures are not judged, once the first setting was measured.
+pub fn tell_unjudged(bench: &Bench<'_>) {
+    if bench.points.len() == 1 {
+        bench.unjudged.iter().for_each(|(_, why)| report::remark(why));
     }
 }
 

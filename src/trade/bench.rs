@@ -100,8 +100,8 @@ pub struct Bench<'e> {
     outputs: Vec<Output>,
     targets: Vec<usize>,
     pub dials: Vec<Dial>,
-    /// Names of pictures that no knob reaches, which are the same at any setting.
-    pub unreached: Vec<String>,
+    /// Pictures that are not judged, each with a sentence that says why.
+    pub unjudged: Vec<(String, String)>,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
     pub points: Vec<Point>,
@@ -141,17 +141,21 @@ impl<'e> Bench<'e> {
         for (output, reached) in outputs.into_iter().zip(reached) {
             (if reached { &mut kept } else { &mut left }).push(output);
         }
-        let (outputs, unreached): (_, Vec<String>) =
-            (kept, left.into_iter().map(|output| output.name).collect());
-        if outputs.is_empty() {
-            return Err(Error::NoKnob(unreached.join("`, `")));
+        let names = left.into_iter().map(|output| output.name);
+        if kept.is_empty() {
+            return Err(Error::NoKnob(names.collect::<Vec<_>>().join("`, `")));
         }
+        let unreached = |name: String| {
+            let why = format!("no knob reaches `{name}`, so it is left out");
+            (name, why)
+        };
+        let (outputs, unjudged) = (kept, names.map(unreached).collect());
         let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
         targets.sort_unstable();
         targets.dedup();
         let dials = dials(&base, &targets, &registry)?;
         let (truth, points) = (None, Vec::new());
-        Ok(Self { engine, registry, base, outputs, targets, dials, unreached, cancel, truth, points })
+        Ok(Self { engine, registry, base, outputs, targets, dials, unjudged, cancel, truth, points })
     }
 
     /// The position of the graph as it is.
@@ -236,14 +240,36 @@ impl<'e> Bench<'e> {
                 key,
             });
         }
-        let pictures = self.pictures(&graph)?;
+        let mut pictures = self.pictures(&graph)?;
         if self.truth.is_none() {
+            self.leave_out_data(&mut pictures);
             self.truth = Some(self.truth_of(&graph, &pictures));
         }
         let off = self.off(&pictures).map_err(|error| Miss::Failed(error.to_string()))?;
         let (work, seconds) = nodes.iter().fold((0.0, 0.0), |(w, s), n| (w + n.work, s + n.seconds));
         self.points.push(Point { position: position.clone(), work, seconds, nodes, off });
         Ok(self.points.len() - 1)
+    }
+
+    /// Beside pictures of colours those of data are not judged, such as a depth: other measures hold for them.
+    fn leave_out_data(&mut self, pictures: &mut Vec<Arc<Images>>) {
+        let holds_data =
+            |images: &Arc<Images>| images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)));
+        if pictures.iter().all(holds_data) {
+            return;
+        }
+        let mut data = pictures.iter().map(holds_data).collect::<Vec<_>>().into_iter();
+        let unjudged = &mut self.unjudged;
+        self.outputs.retain(|output| {
+            let colours = data.next() == Some(false);
+            if !colours {
+                let why =
+                    format!("`{}` holds data, where others hold colours, so it is left out", output.name);
+                unjudged.push((output.name.clone(), why));
+            }
+            colours
+        });
+        pictures.retain(|images| !holds_data(images));
     }
 
     /// The pictures of the last run of a graph.

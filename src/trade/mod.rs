@@ -77,6 +77,15 @@ impl Metric {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
+    /// What it takes to compute it, for messages.
+    pub fn needs(&self) -> &'static str {
+        match (self.region, self.of) {
+            ("touched", _) => "a composite with a background, and an object that some view shows",
+            (_, Of::Rmse | Of::Psnr) => "pictures whose values are finite",
+            _ => "pictures of colours, not of data",
+        }
+    }
+
     /// What there is to choose from, for messages.
     pub fn known() -> String {
         METRICS.map(|(name, _)| name).join(", ")

@@ -23,7 +23,7 @@ h1{font-size:1.5em;overflow-wrap:anywhere}h2{font-size:1.15em;margin-top:2.2em;b
 h3{font-size:1em;margin:1.4em 0 0}p{max-width:48em}\
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:.6em 0;font-variant-numeric:tabular-nums;font-size:.9em}\
 th,td{padding:.25em .7em;border-bottom:1px solid var(--line);text-align:right;vertical-align:top}\
-.t{text-align:left}td.t{min-width:6em}th{font-weight:600;background:var(--head)}\
+.t{text-align:left}td.t{min-width:6em}td:not(.t){white-space:nowrap}th{font-weight:600;background:var(--head)}\
 .facts{display:flex;flex-wrap:wrap;gap:.6em;margin:1em 0;padding:0}\
 .facts div{flex:1 1 8em;background:var(--head);border-radius:6px;padding:.5em .9em}\
 .facts dt{font-size:.8em;color:var(--dim)}.facts dd{margin:0;font-size:1.25em;overflow-wrap:anywhere}\
@@ -33,7 +33,7 @@ svg{max-width:100%;height:auto}.frame{fill:none;stroke:var(--off)}.grid{stroke:v
 .tick{font-size:11px;fill:var(--dim)}.axis{font-size:12px;fill:var(--ink)}\
 .front{fill:none;stroke:var(--on);stroke-width:1.5}.dot{fill:var(--off)}.dot.on{fill:var(--on)}\
 .name{font-size:11px;fill:var(--ink)}.bound{stroke:var(--bound);stroke-dasharray:5 4}\
-pre{background:var(--head);padding:.8em;overflow:auto;font-size:.9em}";
+pre{background:var(--head);padding:.8em;overflow:auto}code,pre{font-size:.92em}";
 
 impl Page {
     /// A heading.
@@ -44,7 +44,7 @@ impl Page {
 
     /// A paragraph of plain words.
     pub fn words(&mut self, text: &str) {
-        let _ = writeln!(self.body, "<p>{}</p>", escaped(text));
+        let _ = writeln!(self.body, "<p>{}</p>", marked(text));
     }
 
     /// Text as it is, such as an overlay.
@@ -76,7 +76,7 @@ impl Page {
         for row in rows {
             self.body.push_str("<tr>");
             for (cell, class) in row.iter().zip(&classes) {
-                let _ = write!(self.body, "<td{class}>{}</td>", escaped(cell));
+                let _ = write!(self.body, "<td{class}>{}</td>", marked(cell));
             }
             self.body.push_str("</tr>\n");
         }
@@ -126,6 +126,20 @@ impl Page {
             self.body
         )
     }
+}
+
+/// Text within HTML, in which what stands between two backticks is code.
+fn marked(text: &str) -> String {
+    let parts: Vec<&str> = text.split('`').collect();
+    // A backtick without a second one is itself.
+    if parts.len().is_multiple_of(2) {
+        return escaped(text);
+    }
+    let part = |(at, part): (usize, &&str)| match at % 2 {
+        0 => escaped(part),
+        _ => format!("<code>{}</code>", escaped(part)),
+    };
+    parts.iter().enumerate().map(part).collect()
 }
 
 /// Whether a cell holds a number or says that there is none: `1.2 M`, `40 dB`, `not computed`.
@@ -254,6 +268,8 @@ mod tests {
         let mut page = Page::default();
         page.table(&["what", "n"], &[vec!["64 nodes".to_owned(), "2".to_owned()]]);
         assert!(page.body.contains("<th class=\"t\">what</th><th>n</th>"), "{}", page.body);
+        let texts = ["a `b<` c", "it`s", "`x`"].map(marked);
+        assert_eq!(texts, ["a <code>b&lt;</code> c", "it`s", "<code>x</code>"]);
     }
 
     #[test]

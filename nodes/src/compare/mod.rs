@@ -32,8 +32,8 @@ engine::params! {
     /// the mean of `|ln a - ln b|`, where what is below 0.001 counts as that, and how far the two agree on what is
     /// shadow (below 0.98) as intersection over union. What cannot be computed is left out of its row, never 0.
     ///
-    /// A region's SSIM and FLIP average the map over it; CIEDE2000, FLIP and LPIPS need `Display` or say
-    /// so. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
+    /// A region's SSIM and FLIP average the map over it. In `Linear` FLIP is that of high dynamic range (HDR-FLIP), and
+    /// CIEDE2000 and LPIPS are not computed, which is told. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
     /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow"; without its wire a
     /// baseline is not computed.
     ///

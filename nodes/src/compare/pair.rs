@@ -102,6 +102,9 @@ impl Pair {
         if colours.is_some_and(|c| c.flip.is_none()) {
             missing.push(("no-flip", "half of the reference is black; HDR-FLIP has no exposure for it"));
         }
+        if colours.is_some_and(|c| c.ciede2000.is_none()) {
+            missing.push(("no-ciede2000", "CIEDE2000 is not computed in linear light"));
+        }
         if p.lpips.is_some() && colours.is_none_or(|c| c.lpips.is_none()) {
             let why = match (colours, p.space) {
                 (None, _) => "LPIPS is not computed of data",

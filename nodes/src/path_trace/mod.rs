@@ -67,7 +67,7 @@ engine::params! {
         /// mean: in every tile of 8 by 8 pixels, root mean square over those that have one. 4 samples of the
         /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until its error
         /// is reached or `samples` is, which is told. None takes `samples` everywhere.
-        max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5");
+        max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// How often light may be scattered after the first time.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
         /// How the receiver blocks light of the environment.

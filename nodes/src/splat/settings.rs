@@ -58,7 +58,7 @@ engine::params! {
         compensation: Compensation = Compensation::File, other("On");
         /// Smallest alpha that is blended; 0 blends all, everywhere.
         alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1"),
-            knob(Cutoff, "0.01", "0.00392156862745098", "0.001", "0.00001");
+            knob(Cutoff, "0.002", "0.0005", "0.0001", "0.00001");
         /// Largest alpha of one splat.
         alpha_cap: f64 = 0.99, range(0.01, 1.0), other("0.5");
         /// A pixel is finished when its transmittance would fall below; 0 never stops early.
