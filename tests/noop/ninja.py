@@ -8,7 +8,7 @@ read; ours are `composite` of pictures of 2 by 2 pixels, read by `load-image` an
 of the process and its threads, user and system, from the kernel; runs alternate, so that a busy machine slows both.
 The figure is the median; the spread is the median of |one run - the next| of the same program, in percent.
 """
-import os, resource, statistics, struct, subprocess, sys, zlib
+import os, resource, shutil, statistics, struct, subprocess, sys, zlib
 
 ROUNDS = 21
 
@@ -72,7 +72,8 @@ def spread(times):
     return 100 * statistics.median(abs(a - b) for a, b in zip(times, times[1:])) / statistics.median(times)
 
 def main():
-    ours, ninja, work = map(os.path.abspath, sys.argv[1:4])
+    # A name is one on the path, as `ninja` is.
+    ours, ninja, work = (os.path.abspath(shutil.which(word) or word) for word in sys.argv[1:4])
     sizes = [int(n) for n in sys.argv[4].split(",")] if len(sys.argv) > 4 else [100, 1000, 10000]
     print("| shape | nodes | ninja, ms of CPU | lightharmony | ratio | spread |\n|---|---|---|---|---|---|")
     for shape in ("chain", "fan", "grid"):
