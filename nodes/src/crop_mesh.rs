@@ -91,7 +91,7 @@ mod tests {
     fn what_is_outside_goes_with_its_vertices() {
         let mesh = Mesh {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0], [1.0, 0.0, 3.0]],
-            positions_low: vec![[1e-9; 3], [2e-9; 3], [3e-9; 3], [4e-9; 3], [5e-9; 3]],
+            positions_low: [1e-9, 2e-9, 3e-9, 4e-9, 5e-9].map(|low| [0.0, low, 0.0]).to_vec(),
             colours: vec![[0.1; 3], [0.2; 3], [0.3; 3], [0.4; 3], [0.5; 3]],
             triangles: vec![[0, 3, 4], [2, 1, 0]],
         };
@@ -99,7 +99,7 @@ mod tests {
         let (out, _) = CropMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("runs");
         assert_eq!(out.mesh.positions, [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3]]);
         assert_eq!(out.mesh.colours, [[0.3; 3], [0.2; 3], [0.1; 3]]);
-        assert_eq!(out.mesh.positions_low, [[3e-9; 3], [2e-9; 3], [1e-9; 3]]);
+        assert_eq!(out.mesh.positions_low, [3e-9, 2e-9, 1e-9].map(|low| [0.0, low, 0.0]));
         assert_eq!(out.mesh.triangles, [[0, 1, 2]]);
         let boxed = CropMesh { box_min: Some([0.1, -1.0, 1.0]), box_max: Some([2.0; 3]), below_height: None };
         let (out, _) = CropMesh::run(&boxed, In { mesh: Arc::new(mesh) }, &context()).expect("runs");

@@ -73,7 +73,7 @@ impl Seen<'_> {
 const SPLATS: &[&str] = &["splat-render", "splat-panorama"];
 const TRACE: &[&str] = &["path-trace"];
 
-const SKIPS: [Skip; 7] = [
+const SKIPS: [Skip; 8] = [
     Skip {
         what: "the prediction of clipped light",
         check: "no seen pixel of the panorama is clipped",
@@ -99,7 +99,17 @@ const SKIPS: [Skip; 7] = [
         },
     },
     Skip {
-        what: "the second render where objects change nothing",
+        what: "the second render where objects change too little",
+        check: "a bound of what they take, send and have thrown back",
+        force: "`crop: 0`",
+        kinds: TRACE,
+        judge: |seen| match seen.note("cropped") {
+            Some(text) => Some((true, text.to_owned())),
+            None => Some((false, seen.value("decisions", "crop")?)),
+        },
+    },
+    Skip {
+        what: "rays where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
         force: "none: not a bit would be another one",
         kinds: TRACE,
@@ -176,7 +186,7 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
             }
         }
         if all.len() == start {
-            all.push(row(Vec::new(), None, format!("no {} here", kinds.join(" or "))));
+            all.push(row(Vec::new(), None, format!("no {} told of it", kinds.join(" or "))));
         }
     }
     all.push(frames(nodes));
@@ -242,7 +252,7 @@ mod tests {
         let rows = left_out(&[], &[]);
         assert_eq!(rows.len(), SKIPS.len() + 1);
         assert!(rows.iter().all(|row| row.left_out.is_none() && !row.force.is_empty()));
-        assert_eq!(rows[0].found, "no predict-exposure here");
+        assert_eq!(rows[0].found, "no predict-exposure told of it");
     }
 
     #[test]
@@ -265,9 +275,9 @@ mod tests {
         faces.counts = counts.map(|(name, n)| (name.to_owned(), n)).into();
         let view = NodeCost { id: "view".to_owned(), ..faces.clone() };
         let rows = left_out(&[faces, view], &[]);
-        assert_eq!(rows[3].nodes, ["faces", "view"], "what found the same stands together");
-        assert_eq!((rows[3].left_out, rows[3].found.as_str()), (Some(true), "0 of 10 splats need one"));
-        assert_eq!((rows[5].left_out, rows[5].found.as_str()), (Some(true), "70 % of 100"));
+        assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
+        assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need one"));
+        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100"));
 
         let mut trace = node("trace", "path-trace");
         trace.notes.push(note("near-field", "Off: the scene is open; rays"));
@@ -276,7 +286,7 @@ mod tests {
         let reports = [("trace.report".to_owned(), table("decisions", &["what", "value"], lobes))];
         let rows = judged(&[trace], &reports);
         assert_eq!(rows[1], (Some(true), "Off: the scene is open; rays".to_owned()));
-        assert_eq!(rows[4], (Some(true), "sheen, brush".to_owned()));
+        assert_eq!(rows[5], (Some(true), "sheen, brush".to_owned()));
     }
 
     #[test]
