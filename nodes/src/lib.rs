@@ -52,6 +52,7 @@ pub mod splat_render;
 pub mod stitch;
 pub mod support;
 pub mod types;
+mod whole_sphere;
 pub mod write_animation;
 pub mod write_exr;
 pub mod write_image;

@@ -7,7 +7,6 @@ use engine::{Context, InputFile, Keep, Kind, NodeError, Notes, SourceFile, Sourc
 use crate::Error;
 use crate::io::png::Raster;
 use crate::io::{exr, hdr, jpeg, png};
-use crate::load_environment::tell;
 use crate::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
 
 engine::choices! {
@@ -166,6 +165,19 @@ fn whole(raster: Raster, encoding: FileEncoding, notes: &mut Notes) -> Decoded {
         }
     }
     (raster.width, raster.height, channels, samples, false)
+}
+
+/// Notes on what of an EXR file was passed over.
+fn tell(planes: &exr::Planes, notes: &mut Notes) {
+    if planes.parts > 1 {
+        notes.warning(
+            "first-part-only",
+            format!("the file has {} parts; only the first flat one is read", planes.parts),
+        );
+    }
+    if planes.cropped {
+        notes.decision("data-window", "the data window is not its display window; the rest is 0");
+    }
 }
 
 /// The planes of a layer: its colour with alpha where it has one, a vector, or a single plane.

@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
 use glam::DVec3;
 
 use crate::Error;
-use crate::color::{code8, linear_from_srgb, srgb_from_linear};
+use crate::color::{code8, linear_from_srgb, luminance, srgb_from_linear};
+use crate::light::energy::Energy;
 use crate::light::exposure::ev0_scale;
-use crate::load_environment::turn;
-use crate::load_image::{FileEncoding, decode};
 use crate::num;
 use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
+use crate::whole_sphere::{self, turn};
 
 engine::params! {
     /// Loads an equirectangular panorama as a camera took it: PNG, JPEG, OpenEXR or Radiance HDR.
@@ -61,18 +61,10 @@ impl Kind for LoadPanorama {
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
         let mut notes = Notes::none();
-        let picture = decode(FileEncoding::Auto, "", &p.path.0, &bytes, &mut notes)
-            .map_err(|e| NodeError::from(e).at("path"))?;
-        cx.check()?;
-        cx.progress(0.4);
+        let picture = whole_sphere::open(&p.path, &mut notes, cx)?;
         let (width, height, _) = picture.size();
-        if width != 2 * height {
-            let what = format!("the picture is {width}x{height}; a whole panorama is twice as wide as high");
-            notes.warning("not-two-to-one", what);
-        }
-        let (samples, alpha) = straight(&picture).map_err(|e| NodeError::from(e).at("path"))?;
+        let (samples, alpha) = straight(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
         let samples = turn(&samples, width, p.rotation_deg, cx)?;
         let alpha: Vec<f32> = turn(&alpha, width, p.rotation_deg, cx)?.into_iter().step_by(3).collect();
         let linear = matches!(picture, Picture::Linear(_));
@@ -81,7 +73,7 @@ impl Kind for LoadPanorama {
                 let error = NodeError::new("the file holds display colours, which are a photograph already");
                 return Err(error.at("photograph_ev").hint("leave it away, or load OpenEXR or Radiance"));
             }
-            Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, &mut notes),
+            Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {
                 let light = Image::<Linear>::from_samples(width, height, 3, samples);
                 (Picture::from(light.clone()), light)
@@ -108,7 +100,7 @@ impl Kind for LoadPanorama {
 }
 
 /// RGB not premultiplied, at least 0, and alpha three times a pixel.
-fn straight(picture: &Picture) -> Result<(Vec<f32>, Vec<f32>), Error> {
+fn straight(picture: &Picture, notes: &mut Notes) -> Result<(Vec<f32>, Vec<f32>), Error> {
     let (width, height, channels) = picture.size();
     let mut rgb = Vec::with_capacity(width * height * 3);
     let mut alpha = Vec::with_capacity(width * height * 3);
@@ -124,20 +116,36 @@ fn straight(picture: &Picture) -> Result<(Vec<f32>, Vec<f32>), Error> {
         rgb.extend(colour.map(|v| if a > 0.0 { (v / a).clamp(0.0, f32::MAX) } else { 0.0 }));
         alpha.extend([a; 3]);
     }
+    let negative = picture.samples().iter().filter(|v| **v < 0.0).count() as u64;
+    if negative > 0 {
+        notes.count("below-zero", negative, "samples lie below 0 and were set to 0");
+    }
     Ok((rgb, alpha))
 }
 
 /// What a camera takes of the light, and the light at the camera's exposure.
-fn photograph(mut light: Image<Linear>, ev: f64, notes: &mut Notes) -> (Picture, Image<Linear>) {
+fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
         notes.warning("no-light", "the panorama is black; there is nothing to meter");
         1.0
     });
     let scale = ev0 * num::f64::exp2(ev);
-    notes.decision("exposure", format!("light was multiplied by {scale:.3e} and clipped at white"));
     for v in &mut light.samples {
         *v = (f64::from(*v) * scale).min(f64::from(f32::MAX)) as f32;
     }
+    let energy = |most: f32| {
+        let pixels = light.samples.as_chunks::<3>().0.iter();
+        let luminance: Vec<f64> = pixels.map(|rgb| luminance(rgb.map(|v| v.min(most))).into()).collect();
+        Energy::of(up, light.width, &luminance)
+    };
+    let (all, kept) = (energy(f32::MAX), energy(1.0));
+    let percent = |part: f64, of: f64| if of > 0.0 { 100.0 * part / of } else { 100.0 };
+    let text = format!(
+        "light was multiplied by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
+        percent(kept.power, all.power),
+        percent(kept.ground, all.ground)
+    );
+    notes.decision("exposure", text);
     let codes =
         light.samples.iter().map(|v| f32::from(code8(srgb_from_linear(v.min(1.0)))) / 255.0).collect();
     (Image::<Srgb>::from_samples(light.width, light.height, 3, codes).into(), light)
@@ -147,7 +155,7 @@ fn photograph(mut light: Image<Linear>, ev: f64, notes: &mut Notes) -> (Picture,
 mod tests {
     use super::*;
     use crate::io::png::{self, Raster};
-    use engine::{Scene, Up};
+    use engine::Scene;
 
     fn load(bytes: &[u8], photograph_ev: Option<f64>) -> Result<(Out, Notes), NodeError> {
         let folder = tempfile::tempdir().expect("a folder");

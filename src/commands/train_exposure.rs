@@ -24,16 +24,16 @@ pub struct TrainExposure {
     #[arg(long, default_value_t = 7)]
     seed: u64,
     /// Networks whose predictions are averaged
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=64))]
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
     members: u64,
     /// Parts that the places are divided into for cross-validation; 0 for none
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
     folds: u64,
     /// Panoramas made by formula, beside those of the folder
-    #[arg(long, default_value_t = 240, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     procedural: u32,
     /// Steps of training of each network
-    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     steps: u64,
     /// A folder for what each network of the cross-validation recovers of the panoramas it never saw
     #[arg(long)]

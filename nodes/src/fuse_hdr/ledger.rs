@@ -6,6 +6,7 @@ use glam::DVec3;
 use super::{Fused, Gain};
 use crate::color::luminance;
 use crate::equirect::{axes, direction, pixel_solid_angle};
+use crate::light::energy::Energy;
 use crate::light::linear::LinearPixels;
 use crate::light::{measure, regions};
 use crate::num;
@@ -141,43 +142,33 @@ impl Lights {
         lights.sort_by(|a, b| b.after().total_cmp(&a.after()));
         let rows = lights.iter().take(LISTED).map(|light| light.row(up)).collect();
         let emitters = Table { name: "emitters".to_owned(), columns, rows };
-        let sums: Vec<[f64; 3]> = (0..self.steps.len()).map(|step| self.sums(step, up, pixels)).collect();
+        let whole: Vec<Energy> = (0..self.steps.len()).map(|step| self.energy(step, up, pixels)).collect();
         let unlisted = lights.get(LISTED..).unwrap_or_default();
-        let energy = energy(&sums, lights.len(), unlisted);
-        let steps = self.table(&sums, &lights);
+        let energy = energy(&whole, lights.len(), unlisted);
+        let steps = self.table(&whole, &lights);
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// Power, irradiance of the ground and peak luminance of the whole after a step. What is no light is as it was.
-    fn sums(&self, step: usize, up: Up, pixels: &LinearPixels) -> [f64; 3] {
-        let (w, h) = (pixels.width, pixels.height);
-        let mut luminance: Vec<f64> = (0..w * h).map(|at| luminance_of(pixels, at)).collect();
+    /// The whole after a step. What is no light is as it was.
+    fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
+        let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
         for (members, values) in self.members.iter().zip(&self.steps[step].1) {
             members.iter().zip(values).for_each(|(&at, value)| luminance[at] = *value);
         }
-        let above = axes(up)[2];
-        let (mut power, mut ground, mut peak) = (0.0, 0.0, 0.0_f64);
-        for (y, row) in luminance.chunks_exact(w).enumerate() {
-            let size = pixel_solid_angle(w, h, y);
-            let facing = direction(up, 0.5, (y as f64 + 0.5) / h as f64).dot(above).max(0.0) * size;
-            for luminance in row {
-                power += luminance * size;
-                ground += luminance * facing;
-                peak = peak.max(*luminance);
-            }
-        }
-        [power, ground, peak]
+        Energy::of(up, pixels.width, &luminance)
     }
 
     /// One column for each step: the whole, then each light that is listed.
-    fn table(&self, sums: &[[f64; 3]], lights: &[Light]) -> Table {
-        let whole = ["power of the sphere (sr)", "irradiance of the ground", "peak luminance"];
+    fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
         let row = |name: String, values: Vec<f64>| {
             std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
         };
-        let mut rows: Vec<Vec<Cell>> = (0..whole.len())
-            .map(|k| row(whole[k].to_owned(), sums.iter().map(|sums| sums[k]).collect()))
-            .collect();
+        let each = |name: &str, of: fn(&Energy) -> f64| row(name.to_owned(), whole.iter().map(of).collect());
+        let mut rows: Vec<Vec<Cell>> = vec![
+            each("power of the sphere (sr)", |energy| energy.power),
+            each("irradiance of the ground", |energy| energy.ground),
+            each("peak luminance", |energy| energy.peak),
+        ];
         let listed = lights.iter().take(LISTED).enumerate();
         rows.extend(
             listed.map(|(i, light)| {
@@ -257,10 +248,11 @@ impl Light {
 }
 
 /// Total power and irradiance of the ground, before and after.
-fn energy(sums: &[[f64; 3]], lights: usize, unlisted: &[Light]) -> Table {
-    let row = |name: &str, sums: Option<&[f64; 3]>, count: Cell| {
+fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
+    let row = |name: &str, energy: Option<&Energy>, count: Cell| {
+        let Energy { power, ground, peak } = energy.copied().unwrap_or_default();
         let mut row = vec![Cell::Text(name.to_owned())];
-        row.extend(sums.copied().unwrap_or_default().map(Cell::Number));
+        row.extend([power, ground, peak].map(Cell::Number));
         row.push(count);
         row
     };
@@ -270,8 +262,8 @@ fn energy(sums: &[[f64; 3]], lights: usize, unlisted: &[Light]) -> Table {
         name: "energy".to_owned(),
         columns: columns.map(String::from).to_vec(),
         rows: vec![
-            row("panorama", sums.first(), Cell::Missing),
-            row("environment", sums.last(), Cell::Count(lights as u64)),
+            row("panorama", whole.first(), Cell::Missing),
+            row("environment", whole.last(), Cell::Count(lights as u64)),
             vec![
                 Cell::Text("of it, lights not listed".to_owned()),
                 Cell::Number(rest),

@@ -13,7 +13,7 @@ use crate::color::{linear_from_srgb, luminance};
 use crate::equirect::pixel_solid_angle;
 use crate::error::Error;
 use crate::light::linear::{LinearPixels, max3};
-use crate::load_environment::decode;
+use crate::whole_sphere::light;
 
 /// What a training is made of.
 #[derive(Debug, Clone)]
@@ -59,7 +59,7 @@ fn read(path: &Path) -> Result<LinearPixels, Error> {
     let name = path.display().to_string();
     let bytes =
         std::fs::read(path).map_err(|error| Error::format(&name, format!("cannot be read: {error}")))?;
-    let (width, height, rgb) = decode(&name, &bytes, &mut Notes::none())?;
+    let (width, height, rgb) = light(&name, &bytes, &mut Notes::none())?;
     if width != 2 * height || height == 0 {
         return Err(Error::format(&name, format!("is {width} x {height}; a whole panorama is wanted")));
     }

@@ -17,9 +17,9 @@ use self::truth::{Example, shrink};
 use super::learned::{CELL, Network as Forward, OVERVIEW, hidden};
 use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
-use crate::load_environment::decode;
 use crate::num;
 use crate::types::{Image, Linear};
+use crate::whole_sphere::light;
 
 /// Width of the panoramas that examples are made of.
 pub const WIDTH: usize = 256;
@@ -82,7 +82,7 @@ pub struct Trained {
 
 /// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`WIDTH`] columns.
 pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
-    let (width, height, mut rgb) = decode(name, bytes, &mut Notes::none())?;
+    let (width, height, mut rgb) = light(name, bytes, &mut Notes::none())?;
     if width < WIDTH || height < WIDTH / 2 || width != 2 * height {
         return Err(Error::format(
             name,

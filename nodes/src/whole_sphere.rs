@@ -1,0 +1,109 @@
+//! Files of everything around a point: what the loaders of panoramas and of light have in common.
+
+use engine::{Context, InputFile, NodeError, Notes};
+
+use crate::Error;
+use crate::load_image::{FileEncoding, decode};
+use crate::types::Picture;
+
+/// The picture that a file holds; one that is no whole panorama is told.
+pub(crate) fn open(path: &InputFile, notes: &mut Notes, cx: &Context) -> Result<Picture, NodeError> {
+    let bytes = cx.read(path).map_err(|e| e.at("path"))?;
+    let picture = decode(FileEncoding::Auto, "", &path.0, &bytes, notes);
+    let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
+    cx.check()?;
+    cx.progress(0.4);
+    let (width, height, _) = picture.size();
+    if width != 2 * height {
+        let what = format!("the picture is {width}x{height}; a whole panorama is twice as wide as high");
+        notes.warning("not-two-to-one", what);
+    }
+    Ok(picture)
+}
+
+/// Width, height and linear RGB of a file of light, finite.
+#[cfg(feature = "learned")]
+pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
+    let picture = decode(FileEncoding::Auto, "", name, bytes, notes)?;
+    let (width, height, _) = picture.size();
+    Ok((width, height, linear(name, &picture)?))
+}
+
+/// Linear RGB of a picture of light. What is seen in part counts as that part.
+pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
+    let Picture::Linear(image) = picture else {
+        return Err(Error::format(name, "holds display colours; light is in OpenEXR and Radiance pictures"));
+    };
+    let mut rgb = Vec::with_capacity(image.width * image.height * 3);
+    for pixel in image.samples.chunks_exact(image.channels) {
+        match *pixel {
+            [y] | [y, _] => rgb.extend([y; 3]),
+            [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
+            _ => return Err(Error::Mismatch(format!("{} channels are no colours", image.channels))),
+        }
+    }
+    Ok(rgb)
+}
+
+/// Moves every row to the left by the turn: light of forward goes to the left of forward.
+pub(crate) fn turn(rgb: &[f32], width: usize, degrees: f64, cx: &Context) -> Result<Vec<f32>, NodeError> {
+    let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
+    let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
+    if whole == 0 && part == 0.0 {
+        return Ok(rgb.to_vec());
+    }
+    let rows = cx.for_each_tile(rgb.len() / (width * 3), |y| {
+        let row = &rgb[y * width * 3..(y + 1) * width * 3];
+        let mut out = Vec::with_capacity(row.len());
+        for x in 0..width {
+            let (a, b) = ((x + whole) % width * 3, (x + whole + 1) % width * 3);
+            for c in 0..3 {
+                let (near, far) = (row[a + c], row[b + c]);
+                out.push(if part == 0.0 { near } else { near * (1.0 - part) + far * part });
+            }
+        }
+        out
+    })?;
+    Ok(rows.concat())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::equirect;
+    use crate::pose::yaw;
+    use engine::{Scene, Up};
+    use glam::DVec3;
+
+    fn detached(up: Up) -> Context {
+        Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".")
+    }
+
+    // A light in front, turned by yaw, must lie where the yaw of a pose would put it.
+    #[test]
+    fn turns_as_a_pose_does() {
+        let (width, height) = (72, 36);
+        for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {
+            let mut rgb = vec![0.0; width * height * 3];
+            rgb[(18 * width + 36) * 3] = 1.0;
+            let turned = turn(&rgb, width, 25.0, &detached(up)).unwrap_or_else(|e| panic!("{e}"));
+            let at = turned.iter().position(|v| *v > 0.9).unwrap_or_default() / 3;
+            let seen = |x: usize| equirect::direction(up, (x as f64 + 0.5) / 72.0, (18.5) / 36.0);
+            let expected: DVec3 = yaw(equirect::axes(up), 25.0) * seen(36);
+            assert!((seen(at % width) - expected).length() < 1e-9, "{up:?}");
+        }
+    }
+
+    #[test]
+    fn any_turn_keeps_the_energy_of_rows() {
+        let rgb: Vec<f32> = (0..32 * 2 * 3).map(|i| (i * 37 % 11) as f32).collect();
+        for degrees in [0.0, 1.7, 360.0, -723.4] {
+            let turned = turn(&rgb, 32, degrees, &detached(Up::PlusZ)).unwrap_or_else(|e| panic!("{e}"));
+            for row in 0..2 {
+                let sum = |v: &[f32]| v[row * 96..(row + 1) * 96].iter().sum::<f32>();
+                assert!((sum(&turned) - sum(&rgb)).abs() < 1e-3);
+            }
+        }
+        assert_eq!(turn(&rgb, 32, 720.0, &detached(Up::PlusZ)).unwrap_or_default(), rgb);
+    }
+}
