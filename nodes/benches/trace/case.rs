@@ -1,5 +1,6 @@
 //! The scenes of `render-refs`.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -77,8 +78,36 @@ impl Case {
         Self { folder, receiver, object, env, rig: Arc::new(Rig { cameras: vec![camera] }) }
     }
 
+    /// The same from so many times as far, of a receiver as much larger.
+    pub fn with_camera_at(&self, times: f32) -> Self {
+        let mut receiver = Mesh::clone(&self.receiver);
+        receiver.positions.iter_mut().flatten().for_each(|v| *v *= times);
+        let mut camera = self.rig.cameras[0].clone();
+        // The last column is where it stands.
+        camera.world_from_camera[12..15].iter_mut().for_each(|v| *v *= f64::from(times));
+        Self {
+            folder: self.folder.clone(),
+            receiver: Arc::new(receiver),
+            object: self.object.clone(),
+            env: self.env.clone(),
+            rig: Arc::new(Rig { cameras: vec![camera] }),
+        }
+    }
+
     /// Traces with or without the object; gives the CPU seconds too.
     pub fn trace(&self, seed: u64, samples: u32, with: bool, block: EnvBlock, bounce: Bounce) -> Traced {
+        self.cropped(seed, samples, with, (block, bounce), 0.001)
+    }
+
+    /// The same with another `crop`.
+    pub fn cropped(
+        &self,
+        seed: u64,
+        samples: u32,
+        with: bool,
+        (block, bounce): (EnvBlock, Bounce),
+        crop: f64,
+    ) -> Traced {
         let params = PathTrace {
             samples,
             max_error: None,
@@ -90,6 +119,7 @@ impl Case {
             clamp_indirect: 0.0,
             contact_metres: Some(0.0),
             coarse_px: 1,
+            crop,
         };
         let run = |rig: Arc<Rig>| {
             let inputs = path_trace::In {
@@ -108,7 +138,7 @@ impl Case {
         (dot.width_px, dot.height_px) = (1, 1);
         let (setup, ..) = run(Arc::new(Rig { cameras: vec![dot] }));
         let (seconds, counts, out) = run(self.rig.clone());
-        Traced { seconds: seconds - setup, setup, counts: format!("{counts:?}"), out }
+        Traced { seconds: seconds - setup, setup, counts, out }
     }
 
     /// The RGB of a reference render.
@@ -123,7 +153,7 @@ impl Case {
 pub struct Traced {
     pub seconds: f64,
     pub setup: f64,
-    pub counts: String,
+    pub counts: BTreeMap<&'static str, u64>,
     pub out: path_trace::Out,
 }
 

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use nodes::color::luminance;
+use nodes::path_trace::Out;
 use nodes::path_trace::rules::{Bounce, EnvBlock};
 
-use super::case::{Case, relative_mse, rgb};
+use super::case::{Case, Traced, relative_mse, rgb};
 
 /// Root of the mean squared error of S over the receiver.
 fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
@@ -22,18 +24,37 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
 pub fn plane(data: &Path) {
     let case = Case::load(data, "sunny_plane");
     let outside = case.reference("ref-mitsuba/R0.exr");
-    table("sunny_plane", &case, EnvBlock::Solid, Bounce::Solid, Some(&outside));
+    table("sunny_plane", &case, EnvBlock::Solid, Bounce::Solid, (&outside, 2e-5));
 }
 
 /// Prints those of the closed room.
 pub fn rooms(data: &Path) {
     let case = Case::load(data, "closed_room");
-    for bounce in [Bounce::Env, Bounce::Solid] {
-        table("closed_room", &case, EnvBlock::FrontFace { max_layers: 3 }, bounce, None);
+    for (tag, bounce) in [("env", Bounce::Env), ("solid", Bounce::Solid)] {
+        let outside = case.reference(&format!("ref-proto/R0-frontface-{tag}.exr"));
+        table("closed_room", &case, EnvBlock::FrontFace { max_layers: 3 }, bounce, (&outside, 2e-3));
     }
 }
 
-fn table(name: &str, case: &Case, block: EnvBlock, bounce: Bounce, outside: Option<&[f32]>) {
+/// How far the luminance of `without` is from another program's, in standard errors of both: the mean over the pixels, and
+/// the share of them beyond 3. The other's variance is taken to be so many times its square plus 0.01.
+fn z_scores(out: &Out, (outside, noise): (&[f32], f64)) -> (f64, f64) {
+    let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
+    let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
+    let (ours, outside) = (rgb(&out.without), outside.chunks(3).map(y));
+    let scores: Vec<f64> = ours
+        .chunks(3)
+        .map(y)
+        .zip(outside)
+        .zip(variance)
+        .map(|((a, b), variance)| (a - b) / (variance + noise * (b * b + 0.01)).sqrt())
+        .collect();
+    let beyond = scores.iter().filter(|z| z.abs() > 3.0).count();
+    let n = scores.len() as f64;
+    (scores.iter().sum::<f64>() / n, beyond as f64 / n)
+}
+
+fn table(name: &str, case: &Case, block: EnvBlock, bounce: Bounce, outside: (&[f32], f64)) {
     println!("{name} {block:?} {bounce:?}\n");
     // The same estimator with other random numbers: what it has in common with ours beside them, the tests
     // against other programs would show.
@@ -44,24 +65,61 @@ fn table(name: &str, case: &Case, block: EnvBlock, bounce: Bounce, outside: Opti
     );
     println!("|---|---|---|---|---|");
     let mut more = Vec::new();
-    for samples in [4, 16, 64] {
+    for samples in [4, 8, 16, 64] {
         let alone = case.trace(7, samples, false, block, bounce);
         let all = case.trace(7, samples, true, block, bounce);
         let [r0, r1, o] = [&all.out.without, &all.out.with, &all.out.object].map(|i| rgb(i));
-        let outside = outside.map(|b| format!(" ({:.1e})", relative_mse(&r0, b))).unwrap_or_default();
         println!(
-            "| {samples} | {:.2}, {:.1e}{outside} | {:.2} | {:.1e}, {:.1e} | {:.4} |",
+            "| {samples} | {:.2}, {:.1e} ({:.1e}) | {:.2} | {:.1e}, {:.1e} | {:.4} |",
             alone.seconds,
             relative_mse(&r0, &b0),
+            relative_mse(&r0, outside.0),
             all.seconds - alone.seconds,
             relative_mse(&r1, &b1),
             relative_mse(&o, &bo),
             ratio_error(&r0, &r1, &b0, &b1),
         );
+        let (mean, beyond) = z_scores(&all.out, outside);
+        more.push(format!("{samples} samples: z of `without` {mean:.3} on average, {beyond:.5} beyond 3"));
         more.push(format!(
-            "{samples} samples: setup {:.3} CPU-s, {} | {}",
+            "{samples} samples: setup {:.3} CPU-s, {:?} | {:?}",
             all.setup, alone.counts, all.counts
         ));
     }
     println!("\n{}\n", more.join("\n"));
+}
+
+/// Prints what `crop` saves, and how far it is off, on the open scene from afar.
+pub fn crop(data: &Path) {
+    let (near, how) = (Case::load(data, "sunny_plane"), (EnvBlock::Solid, Bounce::Solid));
+    println!(
+        "| seen from | `crop` | rays of `with` and `object` | CPU-s | nodes of trees | largest error of S in a tile |"
+    );
+    println!("|---|---|---|---|---|---|");
+    for times in [1.0, 4.0, 12.0] {
+        let case = near.with_camera_at(times);
+        let alone = case.trace(7, 16, false, how.0, how.1);
+        let full = case.cropped(99, 256, true, how, 0.0);
+        for crop in [0.0, 0.001, 0.002, 0.004] {
+            let all = case.cropped(7, 16, true, how, crop);
+            let count = |traced: &Traced, name: &str| traced.counts[name];
+            let tile = |i: usize| i / 3 / 192 / 8 * 24 + i / 3 % 192 / 8;
+            let [r0, r1] = [&all.out.without, &all.out.with].map(|i| rgb(i));
+            let [b0, b1] = [&full.out.without, &full.out.with].map(|i| rgb(i));
+            let mut sums = vec![[0.0; 2]; 24 * 18];
+            for i in (0..r0.len()).filter(|&i| r0[i] == r1[i] && b0[i] > 0.0) {
+                sums[tile(i)][0] += f64::from(b1[i] / b0[i]) - 1.0;
+                sums[tile(i)][1] += 1.0;
+            }
+            // Tiles that nothing asked, whole.
+            let off = sums.iter().filter(|sum| sum[1] == 192.0).map(|sum| (sum[0] / sum[1]).abs());
+            println!(
+                "| {times} times as far | {crop} | {:.0} k | {:.3} | {:.0} k | {:.5} |",
+                (count(&all, "rays") - count(&alone, "rays")) as f64 / 1e3,
+                all.seconds - alone.seconds,
+                (count(&all, "bvh_nodes") - count(&alone, "bvh_nodes")) as f64 / 1e3,
+                off.fold(0.0, f64::max),
+            );
+        }
+    }
 }

@@ -1,5 +1,5 @@
 //! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|rays]`, where DATA holds `render-refs` and
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|rays]`, where DATA holds `render-refs` and
 //! `gltf`. `rays` compares with Embree where that is installed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
@@ -35,6 +35,9 @@ fn main() {
         }
         if asked("rooms") {
             error::rooms(&data);
+        }
+        if asked("crop") {
+            error::crop(&data);
         }
         if asked("rays") {
             rays::table(&data);

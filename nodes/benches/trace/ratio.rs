@@ -1,5 +1,6 @@
 //! Error of the ratio S = with / without against seconds, as traced and denoised.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,10 +10,10 @@ use nodes::path_trace::Out;
 use nodes::path_trace::rules::{Bounce, EnvBlock};
 use nodes::types::Images;
 
-use super::case::{Case, Traced, context, rgb};
+use super::case::{Case, Traced, context, relative_mse, rgb};
 
 /// Seeds that errors are taken over; of seconds the median.
-const SEEDS: u64 = 5;
+const SEEDS: u64 = 3;
 
 /// Root mean square errors of S, at most 1: of pixels that the object does not cover, and of those that it covers
 /// in part.
@@ -52,10 +53,15 @@ fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
 pub fn table(data: &Path) {
     let case = Case::load(data, "sunny_plane");
     let reference = ["R0", "R1"].map(|layer| case.reference(&format!("ref-cycles/{layer}.exr")));
-    println!("S on sunny_plane against Cycles at 1024, root mean square over {SEEDS} seeds, and of the rim");
-    for samples in [2, 4, 8, 16] {
+    let converged = rgb(&case.trace(99, 256, true, EnvBlock::Solid, Bounce::Solid).out.object);
+    println!(
+        "| samples | `without`, CPU-s | `objects` | filter | S and its rim, raw | denoised | O, raw | denoised |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    let mut more = Vec::new();
+    for samples in [2, 4, 8, 16, 32, 64] {
         let (mut squares, mut seconds) = ([[0.0; 2]; 2], [const { Vec::new() }; 3]);
-        let mut counts = String::new();
+        let (mut objects, mut counts) = ([0.0; 2], BTreeMap::new());
         for seed in 1..=SEEDS {
             let trace = |with| case.trace(seed, samples, with, EnvBlock::Solid, Bounce::Solid);
             let (alone, all) = (trace(false), trace(true));
@@ -68,6 +74,9 @@ pub fn table(data: &Path) {
             for (square, error) in squares.iter_mut().flatten().zip(told.iter().flatten()) {
                 *square += error * error / SEEDS as f64;
             }
+            for (sum, images) in objects.iter_mut().zip([&out.object, &filtered.object]) {
+                *sum += relative_mse(&rgb(images), &converged) / SEEDS as f64;
+            }
             for (list, s) in seconds.iter_mut().zip([alone.seconds, all.seconds - alone.seconds, spent]) {
                 list.push(s);
             }
@@ -79,9 +88,10 @@ pub fn table(data: &Path) {
             list[list.len() / 2]
         });
         println!(
-            "  {samples:3}: R0 {r0:.3}, objects {pair:.3}, filter {filter:.3} CPU-s; raw {:.4}, {:.4}; denoised {:.4}, {:.4}",
-            raw[0], raw[1], filtered[0], filtered[1]
+            "| {samples} | {r0:.3} | {pair:.3} | {filter:.3} | {:.4}, {:.4} | {:.4}, {:.4} | {:.1e} | {:.1e} |",
+            raw[0], raw[1], filtered[0], filtered[1], objects[0], objects[1]
         );
-        println!("       {counts}");
+        more.push(format!("{samples} samples: {counts:?}"));
     }
+    println!("\n{}\n", more.join("\n"));
 }

@@ -8,6 +8,8 @@
 mod build;
 mod triangles;
 
+use std::cell::Cell;
+
 use glam::{Vec3, Vec4};
 
 use triangles::{Packet, Sheared};
@@ -61,6 +63,37 @@ const STACK: usize = 64;
 /// Boxes are entered up to this much beyond the nearest hit, which covers the rounding of both.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
+/// What walks through trees took: the same for the same rays, whoever runs them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Walks {
+    /// Nodes of four boxes.
+    pub nodes: u64,
+    /// Packets of four triangles, of which some may be empty.
+    pub packets: u64,
+}
+
+thread_local! {
+    /// Of this thread so far. Counts of a walk stay in registers and are added at its end.
+    static WALKS: Cell<Walks> = const { Cell::new(Walks { nodes: 0, packets: 0 }) };
+}
+
+impl Walks {
+    /// What `work` gives, and what its walks took. All of it runs on this thread.
+    pub fn of<R>(work: impl FnOnce() -> R) -> (R, Self) {
+        let before = WALKS.get();
+        let done = work();
+        let after = WALKS.get();
+        (done, Self { nodes: after.nodes - before.nodes, packets: after.packets - before.packets })
+    }
+}
+
+impl std::ops::AddAssign for Walks {
+    fn add_assign(&mut self, other: Self) {
+        self.nodes += other.nodes;
+        self.packets += other.packets;
+    }
+}
+
 /// A tree of boxes over triangles.
 #[derive(Debug, Clone, Default)]
 pub struct Bvh {
@@ -77,6 +110,31 @@ impl Bvh {
     /// Box around all triangles.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         self.bounds
+    }
+
+    /// Looks at the tree from its root: `look` gets the corners of a box, and says whether to look into that, or those of
+    /// a triangle.
+    pub fn look(&self, mut look: impl FnMut(&[Vec3]) -> bool) {
+        let corners = |bounds: &[[Vec4; 2]; 3], lane: usize| -> [Vec3; 8] {
+            std::array::from_fn(|i| Vec3::from_array([0, 1, 2].map(|axis| bounds[axis][i >> axis & 1][lane])))
+        };
+        let mut waiting = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
+        while let Some(at) = waiting.pop() {
+            if at & LEAF == 0 {
+                let Node { bounds, children } = &self.nodes[at as usize];
+                // Lanes without a child have bounds that are empty.
+                let there = |lane: &usize| bounds[0][0][*lane] <= bounds[0][1][*lane];
+                let open = |lane: usize| look(&corners(bounds, lane)).then_some(children[lane]);
+                waiting.extend((0..4).filter(there).filter_map(open));
+                continue;
+            }
+            let first = (at & LEAF_FIRST) as usize;
+            for packet in &self.packets[first..first + ((at & !LEAF) >> LEAF_SHIFT) as usize] {
+                for lane in (0..4).filter(|&lane| packet.ids[lane] != u32::MAX) {
+                    look(&packet.corners.map(|corner| Vec3::from_array(corner.map(|axis| axis[lane]))));
+                }
+            }
+        }
     }
 
     /// The nearest hit that `accept` takes.
@@ -138,7 +196,9 @@ impl Bvh {
         let mut limit = ray.t_max;
         let mut stack = [(0_u32, 0.0_f32); STACK];
         let mut depth = 1;
-        while depth > 0 {
+        let mut walked = Walks::default();
+        let mut go_on = true;
+        'walk: while depth > 0 {
             depth -= 1;
             let (child, entry) = stack[depth];
             if entry > limit * SLACK {
@@ -148,12 +208,15 @@ impl Bvh {
                 let first = (child & LEAF_FIRST) as usize;
                 let count = ((child & !LEAF) >> LEAF_SHIFT) as usize;
                 for packet in &self.packets[first..first + count] {
+                    walked.packets += 1;
                     if !leaf(packet, &sheared, &mut limit) {
-                        return false;
+                        go_on = false;
+                        break 'walk;
                     }
                 }
                 continue;
             }
+            walked.nodes += 1;
             let node = &self.nodes[child as usize];
             let mut enter = Vec4::ZERO;
             let mut leave = Vec4::splat(limit);
@@ -178,7 +241,10 @@ impl Bvh {
                 depth += 1;
             }
         }
-        true
+        let mut all = WALKS.get();
+        all += walked;
+        WALKS.set(all);
+        go_on
     }
 }
 

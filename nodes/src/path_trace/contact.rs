@@ -87,6 +87,11 @@ impl Ground {
         (ground, found)
     }
 
+    /// The farthest that a camera's hit moves.
+    pub fn farthest(&self) -> f32 {
+        10.0 * self.supports.iter().map(|support| support.reach).fold(0.0, f32::max)
+    }
+
     /// How far a camera's hit must move along its unit ray to lie on the ground of the object that is
     /// nearest to it (the first of equally near ones); 0 where it belongs to no ground.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {

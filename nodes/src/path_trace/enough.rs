@@ -80,7 +80,7 @@ impl Enough {
 }
 
 /// The least roughness with which a material reflects; none where it does not.
-fn smoothest(object: &Object, material: &Material) -> Option<f64> {
+pub(super) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     let texture = material.metallic_roughness_texture;
     // Of a texture that is not there the worst is assumed.
     let least = |texture: usize| {
@@ -97,7 +97,8 @@ fn smoothest(object: &Object, material: &Material) -> Option<f64> {
     [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
 }
 
-/// The width of a disc as large as the smallest light that counts, in radians.
+/// The width of a disc as large as the smallest light that counts, in radians. How large a light is, is told by where
+/// its power is, `(int L)^2 / int L^2`: a sun in its aureole is hardly larger than the sun.
 fn smallest_light(environment: &Environment) -> Option<f64> {
     let image = &environment.image;
     let (width, height) = (image.width, image.height);
@@ -113,8 +114,9 @@ fn smallest_light(environment: &Environment) -> Option<f64> {
     let mut sums = vec![[0.0; 2]; lights.count];
     for (at, light) in lights.of.iter().enumerate().filter_map(|(at, light)| Some((at, (*light)? as usize))) {
         sums[light][0] += value(at) * size(at);
-        sums[light][1] += size(at);
+        sums[light][1] += value(at) * value(at) * size(at);
     }
     let counts = sums.into_iter().filter(|[power, _]| *power >= SHARE * whole);
-    counts.map(|[_, area]| 2.0 * (area / PI).sqrt()).reduce(f64::min)
+    // Divided twice, since the square of a bright light may overflow.
+    counts.map(|[power, squares]| 2.0 * (power / squares * power / PI).sqrt()).reduce(f64::min)
 }

@@ -4,6 +4,8 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 
 use serde::Serialize;
 
+use super::crop::Place;
+use crate::bvh::Walks;
 use crate::types::Camera;
 
 /// Side of the square tiles that are traced at once, in pixels.
@@ -100,8 +102,14 @@ pub struct Sums {
     pub rays: Rays,
     /// Samples that were not finite and were left out.
     pub broken: u64,
+    /// Samples of objects that ended with most of their light to come.
+    pub cut: u64,
     /// Pixels whose sums are those of the objects' absence, bit for bit.
     pub untouched: u64,
+    /// Those of them that were not asked, and the largest share of their light that the objects may change.
+    pub cropped: (u64, f32),
+    /// Of each tile of [`Area::pieces`] where its points are, if its sums tell.
+    pub places: Vec<Place>,
 }
 
 /// What a tile gives.
@@ -114,7 +122,13 @@ pub struct TileSums {
     /// As in [`Sums`].
     pub broken: u64,
     /// As in [`Sums`].
+    pub cut: u64,
+    /// As in [`Sums`].
     pub untouched: u64,
+    /// The share of its light that the objects may change at most, where that is so little that they were not asked.
+    pub cropped: Option<f64>,
+    /// Where its points are.
+    pub place: Option<Place>,
 }
 
 impl TileSums {
@@ -127,26 +141,34 @@ impl TileSums {
 }
 
 impl Sums {
-    /// Runs `tile` for every tile of an area, given its pixels, and puts the tiles together. Counts rays.
+    /// Runs `tile` for every tile of an area, given its number and its pixels, and puts the tiles together. Counts rays.
     pub fn trace(
         cx: &Context,
         area: Area,
         channels: usize,
         progress: impl Fn() + Send + Sync,
-        tile: impl Fn(&[(u32, u32)]) -> TileSums + Send + Sync,
+        tile: impl Fn(usize, &[(u32, u32)]) -> TileSums + Send + Sync,
     ) -> Result<Self, NodeError> {
         let pieces = area.pieces(TILE);
         let tiles = cx.for_each_tile(pieces.len(), |index| {
-            let done = tile(&pieces[index].each().collect::<Vec<_>>());
+            let done = Walks::of(|| tile(index, &pieces[index].each().collect::<Vec<_>>()));
             progress();
             done
         })?;
+        let mut walks = Walks::default();
         let mut all = Self { channels: channels as u32, ..Self::default() };
         all.sums.resize(area.pixels() * channels, 0.0);
-        for (piece, tile) in pieces.iter().zip(tiles) {
+        for (piece, (tile, walked)) in pieces.iter().zip(tiles) {
+            walks += walked;
             all.rays += tile.rays;
             all.broken += tile.broken;
+            all.cut += tile.cut;
             all.untouched += tile.untouched;
+            if let Some(bound) = tile.cropped {
+                let (pixels, most) = all.cropped;
+                all.cropped = (pixels + piece.pixels() as u64, most.max(bound as f32));
+            }
+            all.places.extend(tile.place);
             for (pixel, sums) in piece.each().zip(tile.sums.chunks_exact(channels)) {
                 let at = area.index(pixel) * channels;
                 all.sums[at..at + channels].copy_from_slice(sums);
@@ -157,13 +179,15 @@ impl Sums {
         cx.count("camera_rays", camera);
         cx.count("shadow_rays", shadow);
         cx.count("scattered_rays", scattered);
+        cx.count("bvh_nodes", walks.nodes);
+        cx.count("triangle_tests", 4 * walks.packets);
         Ok(all)
     }
 }
 
 impl Artifact for Sums {
     const TYPE: &'static str = "path-sums";
-    const FORMAT: u32 = 2;
+    const FORMAT: u32 = 3;
 
     fn encode(&self, to: &mut Encoder) {
         to.u32(self.channels);
@@ -172,21 +196,31 @@ impl Artifact for Sums {
             to.u64(n);
         }
         to.u64(self.broken);
+        to.u64(self.cut);
         to.u64(self.untouched);
+        to.u64(self.cropped.0);
+        to.f32s(&[self.cropped.1]);
+        to.f32s(self.places.iter().flat_map(Place::values).collect::<Vec<_>>().as_slice());
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
-        Ok(Self {
+        let mut all = Self {
             channels: from.u32()?,
             sums: from.f32s()?,
             rays: Rays { camera: from.u64()?, shadow: from.u64()?, scattered: from.u64()? },
             broken: from.u64()?,
+            cut: from.u64()?,
             untouched: from.u64()?,
-        })
+            ..Self::default()
+        };
+        all.cropped = (from.u64()?, from.f32s()?.first().copied().unwrap_or_default());
+        let values = from.f32s()?;
+        all.places = values.as_chunks().0.iter().map(Place::from_values).collect();
+        Ok(all)
     }
 
     fn bytes(&self) -> usize {
-        self.sums.len() * 4 + 64
+        self.sums.len() * 4 + self.places.len() * size_of::<Place>() + 96
     }
 
     fn difference(&self, other: &Self) -> Difference {

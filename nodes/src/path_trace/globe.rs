@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 use engine::Up;
 use glam::Vec3;
 
-use crate::equirect::axes;
+use super::aim::Cone;
+use crate::equirect::{axes, pixel_solid_angle};
 use crate::num;
 
 /// Where the texels of a panorama are.
@@ -68,6 +69,38 @@ impl Globe {
         };
         let radius = (1.0 - above * above).max(0.0).sqrt();
         self.world([sin * radius, cos * radius, above])
+    }
+
+    /// Solid angle of a texel of a row.
+    pub fn solid_angle(&self, y: usize) -> f64 {
+        pixel_solid_angle(self.width, self.height, y)
+    }
+
+    /// A bound of how far two points of a texel lie apart, halved.
+    pub fn radius(&self) -> f64 {
+        PI * (0.5 / self.height as f64 + 1.0 / self.width as f64)
+    }
+
+    /// Visits the column and the row of each texel that reaches into a cone, and of some around it.
+    pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(usize, usize)) {
+        let [x, y, z] = self.axes.map(|axis| f64::from(axis.dot(cone.axis)).clamp(-1.0, 1.0));
+        let texel = 2.0 * self.radius();
+        // Polar angle of the middle, and the angle to the farthest direction.
+        let (polar, wide) = (num::f64::acos(z), num::f64::acos(f64::from(cone.cosine)) + texel);
+        let row = |angle: f64| ((angle / PI * self.height as f64) as usize).min(self.height - 1);
+        let width = self.width;
+        let (first, count) = match wide < polar.min(PI - polar) && wide < 0.5 * PI {
+            true => {
+                let half = num::f64::asin((num::f64::sin(wide) / num::f64::sin(polar)).min(1.0)) / (2.0 * PI);
+                let middle = approximate_turns(x, y) + 0.5;
+                let most = (2.0 * half * width as f64) as usize + 3;
+                ((((middle - half + 1.0) * width as f64) as usize + width - 1), most.min(width))
+            }
+            false => (0, width),
+        };
+        for y in row(polar - wide)..=row(polar + wide) {
+            (first..first + count).for_each(|x| each(x % width, y));
+        }
     }
 
     /// Column and row of the texel that a unit direction shows.

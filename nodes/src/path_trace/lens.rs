@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
+use super::aim::Cone;
 use super::contact::Ground;
 use super::rules;
 use crate::bvh::Ray;
@@ -67,6 +68,19 @@ impl<'a> Lens<'a> {
         let [right, down, forward] = self.axes;
         let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
         Ray::new(self.eye, direction.normalize().as_vec3())
+    }
+
+    /// Whether a ray through the pixels of some blocks, given in order row by row, may meet a box.
+    pub(super) fn sees(&self, blocks: &[(u32, u32)], objects: Option<[Vec3; 2]>) -> bool {
+        let (Some(objects), Some(first), Some(last)) = (objects, blocks.first(), blocks.last()) else {
+            return false;
+        };
+        let (first, last) = (self.pixel(*first), self.pixel(*last));
+        let [left, top] = [first.0, first.1].map(f64::from);
+        let [right, bottom] = [last.0 + 1, last.1 + 1].map(f64::from);
+        let corners = [(left, top), (right, top), (left, bottom), (right, bottom)];
+        let through = Cone::around(corners.map(|(x, y)| self.through(x, y).direction).into_iter());
+        through.meets(&Cone::between([self.eye; 2], objects))
     }
 
     /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel, a box filter.

@@ -1,9 +1,10 @@
 //! The environment as a light: its radiance in a direction, and directions in proportion to it.
 
-use glam::Vec3;
+use glam::{DMat3, DVec3, Vec3};
 
 use super::aim::{Aim, Cone};
 use super::cells::{Cells, InRow};
+use super::crop::greatest_irradiance;
 use super::globe::{Globe, approximate_turns};
 use crate::equirect::pixel_solid_angle;
 use crate::types::Environment;
@@ -109,6 +110,52 @@ impl Sky {
             _ => [2, 2],
         };
         Self { globe, texels, bright, tiers, lights, broken, power }
+    }
+
+    /// The greatest radiance, and the greatest irradiance of any surface, for each channel; neither is more.
+    pub fn bounds(&self) -> ([f64; 3], [f64; 3]) {
+        let (mut brightest, mut irradiance) = ([0.0_f64; 3], [0.0; 3]);
+        for k in 0..3 {
+            let (mut towards, mut squares) = (DVec3::ZERO, DMat3::ZERO);
+            for (y, row) in self.texels.chunks_exact(self.globe.width).enumerate() {
+                // Sums over the row of the light, times its sine and cosine, and products of these.
+                let mut sums = [0.0; 5];
+                for (texel, (sin, cos)) in row.iter().zip(&self.globe.edges) {
+                    let light = f64::from(texel[k]);
+                    let (x, y) = (light * sin, light * cos);
+                    for (sum, v) in sums.iter_mut().zip([light, x, y, x * sin, x * cos]) {
+                        *sum += v;
+                    }
+                    brightest[k] = brightest[k].max(light);
+                }
+                let above = 0.5 * (self.globe.cosines[y] + self.globe.cosines[y + 1]);
+                let (radius, solid_angle) = ((1.0 - above * above).sqrt(), self.globe.solid_angle(y));
+                let [light, x, y, xx, xy] = sums.map(|sum| sum * solid_angle);
+                let (xz, yz) = (x * radius * above, y * radius * above);
+                let square = radius * radius;
+                towards += DVec3::new(x * radius, y * radius, light * above);
+                squares += DMat3::from_cols(
+                    DVec3::new(xx * square, xy * square, xz),
+                    DVec3::new(xy * square, (light - xx) * square, yz),
+                    DVec3::new(xz, yz, light * above * above),
+                );
+            }
+            // Each texel counts as if all of its light came from one point of it.
+            irradiance[k] = greatest_irradiance(self.power[k], towards, squares)
+                + 2.0 * self.globe.radius() * self.power[k];
+        }
+        (brightest, irradiance)
+    }
+
+    /// Visits the texels that reach into a cone, and perhaps some around it: the direction of a point of each, how far
+    /// others of it may lie from that, its solid angle and its radiance.
+    pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(DVec3, f64, f64, [f64; 3])) {
+        let radius = 2.0 * self.globe.radius();
+        self.globe.each_around(cone, |x, y| {
+            let direction = self.globe.within((x, y), [0.5; 2]).as_dvec3();
+            let [r, g, b, _] = self.texels[y * self.globe.width + x];
+            each(direction, radius, self.globe.solid_angle(y), [r, g, b].map(f64::from));
+        });
     }
 
     /// Where to look for a surface of the given unit normal, if light from one side is all it takes.
@@ -230,6 +277,15 @@ impl Sky {
         let (x, y) = self.globe.texel(direction);
         let [r, g, b, _] = self.texels[y * self.globe.width + x];
         Vec3::new(r, g, b)
+    }
+
+    /// The light from a unit direction if it is of the second tier, else none.
+    #[inline]
+    pub fn soft(&self, direction: Vec3) -> Vec3 {
+        let (x, y) = self.globe.texel(direction);
+        let at = y * self.globe.width + x;
+        let [r, g, b, _] = self.texels[at];
+        if self.bright[at] { Vec3::ZERO } else { Vec3::new(r, g, b) }
     }
 
     /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light

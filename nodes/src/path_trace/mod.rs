@@ -5,6 +5,7 @@ pub mod bsdf;
 mod cells;
 mod change;
 pub mod contact;
+mod crop;
 mod decide;
 pub mod emitters;
 mod enough;
@@ -29,8 +30,8 @@ mod tile;
 mod told;
 pub mod walk;
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Part, Sizes, ViewCount};
 use serde::Serialize;
@@ -38,6 +39,7 @@ use serde::Serialize;
 use crate::error::Error;
 use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
 use contact::Ground;
+use crop::Crop;
 use enough::Enough;
 use film::{Area, Sums, TILE, chunks};
 use front::trace_front;
@@ -48,7 +50,7 @@ use plan::Goal;
 use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 use shot::{Running, finish};
 use stage::Stage;
-use told::{assemble, remark, tell, tell_lost, tell_plan, tell_variance};
+use told::{assemble, remark, tell, tell_cropped, tell_cut, tell_lost, tell_plan, tell_variance};
 use walk::World;
 
 engine::params! {
@@ -90,6 +92,10 @@ engine::params! {
         /// Traces one pixel of each block of so many by so many, for all of them: a look at what comes, which `watch`
         /// shows before all pixels are traced. 1 traces each.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
+        /// Where the objects are shown to change no more than this share of the light of a tile of 8 by 8 pixels,
+        /// `with` is `without` and no ray asks. What they change is bounded, not estimated, so that in shadow, near
+        /// bright things, and wherever a wall may throw their light back nothing is left out. 0 asks everywhere.
+        crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
     }
 }
 
@@ -153,6 +159,8 @@ struct Extra<'a> {
     range: (u32, u32),
     /// Up and the mesh's error where objects stand; absent for what does not depend on it.
     contact: Option<([f64; 3], Option<f64>)>,
+    /// What may be left out; absent likewise.
+    crop: Option<f64>,
 }
 
 impl Kind for PathTrace {
@@ -190,6 +198,12 @@ impl Kind for PathTrace {
         if params.max_error.is_some() && params.samples < film::FIRST {
             let hint = "with max_error, samples is the most that are taken";
             return Err(NodeError::new("max_error needs 4 samples or more").at("samples").hint(hint));
+        }
+        if params.near_field == NearField::On && params.env_block == EnvBlock::Paper {
+            let text = "the printed visibility has no near field: the camera does not see the receiver";
+            return Err(NodeError::new(text)
+                .at("near_field")
+                .hint("leave `near_field` to `Auto`, or `env_block`"));
         }
         if params.env_block.within(0.0, 0.0) {
             return Ok(());
@@ -243,12 +257,15 @@ impl Kind for PathTrace {
             Ground::feel(stage.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
         tell(&felt, cx.metres_per_unit(), &mut notes);
         let contact = (up.to_array(), params.contact_metres);
+        let limit = (params.crop > 0.0).then_some(params.crop);
         // Without an error to reach every sample is in the plan.
         let chunks = chunks(params.samples);
         let (first, share) =
             if params.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
         let world =
             || World { receiver: stage.receiver(), objects: &objects, sky: stage.sky(), rules: &rules };
+        let crop = OnceLock::new();
+        let crop = || crop.get_or_init(|| Crop::new(&world(), limit.ok_or("as set")?));
         let cameras = &inputs.rig.cameras;
         let mut shots = Vec::with_capacity(cameras.len());
         for (number, camera) in cameras.iter().enumerate() {
@@ -257,7 +274,7 @@ impl Kind for PathTrace {
             let tell = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
             let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
             let step = || tell(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
-            let extra = |area, range, contact| Extra {
+            let extra = |area, range, objects: Option<_>| Extra {
                 view: View::of(camera),
                 rules: &rules,
                 origin: origin.to_array(),
@@ -265,19 +282,22 @@ impl Kind for PathTrace {
                 area,
                 coarse_px: params.coarse_px,
                 range,
-                contact,
+                contact: objects.map(|(contact, _)| contact),
+                crop: objects.and_then(|(_, crop)| crop),
             };
             let take = |running: &mut Running, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 6, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 7, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
                     let world = world();
-                    Sums::trace(cx, area, R0, step, |tile| trace_r0(world, &lens, tile, range))
+                    Sums::trace(cx, area, R0, step, |_, tile| trace_r0(world, &lens, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
                 let part = Part { name: "pair", version: 10, inputs: &["receiver", "objects", "env"] };
-                let pair = cx.part(part, &extra(area, range, Some(contact)), || {
-                    let world = world();
-                    let trace = |tile: &[(u32, u32)]| trace_pair(world, &lens, tile, range, (area, &r0));
+                let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
+                    let (world, crop) = (world(), crop().as_ref().ok());
+                    let trace = |number: usize, tile: &[(u32, u32)]| {
+                        trace_pair(world, &lens, crop, (number, tile), range, (area, &r0))
+                    };
                     Sums::trace(cx, area, PAIR, step, trace)
                 })?;
                 expect_size(&pair, area, PAIR)?;
@@ -293,9 +313,9 @@ impl Kind for PathTrace {
             let blocks = |done: f32| tell(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut running, more, blocks)).transpose()?;
             let part = Part { name: "front", version: 3, inputs: &["receiver", "objects"] };
-            let front = cx.part(part, &extra(whole, (0, 0), Some(contact)), || {
+            let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
                 let world = world();
-                Sums::trace(cx, whole, FRONT, || (), |tile| trace_front(world, &lens, tile))
+                Sums::trace(cx, whole, FRONT, || (), |_, tile| trace_front(world, &lens, tile))
             })?;
             expect_size(&front, whole, FRONT)?;
             shots.push(finish(camera, params.coarse_px, &running, &front, reached));
@@ -309,6 +329,8 @@ impl Kind for PathTrace {
             if let Some(reached) = &shot.reached {
                 tell_plan(&camera.name, reached, params.samples, &mut notes);
             }
+            tell_cropped(&camera.name, shot.cropped, &mut notes);
+            tell_cut(&camera.name, shot.cut, params.max_bounces, &mut notes);
             let object = &shot.images[2];
             let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
             if !inputs.objects.is_empty() && !seen {
@@ -319,7 +341,11 @@ impl Kind for PathTrace {
                 notes.warning("objects-not-seen", text);
             }
         }
-        Ok((assemble(&inputs, shots, &decided, centre), notes))
+        let crop = match crop() {
+            Ok(_) => format!("what changes at most {} of the light", params.crop),
+            Err(why) => format!("nothing: {why}"),
+        };
+        Ok((assemble(&inputs, shots, &decided, centre, crop), notes))
     }
 }
 

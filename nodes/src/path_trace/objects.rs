@@ -143,6 +143,11 @@ impl Objects {
         boxes
     }
 
+    /// What they were made from.
+    pub fn placed(&self) -> &[Arc<Placed>] {
+        &self.placed
+    }
+
     /// True when no ray can meet them.
     pub fn is_empty(&self) -> bool {
         self.bvh.bounds().is_none()

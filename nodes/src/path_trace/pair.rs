@@ -4,7 +4,8 @@ use glam::Vec3;
 
 use super::aim::Cone;
 use super::change::Reach;
-use super::film::{Area, Sums, TileSums};
+use super::crop::{Crop, Place};
+use super::film::{Area, Rays, Sums, TileSums};
 use super::lens::Lens;
 use super::tile::{Sample, Stakes, Tile};
 use super::walk::{Vertex, Walk, World};
@@ -41,7 +42,8 @@ pub(super) fn trace_r0(
     let tile = Tile::new(world, lens, pixels, range);
     let aims = tile.aims();
     let look = aims.as_ref().map(|aims| aims.each_ref());
-    for samples in tile.samples.chunks_exact((range.1 - range.0) as usize) {
+    let each = (range.1 - range.0) as usize;
+    for samples in tile.samples.chunks_exact(each) {
         let mut sums = [0.0; R0];
         for sample in samples {
             let mut walk = Walk { look, ..Walk::new(world, sample.points, sample.key, false) };
@@ -58,15 +60,20 @@ pub(super) fn trace_r0(
         sums[3] = sums[3].sqrt();
         sums_of_tile.push(&sums);
     }
+    let hits: Vec<Option<Hit>> = tile.samples.iter().map(|sample| sample.hit).collect();
+    let light = sums_of_tile.sums.chunks_exact(R0).map(|sums| Vec3::new(sums[0], sums[1], sums[2]));
+    sums_of_tile.place = Some(Place::of(world.receiver, light.zip(hits.chunks_exact(each))));
     sums_of_tile
 }
 
 /// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples of
-/// an area around them without objects, to which only what these change is added.
+/// an area around them without objects, to which only what these change is added; where `crop` shows that this is next to
+/// nothing, nothing is.
 pub(super) fn trace_pair(
     world: World<'_>,
     lens: &Lens<'_>,
-    pixels: &[(u32, u32)],
+    crop: Option<&Crop>,
+    (number, pixels): (usize, &[(u32, u32)]),
     range: (u32, u32),
     (area, r0): (Area, &Sums),
 ) -> TileSums {
@@ -82,6 +89,11 @@ pub(super) fn trace_pair(
         sums_of_tile.untouched = pixels.len() as u64;
         return sums_of_tile;
     };
+    let place = r0.places.get(number).copied().unwrap_or_default();
+    if let Some(bound) = crop.and_then(|crop| crop.bound(&world, &place, lens.ground.farthest())) {
+        let cropped = (!place.is_empty()).then_some(bound);
+        return TileSums { cropped, ..trace_objects(world, lens, pixels, range, (area, r0)) };
+    }
     let tile = Tile::new(world, lens, pixels, range);
     let place = |s: &Sample| {
         let hit = s.hit?;
@@ -92,9 +104,9 @@ pub(super) fn trace_pair(
     let far = world.rules.near.is_none();
     let stakes = if far { tile.stakes(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
     let aims = if far && stakes.is_none() { tile.aims() } else { None };
-    let (look, lights, odds) = match &stakes {
-        Some(Stakes { aims, lights, odds }) => (Some(aims.each_ref()), *lights, *odds),
-        None => (aims.as_ref().map(|aims| aims.each_ref()), world.sky.lights, 1.0),
+    let (look, lights, alike, odds) = match &stakes {
+        Some(Stakes { aims, lights, alike, odds }) => (Some(aims.each_ref()), *lights, *alike, *odds),
+        None => (aims.as_ref().map(|aims| aims.each_ref()), world.sky.lights, false, 1.0),
     };
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
@@ -102,25 +114,14 @@ pub(super) fn trace_pair(
         let mut touched = false;
         for sample in samples {
             let (ray, landed) = (sample.ray, place(sample));
-            sums_of_tile.rays.camera += 2;
-            let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
-            if let Some(front) = front
-                && landed.is_none_or(|(_, hit, shift)| front.t <= hit.t + shift)
-            {
-                let mut walk =
-                    Walk { spread: lens.spread, ..Walk::new(world, sample.points, sample.key, true) };
-                let light = walk.radiance(Vertex::Object(front), ray.direction);
-                sums_of_tile.rays += walk.rays;
-                if add(&mut sums[4..], light, &mut sums_of_tile.broken) {
-                    sums[7] += 1.0;
-                    sums[8] += squared_luminance(light);
-                }
-            }
+            sums_of_tile.rays.camera += 1;
+            let reach = landed.map_or(f32::INFINITY, |(_, hit, shift)| hit.t + shift);
+            show(world, lens, sample, |_| reach, &mut sums, &mut sums_of_tile);
             let Some((start, hit, shift)) = landed else { continue };
             let mut walk = Walk::new(world, sample.points, sample.key, true);
             let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
             let cone = Cone::between([start; 2], [low, high]);
-            let reach = Reach { look, lights, odds, cone, lift: ray.direction * shift };
+            let reach = Reach { look, lights, alike, odds, cone, lift: ray.direction * shift };
             let light = walk.change(hit, ray.direction, &reach);
             sums_of_tile.rays += walk.rays;
             touched |= light != Vec3::ZERO;
@@ -139,6 +140,58 @@ pub(super) fn trace_pair(
         sums_of_tile.push(&sums);
     }
     sums_of_tile
+}
+
+/// The objects alone over some pixels, of whose light they change nothing that counts.
+fn trace_objects(
+    world: World<'_>,
+    lens: &Lens<'_>,
+    pixels: &[(u32, u32)],
+    range: (u32, u32),
+    (area, r0): (Area, &Sums),
+) -> TileSums {
+    let mut sums_of_tile = TileSums { untouched: pixels.len() as u64, ..TileSums::default() };
+    let seen = lens.sees(pixels, world.objects.bvh.bounds().map(<[Vec3; 2]>::from));
+    for &pixel in pixels {
+        let mut sums = [0.0; PAIR];
+        sums[..3].copy_from_slice(&known(r0, area, pixel));
+        for number in if seen { range.0..range.1 } else { 0..0 } {
+            let (points, key, ray) = lens.sample(pixel, number);
+            let sample = Sample { points, key, ray, hit: None };
+            let reach = |rays: &mut Rays| {
+                rays.camera += 1;
+                let landed = world.landing(ray);
+                landed.map_or(f32::INFINITY, |hit| hit.t + shift(&world, lens, &hit, ray))
+            };
+            show(world, lens, &sample, reach, &mut sums, &mut sums_of_tile);
+        }
+        sums[8] = sums[8].sqrt();
+        sums_of_tile.push(&sums);
+    }
+    sums_of_tile
+}
+
+/// Adds what a sample shows of the objects; `reach` tells how far it sees before the receiver is in the way.
+fn show(
+    world: World<'_>,
+    lens: &Lens<'_>,
+    sample: &Sample,
+    reach: impl FnOnce(&mut Rays) -> f32,
+    sums: &mut [f64; PAIR],
+    of_tile: &mut TileSums,
+) {
+    let (ray, objects) = (sample.ray, world.objects);
+    of_tile.rays.camera += 1;
+    let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
+    let Some(front) = front.filter(|front| front.t <= reach(&mut of_tile.rays)) else { return };
+    let mut walk = Walk { spread: lens.spread, ..Walk::new(world, sample.points, sample.key, true) };
+    let light = walk.radiance(Vertex::Object(front), ray.direction);
+    of_tile.rays += walk.rays;
+    of_tile.cut += u64::from(walk.cut);
+    if add(&mut sums[4..], light, &mut of_tile.broken) {
+        sums[7] += 1.0;
+        sums[8] += squared_luminance(light);
+    }
 }
 
 /// RGB of the sums of a pixel without objects.

@@ -9,6 +9,10 @@ use crate::types::Mesh;
 
 /// Albedo of a receiver without vertex colours.
 pub const GREY: f32 = 0.5;
+/// The least albedo of a receiver: nothing out of doors or in is darker, and what reflects nothing has no ratio. A
+/// capture has vertices that no picture shows, and colours so rich that one channel is 0: with them the shadow would
+/// lose a channel, or be lost.
+pub const DARKEST: f32 = 0.01;
 
 /// A point of a surface as light transport sees it.
 #[derive(Debug, Clone, Copy)]
@@ -79,13 +83,15 @@ pub struct Receiver {
     colours: Vec<[Vec3; 3]>,
     /// Vertex colours beyond [0, 1] or not finite, which were clamped.
     pub clamped: u64,
+    /// Vertex colours with a channel below [`DARKEST`], which was raised to it.
+    pub raised: u64,
 }
 
 impl Receiver {
     /// Triangles of a mesh, relative to `origin`, near which large ones are cut: see `grade`.
     pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
         let place = |i: u32| mesh.position(i) - origin;
-        let mut clamped = 0;
+        let (mut clamped, mut raised) = (0, 0);
         let albedos: Vec<Vec3> = mesh
             .colours
             .iter()
@@ -93,7 +99,8 @@ impl Receiver {
                 // An albedo above 1 would make light; NaN fails the comparison and becomes 0.
                 let good = colour.map(|v| if v > 0.0 { v.min(1.0) } else { 0.0 });
                 clamped += u64::from(good != *colour);
-                Vec3::from_array(good)
+                raised += u64::from(good.iter().any(|&v| v < DARKEST));
+                Vec3::from_array(good).max(Vec3::splat(DARKEST))
             })
             .collect();
         let mut grade = Grade::of(mesh.triangles.iter().map(|t| t.map(place)));
@@ -108,7 +115,13 @@ impl Receiver {
             });
         }
         let bvh = Bvh::build(&corners);
-        Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped }
+        Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
+    }
+
+    /// The largest albedo of any point, for each channel.
+    pub fn albedo(&self) -> Vec3 {
+        let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
+        most.unwrap_or(if self.faces.is_empty() { Vec3::ZERO } else { Vec3::splat(GREY) })
     }
 
     /// The largest margin of the triangles that reach into a box.

@@ -18,8 +18,13 @@ pub(super) struct Shot {
     pub(super) row: Vec<Cell>,
     pub(super) rays: Rays,
     pub(super) broken: u64,
+    /// Of the samples that objects cover, the share that ended with most of their light to come.
+    pub(super) cut: f64,
     /// Variances that single precision does not hold.
     pub(super) beyond: u64,
+    /// Share of the chunks of pixels where the objects were shown not to matter, and of the light there that they may
+    /// change at most.
+    pub(super) cropped: (f64, f64),
     pub(super) reached: Option<Reached>,
 }
 
@@ -35,8 +40,12 @@ pub(super) struct Running {
     cross: Vec<[f64; CROSS]>,
     rays: Rays,
     broken: u64,
-    /// Pixels, each as often as chunks of samples were added to it: all, and those that no object touched.
-    pixels: [u64; 2],
+    cut: u64,
+    /// Pixels, each as often as chunks of samples were added to it: all, those that no object touched, and those of
+    /// them that were not asked.
+    pixels: [u64; 3],
+    /// The largest share of the light of the last that the objects may change.
+    bound: f32,
 }
 
 impl Running {
@@ -49,7 +58,9 @@ impl Running {
             cross: vec![[0.0; CROSS]; pixels],
             rays: Rays::default(),
             broken: 0,
-            pixels: [0; 2],
+            cut: 0,
+            pixels: [0; 3],
+            bound: 0.0,
         }
     }
 
@@ -74,8 +85,11 @@ impl Running {
         self.rays += r0.rays;
         self.rays += pair.rays;
         self.broken += r0.broken + pair.broken;
+        self.cut += pair.cut;
         self.pixels[0] += area.pixels() as u64;
         self.pixels[1] += pair.untouched;
+        self.pixels[2] += pair.cropped.0;
+        self.bound = self.bound.max(pair.cropped.1);
     }
 
     /// The sums of a pixel and its number of samples.
@@ -209,7 +223,10 @@ pub(super) fn finish(
         row.push(if told_any { Cell::Number((errors[k] / all).sqrt()) } else { Cell::Missing });
     }
     row.push(Cell::Count(rays.all()));
-    let [traced, untouched] = running.pixels;
-    row.push(Cell::Number(untouched as f64 / traced.max(1) as f64));
-    Shot { images, depth, normal, variance, row, rays, broken: running.broken, beyond, reached }
+    let [traced, untouched, cropped] = running.pixels.map(|n| n as f64);
+    row.extend([untouched, cropped].map(|n| Cell::Number(n / traced.max(1.0))));
+    let covered: f64 = (0..width * height).map(|index| running.pixel(index).0[R0 + 7]).sum();
+    let cut = running.cut as f64 / covered.max(1.0);
+    let cropped = (cropped / traced.max(1.0), f64::from(running.bound));
+    Shot { images, depth, normal, variance, row, rays, broken: running.broken, beyond, cut, cropped, reached }
 }

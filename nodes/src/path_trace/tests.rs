@@ -12,6 +12,7 @@ use crate::types::{Camera, Material, Object, Primitive};
 
 mod adaptive;
 mod coarse;
+mod crop;
 mod enough;
 mod extremes;
 mod insertion;
@@ -125,6 +126,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
         coarse_px: 1,
+        crop: 0.0,
     }
 }
 

@@ -34,6 +34,7 @@ pub(super) fn remark(stage: &Stage<'_>, objects: &Objects, notes: &mut Notes) {
     let receiver = stage.receiver();
     let counts = [
         ("clamped-albedo", receiver.clamped, "vertex colours outside of 0 to 1 were clamped"),
+        ("raised-albedo", receiver.raised, "vertex colours have a channel below 0.01, which counts as 0.01"),
         ("receiver-not-finite", receiver.bvh.broken, "triangles of the receiver are not finite"),
         ("receiver-degenerate", receiver.bvh.degenerate, "triangles of the receiver have no area"),
         ("object-not-finite", objects.bvh.broken, "triangles of the objects are not finite"),
@@ -141,11 +142,39 @@ pub(super) fn tell_plan(view: &str, reached: &Reached, most: u32, notes: &mut No
     }
 }
 
+/// Tells that paths through objects were too long.
+pub(super) fn tell_cut(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
+    if share > 0.01 {
+        let text = format!(
+            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and over half of              their light is lost: glass behind glass, and mirrors in mirrors, are too dark",
+            100.0 * share,
+            max_bounces + 1
+        );
+        notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
+    }
+}
+
+/// Tells where objects were not asked what they change.
+pub(super) fn tell_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
+    if share > 0.0 {
+        let text = format!(
+            "`{view}`: objects change at most {:.2} % of the light of {:.0} % of the chunks of pixels",
+            100.0 * bound,
+            100.0 * share
+        );
+        notes.decision(
+            "cropped",
+            format!("{text}, where no ray asks what they do; `crop: 0` asks everywhere"),
+        );
+    }
+}
+
 pub(super) fn assemble(
     inputs: &In,
     shots: Vec<Shot>,
     Decided { rules, probe, twice }: &Decided,
     centre: DVec3,
+    crop: String,
 ) -> Out {
     let mut sets: [Vec<NamedImage>; 6] = Default::default();
     let mut rows = Vec::with_capacity(shots.len());
@@ -183,6 +212,7 @@ pub(super) fn assemble(
             text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
         ],
         vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
+        vec![text("crop".to_owned()), text(crop)],
         vec![text("point of capture".to_owned()), text(format!("{}, {}, {}", centre.x, centre.y, centre.z))],
         vec![text("camera rays".to_owned()), Cell::Count(rays.camera)],
         vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
@@ -214,6 +244,7 @@ pub(super) fn assemble(
                     "standard error of a pixel of object",
                     "rays",
                     "share of chunks that no object touches",
+                    "share of chunks that objects are too far from",
                 ]),
                 rows,
             },

@@ -25,7 +25,7 @@ const NEAR_LIGHTS: u32 = 4;
 /// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
 const BLUR: f32 = 0.05;
 /// Between the pairs for light of one tier of the sky and those for the next.
-const TIER: u32 = 1 << 18;
+pub(super) const TIER: u32 = 1 << 18;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 
@@ -81,6 +81,8 @@ pub struct Walk<'a> {
     pub rays: Rays,
     /// Whether a ray met an object.
     pub touched: bool,
+    /// Whether a path ended on an object, for it was too long, with over half of its light to come.
+    pub cut: bool,
 }
 
 /// How a path came to a vertex.
@@ -132,6 +134,7 @@ impl<'a> Walk<'a> {
             spread: 0.0,
             rays: Rays::default(),
             touched: false,
+            cut: false,
         }
     }
 
@@ -345,6 +348,7 @@ impl<'a> Walk<'a> {
             weight *= surface.way;
             light += rules.clamped(bounce, weight * surface.emission * glow);
             if bounce > rules.max_bounces {
+                self.cut |= !matches!(vertex, Vertex::Receiver(_)) && weight.max_element() > 0.5;
                 break;
             }
             let pair = 1 + bounce * PAIRS;

@@ -66,6 +66,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
         coarse_px: 1,
+        crop: 0.0,
     };
     let inputs = path_trace::In {
         receiver: Arc::new(floor),

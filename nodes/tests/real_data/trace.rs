@@ -100,6 +100,7 @@ impl Case {
             clamp_indirect: 0.0,
             contact_metres: Some(0.0),
             coarse_px: 1,
+            crop: 0.0,
         };
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),

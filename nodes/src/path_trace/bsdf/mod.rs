@@ -186,6 +186,14 @@ impl Bsdf {
         matches!(self, Self::Matte { .. })
     }
 
+    /// The albedo of a matte surface; that of others is not told.
+    pub fn matte_albedo(&self) -> Option<Vec3> {
+        match self {
+            Self::Matte { albedo, .. } => Some(*albedo),
+            Self::Layers(_) => None,
+        }
+    }
+
     /// Diffuse and specular lobes for light from the unit direction `incident`.
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         match self {

@@ -112,7 +112,6 @@ fn layers_never_make_light() {
 }
 
 /// White brushed metal keeps all light, seen from along the brush and from across it.
-/// Mutation: `albedo::brushed` not asked (seen red: 1.05).
 #[test]
 fn row_38_brushed_metal_keeps_all_light() {
     let mut worst = 0.0_f64;

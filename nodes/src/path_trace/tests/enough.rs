@@ -63,6 +63,23 @@ fn smooth_surfaces_and_small_lights_ask_for_more() {
     );
 }
 
+/// A sun in an aureole asks for as much as nearly the sun alone: the light is where its power is.
+#[test]
+fn an_aureole_does_not_widen_the_sun() {
+    let columns = |halo: f32| {
+        let mut environment = lit(512, 3.0);
+        let wide = lit(512, 12.0);
+        for (to, from) in environment.image.samples.iter_mut().zip(&wide.image.samples) {
+            if *from > 50.0 && *to < 50.0 {
+                *to = halo;
+            }
+        }
+        Enough::of(&environment, &[ball(0.3, matte(0.5), DVec3::ZERO)]).columns
+    };
+    assert_eq!([columns(0.4), columns(12.0)], [512, 512]);
+    assert_eq!(columns(120.0), 256);
+}
+
 /// What suffices changes the shadow by less than 1 % and the object by less than 2 %, both root mean square.
 #[test]
 fn what_is_said_to_suffice_does() {

@@ -81,3 +81,28 @@ fn emission_reaches_the_receiver() {
     assert!(mean(&out.with) > 0.02, "{}", mean(&out.with));
     assert!((covered(&out.object) - 5.0).abs() < 1e-4);
 }
+
+/// A mesh whose colours have channels of 0, or are black, as captures have where no picture shows them, keeps the whole
+/// shadow, in the colours of a grey one; what was raised is told.
+#[test]
+fn colours_of_the_mesh_do_not_colour_the_shadow() {
+    // So wide that the camera sees nothing else.
+    let (grey, (_, objects, camera)) = (plane(8.0), shadowed());
+    let of = |colour: [f32; 3]| {
+        let mesh = Mesh { colours: vec![colour; 4], ..grey.clone() };
+        let how = PathTrace { max_bounces: 0, ..params(16, EnvBlock::Solid) };
+        let (out, notes) = render(&how, &mesh, &objects, &camera, &sunny());
+        let raised = notes.iter().any(|note| note.id == "raised-albedo");
+        let ratios: Vec<f32> =
+            samples(&out.without).iter().zip(samples(&out.with)).map(|(a, b)| b / a).collect();
+        (ratios, raised)
+    };
+    let (expected, raised) = of([0.5; 3]);
+    assert!(!raised && expected.iter().any(|s| *s < 0.3));
+    for colour in [[0.0, 0.35, 0.0], [0.0; 3], [0.02; 3]] {
+        let (got, raised) = of(colour);
+        assert_eq!(raised, colour[0] == 0.0);
+        let off = got.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(off < 1e-4, "{colour:?}: {off}");
+    }
+}

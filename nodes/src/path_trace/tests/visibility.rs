@@ -150,3 +150,10 @@ fn pass_beyond_blocks_only_what_is_near() {
     assert!((lit(0.5) - 0.5).abs() < 5e-4);
     assert_eq!(lit(100.0), 0.0);
 }
+
+#[test]
+fn the_printed_visibility_has_no_near_field() {
+    let both = PathTrace { near_field: NearField::On, ..params(4, EnvBlock::Paper) };
+    assert!(PathTrace::check(&both).is_err());
+    assert!(PathTrace::check(&PathTrace { near_field: NearField::Auto, ..both }).is_ok());
+}

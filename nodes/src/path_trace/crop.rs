@@ -1,0 +1,444 @@
+//! Where the objects do not matter: a bound of what they can change of the light of a tile of pixels.
+//!
+//! Objects change what comes from the directions in which they are seen: there they hide what is behind them and send
+//! light of their own. All these directions lie in a [`Window`], so with `P` its projected solid angle, `T` the light
+//! of the sky in it times the cosine, `L` the greatest radiance of any surface, and `Q` the projected solid angle of
+//! all of the receiver that the tile's points see, their irradiance changes by no more than
+//!
+//! `max(T + P L, P L) + Q L`
+//!
+//! where the terms of surfaces seen or changed count if scattered rays meet the receiver and `Q` is not 0. With nothing
+//! that shines `L` is at most the greatest radiance of the sky, since no material gives more light than it gets. Where
+//! all surfaces are matte it is also at most what the greatest irradiance `E` makes of the largest albedo `a`,
+//! `E / pi (a + a^2 + ..)`. That of a sky is the half of what comes from both sides of a plane and of how these differ:
+//!
+//! `E(n) = 1/2 (int |n.w| L + n. int w L) <= 1/2 (sqrt(int L . int (n.w)^2 L) + |int w L|)`.
+//!
+//! It is compared with the light that the pixels were traced to have without objects, by which the ratio is divided, so
+//! that nothing of it is guessed.
+
+use std::f64::consts::PI;
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::aim::Cone;
+use super::enough::smoothest;
+use super::scene::Receiver;
+use super::walk::World;
+use crate::bvh::Hit;
+
+/// Boxes of the receiver that are looked into to find what of it a tile sees.
+const LOOKS: u32 = 256;
+
+/// Where the points of a tile are, and what light they have without the objects.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Box around the points that rays start from; lower above upper where the camera sees no receiver.
+    pub low: Vec3,
+    /// Its upper corner.
+    pub high: Vec3,
+    /// Holds their normals.
+    pub normals: Cone,
+    /// The least of their heights along the middle of the normals.
+    pub height: f32,
+    /// The least that the light of a pixel is of its albedo, for each channel.
+    pub least: Vec3,
+}
+
+impl Default for Place {
+    /// Of no points.
+    fn default() -> Self {
+        let normals = Cone { axis: Vec3::Z, cosine: 1.0 };
+        Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, normals, height: f32::MAX, least: Vec3::MAX }
+    }
+}
+
+impl Place {
+    /// Of the pixels of a tile: for each its sum of light and the hits of its samples.
+    pub fn of<'a>(
+        receiver: &Receiver,
+        pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,
+    ) -> Self {
+        let surfaces = |hits: &'a [Option<Hit>]| hits.iter().flatten().map(|hit| receiver.surface(hit));
+        let mut place = Self::default();
+        let mut all = pixels.clone().flat_map(|(_, hits)| surfaces(hits)).map(|surface| surface.normal);
+        let Some(first) = all.next() else { return place };
+        place.normals = match all.clone().all(|normal| normal == first) {
+            true => Cone { axis: first, cosine: 1.0 },
+            false => Cone::around(std::iter::once(first).chain(all)),
+        };
+        for (light, hits) in pixels {
+            let mut albedo = Vec3::ZERO;
+            for surface in surfaces(hits) {
+                let start = surface.position + surface.normal * surface.margin;
+                (place.low, place.high) = (place.low.min(start), place.high.max(start));
+                let height = start.as_dvec3().dot(place.normals.axis.as_dvec3());
+                place.height = place.height.min(height as f32);
+                albedo += surface.bsdf.matte_albedo().unwrap_or_default();
+            }
+            // What reflects nothing is not changed by anything.
+            let share = Vec3::select(albedo.cmpgt(Vec3::ZERO), light / albedo, Vec3::MAX);
+            place.least = place.least.min(share);
+        }
+        place
+    }
+
+    /// Values in a store: box, normals, height, light.
+    pub const VALUES: usize = 14;
+
+    /// The values.
+    pub fn values(&self) -> [f32; Self::VALUES] {
+        let Self { low, high, normals, height, least } = self;
+        let mut all = [normals.cosine; Self::VALUES];
+        for (to, from) in all.chunks_exact_mut(3).zip([low, high, &normals.axis, least]) {
+            to.copy_from_slice(&from.to_array());
+        }
+        all[12] = *height;
+        all
+    }
+
+    /// From the values.
+    pub fn from_values(all: &[f32; Self::VALUES]) -> Self {
+        let [low, high, axis, least] = [0, 3, 6, 9].map(|i| Vec3::new(all[i], all[i + 1], all[i + 2]));
+        Self { low, high, normals: Cone { axis, cosine: all[13] }, height: all[12], least }
+    }
+
+    /// Whether the camera sees none of the receiver.
+    pub fn is_empty(&self) -> bool {
+        !self.low.cmple(self.high).all()
+    }
+
+    /// With points that may lie so much farther on any side.
+    fn grown(&self, by: f32) -> Self {
+        Self { low: self.low - by, high: self.high + by, height: self.height - by, ..*self }
+    }
+}
+
+/// A part of the sphere that holds the directions from the points of a place to a box: a range of azimuths about the
+/// normal, from the horizon of any of its normals up to some elevation.
+struct Window {
+    /// Towards the middle, aside of that, and up along the normals.
+    axes: [DVec3; 3],
+    /// Tangent of half of the range of azimuths.
+    side: f64,
+    /// Tangent of the highest elevation.
+    rise: f64,
+    /// Tangent of the angle to the farthest normal.
+    tilt: f64,
+}
+
+impl Window {
+    /// Of a box or a triangle by its corners; none where it may be anywhere above the points.
+    fn of(place: &Place, corners: &[Vec3]) -> Option<Self> {
+        let up = place.normals.axis.as_dvec3();
+        let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
+        let above = heights.fold(f64::NEG_INFINITY, f64::max) - f64::from(place.height);
+        let cosine = f64::from(place.normals.cosine);
+        let tilt =
+            if cosine > 0.0 { (1.0 - cosine * cosine).max(0.0).sqrt() / cosine } else { f64::INFINITY };
+        if above <= 0.0 && tilt == 0.0 {
+            return Some(Self { axes: [DVec3::X, DVec3::Y, up], side: 0.0, rise: 0.0, tilt });
+        }
+        let [low, high] = [place.low, place.high].map(|p| p.as_dvec3());
+        let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+        let way = corners.iter().map(|corner| corner.as_dvec3() - middle).sum::<DVec3>();
+        let x = (way - up * way.dot(up)).try_normalize()?;
+        let y = up.cross(x);
+        let (mut nearest, mut side) = (f64::INFINITY, 0.0_f64);
+        for way in corners.iter().map(|corner| corner.as_dvec3() - middle) {
+            // The points may lie nearer and farther aside than their middle.
+            let ahead = way.dot(x) - half.dot(x.abs());
+            let aside = way.dot(y).abs() + half.dot(y.abs());
+            nearest = nearest.min(ahead);
+            side = side.max(aside / ahead);
+        }
+        let there = nearest > 0.0 && side.is_finite() && tilt < 1.0;
+        there.then(|| Self { axes: [x, y, up], side, rise: (above / nearest).max(0.0), tilt })
+    }
+
+    /// A bound of its projected solid angle for any of the normals: its width times the integral of the sine of the
+    /// elevation over that normal.
+    fn projected(&self) -> f64 {
+        let steep = self.rise * self.tilt;
+        if steep >= 1.0 {
+            return PI;
+        }
+        let rise = (self.rise + self.tilt) / (1.0 - steep);
+        let square = rise * rise;
+        (2.0 * self.side * square / (1.0 + square + (1.0 + square).sqrt())).min(PI)
+    }
+
+    /// A bound of the cosine to any normal for what lies within `radius` of a unit direction; 0 if none of that is in the
+    /// window.
+    fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
+        let [ahead, aside, above] = self.axes.map(|axis| axis.dot(direction));
+        let level = (ahead * ahead + aside * aside).sqrt();
+        let within = ahead + radius > 0.0
+            && aside.abs() <= self.side * ahead + radius * (1.0 + self.side)
+            && above <= self.rise * level + radius * (1.0 + self.rise);
+        if within { (above + self.tilt + radius).clamp(0.0, 1.0) } else { 0.0 }
+    }
+}
+
+/// What is left out where it is shown to change little, and what shows it.
+#[derive(Debug)]
+pub struct Crop {
+    /// The largest change that is left out, as a share of the light.
+    limit: f64,
+    /// Greatest radiance of any surface.
+    surfaces: [f64; 3],
+    /// Whether scattered rays meet the receiver.
+    lands: bool,
+    objects: [Vec3; 2],
+}
+
+impl Crop {
+    /// For a scene; `Err` tells why nothing can be shown.
+    pub fn new(world: &World<'_>, limit: f64) -> Result<Self, &'static str> {
+        let objects = world.objects.bvh.bounds().ok_or("there is no object")?;
+        if world.rules.near.is_some() {
+            return Err("the receiver is the light");
+        }
+        if !world.objects.emitters.is_empty() {
+            return Err("objects shine");
+        }
+        let (brightest, irradiance) = world.sky.bounds();
+        let lands = world.rules.bounce_solid;
+        let albedo = matte_albedo(world).map(|of_objects| {
+            let of_receiver = if lands { world.receiver.albedo() } else { Vec3::ZERO };
+            of_objects.max(of_receiver).to_array().map(f64::from)
+        });
+        let surfaces = std::array::from_fn(|k| {
+            let matte = albedo.map_or(f64::INFINITY, |albedo| {
+                let each = (0..world.rules.max_bounces.max(1)).scan(1.0, |left, _| {
+                    *left *= albedo[k];
+                    Some(*left)
+                });
+                irradiance[k] / PI * each.sum::<f64>()
+            });
+            matte.min(brightest[k])
+        });
+        Ok(Self { limit, surfaces, lands, objects: objects.into() })
+    }
+
+    /// The largest share that the objects can change of the light of any pixel of a place whose points may be lifted so
+    /// far; none if it may be above the limit.
+    pub fn bound(&self, world: &World<'_>, place: &Place, lifted: f32) -> Option<f64> {
+        if place.is_empty() {
+            return Some(0.0);
+        }
+        // Light that is lost or won for an albedo of 1, from irradiance.
+        let share = |changed: [f64; 3]| {
+            let least = place.least.to_array().map(f64::from);
+            (0..3).filter(|&k| changed[k] > 0.0).map(|k| changed[k] / (PI * least[k])).fold(0.0, f64::max)
+        };
+        let place = place.grown(lifted);
+        let window = Window::of(&place, &corners(self.objects))?;
+        let solid = window.projected();
+        let sent = self.surfaces.map(|radiance| radiance * solid);
+        if share(sent) > self.limit {
+            return None;
+        }
+        let seen = if self.lands && solid > 0.0 { self.seen(world.receiver, &place, &share)? } else { 0.0 };
+        let taken = if solid > 0.0 { self.taken(world, &place, &window, solid) } else { [0.0; 3] };
+        let of_receiver = |k: usize| if seen > 0.0 { self.surfaces[k] } else { 0.0 };
+        let bound = share(std::array::from_fn(|k| {
+            (taken[k] + solid * of_receiver(k)).max(sent[k]) + seen * of_receiver(k)
+        }));
+        (bound <= self.limit).then_some(bound)
+    }
+
+    /// A bound of the projected solid angle of the receiver from the points of a place; none where it is too large for the
+    /// limit or takes too long to tell.
+    fn seen(&self, receiver: &Receiver, place: &Place, share: &impl Fn([f64; 3]) -> f64) -> Option<f64> {
+        let (mut sum, mut left, mut fails) = (0.0, LOOKS, false);
+        let too_much = |solid: f64| share(self.surfaces.map(|radiance| radiance * solid)) > self.limit;
+        receiver.bvh.look(|corners| {
+            let solid = Window::of(place, corners).map_or(PI, |window| window.projected());
+            // What is small is not looked into.
+            if corners.len() == 8 && left > 0 && too_much(solid * 16.0) {
+                left -= 1;
+                return !fails;
+            }
+            sum += solid;
+            fails |= too_much(sum);
+            false
+        });
+        (!fails).then_some(sum)
+    }
+
+    /// Light of the sky that the objects may hide, times the cosine: that of all texels which reach into the window, or of
+    /// the brightest of them all over it, whichever is less.
+    fn taken(&self, world: &World<'_>, place: &Place, window: &Window, solid: f64) -> [f64; 3] {
+        let cone = Cone::between([place.low, place.high], self.objects);
+        let (mut sum, mut brightest) = ([0.0; 3], [0.0_f64; 3]);
+        world.sky.each_around(&cone, |direction, radius, solid_angle, radiance| {
+            let cosine = window.cosine(direction, radius);
+            if cosine > 0.0 {
+                for k in 0..3 {
+                    sum[k] += radiance[k] * solid_angle * cosine;
+                    brightest[k] = brightest[k].max(radiance[k]);
+                }
+            }
+        });
+        std::array::from_fn(|k| sum[k].min(brightest[k] * solid))
+    }
+}
+
+/// The corners of a box.
+pub fn corners([low, high]: [Vec3; 2]) -> [Vec3; 8] {
+    let corner = |i| Vec3::select(glam::BVec3::new(i & 1 == 1, i & 2 == 2, i & 4 == 4), high, low);
+    [0, 1, 2, 3, 4, 5, 6, 7].map(corner)
+}
+
+/// The largest albedo of the objects, for each channel, if all of their surfaces are matte.
+fn matte_albedo(world: &World<'_>) -> Option<Vec3> {
+    let primitives = world.objects.placed().iter().flat_map(|placed| {
+        let object = &placed.object;
+        object.primitives.iter().map(move |part| (object, part, &object.materials[part.material as usize]))
+    });
+    primitives
+        .map(|(object, part, material)| {
+            let plain = smoothest(object, material).is_none()
+                && material.sheen.colour.factor == [0.0; 3]
+                && material.diffuse_transmission.strength.factor == 0.0;
+            let [r, g, b, _] = material.base_colour;
+            // Textures are at most 1, vertex colours may be more.
+            plain.then(|| if part.colours.is_empty() { Vec3::new(r, g, b).min(Vec3::ONE) } else { Vec3::ONE })
+        })
+        .try_fold(Vec3::ZERO, |most, albedo| Some(most.max(albedo?)))
+}
+
+/// The greatest irradiance of light given by the integrals over the sphere of its radiance, of that times the direction,
+/// and times the products of its components.
+pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
+    let trace = squares.x_axis.x + squares.y_axis.y + squares.z_axis.z;
+    if trace <= 0.0 {
+        return 0.0;
+    }
+    // The largest eigenvalue, at most 3.5 % too large: the sum of their 32nd powers is at most three times that of it.
+    let mut powers = squares * (1.0 / trace);
+    for _ in 0..5 {
+        powers = powers * powers;
+    }
+    let mut root = powers.x_axis.x + powers.y_axis.y + powers.z_axis.z;
+    for _ in 0..5 {
+        root = root.sqrt();
+    }
+    0.5 * ((power * trace * root).sqrt() + towards.length())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path_trace::globe::Globe;
+    use crate::sampling::{Points, circle};
+
+    fn direction([u, v]: [f32; 2]) -> Vec3 {
+        let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        Vec3::new(r * cos, r * sin, z)
+    }
+
+    /// A number between two.
+    fn between(low: f32, high: f32, u: f32) -> f32 {
+        low + (high - low) * u
+    }
+
+    fn meets([low, high]: [Vec3; 2], from: Vec3, way: Vec3) -> bool {
+        let (a, b) = ((low - from) / way, (high - from) / way);
+        a.min(b).max_element().max(0.0) <= a.max(b).min_element()
+    }
+
+    /// What any point and normal of a place see of a box is within the bound, which is not many times too large.
+    #[test]
+    fn windows_hold_what_is_seen_of_a_box() {
+        const RAYS: u32 = 20_000;
+        let (mut ratios, mut held) = (0.0, 0);
+        for i in 0..40 {
+            let points = Points::new(11, i);
+            let [[a, b], [c, d], [e, f], [g, h]] = [0, 1, 2, 3].map(|k| points.pair(k));
+            let axis = direction([a, b]);
+            let low = Vec3::new(between(1.5, 5.0, c), between(-2.0, 2.0, d), between(-2.0, 2.0, e));
+            let target =
+                [low, low + Vec3::new(between(0.2, 1.0, f), between(0.2, 2.0, g), between(0.2, 2.0, h))];
+            let place = Place {
+                low: Vec3::splat(-0.2),
+                high: Vec3::splat(0.2),
+                normals: Cone { axis, cosine: if i % 2 == 0 { 1.0 } else { 0.995 } },
+                height: -0.2 * (axis.x.abs() + axis.y.abs() + axis.z.abs()),
+                least: Vec3::ONE,
+            };
+            let Some(window) = Window::of(&place, &corners(target)) else { continue };
+            held += 1;
+            for number in 0..4 {
+                let points = Points::new(12 + i, number);
+                let [[a, b], [c, d]] = [0, 1].map(|k| points.pair(k));
+                let from = Vec3::new(a, b, c) * 0.4 - 0.2;
+                let tip = Vec3::new(d - 0.5, a - 0.5, b - 0.5).normalize();
+                let normal = (axis + tip * (if i % 2 == 0 { 0.0 } else { 0.08 })).normalize();
+                let mut seen = 0.0;
+                for ray in 0..RAYS {
+                    let way = direction(Points::new(13, ray).pair(0));
+                    if way.dot(normal) > 0.0 && meets(target, from, way) {
+                        let cosine = window.cosine(way.as_dvec3(), 1e-6);
+                        assert!(cosine >= f64::from(way.dot(normal)) - 1e-6, "{cosine} {}", way.dot(normal));
+                        seen += f64::from(way.dot(normal)) * 4.0 * PI / f64::from(RAYS);
+                    }
+                }
+                assert!(seen <= window.projected() * 1.02 + 1e-3, "{i}: {seen} of {}", window.projected());
+                ratios += if window.projected() > 0.0 { seen / window.projected() } else { 1.0 };
+            }
+        }
+        assert!(held > 20 && ratios / f64::from(4 * held) > 0.2, "{held} {ratios}");
+    }
+
+    /// No surface gets more than the bound, and some gets nearly as much.
+    #[test]
+    fn irradiance_is_within_its_bound() {
+        // Directions with light, from one to all around.
+        for (lights, least) in [(1, 0.99), (2, 0.6), (7, 0.6), (4096, 0.8)] {
+            let of = |i| direction(Points::new(5, i).pair(0)).as_dvec3();
+            let (mut power, mut towards, mut squares) = (0.0, DVec3::ZERO, DMat3::ZERO);
+            for (i, light) in (0..lights).map(|i| (i, 1.0 + f64::from(i % 5))) {
+                let d = of(i);
+                power += light;
+                towards += d * light;
+                squares += DMat3::from_cols(d * d.x, d * d.y, d * d.z) * light;
+            }
+            let bound = greatest_irradiance(power, towards, squares);
+            let irradiance = |normal: DVec3| -> f64 {
+                (0..lights).map(|i| (1.0 + f64::from(i % 5)) * of(i).dot(normal).max(0.0)).sum()
+            };
+            let normals = (0..500).map(|i| direction(Points::new(6, i).pair(0)).as_dvec3());
+            let most = normals.chain([of(0)]).map(irradiance).fold(0.0, f64::max);
+            assert!(most <= bound * (1.0 + 1e-9) && most >= least * bound, "{lights}: {most} of {bound}");
+        }
+        assert_eq!(greatest_irradiance(0.0, DVec3::ZERO, DMat3::ZERO), 0.0);
+    }
+
+    /// Every texel that a direction of the cone falls into is visited, once, and few others.
+    #[test]
+    fn texels_of_a_cone_are_all_visited() {
+        for (width, height) in [(64, 32), (200, 77), (8, 3), (1, 1)] {
+            let globe = Globe::new(width, height, engine::Up::PlusY);
+            for i in 0..60 {
+                let [[a, b], [c, _]] = [0, 1].map(|k| Points::new(7, i).pair(k));
+                let cone = Cone { axis: direction([a, b]), cosine: between(0.4, 0.9999, c) };
+                let mut visits = vec![0; width * height];
+                globe.each_around(&cone, |x, y| visits[y * width + x] += 1);
+                assert!(visits.iter().all(|&n| n <= 1));
+                for k in 0..3_000 {
+                    let way = direction(Points::new(8, k).pair(0));
+                    let (x, y) = globe.texel(way);
+                    assert!(
+                        way.dot(cone.axis) < cone.cosine || visits[y * width + x] == 1,
+                        "{x} {y} {cone:?}"
+                    );
+                }
+                let share = f64::from(visits.iter().sum::<u32>()) / (width * height) as f64;
+                assert!(width < 64 || share < 0.1 + 8.0 * f64::from(1.0 - cone.cosine), "{share} {cone:?}");
+            }
+        }
+    }
+}
