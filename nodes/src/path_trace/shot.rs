@@ -225,7 +225,7 @@ pub(super) fn finish(
     row.push(Cell::Count(rays.all()));
     let [traced, untouched, cropped] = running.pixels.map(|n| n as f64);
     row.extend([untouched, cropped].map(|n| Cell::Number(n / traced.max(1.0))));
-    let covered: f64 = (0..width * height).map(|index| running.pixel(index).0[R0 + 7]).sum();
+    let covered: f64 = (0..running.samples.len()).map(|index| running.pixel(index).0[R0 + 7]).sum();
     let cut = running.cut as f64 / covered.max(1.0);
     let cropped = (cropped / traced.max(1.0), f64::from(running.bound));
     Shot { images, depth, normal, variance, row, rays, broken: running.broken, beyond, cut, cropped, reached }
