@@ -3,9 +3,8 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 
-use cache::Store;
+use cache::{Store, TempFolder};
 use engine::{Bundle, Recipe, Source, SourceRoot, bundle_around};
 
 use crate::session::Error;
@@ -53,8 +52,9 @@ pub struct OriginArgs {
 /// What a bundle begins with.
 const BUNDLE: &[u8] = b"LHbundle";
 
-/// Most bytes of a picture or a graph file; a bundle is streamed.
-const LARGEST: u64 = 4 << 30;
+/// Most bytes of a picture, and of a graph, as in a bundle; a bundle is streamed.
+const LARGEST_PICTURE: u64 = 4 << 30;
+const LARGEST_GRAPH: u64 = 64 << 20;
 const MOST_AT_ONCE: u64 = 16 << 20;
 
 impl Origin {
@@ -62,8 +62,7 @@ impl Origin {
     pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
         let failed = |source| Error::Read { what: "graph", path: path.to_owned(), source };
         if path == Path::new("-") {
-            let mut text = String::new();
-            std::io::stdin().read_to_string(&mut text).map_err(failed)?;
+            let text = graph_text(Vec::new(), std::io::stdin().lock()).map_err(failed)?;
             let folder = std::env::current_dir().map_err(failed)?;
             return Self::own(Source::new("standard input", text), folder, None, args);
         }
@@ -74,15 +73,19 @@ impl Origin {
             return Self::bundle(path, file, args);
         }
         // At once where the file says how long it is, and believed as far as graphs are long.
-        let length = file.metadata().map_or(0, |data| data.len());
-        let mut bytes = Vec::with_capacity(length.min(MOST_AT_ONCE) as usize + 1);
+        let told = file.metadata().map_err(failed)?;
+        let mut bytes = Vec::with_capacity(told.len().min(MOST_AT_ONCE) as usize + 1);
         bytes.extend(head);
-        file.take(LARGEST).read_to_end(&mut bytes).map_err(failed)?;
         if nodes::io::recipe::is_picture(&bytes) {
+            file.take(LARGEST_PICTURE).read_to_end(&mut bytes).map_err(failed)?;
             return Self::picture(path, &bytes, args);
         }
-        let wrong = |_| failed(std::io::Error::new(std::io::ErrorKind::InvalidData, "it is not text"));
-        let text = String::from_utf8(bytes).map_err(wrong)?;
+        let text = graph_text(bytes, file).map_err(failed)?;
+        if !told.is_file() {
+            // A pipe lies in no folder.
+            let folder = std::env::current_dir().map_err(failed)?;
+            return Self::own(Source::new(path.display().to_string(), text), folder, None, args);
+        }
         let folder = path.canonicalize().map_err(failed)?;
         let folder = folder.parent().unwrap_or(Path::new("/")).to_owned();
         Self::own(
@@ -108,8 +111,8 @@ impl Origin {
     fn bundle(path: &Path, file: File, args: &OriginArgs) -> Result<Self, Error> {
         let named = |source| Error::Bundle { path: path.to_owned(), source };
         let mut bundle = Bundle::open(file).map_err(named)?;
-        let place = TempFolder::create()?;
-        let folder = place.0.join("bundle");
+        let place = TempFolder::private()?;
+        let folder = place.path().join("bundle");
         bundle.unpack(&folder).map_err(named)?;
         let source = Source::new(path.display().to_string(), bundle.graph_text().map_err(named)?);
         let root = confined(&folder, &args.inputs)?;
@@ -131,10 +134,20 @@ impl Origin {
         // Digests of one run are remembered by the store of the engine, which is not open yet.
         let store = Store::in_memory();
         let source = recipe.settle(&shown, &file, &registry, &args.inputs, &store).map_err(named)?;
-        let place = TempFolder::create()?;
-        let root = confined(&place.0, &args.inputs)?;
+        let place = TempFolder::private()?;
+        let root = confined(place.path(), &args.inputs)?;
         Ok(Self { source, root, lock: None, recipe: Some(recipe), unpacked: Some(place) })
     }
+}
+
+/// The text of a graph that begins with some bytes; no more of it is read than a graph has.
+fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
+    let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
+    from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > LARGEST_GRAPH {
+        return Err(wrong("it is longer than 64 MiB, and no graph"));
+    }
+    String::from_utf8(bytes).map_err(|_| wrong("it is not text"))
 }
 
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
@@ -143,39 +156,4 @@ fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
         return Err(Error::Read { what: "graph", path: missing.clone(), source });
     }
     Ok(SourceRoot::confined(folder, inputs)?)
-}
-
-/// A folder that is removed in the end.
-pub struct TempFolder(pub PathBuf);
-
-impl TempFolder {
-    /// A folder among those of the system that are for passing files.
-    pub fn create() -> Result<Self, Error> {
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        loop {
-            let name =
-                format!("lightharmony-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
-            let path = std::env::temp_dir().join(name);
-            match private(&path) {
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(error.into()),
-                Ok(()) => return Ok(Self(path)),
-            }
-        }
-    }
-}
-
-/// Makes a folder that others on the machine cannot look into, where that is possible.
-fn private(path: &Path) -> std::io::Result<()> {
-    let mut builder = std::fs::DirBuilder::new();
-    #[cfg(unix)]
-    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-    builder.create(path)
-}
-
-impl Drop for TempFolder {
-    fn drop(&mut self) {
-        // Only ours, and of no use any more.
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }

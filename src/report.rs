@@ -27,11 +27,10 @@ pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
     if !only.is_empty() || graph.nodes.iter().any(|node| node.sink_path.is_some()) {
         return None;
     }
-    let ends: Vec<&str> = graph.targets().iter().map(|&node| graph.nodes[node].id.as_str()).collect();
     Some(format!(
         "no node writes a file: what nothing reads is computed for the cache only ({}); \
          add `save: WriteImage(image: \"..\", path: \"final.png\")`",
-        ends.join(", ")
+        crate::session::names(graph, graph.targets())
     ))
 }
 
@@ -169,6 +168,7 @@ impl Lines {
                 self.line("done", "1", &totals_text(totals));
             }
             Event::Plan(forecast) => self.line("plan", "1", &forecast_text(forecast)),
+            Event::Same => self.line("same", "36", "the graph says the same as before"),
             Event::Pass { parameter, level, of, coarse } => {
                 let blocks = match coarse {
                     1 => String::new(),

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use cache::{Fsync, Store};
+use cache::{Fsync, Store, TempFolder};
 use clap::Args;
 use engine::{Diagnostics, EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, SourceRoot};
 
-use crate::origin::{Origin, OriginArgs, TempFolder};
+use crate::origin::{Origin, OriginArgs};
 
 /// Why a verb cannot begin. Exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -409,9 +409,10 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
 }
 
 /// The first names of some nodes.
-fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
+pub fn names(graph: &Graph, nodes: impl IntoIterator<Item = usize>) -> String {
     const MOST: usize = 40;
-    let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
+    let mut names: Vec<&str> =
+        nodes.into_iter().take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
     if names.len() > MOST {
         names[MOST] = "..";
     }

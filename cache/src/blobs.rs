@@ -129,6 +129,16 @@ impl Blobs {
     /// Removes blobs.
     pub fn remove(&self, dead: &BTreeSet<Digest>) -> Result<()> {
         let Blobs::Disk(disk) = self else { return Ok(()) };
+        self.remove_files(dead)?;
+        disk.with_small(|log| {
+            log.compact(|_, key| !dead.contains(key))?;
+            log.save_index()
+        })
+    }
+
+    /// Removes those that are files of their own, which takes no room.
+    pub fn remove_files(&self, dead: &BTreeSet<Digest>) -> Result<()> {
+        let Blobs::Disk(disk) = self else { return Ok(()) };
         for digest in dead {
             let path = disk.path(digest);
             match fs::remove_file(&path) {
@@ -138,10 +148,7 @@ impl Blobs {
                 _ => reach(failpoint::GC_BLOB_GONE).at("remove", &path)?,
             }
         }
-        disk.with_small(|log| {
-            log.compact(|_, key| !dead.contains(key))?;
-            log.save_index()
-        })
+        Ok(())
     }
 
     /// Syncs what was put since the last time.

@@ -62,7 +62,8 @@ struct Unit {
 struct Found {
     bytes: u64,
     used: u64,
-    /// How many records that stay name it.
+    /// How many records name it, and how many of those stay.
+    named: usize,
     readers: usize,
 }
 
@@ -85,6 +86,7 @@ impl Store {
         let (mut units, notes) = self.units(names)?;
         for digest in units.iter().flat_map(|unit| &unit.blobs) {
             if let Some(found) = blobs.get_mut(digest) {
+                found.named += 1;
                 found.readers += 1;
             }
         }
@@ -138,19 +140,34 @@ impl Store {
             return Ok(collected);
         }
         self.forget_last_runs();
+        // On a full disk the log that is left needs room, so what no record names goes before it is written.
+        let unnamed = blobs.iter().filter(|(_, found)| found.named == 0).map(|(digest, _)| *digest);
+        self.blobs().remove_files(&unnamed.collect())?;
+        self.sweep();
+        let _ = fs::remove_dir_all(root.join("quarantine"));
         // Records first: a killed collection leaves blobs that nothing names, and never the reverse.
         let kept = |found: u8, key: &Digest| match found {
             kind::RECORD => !gone.contains(key),
             _ => !notes_too,
         };
         // Somebody may append without being at work, such as a memo.
-        if !lock(self.records()).compact(kept)? && !lock(self.records()).compact(kept)? {
+        let compact = || -> Result<bool> {
+            let done = lock(self.records()).compact(kept)?;
+            if done { Ok(true) } else { lock(self.records()).compact(kept) }
+        };
+        let compacted = match compact() {
+            // Then the other way round: killed in between, records name blobs that are gone, which is a miss.
+            Err(Error::Full { .. }) => {
+                self.blobs().remove_files(&dead)?;
+                compact()
+            }
+            result => result,
+        };
+        if !compacted? {
             return Err(Error::InUse { waited: patience });
         }
         reach(failpoint::GC_RECORDS_GONE).at("collect", root)?;
         self.blobs().remove(&dead)?;
-        self.sweep();
-        let _ = fs::remove_dir_all(root.join("quarantine"));
         lock(self.records()).save_index()?;
         collected.after = size_of(root);
         Ok(collected)
@@ -185,7 +202,7 @@ impl Store {
             .map(|(digest, meta)| (digest, meta.len(), meta.modified().map_or(0, seconds)));
         Ok(small
             .chain(large)
-            .map(|(digest, bytes, used)| (digest, Found { bytes, used, readers: 0 }))
+            .map(|(digest, bytes, used)| (digest, Found { bytes, used, named: 0, readers: 0 }))
             .collect())
     }
 }

@@ -147,7 +147,8 @@ impl Store {
         progress: &mut dyn FnMut(f64) -> bool,
     ) -> Result<usize> {
         if other.is_read_only() {
-            let source = std::io::ErrorKind::ReadOnlyFilesystem.into();
+            let why = other.why_read_only().unwrap_or_default().to_owned();
+            let source = std::io::Error::new(std::io::ErrorKind::ReadOnlyFilesystem, why);
             let path = other.folder().unwrap_or(Path::new("the other cache"));
             return Err(Error::io("write to", path, source));
         }

@@ -99,6 +99,7 @@ mod publish;
 mod stamp;
 mod store;
 mod temp;
+mod temp_folder;
 mod window;
 
 pub use digest::{Digest, DigestWriter};
@@ -112,4 +113,4 @@ pub use manifest::{Change, Line, Manifest, Value};
 pub use publish::{publish_file, publish_through};
 pub use stamp::FileStamp;
 pub use store::{Fsync, Incident, Options, Running, Store, today};
-pub use temp::sweep_temp;
+pub use temp_folder::TempFolder;

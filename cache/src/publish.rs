@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::error::{At, Error, Result};
 use crate::failpoint::PUBLISH;
-use crate::temp::TempFile;
+use crate::temp::{TempFile, sweep_temp};
 
 /// Writes `bytes` to `path` through a passing file in the same folder, which is created if need be: at any
 /// moment the path has its old content or all of the new. A symbolic link is replaced, not followed.
@@ -35,7 +35,9 @@ pub fn publish_through<E: From<Error>>(
     write(&mut temp)?;
     // Without this a loss of power after the rename may leave an empty picture under a good name.
     temp.sync()?;
-    Ok(temp.persist(path)?)
+    temp.persist(path)?;
+    sweep_temp(folder);
+    Ok(())
 }
 
 #[cfg(test)]

@@ -89,7 +89,8 @@ impl fmt::Display for Incident {
 #[derive(Debug)]
 pub struct Store {
     folder: Option<PathBuf>,
-    read_only: bool,
+    /// Why nothing is written, where that is so.
+    read_only: Option<String>,
     fsync: Fsync,
     records: Mutex<Log>,
     blobs: Blobs,
@@ -102,22 +103,21 @@ pub struct Store {
 
 impl Store {
     /// Opens the cache in `folder`, creating it if need be. If it cannot be written, it is opened read-only,
-    /// empty if it does not exist; see [`is_read_only`](Self::is_read_only). So it is if the disk is full to
-    /// the last byte, and then there is an [`Incident`] that says so.
+    /// empty if it does not exist, and so it is if the disk is full to the last byte; see
+    /// [`why_read_only`](Self::why_read_only).
     ///
     /// # Errors
     /// When the folder is not one or cannot be read.
     pub fn open(folder: &Path, options: Options) -> Result<Store> {
+        let reading = |why: String| Store::open_as(folder, options.fsync, Some(why));
         if options.read_only {
-            return Store::open_as(folder, options.fsync, false);
+            return reading("it was opened for reading".to_owned());
         }
-        match Store::open_as(folder, options.fsync, true) {
-            Err(error) if error.is_read_only() => Store::open_as(folder, options.fsync, false),
+        match Store::open_as(folder, options.fsync, None) {
             // What is there can still be used.
-            Err(error @ Error::Full { .. }) => {
-                let store = Store::open_as(folder, options.fsync, false)?;
-                store.report(Incident { digest: None, what: format!("{error}; nothing is stored") });
-                Ok(store)
+            Err(error) if error.is_read_only() || matches!(error, Error::Full { .. }) => {
+                let cause = std::error::Error::source(&error).map(|source| format!(": {source}"));
+                reading(format!("{error}{}", cause.unwrap_or_default()))
             }
             result => result,
         }
@@ -125,10 +125,11 @@ impl Store {
 
     /// A store without a folder, for tests and for runs that leave no trace.
     pub fn in_memory() -> Store {
-        Store::new(None, false, Fsync::Off, Log::in_memory(), Blobs::in_memory())
+        Store::new(None, None, Fsync::Off, Log::in_memory(), Blobs::in_memory())
     }
 
-    fn open_as(folder: &Path, fsync: Fsync, writable: bool) -> Result<Store> {
+    fn open_as(folder: &Path, fsync: Fsync, read_only: Option<String>) -> Result<Store> {
+        let writable = read_only.is_none();
         let root = folder.join(FORMAT);
         if writable {
             create_folder(folder, &root)?;
@@ -146,19 +147,30 @@ impl Store {
         };
         let records = Log::open(settings("records"))?;
         let blobs = Blobs::on_disk(root.join("blobs"), settings("blobs"), fsync);
-        let store = Store::new(Some(root), !writable, fsync, records, blobs);
+        let store = Store::new(Some(root), read_only, fsync, records, blobs);
         store.report_damage(&mut lock(&store.records));
         Ok(store)
     }
 
-    fn new(folder: Option<PathBuf>, read_only: bool, fsync: Fsync, records: Log, blobs: Blobs) -> Store {
+    fn new(
+        folder: Option<PathBuf>,
+        read_only: Option<String>,
+        fsync: Fsync,
+        records: Log,
+        blobs: Blobs,
+    ) -> Store {
         let (waiting, books, incidents) = (Mutex::default(), Mutex::default(), Mutex::default());
         Store { folder, read_only, fsync, records: Mutex::new(records), blobs, waiting, books, incidents }
     }
 
     /// Whether writes are left out.
     pub fn is_read_only(&self) -> bool {
-        self.read_only
+        self.read_only.is_some()
+    }
+
+    /// Why writes are left out, where they are.
+    pub fn why_read_only(&self) -> Option<&str> {
+        self.read_only.as_deref()
     }
 
     /// Takes the damage found since the last call.
@@ -181,7 +193,7 @@ impl Store {
     /// The lock that runs share and a collection has alone; `None` where nothing can be written.
     pub(crate) fn runs(&self) -> Result<Option<FileLock>> {
         match &self.folder {
-            Some(folder) if !self.read_only => FileLock::open(&folder.join("runs.lock")).map(Some),
+            Some(folder) if !self.is_read_only() => FileLock::open(&folder.join("runs.lock")).map(Some),
             _ => Ok(None),
         }
     }
@@ -213,7 +225,10 @@ impl Store {
     }
 
     fn report(&self, incident: Incident) {
-        lock(&self.incidents).push(incident);
+        let mut incidents = lock(&self.incidents);
+        if !incidents.contains(&incident) {
+            incidents.push(incident);
+        }
     }
 
     // --- blobs ---
@@ -392,7 +407,7 @@ impl Store {
     /// before may have written it.
     pub fn lease(&self, key: &Digest) -> LeaseState {
         match &self.folder {
-            Some(folder) if !self.read_only => try_lease(&folder.join("leases").join(key.to_string())),
+            Some(folder) if !self.is_read_only() => try_lease(&folder.join("leases").join(key.to_string())),
             _ => LeaseState::Acquired(Lease::unlocked()),
         }
     }
@@ -425,7 +440,7 @@ impl Store {
     /// # Errors
     /// When writing or syncing fails: see [`Error`]. A blob that could not be synced is removed.
     pub fn flush(&self) -> Result<()> {
-        let Some(folder) = self.folder.as_deref().filter(|_| !self.read_only) else { return Ok(()) };
+        let Some(folder) = self.folder.as_deref().filter(|_| !self.is_read_only()) else { return Ok(()) };
         reach(failpoint::FLUSH_BEFORE).at("flush", folder)?;
         self.write_notes()?;
         if self.fsync != Fsync::Off {
@@ -445,7 +460,7 @@ impl Store {
     /// Removes what killed processes left in the cache folder: leases, and half-written files older than a
     /// day. Returns how many of the latter.
     pub fn sweep(&self) -> usize {
-        let Some(folder) = self.folder.as_deref().filter(|_| !self.read_only) else { return 0 };
+        let Some(folder) = self.folder.as_deref().filter(|_| !self.is_read_only()) else { return 0 };
         let leases = fs::read_dir(folder.join("leases")).into_iter().flatten().flatten();
         // Getting a lease and giving it back removes its file.
         leases.for_each(|lease| drop(try_lease(&lease.path())));
@@ -455,7 +470,7 @@ impl Store {
 
 impl Drop for Store {
     fn drop(&mut self) {
-        if !self.read_only {
+        if !self.is_read_only() {
             // Notes may be lost.
             let _ = self.write_notes();
         }

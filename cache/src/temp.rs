@@ -12,8 +12,9 @@ use crate::failpoint::{FilePoints, reach};
 /// How every passing name ends.
 const SUFFIX: &str = ".lightharmony-temp";
 
-/// A passing file older than this was left by a writer that was killed.
-const STALE: Duration = Duration::from_secs(24 * 60 * 60);
+/// What nobody holds and was not written to for so long was left by a process that was killed: a live one locks what it
+/// makes at once.
+const STALE: Duration = Duration::from_secs(10);
 
 /// A file under a passing name. Dropped before [`persist`](Self::persist), it is removed.
 ///
@@ -48,7 +49,7 @@ impl TempFile {
                 result => result,
             };
             let file = file.at("create", &path)?;
-            // Where locks do not work, the age alone protects the file.
+            // Where locks do not work, nobody sweeps either.
             let _ = file.try_lock();
             let temp = TempFile { path, file, points, persisted: false };
             reach(points.after_create).at("create", &temp.path)?;
@@ -105,7 +106,7 @@ impl Write for TempFile {
 impl Drop for TempFile {
     fn drop(&mut self) {
         if !self.persisted {
-            // Best effort: what stays is swept a day later.
+            // Best effort: what stays is swept later.
             let _ = fs::remove_file(&self.path);
         }
     }
@@ -117,25 +118,40 @@ pub(crate) fn sync_folder(folder: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
 
-/// Removes passing files in `folder` (not below it) that killed writers left more than a day ago, and
-/// returns how many went. A file that a live process holds is never touched.
+/// Removes passing files in `folder` (not below it) that killed writers left, and returns how many went. A file that a
+/// live process holds is never touched.
 pub fn sweep_temp(folder: &Path) -> usize {
-    sweep_older_than(folder, STALE)
+    let nobodys =
+        |path: &Path| OpenOptions::new().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok());
+    remove_stale(folder, SUFFIX, |path, found| {
+        found.is_file() && nobodys(path) && fs::remove_file(path).is_ok()
+    })
 }
 
-fn sweep_older_than(folder: &Path, age: Duration) -> usize {
-    let Ok(entries) = fs::read_dir(folder) else { return 0 };
-    let stale = |path: &Path| -> io::Result<bool> {
-        let found = fs::symlink_metadata(path)?;
-        let old = found.is_file()
-            && SystemTime::now().duration_since(found.modified()?).is_ok_and(|past| past >= age);
-        Ok(old && OpenOptions::new().write(true).open(path)?.try_lock().is_ok())
+/// Calls `remove` for what has a passing name that ends so, and is older than a live one that is not locked yet; returns
+/// how many it removed.
+pub(crate) fn remove_stale(
+    folder: &Path,
+    suffix: &str,
+    remove: impl Fn(&Path, &fs::Metadata) -> bool,
+) -> usize {
+    let old = |found: &fs::Metadata| {
+        let past = found.modified().ok().and_then(|then| SystemTime::now().duration_since(then).ok());
+        past.is_some_and(|past| past >= STALE)
     };
-    entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| path.as_os_str().to_string_lossy().ends_with(SUFFIX))
-        .filter(|path| stale(path).unwrap_or(false) && fs::remove_file(path).is_ok())
-        .count()
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let named = entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(suffix));
+    let found = named.filter_map(|entry| Some((entry.path(), fs::symlink_metadata(entry.path()).ok()?)));
+    found.filter(|(path, found)| old(found) && remove(path, found)).count()
+}
+
+/// Makes everything in a folder a minute old.
+#[cfg(test)]
+pub(crate) fn age_all(folder: &Path) {
+    for entry in fs::read_dir(folder).unwrap().flatten() {
+        let then = SystemTime::now() - Duration::from_secs(60);
+        File::open(entry.path()).unwrap().set_modified(then).unwrap();
+    }
 }
 
 #[cfg(test)]
@@ -150,8 +166,9 @@ mod tests {
         let dead = folder.path().join(format!(".1-1{SUFFIX}"));
         fs::write(&dead, b"half").unwrap();
         fs::write(folder.path().join("picture.png"), b"kept").unwrap();
-        assert_eq!(sweep_temp(folder.path()), 0, "too young");
-        assert_eq!(sweep_older_than(folder.path(), Duration::ZERO), 1);
+        assert_eq!(sweep_temp(folder.path()), 0, "too young to be sure");
+        age_all(folder.path());
+        assert_eq!(sweep_temp(folder.path()), 1);
         assert!(!dead.exists() && living.path.exists());
         living.persist(&folder.path().join("done")).unwrap();
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);

@@ -208,7 +208,10 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
         }
         (None, None) => Vec::new(),
     };
-    let texts: Vec<String> = values.iter().map(|value| format!("{value:?}")).collect();
+    // Whole numbers fit fields of both sorts.
+    let whole = |value: &f64| value.fract() == 0.0 && value.abs() < 1e15;
+    let text = |value: &f64| if whole(value) { format!("{value:.0}") } else { format!("{value:?}") };
+    let texts: Vec<String> = values.iter().map(text).collect();
     Ok(if texts.len() == 1 { texts.concat() } else { format!("({})", texts.join(", ")) })
 }
 
@@ -279,8 +282,8 @@ mod tests {
         assert_eq!(at("Axis(\"file\")", [0, 0, 0]), "\"a.hdr\"");
         assert_eq!(at("\"Axis(\\\"yaw\\\")\"", [1, 0, 0]), "\"Axis(\\\"yaw\\\")\"", "text is text");
         assert_eq!(at("Track(\"frame\", [(0, 1), (2, 2)])", [0, 1, 0]), "1.5");
-        assert_eq!(at("Track(\"frame\", [(1, (0, 1, 2)), (2, (1, 1, 1))])", [0, 0, 0]), "(0.0, 1.0, 2.0)");
-        assert_eq!(at("Track(\"frame\", [(0, 1), (1, 4)])", [0, 2, 0]), "4.0");
+        assert_eq!(at("Track(\"frame\", [(1, (0, 1, 2)), (2, (1, 1, 1))])", [0, 0, 0]), "(0, 1, 2)");
+        assert_eq!(at("Track(\"frame\", [(0, 1), (1, 4)])", [0, 2, 0]), "4");
     }
 
     #[test]

@@ -391,7 +391,7 @@ impl<'t, 'a> Check<'t, 'a> {
         } else if !file.path.exists() {
             let mut diagnostic = Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
                 .label(format!("looked for {}", file.path.display()))
-                .hint("paths are relative to the folder of the graph file");
+                .hint("paths are relative to the folder of the file that names them");
             diagnostic.hints.extend(supplied.take().map(str::to_owned));
             self.report(diagnostic);
         } else if !kind.folders && file.path.is_dir() {

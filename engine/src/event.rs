@@ -126,6 +126,8 @@ pub enum Event {
     },
     /// The run is over.
     Done(Totals),
+    /// Watching: the graph was saved and says the same as before.
+    Same,
     /// Watching: what is about to run.
     Plan(Forecast),
     /// Watching: a run begins that shows roughly what a later one shows well.

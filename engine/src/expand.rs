@@ -4,6 +4,7 @@
 //! `final` along the axis. What reads a gather so depends on the axis no more.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use crate::axis::Axis;
 use crate::check::{Check, Field, at_each};
@@ -137,6 +138,10 @@ impl<'t> Check<'t, '_> {
                 }
             }
         }
+        if over.is_empty() && self.mistakes() == before {
+            let what = "`over` names no axis, so there is nothing to gather";
+            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("read the node itself"));
+        }
         if inputs.len() > 1 {
             let what = format!("`input` takes one wire, not {}", inputs.len());
             self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("write a `Gather` for each"));
@@ -225,12 +230,27 @@ impl<'t> Check<'t, '_> {
         for (index, axis) in self.axes.clone().iter().enumerate() {
             let holder = format!("{{{}}}", axis.name);
             let named = path.contains(&holder) || template.own.contains(&index);
+            if grid.has(index) && path.contains(&holder) {
+                self.file_names(axis, &span());
+            }
             if grid.has(index) && !named {
                 let what = format!("`{path}` is one file, there is one for each value of `{}`", axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
             } else if !grid.has(index) && path.contains(&holder) {
                 let what = format!("`{}` is the same along `{}`", template.node.id, axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("leave `{holder}` out of the path")));
+            }
+        }
+    }
+
+    /// Values that would be one and the same in the name of a file.
+    fn file_names(&mut self, axis: &Axis<'_>, span: &Range<usize>) {
+        let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+        for value in 0..axis.values.len() {
+            if let Some(first) = seen.insert(file_text(axis, value), value) {
+                let (a, b) = (shown(&axis.values[first]), shown(&axis.values[value]));
+                let what = format!("the values {a} and {b} of `{}` would be one file", axis.name);
+                return self.report(Diagnostic::new(span.clone(), what).hint("name one of them otherwise"));
             }
         }
     }

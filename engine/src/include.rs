@@ -259,10 +259,10 @@ pub(crate) fn parse_all<'t>(
         match piece.role {
             Role::Preset => {
                 if let Some(over) = preset(&document, source, piece, diagnostics) {
-                    overlays.push(over);
+                    overlays.push(over, diagnostics);
                 }
             }
-            Role::Overlay | Role::Setting => overlays.push(other),
+            Role::Overlay | Role::Setting => overlays.push(other, diagnostics),
             Role::Graph | Role::Include | Role::Subgraph => {}
         }
     }
@@ -285,7 +285,11 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
             .label("it would read whatever this graph may")
             .hint("remove `.lightharmony-bundle` from its folder to make it your own, or run it by itself")
     } else {
-        Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read", shown(name)))
+        let why = match std::fs::read_to_string(&file.path) {
+            Err(error) => error.to_string(),
+            Ok(_) => "too many files, or too long".to_owned(),
+        };
+        Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read: {why}", shown(name)))
             .hint("paths are relative to the folder of the file that names them")
     }
 }

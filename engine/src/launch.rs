@@ -7,6 +7,7 @@ use cache::{Digest, LeaseState};
 use crate::action::{Action, sizes};
 use crate::artifact::AnyArtifact;
 use crate::error::NodeError;
+use crate::event::Event;
 use crate::graph::Wire;
 use crate::job::{Job, guarded};
 use crate::record::Output;
@@ -16,6 +17,8 @@ use crate::slot::Life;
 /// How long a node waits before it asks again for a key that another computes, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
+/// After how long it is told that a node waits for that.
+const TOLD_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
     /// Starts queued code while threads and memory last. One node always runs, however large it is
@@ -112,7 +115,9 @@ impl<'a> Run<'a> {
         let slot = &mut self.slots[node];
         slot.storing = false;
         slot.life = Life::Parked;
-        self.parked.push(Parked { node, key, when: Instant::now() + FIRST_PAUSE, pause: FIRST_PAUSE });
+        let now = Instant::now();
+        let (since, when) = (Some(now), now + FIRST_PAUSE);
+        self.parked.push(Parked { node, key, since, when, pause: FIRST_PAUSE });
     }
 
     /// Queues parked nodes whose key is free.
@@ -124,9 +129,19 @@ impl<'a> Run<'a> {
                 parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
             });
         self.parked = rest;
+        // Where code of this run is at work it may be that which is waited for.
+        let idle = self.running == 0;
         for parked in self.parked.iter_mut().filter(|parked| parked.when <= now) {
             parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
             parked.when = now + parked.pause;
+            if idle && parked.since.is_some_and(|since| now - since >= TOLD_AFTER) {
+                parked.since = None;
+                let id = &self.graph.nodes[parked.node].id;
+                let text = format!(
+                    "`{id}` waits for another process that computes it in the same cache; should that be stopped, end it"
+                );
+                (self.tell)(Event::Warning { id: "waits", text });
+            }
         }
         for Parked { node, .. } in free {
             if self.slots[node].remaking.is_none() {

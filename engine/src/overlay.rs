@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::diag::{Code, Diagnostic, nearest, shown};
 use crate::document::{Document, RawField, RawNode, RawScene};
+use crate::syntax::twice;
 
 /// What is laid over the nodes of a graph, by name of node; those of one name in their order.
 #[derive(Debug, Default)]
@@ -14,8 +15,12 @@ pub(crate) struct Overlays<'t> {
 
 impl<'t> Overlays<'t> {
     /// Lays one more over those before.
-    pub fn push(&mut self, overlay: Document<'t>) {
+    pub fn push(&mut self, overlay: Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        let mut seen = BTreeMap::new();
         for node in overlay.nodes {
+            if let Some(first) = seen.insert(node.id.clone(), node.id_span.clone()) {
+                diagnostics.push(twice(&node.id, node.id_span.clone(), first));
+            }
             self.nodes.entry(node.id.clone()).or_default().push(node);
         }
     }

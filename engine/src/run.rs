@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use cache::Digest;
 
-use crate::action::{digest_sources, known_sources, last_keys, look_up, prepare, remember};
+use crate::action::{digest_sources, known_sources, look_up, prepare, remember};
 use crate::artifact::AnyArtifact;
 use crate::context::Effort;
 use crate::context::ReadSource;
@@ -23,13 +23,10 @@ use crate::event::{Event, State, Totals};
 use crate::graph::{Graph, Wire};
 use crate::job::{Finished, Message, guarded};
 use crate::known::Known;
-use crate::plan::wanted;
-use crate::reads::{OTHER_FILE, ReadFiles, over_text};
+use crate::reads::ReadFiles;
 use crate::record::{Output, Record};
 use crate::schedule::{Engine, Outcome, RunOptions};
-use crate::settled::{Cone, Settled};
-use crate::sink;
-use crate::slot::{Life, Slot, Waiter};
+use crate::slot::{Life, Slot};
 use crate::trace::Tracer;
 use crate::unchanged;
 
@@ -52,6 +49,8 @@ pub(crate) struct Errand<'a> {
 pub(crate) struct Parked {
     pub node: usize,
     pub key: Digest,
+    /// Since when it waits, until that was told.
+    pub since: Option<Instant>,
     /// When to ask.
     pub when: Instant,
     pub pause: Duration,
@@ -68,7 +67,7 @@ pub(crate) struct Run<'a> {
     pub rank: Vec<usize>,
     pub todo: VecDeque<Task>,
     /// What threads are to do and were not given yet.
-    errands: Vec<Errand<'a>>,
+    pub errands: Vec<Errand<'a>>,
     /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
     pub ready: BTreeSet<(usize, usize)>,
     pub queue: BTreeSet<(usize, usize)>,
@@ -76,20 +75,20 @@ pub(crate) struct Run<'a> {
     /// Nodes being computed, by key, each with those of the same key.
     pub in_flight: HashMap<Digest, Vec<usize>>,
     /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
-    made: HashMap<Digest, usize>,
+    pub made: HashMap<Digest, usize>,
     /// Name of the book in which keys are remembered.
-    last_keys: String,
+    pub last_keys: String,
     /// What the last run looked up, and whether this one comes to something else.
-    known: Known,
-    news: bool,
+    pub known: Known,
+    pub news: bool,
     /// Whether every node is looked at, and not only what changed since the last run of this process.
-    whole: bool,
+    pub whole: bool,
     /// Memory in which keys are written.
-    scratch: Vec<u8>,
+    pub scratch: Vec<u8>,
     /// Which sink writes a file.
-    claims: BTreeMap<PathBuf, usize>,
+    pub claims: BTreeMap<PathBuf, usize>,
     /// What no sink may write over.
-    read: OnceCell<ReadFiles>,
+    pub read: OnceCell<ReadFiles>,
     /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
     pub supplied: usize,
     pub running: usize,
@@ -102,103 +101,10 @@ pub(crate) struct Run<'a> {
     pub failures: Vec<Diagnostic>,
     pub totals: Totals,
     pub tracer: Tracer,
-    start: Instant,
+    pub start: Instant,
 }
 
 impl<'a> Run<'a> {
-    pub fn new(
-        engine: &'a Engine,
-        graph: &'a Graph,
-        options: &'a RunOptions,
-        sender: Sender<Message>,
-        tell: &'a mut dyn FnMut(Event),
-    ) -> Self {
-        let start = Instant::now();
-        let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
-        let wanted = wanted(graph, &options.only);
-        let mut rank = vec![0; graph.nodes.len()];
-        for (position, &node) in graph.order().iter().enumerate() {
-            rank[node] = position;
-        }
-        let settled = engine.settled().take();
-        let cone = settled
-            .as_ref()
-            .and_then(|settled| settled.cone(graph, &options.only, &wanted, &options.out, &engine.store));
-        let whole = cone.is_none();
-        let all = || Cone { of: vec![true; graph.nodes.len()], kept: Vec::new() };
-        let Cone { of: cone, kept } = cone.unwrap_or_else(all);
-        let slot = |node: usize| {
-            let life = if wanted[node] { Life::Waiting } else { Life::Unwanted };
-            Slot::new(life, graph.reads(node).iter().filter(|&&above| cone[above]).count())
-        };
-        let mut totals = Totals::default();
-        let mut slots = match settled.filter(|_| !whole) {
-            None => (0..graph.nodes.len()).map(slot).collect(),
-            Some(Settled { mut slots, .. }) => {
-                for (index, known) in slots.iter_mut().enumerate() {
-                    if cone[index] {
-                        *known = slot(index);
-                    } else {
-                        totals.add(State::Cached);
-                        totals.degraded += usize::from(known.degraded);
-                    }
-                }
-                slots
-            }
-        };
-        for (node, path) in kept {
-            tell(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
-        }
-        let open = |index: usize| wanted[index] && cone[index];
-        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| open(*index)) {
-            slots[index].readers += usize::from(node.sink_path.is_some());
-            for &above in graph.reads(index) {
-                slots[above].readers += 1;
-            }
-        }
-        for &node in &options.rough {
-            slots[node].rough = true;
-        }
-        let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
-        let todo = ready.map(|&node| Task::Resolve(node)).collect();
-        let last_keys = last_keys(graph);
-        let known =
-            if whole { Known::read(&engine.store, &last_keys, graph.nodes.len()) } else { Known::default() };
-        Self {
-            engine,
-            graph,
-            options,
-            sender,
-            tell,
-            slots,
-            rank,
-            todo,
-            errands: Vec::new(),
-            ready: BTreeSet::new(),
-            queue: BTreeSet::new(),
-            parked: Vec::new(),
-            in_flight: HashMap::new(),
-            made: HashMap::new(),
-            last_keys,
-            known,
-            news: false,
-            scratch: Vec::new(),
-            claims: BTreeMap::new(),
-            read: OnceCell::new(),
-            supplied: 0,
-            running: 0,
-            busy: 0,
-            held: 0,
-            reserved: 0,
-            store_failed: false,
-            failures: Vec::new(),
-            totals,
-            whole,
-            tracer,
-            start,
-        }
-    }
-
     fn stopped(&self) -> bool {
         self.options.cancel.load(Ordering::Relaxed)
     }
@@ -395,9 +301,9 @@ impl<'a> Run<'a> {
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
             self.made.insert(key, index);
-            if self.engine.store.is_read_only() {
+            if let Some(why) = self.engine.store.why_read_only() {
                 record.outputs.iter_mut().for_each(|output| output.stored = false);
-                self.warn_unstored("cache-read-only", "the cache cannot be written".to_owned());
+                self.warn_unstored("cache-read-only", format!("the cache cannot be written ({why})"));
             }
         }
         for follower in followers {
@@ -450,7 +356,7 @@ impl<'a> Run<'a> {
     }
 
     /// Tells that a node is done, and wakes those below.
-    fn done(&mut self, index: usize, effort: Effort) {
+    pub fn done(&mut self, index: usize, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let slot = &mut self.slots[index];
@@ -478,67 +384,6 @@ impl<'a> Run<'a> {
             }
         }
         self.drop_unread(index);
-    }
-
-    /// Compares the files of a sink with what lies there, and writes those that differ.
-    fn place_files(&mut self, index: usize) {
-        let (graph, engine) = (self.graph, self.engine);
-        let node = &graph.nodes[index];
-        let (Some(record), Some(template)) = (&self.slots[index].record, &node.sink_path) else { return };
-        let targets = match sink::targets(&self.options.out, template, &record.files) {
-            Ok(targets) => targets,
-            Err(error) => return self.fail(index, &error),
-        };
-        for (path, _) in &targets {
-            let other = self.claims.insert(path.clone(), index);
-            let Some(other) = other.filter(|&other| other != index) else { continue };
-            // Whichever comes first while it runs, the later one in the file is in the wrong.
-            let (first, second) = (other.min(index), other.max(index));
-            self.claims.insert(path.clone(), first);
-            let message = format!("`{}` writes to {} too", graph.nodes[first].id, path.display());
-            self.fail(second, &NodeError::new(message).at("path").hint("give each its own path"));
-            if second == index {
-                return;
-            }
-        }
-        let confined = graph.root.is_confined().then_some(self.options.out.as_path());
-        if let Some(placed) = sink::in_place(&engine.store, &targets, confined) {
-            return self.placed(index, Ok(Some(placed)));
-        }
-        // Looked for only where something may be written, since it takes a look at every file.
-        let texts = &self.options.texts;
-        let read = self.read.get_or_init(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
-        if let Some((path, _)) = targets.iter().find(|(path, _)| read.has(path)) {
-            return self.fail(index, &NodeError::new(over_text(path)).at("path").hint(OTHER_FILE));
-        }
-        let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
-        let tracer = self.tracer.clone();
-        self.send(index, move || {
-            let place = || guarded(|| sink::place(&engine.store, targets, value.as_ref(), confined));
-            let placed = tracer.span(&node.id, "files", place);
-            let _ = sender.send(Message::Placed { node: index, placed });
-        });
-    }
-
-    fn placed(&mut self, index: usize, placed: Result<Option<sink::Placed>, NodeError>) {
-        if self.slots[index].life != Life::Placing {
-            return;
-        }
-        match placed {
-            Ok(Some(files)) => {
-                for (path, written) in files {
-                    self.news |= written;
-                    let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
-                    (self.tell)(Event::File { id, path, written, preview });
-                }
-                let slot = &mut self.slots[index];
-                slot.readers -= 1;
-                let effort = std::mem::take(&mut slot.effort);
-                self.done(index, effort);
-            }
-            Ok(None) => self.request(Wire { node: index, port: 0 }, Waiter::Files(index)),
-            Err(error) => self.fail(index, &error),
-        }
     }
 
     /// Ends the run. Gives what became of each node as well.

@@ -78,8 +78,6 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), NodeError> {
         std::fs::create_dir_all(folder).map_err(|error| {
             NodeError::new(format!("cannot create the folder `{}`: {error}", folder.display())).at("path")
         })?;
-        // What processes that were killed while writing have left here.
-        cache::sweep_temp(folder);
     }
     publish_file(path, bytes).map_err(|error| NodeError::from(error).at("path"))
 }

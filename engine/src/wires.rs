@@ -259,6 +259,9 @@ pub(crate) fn wire_names<'t>(
                             format!("`{}` is not a wire", shown(text)),
                         );
                         match sort_of(text) {
+                            _ if text.ends_with(')') => mistake
+                                .label("a node stands in `nodes`, under a name")
+                                .hint("write `name: Kind(..)` there and \"name\" here"),
                             "a word" if !text.is_empty() => {
                                 mistake.label(format!("write \"{}\"", shown(text)))
                             }

@@ -82,8 +82,8 @@ impl Cache {
         }
         let looks = matches!(&self.verb, Verb::Stat | Verb::Verify | Verb::Gc(Gc { dry_run: true, .. }));
         let store = Store::open(&folder, Options { read_only: looks, ..Options::default() })?;
-        if !looks && store.is_read_only() {
-            print("the cache cannot be written; it is left as it is\n")?;
+        if let Some(why) = store.why_read_only().filter(|_| !looks) {
+            print(&format!("the cache cannot be written ({why}); it is left as it is\n"))?;
             return Ok(1);
         }
         match self.verb {
@@ -200,8 +200,12 @@ impl Pin {
             return Ok(u8::from(!was));
         }
         let (keys, wanted, engine) = known(&graph, store)?;
+        let before = engine.store().pins().into_iter().find(|(pin, _)| *pin == name);
         engine.store().pin(&name, &keys)?;
-        print(&format!("{name}: {} of {wanted} results are known, and pinned\n", keys.len()))?;
+        let before =
+            before.map(|(_, records)| format!(", in place of {records} of an earlier pin of this graph"));
+        let before = before.unwrap_or_default();
+        print(&format!("{name}: {} of {wanted} results are known, and pinned{before}\n", keys.len()))?;
         Ok(0)
     }
 }

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use cache::Store;
+use cache::{Store, TempFolder};
 use clap::Args;
 use engine::{
     Artifact, Bundle, Context, Engine, InputFile, Kind, NodeDifference, Recipe, ResultDifferences, Scene, Up,
@@ -13,7 +13,7 @@ use engine::{
 use nodes::load_image::{self, FileEncoding, LoadImage};
 use nodes::types::Images;
 
-use crate::origin::{OriginArgs, TempFolder, is_picture};
+use crate::origin::{OriginArgs, is_picture};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
 
 /// Tells how two graphs differ, in what they say and in what came of them.
@@ -118,9 +118,16 @@ struct Side {
 impl Diff {
     /// Prints what differs; exit code 1 where anything does.
     pub fn run(self) -> Result<u8, Error> {
-        let recipes = recipe(&self.a)?.zip(recipe(&self.b)?);
+        let pictures = is_picture(&self.a) && is_picture(&self.b);
+        let (a, b) = (recipe(&self.a)?, recipe(&self.b)?);
+        let bare: Vec<&Path> = [(&self.a, &a), (&self.b, &b)]
+            .into_iter()
+            .filter(|(_, recipe)| pictures && recipe.is_none())
+            .map(|(path, _)| path.as_path())
+            .collect();
+        let recipes = a.zip(b);
         // What two pictures say and show is in them. Their files are needed only for what came in between.
-        let sides = if recipes.is_some() && self.origin.inputs.is_empty() {
+        let sides = if pictures && (self.origin.inputs.is_empty() || !bare.is_empty()) {
             None
         } else {
             let a = self.side(&self.a, &[], None)?;
@@ -150,14 +157,24 @@ impl Diff {
             }
         }
         let mut text = lines.finish();
-        if said.is_empty() {
+        for path in &bare {
+            text.push_str(&format!("{} carries no recipe\n", path.display()));
+        }
+        if said.is_empty() && bare.is_empty() {
             text.push_str("the graphs say the same\n");
         }
         let mut equal = said.is_empty();
-        if let Some((a, b)) = pixels(&self.a).zip(pixels(&self.b)) {
-            let shown = a.difference(&b);
-            equal &= shown.equal;
-            text.push_str(&format!("pictures: {}\n", shown.summary));
+        match pixels(&self.a).zip(pixels(&self.b)) {
+            Some((a, b)) => {
+                let shown = a.difference(&b);
+                equal &= shown.equal;
+                text.push_str(&format!("pictures: {}\n", shown.summary));
+            }
+            None if pictures => {
+                equal = false;
+                text.push_str("pictures: one of them cannot be read\n");
+            }
+            None => {}
         }
         if let Some((a, b)) = &sides {
             let came = result_differences((&a.engine, &a.loaded.graph), (&b.engine, &b.loaded.graph));
@@ -212,8 +229,8 @@ impl Diff {
             return Ok(Side { loaded, engine, _place: None });
         };
         // What a stranger's bundle claims stays out of the cache.
-        let place = TempFolder::create()?;
-        let store = Store::open(&place.0, cache::Options::default())?;
+        let place = TempFolder::private()?;
+        let store = Store::open(place.path(), cache::Options::default())?;
         bundle.fill(&store).map_err(|source| Error::Bundle { path: path.to_owned(), source })?;
         let engine = Engine::new(store, self.engine.jobs(), self.engine.memory()?);
         Ok(Side { loaded, engine, _place: Some(place) })

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::report;
 use crate::session::Error;
 
 /// Makes a folder with a graph that runs as it is, and is made to be edited.
@@ -14,8 +15,10 @@ pub struct Init {
     folder: PathBuf,
 }
 
+const GRAPH: &str = "graph.ron";
+
 const FILES: [(&str, &str); 3] = [
-    ("graph.ron", include_str!("../../graphs/starter.ron")),
+    (GRAPH, include_str!("../../graphs/starter.ron")),
     (".gitignore", "# What runs write.\n/out/\n"),
     ("README.md", README),
 ];
@@ -36,17 +39,22 @@ To hand it on: `lightharmony pack graph.ron picture.lhb`; whoever gets it runs `
 ";
 
 impl Init {
-    /// Writes the files; refuses where one of them is there already.
+    /// Writes the files; refuses where the graph is there already. Of the others, one that is there stays as it is: most
+    /// folders of a repository have them.
     pub fn run(self) -> Result<u8, Error> {
         let path = |name: &str| self.folder.join(name);
-        if let Some((name, _)) = FILES.iter().find(|(name, _)| std::fs::symlink_metadata(path(name)).is_ok())
-        {
-            return Err(Error::Exists(path(name)));
+        let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();
+        if is_there(GRAPH) {
+            return Err(Error::Exists(path(GRAPH)));
         }
         for (name, text) in FILES {
-            cache::publish_file(&path(name), text.as_bytes())?;
+            if is_there(name) {
+                report::remark(&format!("{} is there already and stays as it is", path(name).display()));
+            } else {
+                cache::publish_file(&path(name), text.as_bytes())?;
+            }
         }
-        super::print(&format!("{}\n", path("graph.ron").display()))?;
+        super::print(&format!("{}\n", path(GRAPH).display()))?;
         Ok(0)
     }
 }

@@ -38,7 +38,7 @@ impl Nodes {
             None => registry
                 .iter()
                 .map(|kind| {
-                    let summary = kind.doc.trim().lines().next().unwrap_or_default().trim();
+                    let summary = first_sentence(kind.doc);
                     format!("{:<20} {summary}\n", kind.name)
                 })
                 .collect(),
@@ -139,4 +139,13 @@ fn markdown(kind: &KindEntry) -> String {
         ));
     }
     text
+}
+
+/// The first sentence of a doc, on one line.
+fn first_sentence(doc: &str) -> String {
+    let lines: Vec<&str> = doc.trim().lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
+    let text = lines.join(" ");
+    // A sentence ends before a capital.
+    let end = text.match_indices(". ").find(|(at, _)| text[at + 2..].starts_with(char::is_uppercase));
+    end.map_or(text.clone(), |(at, _)| text[..=at].to_owned())
 }

@@ -3,11 +3,12 @@
 use std::fs::File;
 use std::num::NonZero;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
+use cache::TempFolder;
 use clap::Args;
 use engine::{Bundle, Verdict, VerifyOptions, verify};
 
-use crate::origin::TempFolder;
 use crate::report::{self, Report};
 use crate::session::{EngineArgs, Error, on_interrupt};
 
@@ -39,13 +40,13 @@ impl Verify {
         let file =
             File::open(&self.bundle).map_err(|source| Error::Open { path: self.bundle.clone(), source })?;
         let mut bundle = Bundle::open(file).map_err(named)?;
-        let place = TempFolder::create()?;
+        let place = TempFolder::private()?;
         let options = VerifyOptions {
             sample: if self.all { usize::MAX } else { self.sample.get() },
             seed: self.seed,
             jobs: self.engine.jobs(),
             memory: self.engine.memory()?,
-            folder: &place.0,
+            folder: place.path(),
             cancel: on_interrupt()?,
         };
         let mut report = Report::lines(false);
@@ -56,7 +57,9 @@ impl Verify {
             }
         };
         let verified = verify(&mut bundle, &nodes::registry(), &options, tell).map_err(named)?;
-        if let Some(failures) = &verified.failures {
+        // What was stopped did not fail.
+        let stopped = options.cancel.load(Ordering::Relaxed);
+        if let Some(failures) = verified.failures.as_ref().filter(|_| !stopped) {
             report::error(&failures.render(report::colours()));
         }
         let mut text = String::new();
@@ -71,19 +74,18 @@ impl Verify {
                     format!("differs   {id}.{output}: {how}\n")
                 }
                 Verdict::OtherInputs => format!("unlike    {id}: what it is made from came out otherwise\n"),
+                Verdict::Failed if stopped => continue,
                 Verdict::Failed => format!("failed    {id}\n"),
             };
             text.push_str(&line);
         }
         let equal = verified.nodes.iter().filter(|(_, verdict)| *verdict == Verdict::Equal).count();
         let (tried, known) = (verified.nodes.len(), verified.known);
+        let word = if stopped { "stopped: " } else { "" };
         text.push_str(&format!(
-            "{equal} of {tried} computed anew are equal to the bit; it tells of {known} nodes\n"
+            "{word}{equal} of {tried} computed anew are equal to the bit; it tells of {known} nodes\n"
         ));
         super::print(&text)?;
-        Ok(match (options.cancel.load(std::sync::atomic::Ordering::Relaxed), verified.is_good()) {
-            (true, _) => 130,
-            (_, good) => u8::from(!good),
-        })
+        Ok(if stopped { 130 } else { u8::from(!verified.is_good()) })
     }
 }

@@ -300,6 +300,13 @@ fn a_new_folder_runs_and_shells_know_the_verbs() {
     let place = Place::new("");
     assert_eq!(good(place.call(&["init", "new"])), "new/graph.ron\n");
     assert!(bad(place.call(&["init", "new"]), 2).contains("is there already"));
+    // Most folders of a repository have some of it.
+    std::fs::create_dir(place.path("old")).unwrap();
+    std::fs::write(place.path("old/.gitignore"), "mine\n").unwrap();
+    let told = place.call(&["init", "old"]);
+    assert!(text(&told.stderr).contains("old/.gitignore is there already and stays as it is"));
+    assert_eq!(good(told), "old/graph.ron\n");
+    assert_eq!(std::fs::read_to_string(place.path("old/.gitignore")).unwrap(), "mine\n");
     good(place.call(&["check", "new/graph.ron"]));
     for shell in ["bash", "zsh", "fish"] {
         assert!(good(place.call(&["completions", shell])).contains("unpack"));
@@ -347,6 +354,9 @@ fn a_difference_says_what_was_not_compared_and_pictures_need_no_files() {
     std::fs::copy(place.path("out/deep/view.png"), place.path("t2.png")).unwrap();
     let said = good(place.call(&["diff", "t1.png", "t2.png"]));
     assert_eq!(said, "the graphs say the same\npictures: equal\n");
+    good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "save.recipe=false"]));
+    let said = good(place.call(&["diff", "t1.png", "out/deep/view.png"]));
+    assert_eq!(said, "out/deep/view.png carries no recipe\npictures: equal\n");
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     good(place.call(&["run", "project/graph.ron", "--only", "save", "--set", "photo.encoding=Linear"]));
     let told = place.call(&["diff", "t1.png", "out/deep/view.png"]);

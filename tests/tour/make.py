@@ -98,14 +98,22 @@ watch()
 section("What would run, and why")
 transcript("lightharmony plan graph.ron --set pose.yaw_deg=35.0", "lightharmony explain graph.ron trace --set pose.yaw_deg=35.0",
            "lightharmony run graph.ron --set pose.yaw_deg=35.0 --trace threads.json", "head -c 300 threads.json; echo",
-           "sed 's/-24.0/35.0/' graph.ron > other.ron", "lightharmony diff graph.ron other.ron", folder="first", most=20)
+           "sed 's/-24.0/35.0/' graph.ron > other.ron", "lightharmony diff graph.ron other.ron",
+           "lightharmony run graph.ron --only env 2>&1 | tail -1",
+           "lightharmony graph graph.ron --format dot | head -4", folder="first", most=20)
+section("Graphs of several files", "A subgraph used twice, and a mistake in what it is given.")
+graphs = f"{os.path.dirname(os.path.abspath(__file__))}/../../graphs"
+os.makedirs(f"{WORK}/several")
+shutil.copy(f"{graphs}/pair.ron", f"{WORK}/several")
+shutil.copytree(f"{graphs}/parts", f"{WORK}/several/parts")
+transcript("lightharmony check pair.ron", "lightharmony plan pair.ron | tail -1", "sed 's/height_metres/hight_metres/' -i parts/*.ron; lightharmony check pair.ron", folder="several", most=20)
 section("Many pictures", "One node along an axis is as many nodes; what does not read the axis is one.")
 os.makedirs(f"{WORK}/many")
-shutil.copy(f"{os.path.dirname(os.path.abspath(__file__))}/../../graphs/turntable.ron", f"{WORK}/many")
+shutil.copy(f"{graphs}/turntable.ron", f"{WORK}/many")
 transcript("lightharmony run turntable.ron --preset draft > told.txt 2>&1; tail -1 told.txt",
            "grep -o 'ran [a-z]*' told.txt | sort | uniq -c", "ls -R out", folder="many", most=30)
 section("The same bytes elsewhere")
-transcript("lightharmony run graph.ron 2>&1 | tail -1", "lightharmony lock graph.ron", "lightharmony pack graph.ron first.lhb --results all", "ls -s --block-size=k first.lhb", folder="first", most=8)
+transcript("lightharmony run graph.ron 2>&1 | tail -1", "lightharmony lock graph.ron", "lightharmony run graph.ron --locked 2>&1 | tail -1", "lightharmony pack graph.ron first.lhb --results all", "ls -s --block-size=k first.lhb", folder="first", most=8)
 say("\nIn another folder, with another cache:")
 os.makedirs(f"{WORK}/second")
 shutil.copy(f"{WORK}/first/first.lhb", f"{WORK}/second")
@@ -114,12 +122,17 @@ transcript("lightharmony verify first.lhb --sample 3 --seed 1", "lightharmony un
            "lightharmony run again/graph.ron", "cmp out/picture.png ../first/out/picture.png && echo equal",
            "cp ../first/out/picture.png . && lightharmony run picture.png --out from-picture",
            "cmp from-picture/*.png picture.png && echo equal", folder="second", most=8)
+say("\nWhat came out of a bundle reads nothing else:")
+transcript("sed 's|DemoScene(.*|LoadSplats(path: \"../first.lhb\"),|' again/graph.ron > again/curious.ron; lightharmony run again/curious.ron 2>&1 | head -7", folder="second", most=12)
 ENV["LIGHTHARMONY_CACHE"] = f"{WORK}/cache"
 section("The cache")
 transcript("lightharmony cache stat", "lightharmony cache verify", "lightharmony cache gc --max-size 1M --dry-run",
-           "lightharmony cache pin first/graph.ron", "lightharmony cache gc --max-size 0", "lightharmony run first/graph.ron --out first/out", most=8)
+           "lightharmony cache pin first/graph.ron", "lightharmony cache copy --to elsewhere first/graph.ron", "lightharmony cache gc --max-size 0", "lightharmony run first/graph.ron --out first/out", most=8)
 section("Faults")
-transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "rm -r first/out; lightharmony run first/graph.ron --out first/out",
+transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "rm -r first/out; lightharmony run first/graph.ron --out first/out", "lightharmony cache repair",
            "lightharmony run first/graph.rom", "lightharmony run first/graph.ron --set pose.yaw=3", "lightharmony run first/graph.ron --set demo.width_px=4000000000",
            "lightharmony run first/graph.ron --out /proc/out --set pose.yaw_deg=1.0 2>&1 | tail -6",
+           "lightharmony run first/graph.ron --memory 1M --set pano.width_px=1024 2>&1 | tail -6",
            "timeout --foreground --preserve-status -s INT 3 lightharmony run first/graph.ron --set trace.samples=4000 2>&1 | tail -3", most=12)
+section("The shell")
+transcript("lightharmony completions bash | wc -l", "lightharmony manual --to man && ls man | head -3", "lightharmony nodes cube-rig")

@@ -128,7 +128,8 @@ impl Parts {
             }
         }
         if let Some(name) = clash(self.files.keys().map(String::as_str)) {
-            return Err(BundleError::Name { name, why: CLASH });
+            let what = format!("`{name}`, which the graph reads, cannot lie in a bundle: {CLASH}; rename it");
+            return Err(BundleError::Refused(what));
         }
         let place: BTreeMap<[u8; 32], u32> = self.contents.keys().copied().zip(0..).collect();
         let mut index = Encoder::default();

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use super::MARK;
+
 /// Longest name, in bytes.
 const LONGEST: usize = 1024;
 /// Longest part between slashes, in bytes; what file systems allow.
@@ -25,6 +27,7 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
             || numbered.is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| c.is_ascii_digit()));
         match part {
             "" => Some("it begins or ends with `/`, or holds two together"),
+            MARK => Some("a folder with it counts as unpacked from a bundle"),
             "." | ".." => Some("`.` and `..` could lead elsewhere"),
             _ if part.len() > LONGEST_PART => Some("a part of it is very long"),
             _ if part.ends_with(['.', ' ']) => Some("a part of it ends with a dot or a space"),
@@ -83,6 +86,7 @@ mod tests {
             "nul",
             "a/CON.txt",
             "com1",
+            ".lightharmony-bundle",
             "a/LPT9.x",
             "a.",
             "a /b",

@@ -75,7 +75,10 @@ impl Engine {
                 let mut moved = source.clone();
                 moved.file.name = places.name(index, &source.file.name);
                 if let Some(why) = wrong_name(&moved.file.name) {
-                    return Err(BundleError::Name { name: source.file.name, why });
+                    let (file, node) = (&source.file.name, &node.id);
+                    let what =
+                        format!("`{file}`, which `{node}` reads, cannot lie in a bundle: {why}; rename it");
+                    return Err(BundleError::Refused(what));
                 }
                 parts.source(&moved.file.name, source.file.path, source.digest, source.bytes);
                 lock.inputs.insert(moved.file.name.clone(), source.digest.to_string());

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Seek, Write};
+use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use cache::{Digest, Store};
+use cache::{Digest, Store, TempFolder};
 
 use super::container::{Bundle, BundleError};
 use super::{GRAPH, LOCK, MARK};
@@ -34,11 +34,11 @@ impl<R: Read + Seek> Bundle<R> {
         let parent =
             target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).map_err(failed("create", parent))?;
-        let passing = Passing::create(parent).map_err(failed("write to", parent))?;
+        let passing = TempFolder::create_in(parent).map_err(|error| BundleError::Refused(told(error)))?;
         let files: Vec<String> = self.files().map(|(name, ..)| name.to_owned()).collect();
         for name in files {
             // Checked when the bundle was opened: relative, and no part of it leads up.
-            let path = passing.0.join(&name);
+            let path = passing.path().join(&name);
             if let Some(folder) = path.parent() {
                 fs::create_dir_all(folder).map_err(failed("create", folder))?;
             }
@@ -48,9 +48,12 @@ impl<R: Read + Seek> Bundle<R> {
                 .open(&path)
                 .map_err(failed("create", &path))?;
             let content = self.content_of(&name).unwrap_or_default();
-            self.copy(content, &mut file)?;
+            self.copy(content, &mut file).map_err(|error| match error {
+                BundleError::Io { source, .. } => failed("write", &path)(source),
+                other => other,
+            })?;
         }
-        let mark = passing.0.join(MARK);
+        let mark = passing.path().join(MARK);
         let text = format!(
             "{}\nThis folder came from a bundle. Its graph reads only what lies here and what `--inputs` names.\n\
              Remove this file to make the graph your own.\n",
@@ -62,7 +65,7 @@ impl<R: Read + Seek> Bundle<R> {
         if is_empty_folder(target) {
             fs::remove_dir(target).map_err(failed("replace", target))?;
         }
-        fs::rename(&passing.0, target).map_err(failed("rename to", target))?;
+        fs::rename(passing.path(), target).map_err(failed("rename to", target))?;
         Ok(())
     }
 
@@ -129,32 +132,12 @@ pub fn bundle_around(folder: &Path) -> Option<PathBuf> {
     folder.ancestors().find(|above| fs::symlink_metadata(above.join(MARK)).is_ok()).map(Path::to_owned)
 }
 
+/// What was tried on which path, and what the system said.
+pub(super) fn told(error: cache::Error) -> String {
+    crate::error::NodeError::from(error).to_string()
+}
+
 fn is_empty_folder(path: &Path) -> bool {
     let is_folder = fs::symlink_metadata(path).is_ok_and(|found| found.is_dir());
     is_folder && fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
-}
-
-/// A folder under a passing name; removed when dropped, if it is still there.
-pub(crate) struct Passing(pub PathBuf);
-
-impl Passing {
-    pub fn create(parent: &Path) -> io::Result<Self> {
-        use std::sync::atomic::{AtomicU64, Ordering};
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        loop {
-            let count = COUNT.fetch_add(1, Ordering::Relaxed);
-            let path = parent.join(format!(".{}-{count}.lightharmony-folder", std::process::id()));
-            match fs::create_dir(&path) {
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                result => return result.map(|()| Self(path)),
-            }
-        }
-    }
-}
-
-impl Drop for Passing {
-    fn drop(&mut self) {
-        // Renamed, it is no longer there.
-        let _ = fs::remove_dir_all(&self.0);
-    }
 }

@@ -6,10 +6,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use cache::{Digest, Options, Store};
+use cache::{Digest, Options, Store, TempFolder};
 
 use super::container::{Bundle, BundleError};
-use super::unpack::Passing;
+use super::unpack::told as cause;
 use super::{GRAPH, LOCK};
 use crate::artifact::Difference;
 use crate::diag::{Diagnostics, Source};
@@ -91,15 +91,15 @@ pub fn verify<R: Read + Seek>(
     let refused = |error: &dyn std::fmt::Display| BundleError::Refused(error.to_string());
     bundle.check()?;
     let failed = |source| BundleError::Io { what: "cannot make a folder to verify in".to_owned(), source };
-    let place = Passing::create(options.folder).map_err(failed)?;
-    let folder = place.0.join("graph");
+    let place = TempFolder::create_in(options.folder).map_err(|error| BundleError::Refused(cause(error)))?;
+    let folder = place.path().join("graph");
     bundle.unpack(&folder)?;
     let root = SourceRoot::confined(&folder, &[]).map_err(failed)?;
     let graph =
         Graph::parse(Source::new(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
     let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
     let open = |name: &str| -> Result<Engine, BundleError> {
-        let store = Store::open(&place.0.join(name), Options::default()).map_err(|e| refused(&e))?;
+        let store = Store::open(&place.path().join(name), Options::default()).map_err(|e| refused(&e))?;
         Ok(Engine::new(store, options.jobs, options.memory))
     };
 
@@ -151,7 +151,7 @@ pub fn verify<R: Read + Seek>(
         return Ok(Verified { nodes: Vec::new(), known: known.len(), differences, failures: None });
     }
     let only: Vec<usize> = chosen.iter().copied().collect();
-    let (out, cancel) = (place.0.join("out"), options.cancel.clone());
+    let (out, cancel) = (place.path().join("out"), options.cancel.clone());
     let run = RunOptions { out, only, cancel, ..RunOptions::default() };
     let outcome = anew.run(&graph, &run, &mut tell);
 

@@ -167,9 +167,9 @@ impl Watch {
         let Watch { options, inputs, handle, files } = self;
         let pace = Pace::new(options.settle, LONGEST);
         let shown = BTreeMap::new();
-        let doubted = false;
+        let (doubted, good) = (false, false);
         let mut session =
-            Session { engine, options, inputs, handle, files, pace, load, tell, shown, doubted };
+            Session { engine, options, inputs, handle, files, pace, load, tell, shown, doubted, good };
         session.run();
         let wrong = session.shown.into_iter().filter(|(_, file)| file.shown != Shown::Right);
         wrong.map(|(path, _)| path).collect()
@@ -205,6 +205,8 @@ struct Session<'a, L, T> {
     shown: BTreeMap<PathBuf, SinkFile>,
     /// The graph was found wrong and is given time to become whole.
     doubted: bool,
+    /// The last run came to its end, and nothing failed.
+    good: bool,
 }
 
 impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
@@ -223,7 +225,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             let next = match next {
                 Next::Ended => {
                     (self.tell)(Event::Idle { files: self.files.count() });
-                    self.wait(&current)
+                    self.wait(&current, false)
                 }
                 other => other,
             };
@@ -284,7 +286,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                     drop(ended.0.0.send(Input::Told(Event::Mistakes { list, text })));
                 }
             });
-            let next = self.wait(current);
+            let next = self.wait(current, true);
             if !matches!(next, Next::Ended) {
                 cancel.store(true, Ordering::Relaxed);
                 while let Ok(input) = self.inputs.recv() {
@@ -303,13 +305,13 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
     }
 
     /// Sleeps until files changed for good, the run is over, or it is time to quit.
-    fn wait(&mut self, current: &Load) -> Next {
+    fn wait(&mut self, current: &Load, running: bool) -> Next {
         let pause = if self.files.hears() { DOUBT } else { POLL };
         let mut look = Instant::now() + pause;
         loop {
             let now = Instant::now();
             if self.pace.take(now)
-                && let Some(load) = self.changed(current)
+                && let Some(load) = self.changed(current, running)
             {
                 return Next::Changed(Box::new(load));
             }
@@ -339,8 +341,8 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    /// The new graph, where what changed means something.
-    fn changed(&mut self, current: &Load) -> Option<Load> {
+    /// The new graph, where what changed means something; or the same one, where what it came to is not there.
+    fn changed(&mut self, current: &Load, running: bool) -> Option<Load> {
         let changed = self.files.look();
         if changed.is_empty() {
             return None;
@@ -356,7 +358,11 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         };
         if same && only_texts {
             self.doubted = false;
-            return None;
+            (self.tell)(Event::Same);
+            // Saved once more, it is tried once more.
+            let in_place = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && path.exists();
+            let again = !running && load.graph.is_ok() && !(self.good && self.shown.iter().all(in_place));
+            return again.then_some(load);
         }
         if load.graph.is_err() && !std::mem::replace(&mut self.doubted, true) {
             self.files.doubt(changed);
@@ -398,6 +404,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 self.shown.insert(path.clone(), SinkFile { id: id.clone(), shown });
             }
             Event::Node { id, state: State::Failed | State::Skipped, .. } => stale = Some(id.clone()),
+            Event::Done(totals) => self.good = !totals.stopped && totals.failed == 0 && totals.skipped == 0,
             _ => {}
         }
         (self.tell)(event);

@@ -142,6 +142,21 @@ fn mistakes_of_axes_have_their_place() {
             h: Gather(input: "g", over: "yaw"), s: Add(terms: "h"),"#,
             &["`g` is a gather itself"],
         ),
+        (
+            yaw,
+            r#"a: Number(value: Axis("yaw")), g: Gather(input: "a", over: []), s: Add(terms: "g"),"#,
+            &["`over` names no axis", "read the node itself"],
+        ),
+        (
+            r#"file: List(["a/b", "a_b"])"#,
+            r#"a: LoadNumber(path: Axis("file")), s: WriteNumber(number: "a", path: "{file}.txt"),"#,
+            &["the values \"a/b\" and \"a_b\" of `file` would be one file", "name one of them otherwise"],
+        ),
+        (
+            yaw,
+            r#"a: Number(value: Axis("yaw")), s: Add(terms: Gather(input: "a", over: "yaw")),"#,
+            &["is not a wire", "a node stands in `nodes`, under a name"],
+        ),
         (yaw, r#"all: Gather(inputs: "a"),"#, &["no field `inputs`", "`Gather` needs `over`"]),
         (
             "a: Range(0, 50000), b: Range(0, 50000)",

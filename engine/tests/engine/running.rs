@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use cache::Store;
+use cache::{LeaseState, Options, Store};
 use engine::{Engine, Event};
 
 use crate::arithmetic::HEAVY;
@@ -318,4 +318,27 @@ fn a_value_of_which_only_the_digest_was_kept_is_made_again_and_never_another_one
     assert_eq!(value("d"), None, "it gives another number each time");
     lab.write("a.txt", "5\n");
     assert_eq!(value("s"), None, "the file is another one now");
+}
+
+#[test]
+fn who_waits_for_another_process_says_so() {
+    let lab = Lab::on_disk();
+    let text = graph_text("a: Number(value: 5)");
+    let mut key = None;
+    Lab::in_memory().run_until(&text, &[], |event, _| {
+        if let Event::Node { key: made, .. } = event {
+            key = *made;
+        }
+    });
+    // As by a process that is stopped while it computes: it holds the lease.
+    let store = Store::open(&lab.cache(), Options::default()).unwrap();
+    let LeaseState::Acquired(lease) = store.lease(&key.unwrap()) else { panic!("busy") };
+    let held = std::cell::Cell::new(Some(lease));
+    let log = lab.run_on(&lab.engine(), &text, &[], |event, _| {
+        if matches!(event, Event::Warning { id: "waits", text } if text.starts_with("`a` waits")) {
+            assert!(held.take().is_some(), "told once");
+        }
+    });
+    assert!(held.take().is_none());
+    assert_eq!((log.outcome.totals.ran, log.outcome.totals.failed), (1, 0));
 }

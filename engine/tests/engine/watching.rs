@@ -307,3 +307,27 @@ fn values_stay_in_memory_between_runs() {
     assert_eq!(ran(&events), ["one", "save", "sum"]);
     assert!(!events.iter().any(|event| matches!(event, Event::Remake { .. })), "{events:?}");
 }
+
+#[test]
+fn saved_once_more_it_is_tried_once_more() {
+    let nodes = r#"one: Number, save: WriteNumber(number: "one", path: "s.txt"),"#;
+    let watch = Session::of(nodes);
+    watch.rest();
+    let shown = watch.lab.out("s.txt");
+    watch.save(nodes);
+    watch.until(|event| matches!(event, Event::Same));
+    // What was removed comes back.
+    std::fs::remove_file(watch.lab.path("out/s.txt")).unwrap();
+    watch.save(nodes);
+    watch.rest();
+    assert_eq!(watch.lab.out("s.txt"), shown);
+    // And what failed, once nothing is in its way.
+    std::fs::remove_dir_all(watch.lab.path("out")).unwrap();
+    watch.lab.write("out", "in the way");
+    watch.save(nodes);
+    assert_eq!(mistakes(&watch.rest()).len(), 1);
+    std::fs::remove_file(watch.lab.path("out")).unwrap();
+    watch.save(nodes);
+    watch.rest();
+    assert_eq!(watch.lab.out("s.txt"), shown);
+}

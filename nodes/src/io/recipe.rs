@@ -10,7 +10,10 @@ pub fn is_picture(bytes: &[u8]) -> bool {
     [&b"\x89PNG"[..], &b"\xff\xd8\xff"[..], &b"v/1\x01"[..]].iter().any(|magic| bytes.starts_with(magic))
 }
 
-/// The recipe in a picture; `None` where it carries none, or is damaged before it.
+/// Most bytes of a recipe in a PNG, whose text may be packed: 1 MB would become 1 GB.
+const LONGEST: usize = 16 << 20;
+
+/// The recipe in a picture; `None` where it carries none or one that is no recipe by its length, or is damaged before it.
 pub fn recipe(bytes: &[u8]) -> Option<String> {
     match bytes {
         [0x89, b'P', ..] => in_png(bytes),
@@ -23,8 +26,9 @@ pub fn recipe(bytes: &[u8]) -> Option<String> {
 fn in_png(bytes: &[u8]) -> Option<String> {
     let limits = png::Limits { bytes: bytes.len().saturating_mul(8) };
     let reader = png::Decoder::new_with_limits(Cursor::new(bytes), limits).read_info().ok()?;
-    let text = reader.info().utf8_text.iter().find(|text| text.keyword == KEYWORD)?;
-    text.get_text().ok()
+    let mut text = reader.info().utf8_text.iter().find(|text| text.keyword == KEYWORD)?.clone();
+    text.decompress_text_with_limit(LONGEST).ok()?;
+    text.get_text().ok().filter(|text| text.len() <= LONGEST)
 }
 
 fn in_exr(bytes: &[u8]) -> Option<String> {
@@ -54,6 +58,38 @@ fn in_jpeg(bytes: &[u8]) -> Option<String> {
 mod tests {
     use super::*;
     use crate::io::{exr, jpeg, png};
+
+    #[test]
+    fn a_packed_text_is_not_believed() {
+        let raster = png::Raster {
+            width: 1,
+            height: 1,
+            channels: 3,
+            largest: 255,
+            codes: vec![7; 3],
+            ignored: vec![],
+        };
+        let packed = |length: usize| {
+            let mut bytes = Vec::new();
+            let mut encoder = ::png::Encoder::new(&mut bytes, 1, 1);
+            encoder.set_color(::png::ColorType::Rgb);
+            let mut writer = encoder.write_header().expect("a head");
+            let mut text = ::png::text_metadata::ITXtChunk::new(KEYWORD, "a".repeat(length));
+            text.compressed = true;
+            writer.write_text_chunk(&text).expect("a text");
+            writer.write_image_data(&[7; 3]).expect("a pixel");
+            drop(writer);
+            bytes
+        };
+        assert_eq!(recipe(&packed(1000)).map(|text| text.len()), Some(1000));
+        let bomb = packed(LONGEST + 1);
+        assert!(bomb.len() < LONGEST / 100);
+        assert_eq!(recipe(&bomb), None);
+        assert_eq!(
+            recipe(&png::write(&raster, true, &[(KEYWORD, &"a".repeat(LONGEST + 1))]).unwrap_or_default()),
+            None
+        );
+    }
 
     #[test]
     fn what_was_written_is_read_from_every_format() {

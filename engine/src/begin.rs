@@ -1,0 +1,114 @@
+//! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
+
+use std::cell::OnceCell;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::mpsc::Sender;
+use std::time::Instant;
+
+use crate::action::last_keys;
+use crate::event::{Event, State, Totals};
+use crate::graph::Graph;
+use crate::job::Message;
+use crate::known::Known;
+use crate::plan::wanted;
+use crate::run::{Run, Task};
+use crate::schedule::{Engine, RunOptions};
+use crate::settled::{Cone, Settled};
+use crate::slot::{Life, Slot};
+use crate::trace::Tracer;
+
+impl<'a> Run<'a> {
+    /// A run in which nothing is done yet.
+    pub fn new(
+        engine: &'a Engine,
+        graph: &'a Graph,
+        options: &'a RunOptions,
+        sender: Sender<Message>,
+        tell: &'a mut dyn FnMut(Event),
+    ) -> Self {
+        let start = Instant::now();
+        let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
+        let wanted = wanted(graph, &options.only);
+        let mut rank = vec![0; graph.nodes.len()];
+        for (position, &node) in graph.order().iter().enumerate() {
+            rank[node] = position;
+        }
+        let settled = engine.settled().take();
+        let cone = settled
+            .as_ref()
+            .and_then(|settled| settled.cone(graph, &options.only, &wanted, &options.out, &engine.store));
+        let whole = cone.is_none();
+        let all = || Cone { of: vec![true; graph.nodes.len()], kept: Vec::new() };
+        let Cone { of: cone, kept } = cone.unwrap_or_else(all);
+        let slot = |node: usize| {
+            let life = if wanted[node] { Life::Waiting } else { Life::Unwanted };
+            Slot::new(life, graph.reads(node).iter().filter(|&&above| cone[above]).count())
+        };
+        let mut totals = Totals::default();
+        let mut slots = match settled.filter(|_| !whole) {
+            None => (0..graph.nodes.len()).map(slot).collect(),
+            Some(Settled { mut slots, .. }) => {
+                for (index, known) in slots.iter_mut().enumerate() {
+                    if cone[index] {
+                        *known = slot(index);
+                    } else {
+                        totals.add(State::Cached);
+                        totals.degraded += usize::from(known.degraded);
+                    }
+                }
+                slots
+            }
+        };
+        for (node, path) in kept {
+            tell(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
+        }
+        let open = |index: usize| wanted[index] && cone[index];
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| open(*index)) {
+            slots[index].readers += usize::from(node.sink_path.is_some());
+            for &above in graph.reads(index) {
+                slots[above].readers += 1;
+            }
+        }
+        for &node in &options.rough {
+            slots[node].rough = true;
+        }
+        let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
+        let todo = ready.map(|&node| Task::Resolve(node)).collect();
+        let last_keys = last_keys(graph);
+        let known =
+            if whole { Known::read(&engine.store, &last_keys, graph.nodes.len()) } else { Known::default() };
+        Self {
+            engine,
+            graph,
+            options,
+            sender,
+            tell,
+            slots,
+            rank,
+            todo,
+            errands: Vec::new(),
+            ready: BTreeSet::new(),
+            queue: BTreeSet::new(),
+            parked: Vec::new(),
+            in_flight: HashMap::new(),
+            made: HashMap::new(),
+            last_keys,
+            known,
+            news: false,
+            scratch: Vec::new(),
+            claims: BTreeMap::new(),
+            read: OnceCell::new(),
+            supplied: 0,
+            running: 0,
+            busy: 0,
+            held: 0,
+            reserved: 0,
+            store_failed: false,
+            failures: Vec::new(),
+            totals,
+            whole,
+            tracer,
+            start,
+        }
+    }
+}
