@@ -101,6 +101,9 @@ fn an_instance_is_found_by_its_own_name_and_by_that_of_all() {
 #[test]
 fn mistakes_of_axes_have_their_place() {
     let lab = Lab::in_memory();
+    std::fs::create_dir(lab.path("a")).unwrap();
+    lab.write("a/b", "1");
+    lab.write("a_b", "2");
     let wrong = |axes: &str, nodes: &str| lab.mistakes(&graph(axes, nodes));
     let yaw = "yaw: List([1.0, 200.0])";
     for (axes, nodes, wanted) in [
