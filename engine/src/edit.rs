@@ -57,7 +57,7 @@ fn ron_text(value: &str) -> String {
     let is_ron = matches!(value, "true" | "false")
         || first.is_ascii_digit()
         || matches!(first, '"' | '(' | '[' | '-' | '+' | '.')
-        || (first.is_uppercase() && !value.contains('/'));
+        || (first.is_uppercase() && (!value.contains('/') || value.ends_with(')')));
     if is_ron && parse_value::<&ron::value::RawValue>(value).is_ok() {
         value.to_owned()
     } else {
@@ -102,6 +102,8 @@ mod tests {
         assert_eq!(set("a.path=out/x.png"), "a.path=\"out/x.png\"", "what is no RON is text");
         assert_eq!(set("a.m = Hard"), "a.m=Hard");
         assert_eq!(set("left.a.m=Hard"), "left.a.m=Hard");
+        assert_eq!(set("a.m=By(file: \"x/y.png\")"), "a.m=By(file: \"x/y.png\")");
+        assert_eq!(set("a.path=Out/x.png"), "a.path=\"Out/x.png\"");
         assert_eq!(set("axes.frame=Range(0, 3)"), "axes.frame=Range(0, 3)");
     }
 
