@@ -27,6 +27,7 @@ mod method;
 mod photographs;
 mod region;
 mod spread;
+mod sun;
 #[cfg(feature = "learned")]
 pub mod training;
 pub use method::Method;
@@ -78,7 +79,7 @@ const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const DATA: &'static [u8] = learned::WEIGHTS;
     const HOLDS_FILES: bool = true;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;

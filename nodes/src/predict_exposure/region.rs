@@ -5,13 +5,10 @@ use glam::DVec3;
 
 use super::grid::Grid;
 use super::spread::Spread;
-use super::{Clipped, Found};
+use super::{Clipped, Found, sun};
 use crate::color::luminance;
 use crate::light::regions;
 use crate::num;
-
-/// Cells around a region that count as its surroundings.
-const RING: usize = 3;
 
 /// Mean and spread of each feature, and its weight, in the order of [`features`]. Ridge regression of
 /// log2 mean gain on 4123 regions of 28 HDR panoramas at 5 exposures each, 256x128: fitted by
@@ -24,23 +21,6 @@ const STOPS: (f64, f64) = (0.0, 14.0);
 /// The gain within a region grows as (distance to the edge / largest distance)^4, as in the fit.
 const PROFILE_POWER: i32 = 4;
 
-/// A clear sky's sun: a compact region above the horizon (sine of elevation) and smaller than this (log2
-/// sr) that holds at least this share of all that is clipped, amid a ring at least as blue as red. The
-/// regression, made mostly of windows and glints, is too timid there.
-const SUN: SunRule = SunRule { log2_solid_angle: -2.5, sine: 0.03, share: 0.35, flux: 0.5 };
-
-/// When a region is taken for the sun, and the least it then gives.
-struct SunRule {
-    log2_solid_angle: f64,
-    sine: f64,
-    share: f64,
-    /// Of the flux of everything unclipped. A physical sun gives about 1.7 times as much; over the 74
-    /// panoramas of hdri-train, cross-validated by place, half lowers the mean error from 0.95 to 0.93
-    /// stops of irradiance and from 2.20 to 2.09 of contrast, where once or more than once does no better.
-    /// The thresholds and this number were chosen on those panoramas, so that is no test on unseen ones.
-    flux: f64,
-}
-
 /// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
 pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
     let Clipped { up, pixels, mask, ref grid, ref labels, ref members } = *clipped;
@@ -48,13 +28,11 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
     let rest = mean_of(grid, (0..grid.clipped.len()).filter(|&c| !grid.clipped[c] && grid.seen[c]));
     cx.progress(0.2);
     let regression = cx.for_each_tile(labels.count, |i| {
-        let (weights, blue) = features(grid, up, &members[i], total, rest);
+        let weights = features(grid, up, &members[i], total, rest);
         let z = |k: usize| (weights[k] - MEAN[k]) / SPREAD[k] * WEIGHT[k];
-        let stops = (0..9).map(z).sum::<f64>().clamp(STOPS.0, STOPS.1);
-        let [_, log2_solid_angle, _, sine, .., share, _] = weights;
-        let compact = log2_solid_angle < SUN.log2_solid_angle && share > SUN.share;
-        (stops, compact && sine > SUN.sine && blue)
+        (0..9).map(z).sum::<f64>().clamp(STOPS.0, STOPS.1)
     })?;
+    let suns = sun::suns(grid, up, members);
     cx.progress(0.5);
     let distance = regions::distance_to_edge(mask, pixels.width);
     cx.check()?;
@@ -75,10 +53,10 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
         .sum();
     let mut log2_gain = vec![0.0_f32; mask.len()];
     let mut found = Vec::with_capacity(labels.count);
-    for (i, &(stops, sun)) in regression.iter().enumerate() {
+    for (i, (&stops, &sun)) in regression.iter().zip(&suns).enumerate() {
         // The fit took whole cells for clipped, so its gain acts on their area.
         let flux = spread.cell_flux[i];
-        let least = if sun && flux > 0.0 { num::f64::log2(SUN.flux * unclipped / flux) } else { 0.0 };
+        let least = if sun && flux > 0.0 { num::f64::log2(sun::FLUX * unclipped / flux) } else { 0.0 };
         let stops = stops.max(least).clamp(STOPS.0, STOPS.1);
         let given = spread.apply(i, (num::f64::exp2(stops) - 1.0) * flux, pixels, &mut log2_gain);
         found.push(Found { sun, ..clipped.found(i, &spread, given) });
@@ -88,29 +66,21 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
 
 /// The nine numbers of a region: 1, log2 solid angle, a tenth of its square, mean sine of elevation,
 /// mean brightness of its ring, length of the mean direction (1 when compact), log2 of all clipped
-/// solid angle, share of it, and the mean of everything unclipped. And whether the ring is at least as
-/// blue as it is red.
-fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> ([f64; 9], bool) {
+/// solid angle, share of it, and the mean of everything unclipped.
+fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> [f64; 9] {
     let above = crate::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
-    let mut own = vec![false; grid.clipped.len()];
     for &cell in cells {
         let (d, solid_angle) = (grid.direction(up, cell), grid.solid_angle(cell));
         size += solid_angle;
         sine += d.dot(above) * solid_angle;
         sum += d;
-        own[cell] = true;
     }
-    let grown = regions::grow(&own, grid.width, RING);
-    let around = || (0..own.len()).filter(|&c| grown[c] && !grid.clipped[c] && grid.seen[c]);
-    let ring = mean_of(grid, around());
-    let blue = around().map(|cell| grid.rgb[cell][2] - grid.rgb[cell][0]).sum::<f64>() >= 0.0;
+    let ring = mean_of(grid, sun::surroundings(grid, cells));
     let log = num::f64::log2(size);
     let compact = sum.length() / cells.len() as f64;
     let share = size / total;
-    let features =
-        [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest];
-    (features, blue)
+    [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 
 /// Mean of the channels of some cells; half of white where there is nothing to average, as in the fit.

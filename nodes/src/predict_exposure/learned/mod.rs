@@ -8,7 +8,7 @@ mod scene;
 use engine::{Context, NodeError};
 
 use super::spread::Spread;
-use super::{Clipped, Found};
+use super::{Clipped, Found, sun};
 use crate::num;
 
 pub(super) use self::net::Network;
@@ -54,6 +54,21 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
     Hidden { cells, disagreement: logs.iter().map(deviation).collect() }
 }
 
+impl Hidden {
+    /// The sun of a clear sky gives at least what it must, however little the networks say.
+    pub fn with_suns(mut self, scene: &Scene) -> Self {
+        let least = sun::FLUX * scene.open_flux;
+        for region in (0..scene.suns.len()).filter(|&region| scene.suns[region]) {
+            let own = || scene.cells.iter().enumerate().filter(|(_, cell)| cell.region == region);
+            let told: f64 = own().map(|(i, _)| self.cells[i]).sum();
+            if told > 0.0 && told < least {
+                own().for_each(|(i, _)| self.cells[i] *= least / told);
+            }
+        }
+        self
+    }
+}
+
 /// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
 pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
     let Clipped { up, pixels, mask, ref grid, ref labels, .. } = *clipped;
@@ -62,7 +77,7 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
     cx.check()?;
     cx.progress(0.4);
     let mut log2_gain = vec![0.0_f32; mask.len()];
-    let hidden = hidden(&network, &scene, labels.count);
+    let hidden = hidden(&network, &scene, labels.count).with_suns(&scene);
     // Log of hidden over visible light of each clipped cell; neighbours in a region are interpolated between.
     let mut log_ratio = vec![None; grid.rgb.len()];
     let mut excess = vec![0.0; labels.count];
@@ -96,11 +111,12 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
     let mut found = Vec::with_capacity(labels.count);
     for (i, excess) in excess.into_iter().enumerate() {
         let given = spread.apply(i, excess, pixels, &mut log2_gain);
-        // What is not hidden is certain: the gain is off by its hidden part's share of the error.
-        let share = 1.0 - num::f64::exp2(-given.mean_log2_gain);
+        // One deviation more of hidden light, in its logarithm, makes the gain larger by this.
         let disagreement = hidden.disagreement[i];
         let error = (network.residual * network.residual + disagreement * disagreement).sqrt();
-        found.push(Found { uncertainty: Some(share * error), ..clipped.found(i, &spread, given) });
+        let ratio = (num::f64::exp2(given.mean_log2_gain) - 1.0) * num::f64::exp2(error);
+        let uncertainty = Some(num::f64::log2(1.0 + ratio) - given.mean_log2_gain);
+        found.push(Found { sun: scene.suns[i], uncertainty, ..clipped.found(i, &spread, given) });
     }
     cx.progress(0.8);
     Ok((log2_gain, found))

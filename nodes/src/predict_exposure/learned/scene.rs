@@ -4,6 +4,7 @@ use engine::Up;
 use glam::DVec3;
 
 use super::super::grid::Grid;
+use super::super::sun;
 use super::blur::Fields;
 use super::overview::OVERVIEW;
 use crate::equirect::axes;
@@ -26,6 +27,8 @@ pub(in super::super) struct Scene {
     pub cells: Vec<ClippedCell>,
     /// Luminance times solid angle of everything seen and not clipped.
     pub open_flux: f64,
+    /// Which regions are taken for the sun.
+    pub suns: Vec<bool>,
 }
 
 /// One clipped cell.
@@ -214,6 +217,7 @@ impl Scene {
         Self {
             overview: view.overview(&sizes),
             cells: labels.of.iter().enumerate().filter_map(cell).collect(),
+            suns: sun::suns(grid, up, &members),
             open_flux: view.cells().map(|c| view.luminance[c] * view.open[c]).sum(),
         }
     }

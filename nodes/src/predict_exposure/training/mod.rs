@@ -180,7 +180,7 @@ fn judge(name: &str, example: &Example, network: &Forward) -> (Score, Vec<f64>) 
         let log = |a: f64, b: f64| num::f64::log2(a / b);
         [log(sums[0], example.truth[0]), log(contrast(sums), contrast(example.truth))]
     };
-    let (before, after) = (errors(&vec![0.0; predicted.cells.len()]), errors(&predicted.cells));
+    let before = errors(&vec![0.0; predicted.cells.len()]);
     let mut of_region = vec![[0.0; 2]; regions];
     for (cell, (told, real)) in example.scene.cells.iter().zip(predicted.cells.iter().zip(&example.hidden)) {
         of_region[cell.region][0] += told;
@@ -192,14 +192,16 @@ fn judge(name: &str, example: &Example, network: &Forward) -> (Score, Vec<f64>) 
         let disagreement = predicted.disagreement[region];
         (*real > MATTERS * total && total > 0.0).then_some(error * error - disagreement * disagreement)
     };
+    let squares = of_region.iter().enumerate().filter_map(square).collect();
+    let after = errors(&predicted.with_suns(&example.scene).cells);
     let score =
         Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] };
-    (score, of_region.iter().enumerate().filter_map(square).collect())
+    (score, squares)
 }
 
 /// The light recovered from the plain photograph of a panorama, as EXR.
 fn recovered(example: &Example, network: &Forward) -> Result<Vec<u8>, Error> {
-    let predicted = hidden(network, &example.scene, regions_of(example));
+    let predicted = hidden(network, &example.scene, regions_of(example)).with_suns(&example.scene);
     let mut samples: Vec<f32> = example.rgb.iter().flat_map(|rgb| rgb.map(|v| v as f32)).collect();
     for (cell, hidden) in example.scene.cells.iter().zip(&predicted.cells) {
         let gain = 1.0 + hidden / cell.flux.max(1e-12);
