@@ -135,7 +135,8 @@ fn every_key_of_the_published_model_finds_its_place() {
             gb(large.activations),
             gb(small.activations)
         );
-        assert_eq!(Memory::published((1440, 720)), large.total() - large.weights);
+        // What is asked for before a file is opened is enough for each.
+        assert!(large.total() - large.weights <= Memory::published((1440, 720)), "{name}");
         tallies.push((path, tally));
     }
     println!("peak memory of the process that mapped them: {}", peak_of_this_process());
