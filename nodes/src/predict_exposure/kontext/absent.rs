@@ -9,7 +9,7 @@ impl Kontext<'_> {
     pub(in super::super) fn check(&self) -> Result<(), NodeError> {
         Err(NodeError::new("this build has no diffusion model: it lacks the feature `learned`")
             .at("method")
-            .hint("build it with `--features learned`, or use another method"))
+            .hint("build it with `--features learned`, or use another method; docs/kontext.md tells which weights it needs"))
     }
 
     pub(in super::super) fn memory(&self, _width: usize) -> u64 {
