@@ -69,7 +69,7 @@ impl Kind for PoseNode {
         let det = DMat3::from_mat4(row_major(&m)).determinant();
         if det == 0.0 || !det.is_finite() {
             return Err(NodeError::new(
-                "`matrix` flattens the object: its determinant is not a number but 0",
+                "`matrix` flattens the object, or its numbers are too large: its determinant must be finite, and not 0",
             )
             .at("matrix"));
         }

@@ -51,7 +51,8 @@ engine::params! {
         /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as
         /// much they keep a part of it, but for `Paper`, so that the bound draws no line.
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
-        /// Largest ratio; above 1 keeps light that the object adds by reflection. `Hybrid` takes 1 at most.
+        /// Largest ratio; above 1 keeps light that the object adds by reflection, below 1 darkens the whole picture.
+        /// `Hybrid` takes 1 at most.
         s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
         /// Exponent of the ratio; smaller is softer.
         gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");
@@ -103,9 +104,12 @@ impl Tally {
 impl ShadowRatio {
     /// The shaped factor of a raw ratio; the paper's parametric shadow shaping.
     fn shape(&self, ratio: f64) -> f64 {
+        1.0 - self.lambda * (1.0 - self.powered(ratio).max(self.s_min))
+    }
+
+    fn powered(&self, ratio: f64) -> f64 {
         // Most of a picture is 1, as is every power of it.
-        let powered = if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) };
-        1.0 - self.lambda * (1.0 - powered.max(self.s_min))
+        if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) }
     }
 
     fn view(
@@ -215,13 +219,21 @@ impl ShadowRatio {
 
 impl Kind for ShadowRatio {
     const NAME: &'static str = "shadow-ratio";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
 
     fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
         ViewCount::As(&["without"])
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        if params.s_min > params.powered(params.s_max) {
+            let text = "`s_min` is above all that `s_max` lets through, so every pixel would be alike";
+            return Err(NodeError::new(text).at("s_min").hint("set `s_min` below `s_max`"));
+        }
+        Ok(())
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -237,6 +249,10 @@ impl Kind for ShadowRatio {
             lights.push(NamedImage { name: view.name.clone(), picture: added.into() });
         }
         let mut notes = Notes::none();
+        if params.shape(params.s_max) < 1.0 {
+            let text = "`s_max` is below 1, so all of the picture is darkened, also where no object is near";
+            notes.warning("darkened", text);
+        }
         if tally.broken > 0 {
             notes
                 .warning("not-finite", format!("{} samples are not finite and cast no shadow", tally.broken));
@@ -283,6 +299,24 @@ mod tests {
         let inputs = In { without: image(r0), with: image(r1) };
         let (out, _) = ShadowRatio::run(params, inputs, &context()).expect("runs");
         out.shadow.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
+    }
+
+    /// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
+    /// Mutation: `powered` left out of `check` (seen red).
+    #[test]
+    fn bounds_that_leave_no_shadow_are_told() {
+        let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..plain() };
+        for (s_min, s_max, gamma, good) in
+            [(0.9, 0.5, 1.0, false), (0.6, 0.5, 0.5, true), (0.8, 0.5, 0.5, false), (1.0, 1.0, 1.0, true)]
+        {
+            let checked = ShadowRatio::check(&of(s_min, s_max, gamma));
+            assert_eq!(checked.is_ok(), good, "{s_min} of {s_max}^{gamma}");
+        }
+        let told = |p: &ShadowRatio| {
+            let run = ShadowRatio::run(p, In { without: image(&[1.0]), with: image(&[1.0]) }, &context());
+            run.expect("runs").1.iter().any(|note| note.id == "darkened")
+        };
+        assert!(told(&of(0.0, 0.5, 1.0)) && !told(&plain()) && !told(&of(0.0, 2.0, 1.0)));
     }
 
     /// Mutation: `energy > 0.0 && energy >= least` not asked in `ratio` (seen red).

@@ -1,7 +1,7 @@
 //! Open Image Denoise, the denoiser of Intel's that Blender has too, loaded where it is installed. Nothing here is
 //! in a default build; the feature `oidn` of `lightharmony` brings it in.
 //!
-//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find`] looks for the library
+//! The crate knows the library and arrays of colours, and neither graphs nor images. [`find()`] looks for the library
 //! and tells where it looked; [`Found::load`] loads it; [`Library::denoise`] filters one picture on the thread that
 //! calls it. Version 2 for Linux is known; version 1 has other names.
 

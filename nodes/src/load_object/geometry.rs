@@ -22,6 +22,7 @@ struct Tally {
     without_area: u64,
     left_over: u64,
     unmapped: u64,
+    coordinates: u64,
     normals: u64,
     colours: u64,
     tangents_made: u64,
@@ -279,6 +280,8 @@ impl<'a> Geometry<'a> {
     fn rest(&mut self, primitive: &gltf::Primitive<'_>, n: usize, p: &mut Primitive) -> Result<(), Error> {
         for (set, to) in [(0, &mut p.uv0), (1, &mut p.uv1)] {
             let uv = self.attribute::<2>(primitive, Semantic::TexCoords(set), n)?.unwrap_or_default();
+            let good = |uv: &[f64; 2]| uv.iter().all(|c| c.is_finite());
+            self.tally.coordinates += uv.iter().filter(|uv| !good(uv)).count() as u64;
             *to = uv.into_iter().map(|uv| uv.map(|c| if c.is_finite() { c as f32 } else { 0.0 })).collect();
         }
         let Some(accessor) = primitive.get(&Semantic::Colors(0)) else { return Ok(()) };
@@ -457,6 +460,11 @@ impl<'a> Geometry<'a> {
                 "no-coordinates",
                 t.unmapped,
                 "primitives have a texture but not its coordinates; all of them show its corner",
+            ),
+            (
+                "coordinates-not-finite",
+                t.coordinates,
+                "texture coordinates are not finite numbers; 0 stands for them",
             ),
             ("normals-repaired", t.normals, "normals without length were made from the faces around"),
             ("colours-clamped", t.colours, "vertex colours outside of 0 to 1 were clamped"),

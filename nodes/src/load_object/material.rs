@@ -23,12 +23,14 @@ pub struct Materials<'a> {
     occluded: bool,
 }
 
-/// What a material may say and we do not draw, and what shows instead.
-const NOT_DRAWN: [(&str, &str); 4] = [
+/// What a file may say and we do not draw, and what shows instead.
+const NOT_DRAWN: [(&str, &str); 6] = [
     ("KHR_lights_punctual", "its lamps shed no light; emissive surfaces do"),
     ("KHR_materials_dispersion", "light of all colours is bent alike"),
     ("KHR_materials_volume_scatter", "nothing scatters inside"),
     ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are taken"),
+    ("KHR_materials_variants", "the materials are those of no variant"),
+    ("KHR_texture_basisu", "textures show the PNG or JPEG that stands beside"),
 ];
 
 /// What leaving out an extension does.
@@ -78,8 +80,11 @@ impl<'a> Materials<'a> {
         }
         let used = self.json["extensionsUsed"].as_array().into_iter().flatten().filter_map(Value::as_str);
         let told = |name: &str| self.ignored.iter().any(|text| text.split(' ').next() == Some(name));
-        for name in used.filter(|name| !SUPPORTED.contains(name) && *name != "KHR_lights_punctual") {
-            if !told(name) && !name.starts_with("KHR_materials_") {
+        let drawn = |name: &&str| SUPPORTED.contains(name) && *name != "KHR_materials_variants";
+        for name in used.filter(|name| !drawn(name) && *name != "KHR_lights_punctual") {
+            // Of a material that is not used nothing is left out.
+            let unused = name.starts_with("KHR_materials_") && name != "KHR_materials_variants";
+            if !told(name) && !unused {
                 notes.warning("extension-ignored", format!("{name} is left out: {}", effect(name)));
             }
         }
@@ -357,7 +362,8 @@ mod tests {
     #[test]
     fn what_is_not_known_is_named() {
         let json = json!({
-            "extensionsUsed": ["KHR_lights_punctual", "MSFT_lod", "KHR_materials_ior", "KHR_materials_dispersion"],
+            "extensionsUsed": ["KHR_lights_punctual", "MSFT_lod", "KHR_materials_ior", "KHR_materials_dispersion",
+                "KHR_materials_variants", "KHR_texture_basisu"],
             "extensions": {"KHR_lights_punctual": {"lights": [{"type": "point"}]}},
             "nodes": [{"extensions": {"KHR_lights_punctual": {"light": 0}}}, {}]
         });
@@ -369,7 +375,9 @@ mod tests {
             told[0].1.contains("(1 of them)") && told[1].1.starts_with("MSFT_lod is left out"),
             "{told:?}"
         );
-        assert_eq!(told.len(), 2);
+        assert!(told[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
+        assert!(told[3].1.ends_with("the PNG or JPEG that stands beside"));
+        assert_eq!(told.len(), 4);
     }
 
     #[test]
