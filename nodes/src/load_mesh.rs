@@ -42,9 +42,6 @@ engine::params! {
         path: InputFile, other("\"b.ply\"");
         /// How vertex colours are encoded.
         colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
-        /// Least albedo of a channel. What a capture shows black is little light and not none, and a place that
-        /// reflects nothing shows no shadow; the ratio of two renders does not depend on the albedo otherwise.
-        least_albedo: f64 = 0.01, range(0.0, 1.0), other("0.5");
         /// Which frame the coordinates are in.
         frame: MeshFrame = MeshFrame::World, other("Gltf");
     }
@@ -76,7 +73,7 @@ struct RawMesh {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -111,8 +108,7 @@ impl Kind for LoadMesh {
             }
             other => other == ColourEncoding::Srgb,
         };
-        let albedo = |c: f32| (if srgb { linear_from_srgb(c) } else { c }).max(p.least_albedo as f32);
-        let mesh = clean(name, raw, albedo, cx, &mut notes)?;
+        let mesh = clean(name, raw, srgb, cx, &mut notes)?;
         cx.count("triangles", mesh.triangles.len() as u64);
         Ok((Out { mesh: Arc::new(mesh) }, notes))
     }
@@ -264,13 +260,7 @@ fn faces(
 }
 
 /// Drops what cannot be traced, and makes colours linear. Row 41 of the table of extremes.
-fn clean(
-    name: &str,
-    raw: RawMesh,
-    albedo: impl Fn(f32) -> f32,
-    cx: &Context,
-    notes: &mut Notes,
-) -> Result<Mesh, NodeError> {
+fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
     if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
         let what = format!("triangle {bad} names a vertex beyond the {n} there are");
@@ -294,7 +284,10 @@ fn clean(
             let legal = colour.iter().all(|c| (0.0..=1.0).contains(c));
             clamped += u64::from(!legal);
             // The comparison turns what is not a number into 0.
-            mesh.colours.push(colour.map(|c| albedo(if c > 0.0 { c.min(1.0) as f32 } else { 0.0 })));
+            mesh.colours.push(colour.map(|c| {
+                let c = if c > 0.0 { c.min(1.0) as f32 } else { 0.0 };
+                if srgb { linear_from_srgb(c) } else { c }
+            }));
         }
     }
     cx.check()?;
@@ -351,12 +344,7 @@ mod tests {
         LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
     }
     fn plain() -> LoadMesh {
-        LoadMesh {
-            path: InputFile("a.ply".into()),
-            colours: ColourEncoding::Auto,
-            least_albedo: 0.01,
-            frame: MeshFrame::World,
-        }
+        LoadMesh { path: InputFile("a.ply".into()), colours: ColourEncoding::Auto, frame: MeshFrame::World }
     }
     fn good(bytes: &[u8]) -> (Arc<Mesh>, Notes) {
         load(bytes, &plain()).unwrap_or_else(|e| panic!("{e}"))
@@ -393,7 +381,7 @@ mod tests {
         assert_eq!(mesh, good(&binary(true)).0);
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]], "a fan");
         assert_eq!(mesh.positions[3], [0.0, 1.0, 0.25]);
-        assert_eq!(mesh.colours[0], [0.01, linear_from_srgb(128.0 / 255.0), 1.0]);
+        assert_eq!(mesh.colours[0], [0.0, linear_from_srgb(128.0 / 255.0), 1.0]);
         assert!(
             notes.iter().any(|n| n.id == "colour-encoding") && notes.iter().any(|n| n.id == "faces-fanned")
         );
@@ -433,8 +421,6 @@ mod tests {
     fn parameters_change_what_they_say() {
         let linear = load(&ascii(), &LoadMesh { colours: ColourEncoding::Linear, ..plain() });
         assert_eq!(linear.map(|m| m.0.colours[0][1]).ok(), Some((128.0 / 255.0) as f32));
-        let black = load(&ascii(), &LoadMesh { least_albedo: 0.0, ..plain() });
-        assert_eq!(black.map(|m| m.0.colours[2]).ok(), Some([0.0; 3]));
         let turned = load(&ascii(), &LoadMesh { frame: MeshFrame::Gltf, ..plain() });
         assert_eq!(turned.map(|m| m.0.positions[3]).ok(), Some([0.0, -0.5, 2.0]), "(x, -z, y) / 0.5");
     }
@@ -458,8 +444,7 @@ mod tests {
     fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
         let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
         let read = |bytes: &[u8]| {
-            from_ply("a.ply", bytes, &cx)
-                .and_then(|raw| clean("a.ply", raw, linear_from_srgb, &cx, &mut Notes::none()))
+            from_ply("a.ply", bytes, &cx).and_then(|raw| clean("a.ply", raw, true, &cx, &mut Notes::none()))
         };
         for bytes in [ascii(), binary(false), binary(true)] {
             // The last bytes of ASCII are a digit and a line end, which may go.

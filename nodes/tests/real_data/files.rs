@@ -80,12 +80,7 @@ fn object(path: &str) -> (Arc<Object>, Notes) {
 }
 
 fn mesh(path: &str) -> (Arc<Mesh>, Notes) {
-    let p = LoadMesh {
-        path: InputFile(path.into()),
-        colours: ColourEncoding::Auto,
-        least_albedo: 0.01,
-        frame: MeshFrame::World,
-    };
+    let p = LoadMesh { path: InputFile(path.into()), colours: ColourEncoding::Auto, frame: MeshFrame::World };
     let (out, notes) = LoadMesh::run(&p, load_mesh::In {}, &cx()).unwrap();
     (out.mesh, notes)
 }

@@ -95,7 +95,6 @@ fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), N
     let params = LoadMesh {
         path: InputFile(path.display().to_string()),
         colours: load_mesh::ColourEncoding::Auto,
-        least_albedo: 0.0,
         frame: load_mesh::MeshFrame::World,
     };
     let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
