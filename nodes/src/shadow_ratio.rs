@@ -302,7 +302,7 @@ mod tests {
     }
 
     /// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
-    /// Mutation: `powered` left out of `check` (seen red).
+    /// Mutation: `powered` left out of `check`.
     #[test]
     fn bounds_that_leave_no_shadow_are_told() {
         let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..plain() };

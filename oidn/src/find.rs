@@ -86,7 +86,7 @@ mod tests {
         folder
     }
 
-    // Mutation: `starts_with("2.")` left out of `version_of` (seen red).
+    // Mutation: `starts_with("2.")` left out of `version_of`.
     #[test]
     fn the_first_folder_that_holds_version_2_is_taken() {
         let empty = tempfile::tempdir().expect("a folder");

@@ -70,7 +70,7 @@ mod tests {
         (squares.sum::<f32>() / pixels.len() as f32).sqrt()
     }
 
-    // Mutations: `set_image` with the rows for the columns; `numThreads` misspelt (both seen red).
+    // Mutation: `set_image` with the rows for the columns.
     #[test]
     fn where_it_is_installed_noise_goes_and_the_edge_stays() {
         let Some(library) = installed("where_it_is_installed_noise_goes_and_the_edge_stays") else { return };

@@ -288,7 +288,7 @@ fn a_variance_of_nothing_is_told() {
 }
 
 /// Light near the largest number stays a number: sums of many pixels of it would not.
-/// Mutation: `scale` of 1 in `Field::average_at` (seen red).
+/// Mutation: `scale` of 1 in `Field::average_at`.
 #[test]
 fn the_brightest_light_stays_finite() {
     let bright = |scale: f32| {
