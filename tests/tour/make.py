@@ -132,7 +132,7 @@ section("Faults")
 transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "rm -r first/out; lightharmony run first/graph.ron --out first/out", "lightharmony cache repair",
            "lightharmony run first/graph.rom", "lightharmony run first/graph.ron --set pose.yaw=3", "lightharmony run first/graph.ron --set demo.width_px=4000000000",
            "lightharmony run first/graph.ron --out /proc/out --set pose.yaw_deg=1.0 2>&1 | tail -6",
-           "lightharmony run first/graph.ron --memory 1M --set pano.width_px=1024 2>&1 | tail -6",
+           "lightharmony run first/graph.ron --memory 1M --set pano.width_px=1024 2>&1 | tail -8",
            "timeout --foreground --preserve-status -s INT 3 lightharmony run first/graph.ron --set trace.samples=4000 2>&1 | tail -3", most=12)
 section("The shell")
 transcript("lightharmony completions bash | wc -l", "lightharmony manual --to man && ls man | head -3", "lightharmony nodes cube-rig")
