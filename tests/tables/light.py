@@ -1,7 +1,7 @@
 """The cross-validation of docs/light.md, and its picture.
 
     lightharmony train-exposure HDRI --recovered RECOVERED
-    python tests/tables/light.py HDRI PEERS learned=RECOVERED [NAME=FOLDER ..] [--picture light.png NAME,NAME,..]
+    python tests/tables/light.py HDRI PEERS learned=RECOVERED [NAME=FOLDER ..] [--picture light.jpg NAME,NAME,..]
 
 HDRI holds the panoramas, PEERS the script of measures that was fixed before (`eval_pano.py`, whose EV 0 rule and spheres
 are used), each FOLDER one EXR of recovered light for each panorama, by name. Prints the mean of each measure, strong
@@ -59,7 +59,7 @@ if picture:
             for ball in ("diffuse", "glossy", "mirror"):
                 cell = np.full((n, n, 3), 128, np.uint8)
                 cell[disc] = code(ev.spheres(images[name])[ball][None])[0]
-                cells.append(cell)
+                cells += [cell, np.full((n, 2, 3), 128, np.uint8)]
         rows.append(np.concatenate(cells, 1))
     sheet = np.concatenate(rows, 0)
     cv2.imwrite(picture, cv2.resize(sheet, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_CUBIC))
