@@ -8,8 +8,6 @@
 mod build;
 mod triangles;
 
-use std::cell::Cell;
-
 use glam::{Vec3, Vec4};
 
 use triangles::{Packet, Sheared};
@@ -62,37 +60,6 @@ const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
 const STACK: usize = 64;
 /// Boxes are entered up to this much beyond the nearest hit, which covers the rounding of both.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
-
-/// What walks through trees took: the same for the same rays, whoever runs them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Walks {
-    /// Nodes of four boxes.
-    pub nodes: u64,
-    /// Packets of four triangles, of which some may be empty.
-    pub packets: u64,
-}
-
-thread_local! {
-    /// Of this thread so far. Counts of a walk stay in registers and are added at its end.
-    static WALKS: Cell<Walks> = const { Cell::new(Walks { nodes: 0, packets: 0 }) };
-}
-
-impl Walks {
-    /// What `work` gives, and what its walks took. All of it runs on this thread.
-    pub fn of<R>(work: impl FnOnce() -> R) -> (R, Self) {
-        let before = WALKS.get();
-        let done = work();
-        let after = WALKS.get();
-        (done, Self { nodes: after.nodes - before.nodes, packets: after.packets - before.packets })
-    }
-}
-
-impl std::ops::AddAssign for Walks {
-    fn add_assign(&mut self, other: Self) {
-        self.nodes += other.nodes;
-        self.packets += other.packets;
-    }
-}
 
 /// A tree of boxes over triangles.
 #[derive(Debug, Clone, Default)]
@@ -196,9 +163,7 @@ impl Bvh {
         let mut limit = ray.t_max;
         let mut stack = [(0_u32, 0.0_f32); STACK];
         let mut depth = 1;
-        let mut walked = Walks::default();
-        let mut go_on = true;
-        'walk: while depth > 0 {
+        while depth > 0 {
             depth -= 1;
             let (child, entry) = stack[depth];
             if entry > limit * SLACK {
@@ -208,15 +173,12 @@ impl Bvh {
                 let first = (child & LEAF_FIRST) as usize;
                 let count = ((child & !LEAF) >> LEAF_SHIFT) as usize;
                 for packet in &self.packets[first..first + count] {
-                    walked.packets += 1;
                     if !leaf(packet, &sheared, &mut limit) {
-                        go_on = false;
-                        break 'walk;
+                        return false;
                     }
                 }
                 continue;
             }
-            walked.nodes += 1;
             let node = &self.nodes[child as usize];
             let mut enter = Vec4::ZERO;
             let mut leave = Vec4::splat(limit);
@@ -241,10 +203,7 @@ impl Bvh {
                 depth += 1;
             }
         }
-        let mut all = WALKS.get();
-        all += walked;
-        WALKS.set(all);
-        go_on
+        true
     }
 }
 

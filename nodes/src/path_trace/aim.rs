@@ -163,8 +163,6 @@ pub struct Aim {
     pub power: f64,
     /// Solid angle of the cells that it expects light from.
     pub area: f64,
-    /// Variance of the light of these cells over their solid angle, by the square of its mean.
-    pub uneven: f64,
 }
 
 impl Aim {
@@ -174,7 +172,7 @@ impl Aim {
         let Grid { cells, columns } = grid;
         let rows = cells.len() / columns;
         let cumulative = vec![0.0; rows + cells.len()];
-        let mut aim = Self { columns: *columns, cumulative, power: 0.0, area: 0.0, uneven: 0.0 };
+        let mut aim = Self { columns: *columns, cumulative, power: 0.0, area: 0.0 };
         let (to_rows, to_columns) = aim.cumulative.split_at_mut(rows);
         let mut exact = vec![0.0; rows.max(*columns)];
         let mut narrow = |weights: &[f64], to: &mut [f32]| {
@@ -190,15 +188,10 @@ impl Aim {
         for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(*columns)) {
             let weights: Vec<f64> = cells.iter().map(weight).collect();
             let bright = cells.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
-            for (cell, weight) in bright {
-                aim.area += cell.area;
-                aim.uneven += weight * weight / cell.area;
-            }
+            aim.area += bright.map(|(cell, _)| cell.area).sum::<f64>();
             of_rows.push(narrow(&weights, to));
         }
         aim.power = narrow(&of_rows, to_rows);
-        aim.uneven =
-            if aim.power > 0.0 { aim.area * aim.uneven / (aim.power * aim.power) - 1.0 } else { 0.0 };
         aim
     }
 

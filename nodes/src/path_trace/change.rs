@@ -8,9 +8,9 @@ use glam::Vec3;
 
 use super::aim::Cone;
 use super::bsdf::Lobe;
-use super::light::{Look, TIERS};
+use super::light::{Drawn, Look, TIERS};
 use super::scene::Surface;
-use super::walk::{PAIRS, TIER, Vertex, Walk, Way};
+use super::walk::{PAIRS, Vertex, Walk, Way};
 use crate::bvh::{Hit, Ray};
 use crate::sampling::{circle, hash, unit};
 
@@ -27,8 +27,6 @@ pub struct Reach<'a> {
     pub look: Look<'a>,
     /// Light samples of each tier.
     pub lights: [u32; TIERS],
-    /// Whether those of the second tier go to the cone of rays that can meet them, whatever the light there.
-    pub alike: bool,
     /// Odds that the sample asks for a change.
     pub odds: f32,
     /// The directions of rays that can meet them.
@@ -63,22 +61,10 @@ impl Walk<'_> {
 
             // Light of the sky that they take away.
             let look = if first { reach.look } else { sky.look(surface.bsdf.lit_side()) };
-            let alike = first && reach.alike && reach.cone != Cone::ALL;
-            let [bright, soft] = reach.lights;
-            let several = first.then_some([bright, if alike { 0 } else { soft }]);
+            let several = first.then_some(reach.lights);
             let mut taken = Vec3::ZERO;
             for (number, drawn) in self.lights(look, pair, several).into_iter().flatten().enumerate() {
-                let share = self.taken(&surface, lift, drawn.direction, key.wrapping_add(number as u32));
-                taken += share.map_or(Vec3::ZERO, |share| {
-                    let light = sky.light(drawn);
-                    share * light.radiance / light.density
-                });
-            }
-            for number in 0..if alike { soft } else { 0 } {
-                let direction = towards(&reach.cone, self.points.twig(number, soft).pair(pair + TIER));
-                let share = self.taken(&surface, lift, direction, !key.wrapping_add(number));
-                let weight = reach.cone.solid_angle() / soft as f32;
-                taken += share.map_or(Vec3::ZERO, |share| share * sky.soft(direction) * weight);
+                taken += self.taken(&surface, lift, drawn, key.wrapping_add(number as u32));
             }
             light -= rules.clamped(bounce, weight * taken);
 
@@ -128,17 +114,20 @@ impl Walk<'_> {
         with - self.radiance(Vertex::Receiver(hit), direction)
     }
 
-    /// What of the light from a direction the objects take, none where they take nothing. How much light that is, is asked
-    /// last, since most samples meet no object.
-    fn taken(&mut self, surface: &Surface, lift: Vec3, direction: Vec3, key: u32) -> Option<Vec3> {
-        let scatter = surface.bsdf.eval(direction)[Lobe::Diffuse as usize];
+    /// What the objects take of the light that a light sample brings. How much that is asked last, since most
+    /// samples meet no object.
+    fn taken(&mut self, surface: &Surface, lift: Vec3, drawn: Drawn, key: u32) -> Vec3 {
+        let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
-            return None;
+            return Vec3::ZERO;
         }
-        let ray = surface.leave(direction);
+        let ray = surface.leave(drawn.direction);
         let [straight, _] = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
-        let taken = straight != Vec3::ONE && self.passes(self.world.rules.sight(Lobe::Diffuse).shadow, ray);
-        taken.then(|| (Vec3::ONE - straight) * scatter.value)
+        if straight == Vec3::ONE || !self.passes(self.world.rules.sight(Lobe::Diffuse).shadow, ray) {
+            return Vec3::ZERO;
+        }
+        let light = self.world.sky.light(drawn);
+        (Vec3::ONE - straight) * scatter.value * light.radiance / light.density
     }
 
     /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;

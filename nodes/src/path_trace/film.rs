@@ -5,7 +5,6 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 use serde::Serialize;
 
 use super::crop::Place;
-use crate::bvh::Walks;
 use crate::types::Camera;
 
 /// Side of the square tiles that are traced at once, in pixels.
@@ -151,15 +150,13 @@ impl Sums {
     ) -> Result<Self, NodeError> {
         let pieces = area.pieces(TILE);
         let tiles = cx.for_each_tile(pieces.len(), |index| {
-            let done = Walks::of(|| tile(index, &pieces[index].each().collect::<Vec<_>>()));
+            let done = tile(index, &pieces[index].each().collect::<Vec<_>>());
             progress();
             done
         })?;
-        let mut walks = Walks::default();
         let mut all = Self { channels: channels as u32, ..Self::default() };
         all.sums.resize(area.pixels() * channels, 0.0);
-        for (piece, (tile, walked)) in pieces.iter().zip(tiles) {
-            walks += walked;
+        for (piece, tile) in pieces.iter().zip(tiles) {
             all.rays += tile.rays;
             all.broken += tile.broken;
             all.cut += tile.cut;
@@ -179,8 +176,6 @@ impl Sums {
         cx.count("camera_rays", camera);
         cx.count("shadow_rays", shadow);
         cx.count("scattered_rays", scattered);
-        cx.count("bvh_nodes", walks.nodes);
-        cx.count("triangle_tests", 4 * walks.packets);
         Ok(all)
     }
 }

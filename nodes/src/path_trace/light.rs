@@ -279,15 +279,6 @@ impl Sky {
         Vec3::new(r, g, b)
     }
 
-    /// The light from a unit direction if it is of the second tier, else none.
-    #[inline]
-    pub fn soft(&self, direction: Vec3) -> Vec3 {
-        let (x, y) = self.globe.texel(direction);
-        let at = y * self.globe.width + x;
-        let [r, g, b, _] = self.texels[at];
-        if self.bright[at] { Vec3::ZERO } else { Vec3::new(r, g, b) }
-    }
-
     /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light
     /// transport takes [`Sky::radiance`], whose sum is exact.
     pub fn seen(&self, direction: Vec3) -> Vec3 {

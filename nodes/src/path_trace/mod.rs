@@ -39,7 +39,7 @@ use serde::Serialize;
 use crate::error::Error;
 use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
 use contact::Ground;
-use crop::Crop;
+use crop::{Crop, Place};
 use enough::Enough;
 use film::{Area, Sums, TILE, chunks};
 use front::trace_front;
@@ -143,6 +143,9 @@ const R0: usize = 4;
 const PAIR: usize = 9;
 /// Values a pixel of the part `front`: depth, normal.
 const FRONT: usize = 4;
+
+/// Bytes that parts store of a pixel and chunk: 53.
+const _: () = assert!((R0 + PAIR) * 4 + (Place::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
 
 /// Sums a pixel over chunks, for how far these lie apart.
 const CROSS: usize = 4;

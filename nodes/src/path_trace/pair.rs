@@ -104,9 +104,9 @@ pub(super) fn trace_pair(
     let far = world.rules.near.is_none();
     let stakes = if far { tile.stakes(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
     let aims = if far && stakes.is_none() { tile.aims() } else { None };
-    let (look, lights, alike, odds) = match &stakes {
-        Some(Stakes { aims, lights, alike, odds }) => (Some(aims.each_ref()), *lights, *alike, *odds),
-        None => (aims.as_ref().map(|aims| aims.each_ref()), world.sky.lights, false, 1.0),
+    let (look, lights, odds) = match &stakes {
+        Some(Stakes { aims, lights, odds }) => (Some(aims.each_ref()), *lights, *odds),
+        None => (aims.as_ref().map(|aims| aims.each_ref()), world.sky.lights, 1.0),
     };
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
@@ -121,7 +121,7 @@ pub(super) fn trace_pair(
             let mut walk = Walk::new(world, sample.points, sample.key, true);
             let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
             let cone = Cone::between([start; 2], [low, high]);
-            let reach = Reach { look, lights, alike, odds, cone, lift: ray.direction * shift };
+            let reach = Reach { look, lights, odds, cone, lift: ray.direction * shift };
             let light = walk.change(hit, ray.direction, &reach);
             sums_of_tile.rays += walk.rays;
             touched |= light != Vec3::ZERO;

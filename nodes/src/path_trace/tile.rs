@@ -40,8 +40,6 @@ pub(super) struct Stakes {
     pub(super) aims: [Aim; TIERS],
     /// Light samples of each tier, powers of 2.
     pub(super) lights: [u32; TIERS],
-    /// Whether those of the second tier go to the cone of the objects alike, whatever the light there.
-    pub(super) alike: bool,
     /// Odds that a sample asks at all.
     pub(super) odds: f32,
 }
@@ -82,21 +80,13 @@ impl<'a> Tile<'a> {
         let sky = self.world.sky;
         let aims = sky.aims(self.normals, &cone);
         let Some(normals) = self.normals else {
-            return Some(Stakes { aims, lights: sky.lights, alike: false, odds: 1.0 });
+            return Some(Stakes { aims, lights: sky.lights, odds: 1.0 });
         };
         let all: f64 = sky.look(Some(normals.axis)).iter().map(|aim| aim.power).sum();
-        // The deviation of one light sample, as a share of all light. Cells hold light beside the cone; samples of the
-        // cone alone meet all of it alike, which is better where it is more even than the cells are wide.
+        // The deviation of one light sample, as a share of all light: cells hold light beside the cone.
         let solid_angle = f64::from(cone.solid_angle());
-        let inside = |aim: &Aim| (solid_angle / aim.area).min(1.0);
-        let soft = &aims[1];
-        let alike = soft.power > 0.0 && soft.uneven < 1.0 / inside(soft) - 1.0;
-        let deviation = |tier: usize| {
-            let within = if alike && tier == 1 { inside(soft) } else { inside(&aims[tier]).sqrt() };
-            aims[tier].power / all * within
-        };
-        let wanted: [f64; TIERS] =
-            std::array::from_fn(|k| if aims[k].power > 0.0 { STAKES * deviation(k) } else { 0.0 });
+        let deviation = |aim: &Aim| aim.power / all * (solid_angle / aim.area).min(1.0).sqrt();
+        let wanted = aims.each_ref().map(|aim| if aim.power > 0.0 { STAKES * deviation(aim) } else { 0.0 });
         let lights = std::array::from_fn(|k| match wanted[k] {
             ..2.0 => 1,
             ..4.0 => sky.lights[k].min(2),
@@ -105,6 +95,6 @@ impl<'a> Tile<'a> {
         // What scattered rays find: the share of them that can meet the objects.
         let scattered = STAKES * solid_angle / std::f64::consts::PI;
         let most = wanted.into_iter().fold(scattered, f64::max);
-        Some(Stakes { aims, lights, alike, odds: (most as f32).clamp(LEAST, 1.0) })
+        Some(Stakes { aims, lights, odds: (most as f32).clamp(LEAST, 1.0) })
     }
 }

@@ -25,7 +25,7 @@ const NEAR_LIGHTS: u32 = 4;
 /// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
 const BLUR: f32 = 0.05;
 /// Between the pairs for light of one tier of the sky and those for the next.
-pub(super) const TIER: u32 = 1 << 18;
+const TIER: u32 = 1 << 18;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
 

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use engine::{Context, InputFile, Kind, Scene, Up};
 use glam::DMat4;
+use nodes::color::luminance;
 use nodes::denoise::{self, Denoise, Method};
 use nodes::io::exr;
 use nodes::load_environment::{self, LoadEnvironment};
@@ -153,15 +154,34 @@ fn compare(name: &str, ours: &[f32], reference: &[f32]) -> (f64, f64) {
     (ratio, relmse)
 }
 
-// Mitsuba, 4096 samples, own noise about 2e-5. Bars of the notes, section 7: mean within 0.5 % and, for 64
-// stratified samples, relMSE 1.9e-4 (Mitsuba's multijitter). We allow twice that.
+/// How far the luminance of `without` is from another program's, in standard errors of both: the mean over the pixels, and
+/// the share of them beyond 3. The other's variance is taken to be so many times its square plus 0.01, as its notes tell.
+fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
+    let y = |rgb: &[f32]| f64::from(luminance([rgb[0], rgb[1], rgb[2]]));
+    let variance = out.variance.0[0].picture.samples().chunks(4).map(|v| f64::from(v[0]));
+    let (ours, pairs) = (rgb(&out.without), outside.chunks(3).map(y).zip(variance));
+    let z = |(a, (b, variance)): (f64, (f64, f64))| (a - b) / (variance + noise * (b * b + 0.01)).sqrt();
+    let scores: Vec<f64> = ours.chunks(3).map(y).zip(pairs).map(z).collect();
+    let beyond = scores.iter().filter(|z| z.abs() > 3.0).count() as f64;
+    let n = scores.len() as f64;
+    let told = (scores.iter().sum::<f64>() / n, beyond / n);
+    println!("  z: {:.3} on average, {:.5} beyond 3", told.0, told.1);
+    told
+}
+
+// Mitsuba, 4096 samples, own noise about 2e-5. Bars of the notes, section 7: mean within 0.5 % and relMSE 1.9e-4, which
+// Mitsuba's multijitter has at 64 samples.
 #[test]
 fn sunny_plane_agrees_with_mitsuba_and_cycles() {
     let case = case("sunny_plane");
     let out = case.trace(64, EnvBlock::Solid, Bounce::Solid);
     let r0 = rgb(&out.without);
     let (ratio, relmse) = compare("R0 / Mitsuba", &r0, &case.reference("ref-mitsuba/R0.exr"));
-    assert!((ratio - 1.0).abs() < 0.005 && relmse < 3.8e-4, "{ratio} {relmse}");
+    assert!((ratio - 1.0).abs() < 0.005 && relmse < 1.9e-4, "{ratio} {relmse}");
+    // No farther than its own noise tells: of normal errors 0.0027 lie beyond 3. Mitsuba's panorama brings 0.1 to 0.2 % more
+    // light than the sum of its texels, which is the mean.
+    let (mean, beyond) = z_scores(&out, &case.reference("ref-mitsuba/R0.exr"), 2e-5);
+    assert!(mean.abs() < 0.5 && beyond < 0.0027, "{mean} {beyond}");
     let (ratio, _) = compare("R0 / Cycles", &r0, &case.reference("ref-cycles/R0.exr"));
     assert!((ratio - 1.0).abs() < 0.005, "{ratio}");
     let r1 = rgb(&out.with);
@@ -185,9 +205,9 @@ fn sunny_plane_agrees_with_mitsuba_and_cycles() {
     println!("  RMSE of S {:.4}", (squares / n).sqrt());
 }
 
-// The prototype with independent samples, 512 a pixel: its relMSE at that number bounds ours from below,
-// so the tolerance is on the mean (0.5 %) and on relMSE against its noise, about 2e-3 by its modes with
-// bounces.
+// The prototype with independent samples, 512 a pixel: means of the receiver within 0.5 %, of the object, whose smooth
+// normals meet light below the horizon otherwise, within 1 %; relMSE is nearly all the prototype's own noise, a third as
+// much again as was measured (1.5e-3 to 1.8e-3 where walls send no light, 6.2e-3 to 7.0e-3 where they do).
 #[test]
 fn closed_room_agrees_with_the_prototype_in_every_mode() {
     let case = case("closed_room");
@@ -201,7 +221,7 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
     ] {
         println!("{tag}");
         let out = case.trace(16, block, bounce);
-        let mut worst = 0.0_f64;
+        let noise = if bounce == Bounce::Env { 2.4e-3 } else { 9e-3 };
         for (layer, images) in [("R0", &out.without), ("R1", &out.with), ("O", &out.object)] {
             let ours = rgb(images);
             let reference = case.reference(&format!("ref-proto/{layer}-{tag}.exr"));
@@ -210,10 +230,10 @@ fn closed_room_agrees_with_the_prototype_in_every_mode() {
                 assert!(ours.iter().all(|&v| v == 0.0), "{layer}");
                 continue;
             }
-            let (ratio, _) = compare(layer, &ours, &reference);
-            worst = worst.max((ratio - 1.0).abs());
+            let (ratio, relmse) = compare(layer, &ours, &reference);
+            let off = if layer == "O" { 0.01 } else { 0.005 };
+            assert!((ratio - 1.0).abs() < off && relmse < noise, "{tag} {layer}: {ratio} {relmse}");
         }
-        assert!(worst < 0.01, "{tag}: {worst}");
     }
 }
 
