@@ -1,7 +1,10 @@
 //! Artifacts: the typed values that travel along wires, and their canonical bytes.
 
 use std::any::Any;
+use std::io::Write;
 use std::sync::Arc;
+
+use cache::{Digest, DigestWriter};
 
 /// A value that a port can carry.
 ///
@@ -57,13 +60,15 @@ pub struct Corrupt(pub String);
 #[derive(Debug, Default)]
 pub struct Encoder {
     bytes: Vec<u8>,
+    /// Where the bytes go, a few at a time, when only their digest is wanted.
+    digest: Option<DigestWriter>,
 }
 
 macro_rules! scalar_codec {
     ($($name:ident: $type:ty),*) => {
         impl Encoder { $(
             #[doc = concat!("Appends one `", stringify!($type), "`.")]
-            pub fn $name(&mut self, value: $type) { self.bytes.extend_from_slice(&value.to_le_bytes()); }
+            pub fn $name(&mut self, value: $type) { self.raw(&value.to_le_bytes()); }
         )* }
         impl Decoder<'_> { $(
             #[doc = concat!("Reads one `", stringify!($type), "`.")]
@@ -84,9 +89,9 @@ macro_rules! slice_codec {
             pub fn $name(&mut self, values: &[$type]) {
                 self.u64(values.len() as u64);
                 if cfg!(target_endian = "little") {
-                    self.bytes.extend_from_slice(bytemuck::cast_slice(values));
+                    self.raw(bytemuck::cast_slice(values));
                 } else {
-                    for value in values { self.bytes.extend_from_slice(&value.to_le_bytes()); }
+                    for value in values { self.raw(&value.to_le_bytes()); }
                 }
             }
         )* }
@@ -117,7 +122,15 @@ impl Encoder {
 
     /// Appends bytes whose number is known.
     pub(crate) fn raw(&mut self, bytes: &[u8]) {
-        self.bytes.extend_from_slice(bytes);
+        if let Some(digest) = &mut self.digest
+            && self.bytes.len() + bytes.len() > DIGESTED
+        {
+            take(digest, &self.bytes);
+            take(digest, bytes);
+            self.bytes.clear();
+        } else {
+            self.bytes.extend_from_slice(bytes);
+        }
     }
 
     /// Appends another artifact in place.
@@ -130,6 +143,9 @@ impl Encoder {
         self.bytes
     }
 }
+
+/// Bytes of a value that are digested at a time.
+const DIGESTED: usize = 1 << 16;
 
 /// Reads what an [`Encoder`] wrote; every length is checked against what is left before allocating.
 #[derive(Debug)]
@@ -233,6 +249,7 @@ pub struct ArtifactType {
     /// [`Artifact::FORMAT`].
     pub format: u32,
     pub(crate) encode: fn(&AnyArtifact) -> Vec<u8>,
+    pub(crate) digest: fn(&AnyArtifact) -> Digest,
     pub(crate) decode: fn(&[u8]) -> Result<AnyArtifact, Corrupt>,
     pub(crate) bytes: fn(&AnyArtifact) -> usize,
     pub(crate) size: fn(&AnyArtifact) -> u64,
@@ -246,6 +263,7 @@ impl ArtifactType {
             name: A::TYPE,
             format: A::FORMAT,
             encode: |value| encode_to_vec(typed::<A>(value)),
+            digest: |value| digest_of(typed::<A>(value)),
             decode: |bytes| {
                 let value: AnyArtifact = Arc::new(decode_all::<A>(bytes)?);
                 Ok(value)
@@ -269,9 +287,22 @@ impl ArtifactType {
 
 /// The canonical bytes of a value.
 pub fn encode_to_vec<A: Artifact>(value: &A) -> Vec<u8> {
-    let mut to = Encoder { bytes: Vec::with_capacity(value.bytes() + 64) };
+    let mut to = Encoder { bytes: Vec::with_capacity(value.bytes() + 64), digest: None };
     value.encode(&mut to);
     to.finish()
+}
+
+/// The digest of the canonical bytes of a value, which are nowhere together.
+pub(crate) fn digest_of<A: Artifact>(value: &A) -> Digest {
+    let mut to = Encoder { bytes: Vec::with_capacity(DIGESTED), digest: Some(DigestWriter::new()) };
+    value.encode(&mut to);
+    let mut digest = to.digest.unwrap_or_default();
+    take(&mut digest, &to.bytes);
+    digest.finish()
+}
+
+fn take(digest: &mut DigestWriter, bytes: &[u8]) {
+    digest.write_all(bytes).expect("hashing does not fail");
 }
 
 /// Decodes bytes that must hold one value and nothing else.

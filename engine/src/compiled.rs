@@ -23,7 +23,7 @@ use crate::kind::{Cost, KindEntry, Registry, Sizes, Step, ViewCount};
 use crate::note::Notes;
 use crate::param::{InputFile, ParamValue, Role};
 use crate::port::{Arity, PortSpec, Wired};
-use crate::root::{SourceFile, SourceRoot};
+use crate::root::{FileHead, SourceFile, SourceRoot};
 
 /// Raised when the bytes change their form.
 const FORMAT: &str = "lightharmony compiled graph 3";
@@ -437,6 +437,9 @@ impl Step for Unreadable {
         0.0
     }
     fn estimate(&self, _: Vec<Vec<AnyArtifact>>) -> Cost {
+        Cost::default()
+    }
+    fn estimate_files(&self, _: &[FileHead<'_>]) -> Cost {
         Cost::default()
     }
     fn run(&self, _: Vec<Vec<AnyArtifact>>, _: &Context) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {

@@ -250,6 +250,17 @@ impl Context {
         self.cancel.store(true, Ordering::Relaxed);
     }
 
+    /// The same context, in which the run is asked to stop as soon as so much of the work is told: for tests of kinds.
+    pub fn stopping_at(self, fraction: f32) -> Self {
+        let cancel = self.cancel.clone();
+        let progress = move |done| {
+            if done >= fraction {
+                cancel.store(true, Ordering::Relaxed);
+            }
+        };
+        Self { progress: Box::new(progress), ..self }
+    }
+
     /// An error once the run was asked to stop; for loops that have no tiles.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }

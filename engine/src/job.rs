@@ -179,12 +179,14 @@ impl Job<'_> {
             ..Context::of_node(graph, self.node, &self.action)
         };
         let start = Instant::now();
-        let (values, notes) = node.step.run(self.inputs, &context)?;
+        let outcome = node.step.run(self.inputs, &context);
         let seconds = start.elapsed().as_secs_f64();
         self.tracer.tell(&node.id, "code", seconds);
+        // What a codec says of bytes that ended because of the stop is no failure either.
         if context.told.load(Ordering::Relaxed) {
             return Err(NodeError::cancelled());
         }
+        let (values, notes) = outcome?;
         let (outputs, encoded) = encode(node, &values);
         let files =
             values.iter().filter_map(|value| value.downcast_ref::<Files>()).flat_map(|files| &files.0);
@@ -204,18 +206,19 @@ impl Job<'_> {
     }
 }
 
-/// The outputs of a node by digest, and their canonical bytes.
+/// The outputs of a node by digest, and the canonical bytes of those that are stored.
 pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<Vec<u8>>) {
     let one = |(port, value): (&PortSpec, &AnyArtifact)| {
-        let bytes = (port.artifact.encode)(value);
-        let output = Output {
-            type_name: port.artifact.name,
-            format: port.artifact.format,
-            digest: Digest::of(&bytes),
-            size: (port.artifact.size)(value),
-            stored: node.kind.store == Keep::Always,
+        let stored = node.kind.store == Keep::Always;
+        let (digest, bytes) = if stored {
+            let bytes = (port.artifact.encode)(value);
+            (Digest::of(&bytes), bytes)
+        } else {
+            ((port.artifact.digest)(value), Vec::new())
         };
-        (output, bytes)
+        let artifact = port.artifact;
+        let (type_name, format, size) = (artifact.name, artifact.format, (artifact.size)(value));
+        (Output { type_name, format, digest, size, stored }, bytes)
     };
     node.kind.outputs.iter().zip(values).map(one).unzip()
 }

@@ -10,7 +10,7 @@ use crate::fields::Fields;
 use crate::note::Notes;
 use crate::param::{ParamSpec, ParamValue, Params, Role};
 use crate::port::{Inputs, Outputs, PortSpec, Wired};
-use crate::root::{SourceFile, SourceRoot};
+use crate::root::{FileHead, SourceFile, SourceRoot};
 
 /// Memory of a node, for admission. Zero means negligible.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -70,8 +70,6 @@ pub trait Kind: 'static {
     const STORE: Keep = Keep::Always;
     /// Whether the paths it reads may be folders.
     const FOLDERS: bool = false;
-    /// Whether `run` holds the files that it reads as they are, all at once: memory for them is then part of what it takes.
-    const HOLDS_FILES: bool = false;
     /// Where files that users must get from elsewhere are to be had: told of one that is missing.
     const SUPPLIED: Option<&'static str> = None;
     /// What may change the bits: `portable`, or the profile of a library that promises none.
@@ -105,6 +103,12 @@ pub trait Kind: 'static {
     /// The memory that a run will take. Called with the real inputs, before `run`.
     fn estimate(_params: &Self::Params, _inputs: &Self::In) -> Cost {
         Cost::default()
+    }
+
+    /// What it takes besides for the files of `sources`, in their order: the files, and what becomes of them, by what
+    /// their heads say. What is wrong with a file is for `run` to say.
+    fn estimate_files(_params: &Self::Params, files: &[FileHead<'_>]) -> Cost {
+        Cost { bytes: files.iter().fold(0, |sum, file| sum.saturating_add(file.bytes)) }
     }
 
     /// The work of a run, in units of the kind's own that grow in proportion with the time. What a unit
@@ -146,6 +150,7 @@ pub(crate) trait Step: Send + Sync {
     fn views(&self, root: &SourceRoot) -> ViewCount;
     fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost;
     fn work(&self, sizes: &Sizes) -> f64;
     fn run(
         &self,
@@ -174,6 +179,9 @@ impl<K: Kind> Step for StepOf<K> {
     }
     fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost {
         K::estimate(&self.0, &K::In::take(inputs))
+    }
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost {
+        K::estimate_files(&self.0, files)
     }
     fn work(&self, sizes: &Sizes) -> f64 {
         K::work(&self.0, sizes)
@@ -220,8 +228,6 @@ pub struct KindEntry {
     pub coarse: Option<&'static str>,
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
-    /// [`Kind::HOLDS_FILES`].
-    pub(crate) holds_files: bool,
     /// [`Kind::SUPPLIED`].
     pub(crate) supplied: Option<&'static str>,
     /// Whether a parameter names a file to read.
@@ -250,7 +256,6 @@ impl KindEntry {
             rough: K::ROUGH,
             coarse: K::COARSE,
             folders: K::FOLDERS,
-            holds_files: K::HOLDS_FILES,
             supplied: K::SUPPLIED,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));

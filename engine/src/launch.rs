@@ -11,6 +11,7 @@ use crate::event::Event;
 use crate::graph::Wire;
 use crate::job::{Job, guarded};
 use crate::record::Output;
+use crate::root::FileHead;
 use crate::run::{Parked, Run};
 use crate::slot::Life;
 
@@ -55,16 +56,37 @@ impl<'a> Run<'a> {
             return Ok(bytes);
         }
         let (node, inputs) = (&self.graph.nodes[index], self.inputs(index));
-        let files = self.slots[index].action.sources.iter().filter(|_| node.kind.holds_files);
-        let files = files.fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
-        let bytes = guarded(|| Ok(node.step.estimate(inputs)))?.bytes.saturating_add(files);
-        if bytes > self.engine.limits().memory {
-            let (needs, budget) = (size_text(bytes), size_text(self.engine.limits().memory));
-            return Err(NodeError::new(format!("needs about {needs} of memory, the budget is {budget}"))
-                .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
+        let sources = &self.slots[index].action.sources;
+        let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
+        let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
+        let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
+        let (held, budget) = (self.input_bytes(index), self.engine.limits().memory);
+        if bytes.saturating_add(held) > budget {
+            let beside = if bytes > budget || held < budget / 16 {
+                String::new()
+            } else {
+                format!(" beside the {} of its inputs", size_text(held))
+            };
+            let (needs, budget) = (size_text(bytes), size_text(budget));
+            return Err(NodeError::new(format!(
+                "needs about {needs} of memory{beside}, the budget is {budget}"
+            ))
+            .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)
+    }
+
+    /// What the values that a node reads take, each counted once.
+    fn input_bytes(&self, index: usize) -> u64 {
+        let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
+        wires.sort_unstable_by_key(|wire| (wire.node, wire.port));
+        wires.dedup();
+        wires
+            .iter()
+            .filter_map(|wire| self.slots[wire.node].sized_value(wire.port))
+            .map(|(_, bytes)| bytes)
+            .sum()
     }
 
     fn start(&mut self, index: usize, bytes: u64) {

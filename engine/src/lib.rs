@@ -169,7 +169,7 @@ pub use port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
 pub use reads::ReadFiles;
 pub use record::{Spent, blobs_of};
 pub use rerun::{Recipe, RecipeError};
-pub use root::{SourceFile, SourceRoot};
+pub use root::{FileHead, SourceFile, SourceRoot};
 pub use schedule::{Engine, Outcome, RunOptions};
 pub use serde;
 pub use unchanged::run_unchanged;

@@ -1,5 +1,7 @@
 //! Where the files are that a graph reads: anywhere for one's own graph, in a few folders for a stranger's.
 
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,6 +15,29 @@ pub struct SourceFile {
     pub name: String,
     /// Where it lies on this machine.
     pub path: PathBuf,
+}
+
+/// A file that a node is about to read, for [`crate::Kind::estimate_files`].
+#[derive(Debug, Clone, Copy)]
+pub struct FileHead<'a> {
+    /// As written in the graph.
+    pub name: &'a str,
+    /// Its length.
+    pub bytes: u64,
+    path: &'a Path,
+}
+
+impl<'a> FileHead<'a> {
+    /// The head of a file of so many bytes.
+    pub fn new(file: &'a SourceFile, bytes: u64) -> Self {
+        Self { name: &file.name, bytes, path: &file.path }
+    }
+
+    /// Reads it from its start; `None` of what is no file that can be read.
+    pub fn open(&self) -> Option<BufReader<File>> {
+        let file = File::open(self.path).ok()?;
+        file.metadata().ok()?.is_file().then(|| BufReader::new(file))
+    }
 }
 
 /// Resolves the paths in a graph file.

@@ -20,6 +20,9 @@ pub enum Error {
         /// The feature, and what to do instead.
         feature: String,
     },
+    /// The run was asked to stop, which the engine takes for the node's end whatever the node says of it.
+    #[error("stopped")]
+    Stopped,
     /// Inputs that do not belong together.
     #[error("{0}")]
     Mismatch(String),

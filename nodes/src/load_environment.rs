@@ -2,9 +2,12 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{
+    Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+};
 use glam::DVec3;
 
+use crate::load_image::floats_of;
 use crate::types::{Environment, Image, Images};
 use crate::whole_sphere::{self, turn};
 
@@ -53,13 +56,25 @@ impl Kind for LoadEnvironment {
         Ok(vec![root.file(&p.path)])
     }
 
+    fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
+        // The picture, beside it the turned one, and while rows turn these too; in the end the light and its picture.
+        let copies = if p.rotation_deg == 0.0 { 2 } else { 3 };
+        let of = |file: &FileHead<'_>| {
+            let [reading, floats] = floats_of(file);
+            reading.max(floats.saturating_mul(copies).saturating_add(file.bytes))
+        };
+        Cost { bytes: files.iter().map(of).max().unwrap_or(0) }
+    }
+
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let picture = whole_sphere::open(&p.path, &mut notes, cx)?;
         let mut rgb = whole_sphere::linear(&p.path.0, &picture).map_err(|e| NodeError::from(e).at("path"))?;
         let (width, height, _) = picture.size();
+        drop(picture);
         scale(&mut rgb, p.scale, &mut notes);
         let turned = turn(&rgb, width, p.rotation_deg, cx)?;
+        drop(rgb);
         let image = Image::from_samples(width, height, 3, turned);
         let picture = Arc::new(Images::single("env", image.clone()));
         let env = Arc::new(Environment { image, up: cx.up(), origin: p.origin.map(DVec3::from_array) });

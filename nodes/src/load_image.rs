@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
-use engine::{Context, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
 use crate::Error;
+use crate::io::head::Head;
 use crate::io::png::Raster;
+use crate::io::stretch::Stretch;
 use crate::io::{exr, hdr, jpeg, png};
 use crate::types::{Data, Image, Images, Linear, NamedImage, Picture, Srgb};
 
@@ -65,6 +67,17 @@ impl Kind for LoadImage {
         Ok(p.files().map(|file| root.file(file)).collect())
     }
 
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        // One after the other; what was read before is held meanwhile.
+        let (mut held, mut most) = (0_u64, 0_u64);
+        for file in files {
+            let [reading, floats] = floats_of(file);
+            most = most.max(held.saturating_add(reading));
+            held = held.saturating_add(floats);
+        }
+        Cost { bytes: most }
+    }
+
     fn check(p: &Self) -> Result<(), NodeError> {
         let files = 1 + p.more.len();
         if !p.names.is_empty() && p.names.len() != files {
@@ -78,10 +91,11 @@ impl Kind for LoadImage {
         let mut notes = Notes::none();
         let mut views: Vec<NamedImage> = Vec::with_capacity(1 + p.more.len());
         for (index, file) in p.files().enumerate() {
-            cx.check()?;
+            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, 1 + p.more.len());
+            stretch.reach(0.0)?;
             let field = if index == 0 { "path" } else { "more" };
             let bytes = cx.read(file).map_err(|e| e.at(field))?;
-            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes)
+            let picture = decode(p.encoding, &p.layer, &file.0, &bytes, &mut notes, stretch)
                 .map_err(|e| NodeError::from(e).at(field))?;
             let stem = file.0.rsplit(['/', '\\']).next().unwrap_or_default();
             let stem = stem.rsplit_once('.').map_or(stem, |(stem, _)| stem);
@@ -102,6 +116,21 @@ impl LoadImage {
     }
 }
 
+/// Most bytes that reading a picture takes with its file, and those of its floats.
+pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
+    let head = file.open().and_then(|mut reader| Head::read(&mut reader));
+    let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
+    [reading.saturating_add(file.bytes), floats]
+}
+
+/// The picture in the bytes of a file, as [`LoadImage`] reads it with its other parameters at their defaults.
+///
+/// # Errors
+/// When they are no picture, or not a whole one.
+pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
+    decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Stretch::ALONE)
+}
+
 /// The picture that a file holds, in the given encoding; of an OpenEXR file, the given layer.
 pub(crate) fn decode(
     encoding: FileEncoding,
@@ -109,21 +138,22 @@ pub(crate) fn decode(
     name: &str,
     bytes: &[u8],
     notes: &mut Notes,
+    stretch: Stretch<'_>,
 ) -> Result<Picture, Error> {
     let (width, height, channels, samples, linear) = match bytes {
-        [0x89, b'P', b'N', b'G', ..] => whole(png::read(name, bytes)?, encoding, notes),
-        [0xff, 0xd8, ..] => whole(jpeg::read(name, bytes)?, encoding, notes),
+        [0x89, b'P', b'N', b'G', ..] => {
+            whole(png::read_for(name, bytes, stretch)?, encoding, notes, stretch)?
+        }
+        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, stretch)?, encoding, notes, stretch)?,
         [b'#', b'?', ..] => {
-            let picture = hdr::read(name, bytes)?;
+            let picture = hdr::read_for(name, bytes, stretch)?;
             (picture.width, picture.height, 3, picture.rgb, true)
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
-            let planes = exr::read(name, bytes)?;
+            let planes = exr::read_for(name, bytes, stretch)?;
             tell(&planes, notes);
             let found = layer(name, &planes, of_layer)?;
-            let samples: Vec<f32> = (0..planes.width * planes.height)
-                .flat_map(|i| found.iter().map(move |plane| plane[i]))
-                .collect();
+            let samples = exr::interleaved(&found, stretch)?;
             (planes.width, planes.height, found.len(), samples, true)
         }
         _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
@@ -133,7 +163,7 @@ pub(crate) fn decode(
         FileEncoding::Auto => FileEncoding::Srgb,
         given => given,
     };
-    let samples = finite(samples, encoding == FileEncoding::Data, notes);
+    let samples = finite(samples, encoding == FileEncoding::Data, notes, stretch)?;
     Ok(match encoding {
         FileEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
         FileEncoding::Data => Image::<Data>::from_samples(width, height, channels, samples).into(),
@@ -144,27 +174,20 @@ pub(crate) fn decode(
 type Decoded = (usize, usize, usize, Vec<f32>, bool);
 
 /// Codes to numbers. Colour comes as RGB or RGBA, data with as many channels as it has.
-fn whole(raster: Raster, encoding: FileEncoding, notes: &mut Notes) -> Decoded {
+fn whole(
+    raster: Raster,
+    encoding: FileEncoding,
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+) -> Result<Decoded, Error> {
     for ignored in &raster.ignored {
         notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
     }
-    let mut samples = raster.samples();
-    let mut channels = raster.channels;
-    if encoding != FileEncoding::Data {
-        if channels < 3 {
-            let grey =
-                |p: &[f32]| [p[0], p[0], p[0]].into_iter().chain(p.get(1).copied()).collect::<Vec<_>>();
-            samples = samples.chunks_exact(channels).flat_map(grey).collect();
-            channels += 2;
-        }
-        if channels == 4 {
-            for pixel in samples.as_chunks_mut::<4>().0 {
-                let [r, g, b, a] = *pixel;
-                *pixel = [r * a, g * a, b * a, a];
-            }
-        }
-    }
-    (raster.width, raster.height, channels, samples, false)
+    let (channels, samples) = match encoding {
+        FileEncoding::Data => (raster.channels, raster.samples()),
+        _ => raster.colours(stretch)?,
+    };
+    Ok((raster.width, raster.height, channels, samples, false))
 }
 
 /// Notes on what of an EXR file was passed over.
@@ -199,15 +222,23 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
 }
 
 /// Only data may be infinite, and nothing may be not a number.
-fn finite(mut samples: Vec<f32>, data: bool, notes: &mut Notes) -> Vec<f32> {
+fn finite(
+    mut samples: Vec<f32>,
+    data: bool,
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+) -> Result<Vec<f32>, Error> {
     let (mut lost, mut capped) = (0, 0);
-    for v in &mut samples {
-        if v.is_nan() {
-            lost += 1;
-            *v = 0.0;
-        } else if v.is_infinite() && !data {
-            capped += 1;
-            *v = 65_504.0_f32.copysign(*v);
+    for row in samples.chunks_mut(1 << 20) {
+        stretch.reach(1.0)?;
+        for v in row.iter_mut().filter(|v| !v.is_finite()) {
+            if v.is_nan() {
+                lost += 1;
+                *v = 0.0;
+            } else if !data {
+                capped += 1;
+                *v = 65_504.0_f32.copysign(*v);
+            }
         }
     }
     if lost > 0 {
@@ -216,7 +247,7 @@ fn finite(mut samples: Vec<f32>, data: bool, notes: &mut Notes) -> Vec<f32> {
     if capped > 0 {
         notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
     }
-    samples
+    Ok(samples)
 }
 
 #[cfg(test)]
@@ -225,7 +256,10 @@ mod tests {
 
     fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
         let mut notes = Notes::none();
-        (decode(encoding, layer, "a", bytes, &mut notes).unwrap_or_else(|e| panic!("{e}")), notes)
+        (
+            decode(encoding, layer, "a", bytes, &mut notes, Stretch::ALONE).unwrap_or_else(|e| panic!("{e}")),
+            notes,
+        )
     }
     fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
         let width = codes.len() / channels;
@@ -273,6 +307,6 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
-        assert!(decode(FileEncoding::Auto, "S", "a", &bytes, &mut Notes::none()).is_err());
+        assert!(decode(FileEncoding::Auto, "S", "a", &bytes, &mut Notes::none(), Stretch::ALONE).is_err());
     }
 }

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use engine::{
+    Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+};
 use glam::DVec3;
 
 use crate::color::linear_from_srgb;
-use crate::io::{gltf, ply};
+use crate::io::{gltf, head, ply};
 use crate::place::world_from_gltf;
 use crate::types::Mesh;
 use crate::{Error, load_object};
@@ -82,6 +84,23 @@ impl Kind for LoadMesh {
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         if is_gltf(&p.path) { load_object::sources(&p.path, root) } else { Ok(vec![root.file(&p.path)]) }
+    }
+
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
+        let elements =
+            files.first().and_then(FileHead::open).map(|mut reader| head::ply_elements(&mut reader));
+        let of = |wanted: &str| {
+            let found = elements.iter().flatten().find(|(name, ..)| name == wanted);
+            found.map_or((0, 0), |(_, count, fields)| (*count, *fields))
+        };
+        let ((vertices, fields), (faces, _)) = (of("vertex"), of("face"));
+        // In f64 as they are read, then in f32, and a new number of each vertex.
+        let vertex = if fields > 3 { 2 * 24 + 2 * 12 + 4 } else { 24 + 12 + 4 };
+        let bytes = vertices.saturating_mul(vertex).saturating_add(faces.saturating_mul(2 * 12));
+        // glTF has floats and indices as they are; they are read to an object first.
+        let bytes = if vertices == 0 { all.saturating_mul(5) } else { bytes };
+        Cost { bytes: all.saturating_add(bytes) }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
@@ -267,6 +286,9 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         return Err(Error::format(name, what).into());
     }
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
+    mesh.positions.reserve_exact(n);
+    mesh.colours.reserve_exact(raw.colours.len());
+    mesh.triangles.reserve_exact(raw.triangles.len());
     let (mut clamped, mut lost) = (0, 0);
     for (index, position) in raw.positions.iter().enumerate() {
         let (exact, position) = (*position, position.map(|c| c as f32));

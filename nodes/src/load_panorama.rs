@@ -2,13 +2,17 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use engine::{
+    Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+    Up,
+};
 use glam::DVec3;
 
 use crate::Error;
 use crate::color::{code8, linear_from_srgb, luminance, srgb_from_linear};
 use crate::light::energy::Energy;
 use crate::light::exposure::ev0_scale;
+use crate::load_image::floats_of;
 use crate::num;
 use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
 use crate::whole_sphere::{self, turn};
@@ -60,14 +64,26 @@ impl Kind for LoadPanorama {
         Ok(vec![root.file(&p.path)])
     }
 
+    fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
+        // Colours and alpha in three floats each, both as they were and turned, and rows while they turn.
+        let copies = if p.rotation_deg == 0.0 { 4 } else { 5 };
+        let of = |file: &FileHead<'_>| {
+            let [reading, floats] = floats_of(file);
+            reading.max(floats.saturating_mul(copies)).saturating_add(file.bytes)
+        };
+        Cost { bytes: files.iter().map(of).max().unwrap_or(0) }
+    }
+
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let picture = whole_sphere::open(&p.path, &mut notes, cx)?;
         let (width, height, _) = picture.size();
-        let (samples, alpha) = straight(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
-        let samples = turn(&samples, width, p.rotation_deg, cx)?;
-        let alpha: Vec<f32> = turn(&alpha, width, p.rotation_deg, cx)?.into_iter().step_by(3).collect();
         let linear = matches!(picture, Picture::Linear(_));
+        let (mut samples, alpha) =
+            straight(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
+        drop(picture);
+        let alpha: Vec<f32> = turn(&alpha, width, p.rotation_deg, cx)?.into_iter().step_by(3).collect();
+        samples = turn(&samples, width, p.rotation_deg, cx)?;
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
                 let error = NodeError::new("the file holds display colours, which are a photograph already");

@@ -3,13 +3,14 @@
 use engine::{Context, InputFile, NodeError, Notes};
 
 use crate::Error;
+use crate::io::stretch::Stretch;
 use crate::load_image::{FileEncoding, decode};
 use crate::types::Picture;
 
 /// The picture that a file holds; one that is no whole panorama is told.
 pub(crate) fn open(path: &InputFile, notes: &mut Notes, cx: &Context) -> Result<Picture, NodeError> {
     let bytes = cx.read(path).map_err(|e| e.at("path"))?;
-    let picture = decode(FileEncoding::Auto, "", &path.0, &bytes, notes);
+    let picture = decode(FileEncoding::Auto, "", &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
     let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
     cx.check()?;
     cx.progress(0.4);
@@ -24,7 +25,7 @@ pub(crate) fn open(path: &InputFile, notes: &mut Notes, cx: &Context) -> Result<
 /// Width, height and linear RGB of a file of light, finite.
 #[cfg(feature = "learned")]
 pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
-    let picture = decode(FileEncoding::Auto, "", name, bytes, notes)?;
+    let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Stretch::ALONE)?;
     let (width, height, _) = picture.size();
     Ok((width, height, linear(name, &picture)?))
 }

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
+use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile};
 
 use crate::io::png::{self, Raster};
+use crate::io::stretch::Stretch;
 use crate::types::{Images, Picture};
 use crate::write_image::{AlphaOutput, Lost, quantise};
 
@@ -56,6 +57,17 @@ impl Kind for WriteAnimation {
         }
     }
 
+    fn estimate(_: &Self, inputs: &In) -> Cost {
+        let samples = |images: &Images| -> u64 {
+            images.0.iter().map(|image| image.picture.samples().len() as u64).sum()
+        };
+        let all: u64 = inputs.frames.iter().map(|frame| samples(frame)).sum();
+        let views = inputs.frames.first().map_or(1, |frame| frame.0.len().max(1)) as u64;
+        // Codes of two bytes of all frames of a view, and a file that grows to twice what it holds; then the files of all
+        // views, once more to be stored.
+        Cost { bytes: 4 * all / views + 2 * (all - all / views) }
+    }
+
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let Some(first) = inputs.frames.first() else {
             return Err(NodeError::new("there is no frame to write").at("frames"));
@@ -68,8 +80,9 @@ impl Kind for WriteAnimation {
         for (place, view) in first.0.iter().enumerate() {
             let mut rasters: Vec<Raster> = Vec::with_capacity(inputs.frames.len());
             let mut lost = Lost::default();
+            let stretch = Stretch::of(cx, 0.0, 1.0).piece(place, first.0.len());
             for (index, frame) in inputs.frames.iter().enumerate() {
-                cx.check()?;
+                stretch.reach(0.1 * index as f32 / inputs.frames.len() as f32)?;
                 let picture = picture_of(frame, &view.name, index)?;
                 let (raster, missed) = quantise(picture, false, AlphaOutput::Drop, cx)?;
                 lost.add(missed);
@@ -83,12 +96,11 @@ impl Kind for WriteAnimation {
                     return Err(NodeError::new(text).at("frames").hint("frames are of one size"));
                 }
                 rasters.push(raster);
-                let done = place * inputs.frames.len() + index + 1;
-                cx.progress(done as f32 / (first.0.len() * inputs.frames.len()) as f32);
             }
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
-            let bytes = png::write_frames(&rasters, delay(p.fps), p.plays, srgb, &texts)?;
+            let packing = stretch.part(0.1, 1.0);
+            let bytes = png::write_frames(&rasters, delay(p.fps), p.plays, srgb, &texts, packing)?;
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
         Ok((Out { files: Arc::new(Files(files)) }, notes))

@@ -2,9 +2,12 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount, Wired};
+use engine::{
+    Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount, Wired,
+};
 
 use crate::io::exr::{self, Channel, Depth};
+use crate::io::stretch::Stretch;
 use crate::types::{Images, Picture};
 
 engine::params! {
@@ -79,6 +82,21 @@ impl Kind for WriteExr {
         ViewCount::As(&["image", "layers"])
     }
 
+    fn estimate(p: &Self, inputs: &In) -> Cost {
+        let layers = || inputs.image.iter().chain(&inputs.layers);
+        let bytes = |picture: &Picture| {
+            let half = p.half && !matches!(picture, Picture::Data(_));
+            (4 * picture.samples().len() as u64, picture.samples().len() as u64 * if half { 2 } else { 4 })
+        };
+        let pictures = || layers().flat_map(|images| &images.0).map(|image| bytes(&image.picture));
+        let views = layers().map(|images| images.0.len()).max().unwrap_or(1).max(1) as u64;
+        // The planes of one file, and packed, which is at most as long, those of all of them; these once more while they
+        // are stored.
+        let planes = pictures().map(|(floats, _)| floats).sum::<u64>() / views;
+        let packed: u64 = pictures().map(|(_, packed)| packed).sum();
+        Cost { bytes: (planes + packed).max(2 * packed) }
+    }
+
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let wired: Vec<&Images> = inputs.image.iter().chain(&inputs.layers).map(Arc::as_ref).collect();
         let outputs = cx.wired("layers");
@@ -98,8 +116,8 @@ impl Kind for WriteExr {
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
         for (index, view) in views.iter().enumerate() {
-            cx.check()?;
-            cx.progress(index as f32 / views.len() as f32);
+            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
+            stretch.reach(0.0)?;
             let (mut channels, mut encodings) = (Vec::new(), Vec::new());
             let (width, height, _) = view.picture.size();
             for (name, images) in &layers {
@@ -115,11 +133,12 @@ impl Kind for WriteExr {
                 if (w, h) != (width, height) {
                     return Err(other(format!("layer `{name}` is {w}x{h}, another is {width}x{height}")));
                 }
-                add_layer(name, picture, p.half, &mut channels)?;
+                add_layer(name, picture, p.half, &mut channels, stretch.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
                 encodings.push(format!("{name}={}", picture.encoding()));
             }
-            let (bytes, clamped) = exr::write(width, height, channels, &encodings.join(" "), recipe)?;
+            let (bytes, clamped) =
+                exr::write_for(width, height, channels, &encodings.join(" "), recipe, stretch)?;
             if clamped > 0 {
                 let what =
                     format!("samples of `{}` exceed 65504, the largest half, and became it", view.name);
@@ -170,6 +189,7 @@ fn add_layer(
     picture: &Picture,
     half: bool,
     to: &mut Vec<(Channel, Depth)>,
+    stretch: Stretch<'_>,
 ) -> Result<(), NodeError> {
     let (_, _, channels) = picture.size();
     let letters: &[&str] = match (channels, name) {
@@ -192,7 +212,10 @@ fn add_layer(
             (name, "") => name.to_owned(),
             (name, letter) => format!("{name}.{letter}"),
         };
-        let samples: Vec<f32> = picture.samples().iter().skip(offset).step_by(channels).copied().collect();
+        let mut samples = Vec::with_capacity(picture.samples().len() / channels);
+        stretch.over(picture.samples(), |pixels| {
+            samples.extend(pixels.iter().skip(offset).step_by(channels).copied());
+        })?;
         if samples.iter().any(|v| v.is_nan()) {
             return Err(NodeError::new(format!("channel `{full}` holds what is not a number")).at("layers"));
         }

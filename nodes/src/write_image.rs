@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
+use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
 
 use crate::color::srgb_from_linear;
 use crate::io::png::Raster;
 use crate::io::recipe::KEYWORD;
+use crate::io::stretch::Stretch;
 use crate::io::{jpeg, png};
-use crate::types::{Images, Picture};
+use crate::types::{Images, NamedImage, Picture};
 
 engine::choices! {
     /// What becomes of alpha.
@@ -100,6 +101,17 @@ impl Kind for WriteImage {
         ViewCount::As(&["image"])
     }
 
+    fn estimate(p: &Self, inputs: &In) -> Cost {
+        let samples = |image: &NamedImage| image.picture.samples().len() as u64;
+        let pictures = || inputs.image.0.iter().map(samples);
+        let (all, one) = (pictures().sum::<u64>(), pictures().max().unwrap_or(0));
+        let packed = if p.bits == 16 { 2 } else { 1 };
+        // Of one view codes of two bytes in rows and in one piece, then these and the packed bytes, which are at most
+        // those of the picture, as data and as a file. The files of all views are kept, and once more to be stored.
+        let view = (4 * one).max(2 * one + 2 * packed * one);
+        Cost { bytes: (view + packed * (all - one)).max(2 * packed * all) }
+    }
+
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let mut files = Vec::new();
@@ -109,19 +121,21 @@ impl Kind for WriteImage {
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
         for (index, view) in views.iter().enumerate() {
-            cx.progress(index as f32 / views.len() as f32);
+            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
+            stretch.reach(0.0)?;
             let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
             let bytes = if p.path.extension() == "png" {
                 let software = ("Software", "lightharmony");
                 let texts: Vec<_> = std::iter::once(software).chain(recipe.map(|r| (KEYWORD, r))).collect();
-                match p.effort {
-                    Effort::Balanced => png::write(&raster, srgb, &texts)?,
-                    Effort::Fast => png::write_fast(&raster, srgb, &texts)?,
-                }
+                let packing = match p.effort {
+                    Effort::Balanced => png::Packing::Small,
+                    Effort::Fast => png::Packing::Fast,
+                };
+                png::write_for(&raster, packing, srgb, &texts, stretch)?
             } else {
-                jpeg::write(&raster, p.quality as u8, recipe)?
+                jpeg::write_for(&raster, p.quality as u8, recipe, stretch)?
             };
             files.push(FileBytes { view: view.name.clone(), bytes });
         }
@@ -183,7 +197,7 @@ pub(crate) fn quantise(
     // Linear light is encoded after alpha is divided out, since the curve is not linear. Display and
     // data samples on black stay as they are.
     let row = |y: usize| {
-        let mut codes = Vec::with_capacity(width * (colours + 1));
+        let mut codes = Vec::with_capacity(width * (colours + usize::from(keep_alpha)));
         let mut lost = Lost::default();
         for x in 0..width {
             let at = (y * width + x) * channels;
@@ -202,7 +216,7 @@ pub(crate) fn quantise(
     };
     let rows = cx.for_each_tile(height, row)?;
     let mut lost = Lost::default();
-    let mut codes = Vec::with_capacity(width * height * (colours + 1));
+    let mut codes = Vec::with_capacity(width * height * (colours + usize::from(keep_alpha)));
     for (row, row_lost) in rows {
         codes.extend(row);
         lost.add(row_lost);

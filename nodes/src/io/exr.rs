@@ -3,12 +3,16 @@
 
 use std::io::Cursor;
 
+use exr::block::writer::ChunksWriter;
+use exr::block::{UncompressedBlock, enumerate_ordered_header_block_indices};
+use exr::image::write::layers::{LayersWriter, WritableLayers};
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, MetaData, ReadChannels,
     ReadLayers, Text, WritableImage, f16,
 };
 
 use super::png::believable;
+use super::stretch::{Fed, Stretch};
 use crate::Error;
 
 /// One plane of numbers.
@@ -44,6 +48,11 @@ impl Planes {
 
 /// Reads half, float and whole-number channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
+    read_for(file, bytes, Stretch::ALONE)
+}
+
+/// The same as part of a node's work.
+pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes, Error> {
     let bad = |e: exr::error::Error| match e {
         exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
         other => Error::format(file, format!("not a whole EXR: {other}")),
@@ -71,9 +80,9 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
         .first_valid_layer()
         .all_attributes()
         .non_parallel()
-        .from_buffered(Cursor::new(bytes))
+        .from_buffered(Fed::new(bytes, stretch))
         .map_err(bad)?;
-    let layer = &image.layer_data;
+    let layer = image.layer_data;
     let (size, position) = (layer.size, layer.attributes.layer_position);
     let shift = [
         i64::from(position.0) - i64::from(window.position.0),
@@ -81,8 +90,12 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
     ];
     let cropped = shift != [0, 0] || (size.0, size.1) != (width, height);
     let mut channels = Vec::with_capacity(layer.channel_data.list.len());
-    for channel in &layer.channel_data.list {
-        let data: Vec<f32> = channel.sample_data.values_as_f32().collect();
+    for channel in layer.channel_data.list {
+        // Floats stay where they are; the others go as soon as they are floats.
+        let data: Vec<f32> = match channel.sample_data {
+            FlatSamples::F32(samples) => samples,
+            other => other.values_as_f32().collect(),
+        };
         if data.len() != size.0 * size.1 {
             return Err(Error::format(file, "a channel of another size than the part"));
         }
@@ -106,6 +119,22 @@ fn place(data: &[f32], columns: usize, [dx, dy]: [i64; 2], width: usize, height:
     out
 }
 
+/// Planes of one size pixel by pixel, in their order.
+///
+/// # Errors
+/// [`Error::Stopped`].
+pub fn interleaved(planes: &[&[f32]], stretch: Stretch<'_>) -> Result<Vec<f32>, Error> {
+    let pixels = planes.first().map_or(0, |plane| plane.len());
+    let mut samples = Vec::with_capacity(pixels * planes.len());
+    for start in (0..pixels).step_by(1 << 18) {
+        stretch.reach(1.0)?;
+        for i in start..pixels.min(start + (1 << 18)) {
+            samples.extend(planes.iter().map(|plane| plane[i]));
+        }
+    }
+    Ok(samples)
+}
+
 /// How a channel is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Depth {
@@ -114,6 +143,9 @@ pub enum Depth {
     /// 16-bit floats, to nearest; finite values beyond 65504 become it.
     Half,
 }
+
+/// Blocks of rows that are compressed at a time.
+const BATCH: usize = 16;
 
 /// Largest finite half.
 const HALF_MAX: f32 = 65_504.0;
@@ -126,6 +158,18 @@ pub fn write(
     channels: Vec<(Channel, Depth)>,
     encoding: &str,
     recipe: Option<&str>,
+) -> Result<(Vec<u8>, u64), Error> {
+    write_for(width, height, channels, encoding, recipe, Stretch::ALONE)
+}
+
+/// The same as part of a node's work. Blocks of rows are compressed on all threads and written in order.
+pub fn write_for(
+    width: usize,
+    height: usize,
+    channels: Vec<(Channel, Depth)>,
+    encoding: &str,
+    recipe: Option<&str>,
+    stretch: Stretch<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
     let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot make an EXR: {e}"));
     let mut clamped = 0;
@@ -154,9 +198,32 @@ pub fn write(
             .insert(Text::from("lightharmony:encoding"), exr::prelude::AttributeValue::Text(text));
     }
     let layer = Layer::new((width, height), attributes, Encoding::SMALL_LOSSLESS, AnyChannels::sort(list));
-    let mut bytes = Cursor::new(Vec::new());
-    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).map_err(fail)?;
-    Ok((bytes.into_inner(), clamped))
+    let image = Image::from_layer(layer);
+    let headers = image.write().infer_meta_data();
+    let layers = image.layer_data.create_writer(&headers);
+    // A block that does not get shorter is stored as it is.
+    let plain = width * height * headers.iter().map(|header| header.channels.bytes_per_pixel).sum::<usize>();
+    let mut bytes = Cursor::new(Vec::with_capacity(plain + height * 8 + (1 << 16)));
+    exr::block::write(&mut bytes, headers, true, |meta, to| {
+        let stopped = |e: Error| exr::error::Error::Invalid(e.to_string().into());
+        let blocks: Vec<_> = enumerate_ordered_header_block_indices(&meta.headers).collect();
+        for (at, batch) in blocks.chunks(BATCH).enumerate() {
+            stretch.reach((at * BATCH) as f32 / blocks.len() as f32).map_err(stopped)?;
+            let packed = stretch.tiles(batch.len(), |i| {
+                let index = batch[i].1;
+                let data = layers.extract_uncompressed_block(&meta.headers, index);
+                UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)
+            });
+            for ((place, _), chunk) in batch.iter().zip(packed.map_err(stopped)?) {
+                to.write_chunk(*place, chunk?)?;
+            }
+        }
+        Ok(())
+    })
+    .map_err(fail)?;
+    let mut bytes = bytes.into_inner();
+    bytes.shrink_to_fit();
+    Ok((bytes, clamped))
 }
 
 #[cfg(test)]
@@ -189,6 +256,28 @@ mod tests {
             }
             assert!(bytes.windows(8).any(|w| w == b"(recipe)"));
         }
+    }
+
+    /// Blocks that are packed side by side are those that the library writes one after the other.
+    #[test]
+    fn blocks_give_the_bytes_of_the_whole_picture() {
+        let plane = |name: &str, k: usize| {
+            let samples = (0..70 * 700).map(|i| ((i * 7919 * k) % 1013) as f32).collect();
+            (Channel { name: name.to_owned(), samples }, Depth::Float)
+        };
+        let (bytes, _) = write(70, 700, vec![plane("R", 1), plane("Z", 3)], "", Some("a recipe"))
+            .unwrap_or_else(|e| panic!("{e}"));
+        let image = exr::prelude::read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .first_valid_layer()
+            .all_attributes()
+            .from_buffered(Cursor::new(&bytes))
+            .unwrap_or_else(|e| panic!("{e}"));
+        let mut again = Cursor::new(Vec::new());
+        image.write().non_parallel().to_buffered(&mut again).unwrap_or_else(|e| panic!("{e}"));
+        assert!(again.into_inner() == bytes);
     }
 
     /// Mutation: `v.clamp(-HALF_MAX, HALF_MAX)` to `v` in `write` (seen red).

@@ -122,7 +122,11 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
 /// The JSON of a file that is glTF by its first bytes, and whether it is binary (GLB), of which nothing else
 /// is read; `None` for any other file.
 pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
-    let mut file = std::fs::File::open(path)?;
+    json_in(&mut std::fs::File::open(path)?)
+}
+
+/// The same from the start of a file, up to the end of its JSON.
+pub fn json_in(file: &mut impl Read) -> std::io::Result<Option<(Vec<u8>, bool)>> {
     let mut head = Vec::new();
     file.by_ref().take(20).read_to_end(&mut head)?;
     if head.starts_with(b"glTF") {

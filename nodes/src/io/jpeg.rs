@@ -1,15 +1,20 @@
 //! JPEG: reading to 8-bit codes, and writing.
 
 use zune_jpeg::JpegDecoder;
-use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::png::{Raster, believable};
+use super::stretch::{Fed, Stretch, Sunk};
 use crate::Error;
 
 /// Reads a JPEG as RGB codes; grey ones come as three equal channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
+    read_for(file, bytes, Stretch::ALONE)
+}
+
+/// The same as part of a node's work.
+pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
     let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a whole JPEG: {e}"));
     // Without SIMD: those paths round differently from machine to machine.
     let options = DecoderOptions::default()
@@ -18,7 +23,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
         .jpeg_set_out_colorspace(ColorSpace::RGB)
         .set_max_width(65_535)
         .set_max_height(65_535);
-    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    let mut decoder = JpegDecoder::new_with_options(Fed::new(bytes, stretch), options);
     decoder.decode_headers().map_err(bad)?;
     let Some((width, height)) = decoder.dimensions() else {
         return Err(Error::format(file, "has no size"));
@@ -37,7 +42,8 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     if raw.len() != width * height * 3 {
         return Err(Error::format(file, "holds another number of samples than it claims"));
     }
-    let codes = raw.into_iter().map(u16::from).collect();
+    let mut codes = Vec::with_capacity(raw.len());
+    stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     let ignored =
         if decoder.icc_profile().is_some() { vec!["an ICC profile".to_owned()] } else { Vec::new() };
     Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored })
@@ -45,6 +51,16 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 
 /// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with a comment where given.
 pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<u8>, Error> {
+    write_for(raster, quality, comment, Stretch::ALONE)
+}
+
+/// The same as part of a node's work.
+pub fn write_for(
+    raster: &Raster,
+    quality: u8,
+    comment: Option<&str>,
+    stretch: Stretch<'_>,
+) -> Result<Vec<u8>, Error> {
     let fail = |e: image::ImageError| Error::Mismatch(format!("cannot make a JPEG: {e}"));
     let (width, height) = (raster.width as u32, raster.height as u32);
     if width > 65_535 || height > 65_535 {
@@ -53,10 +69,12 @@ pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<
     let raw: Vec<u8> = raster.codes.iter().map(|&code| code as u8).collect();
     let color =
         if raster.channels == 1 { image::ExtendedColorType::L8 } else { image::ExtendedColorType::Rgb8 };
-    let mut bytes = Vec::new();
-    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, quality)
+    let mut sunk = Sunk::new(raw.len(), stretch);
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut sunk, quality)
         .encode(&raw, width, height, color)
         .map_err(fail)?;
+    let mut bytes = sunk.bytes;
+    bytes.shrink_to_fit();
     // Comments hold 65533 bytes; a longer text goes into several, right after the start marker.
     let mut at = 2;
     for piece in comment.map(str::as_bytes).into_iter().flat_map(|text| text.chunks(65_533)) {

@@ -4,8 +4,11 @@
 pub mod exr;
 pub mod gltf;
 pub mod hdr;
+pub mod head;
 pub mod jpeg;
 pub mod ply;
 pub mod png;
+mod png_pack;
 pub mod recipe;
+pub mod stretch;
 pub mod webp;

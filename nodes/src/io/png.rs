@@ -1,9 +1,9 @@
 //! PNG: reading to f32 samples, and writing the same bytes every time.
 
-use std::io::Cursor;
+use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 
-use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Filter, Limits, Transformations};
-
+use super::png_pack::pack;
+use super::stretch::{Fed, Stretch};
 use crate::Error;
 
 /// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
@@ -28,6 +28,32 @@ impl Raster {
     pub fn samples(&self) -> Vec<f32> {
         let largest = f32::from(self.largest);
         self.codes.iter().map(|&code| f32::from(code) / largest).collect()
+    }
+
+    /// The samples from 0 to 1 as colours, RGB or RGBA premultiplied by alpha, and how many a pixel.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`].
+    pub fn colours(&self, stretch: Stretch<'_>) -> Result<(usize, Vec<f32>), Error> {
+        let alpha = self.channels.is_multiple_of(2);
+        let channels = if alpha { 4 } else { 3 };
+        let mut out = Vec::with_capacity(self.width * self.height * channels);
+        let sample = |code: u16| f32::from(code) / f32::from(self.largest);
+        stretch.over(&self.codes, |codes| {
+            for pixel in codes.chunks_exact(self.channels) {
+                let rgb = match *pixel {
+                    [y] | [y, _] => [y; 3],
+                    [r, g, b, ..] => [r, g, b],
+                    [] => [0; 3],
+                };
+                let a = if alpha { sample(pixel[self.channels - 1]) } else { 1.0 };
+                out.extend(rgb.map(|code| sample(code) * a));
+                if alpha {
+                    out.push(a);
+                }
+            }
+        })?;
+        Ok((channels, out))
     }
 }
 
@@ -58,10 +84,15 @@ pub fn believable(
 
 /// Reads a PNG of any kind; palettes and low depths are widened to 8 bits.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
+    read_for(file, bytes, Stretch::ALONE)
+}
+
+/// The same as part of a node's work.
+pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
     let bad = |e: png::DecodingError| Error::format(file, format!("not a whole PNG: {e}"));
     // Deflate reaches 1032 to 1; beyond that no file is honest.
     let mut decoder = Decoder::new_with_limits(
-        Cursor::new(bytes),
+        Fed::new(bytes, stretch),
         Limits { bytes: (bytes.len() + 65_536).saturating_mul(2_200) },
     );
     decoder.set_transformations(Transformations::EXPAND);
@@ -90,28 +121,47 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
         reader.output_buffer_size().ok_or_else(|| Error::format(file, "too large for this machine"))?;
     let mut raw = vec![0; size];
     reader.next_frame(&mut raw).map_err(bad)?;
-    let (largest, codes) = match depth {
-        BitDepth::Sixteen => {
-            (65_535, raw.as_chunks::<2>().0.iter().map(|pair| u16::from_be_bytes(*pair)).collect())
-        }
-        _ => (255, raw.iter().map(|&code| u16::from(code)).collect::<Vec<_>>()),
-    };
     let (width, height) = (width as usize, height as usize);
-    if codes.len() != width * height * channels {
+    let wide = depth == BitDepth::Sixteen;
+    let sample = if wide { 2 } else { 1 };
+    if raw.len() != width * height * channels * sample {
         return Err(Error::format(file, "holds another number of samples than it claims"));
     }
+    let mut codes = Vec::with_capacity(width * height * channels);
+    if wide {
+        let pairs = raw.as_chunks::<2>().0;
+        stretch.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
+    } else {
+        stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
+    }
+    let largest = if wide { 65_535 } else { 255 };
     Ok(Raster { width, height, channels, largest, codes, ignored })
+}
+
+/// How much time packing may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Packing {
+    /// Small files: the filter of each row that promises most, and deflate of level 6.
+    Small,
+    /// A tenth of the time and a larger file: the rows above taken off, and deflate with a fixed code.
+    Fast,
 }
 
 /// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` tells that colour samples are
 /// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, false, srgb, texts)
+    write_for(raster, Packing::Small, srgb, texts, Stretch::ALONE)
 }
 
-/// The same pixels in a tenth of the time and a larger file.
-pub fn write_fast(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, true, srgb, texts)
+/// The same as part of a node's work, packed as is said.
+pub fn write_for(
+    raster: &Raster,
+    packing: Packing,
+    srgb: bool,
+    texts: &[(&str, &str)],
+    stretch: Stretch<'_>,
+) -> Result<Vec<u8>, Error> {
+    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, stretch)
 }
 
 /// Writes frames of one size and sort as an animated PNG. `delay` is the time of a frame as a fraction of a
@@ -122,8 +172,9 @@ pub fn write_frames(
     plays: u32,
     srgb: bool,
     texts: &[(&str, &str)],
+    stretch: Stretch<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(frames, Some((delay, plays)), false, srgb, texts)
+    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, stretch)
 }
 
 type Animation = ((u16, u16), u32);
@@ -131,9 +182,10 @@ type Animation = ((u16, u16), u32);
 fn write_all(
     frames: &[Raster],
     animation: Option<Animation>,
-    fast: bool,
+    packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
+    stretch: Stretch<'_>,
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let Some(first) = frames.first() else {
@@ -148,32 +200,45 @@ fn write_all(
         _ => ColorType::Rgba,
     });
     encoder.set_depth(if first.largest == 255 { BitDepth::Eight } else { BitDepth::Sixteen });
-    // What is compressed fast has no time for the best filter of each row.
-    let (compression, filter) =
-        if fast { (Compression::Fast, Filter::Up) } else { (Compression::Balanced, Filter::Adaptive) };
-    encoder.set_compression(compression);
-    encoder.set_filter(filter);
     if srgb {
         encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
     }
-    if let Some(((numerator, denominator), plays)) = animation {
+    if let Some((_, plays)) = animation {
         encoder.set_animated(frames.len() as u32, plays).map_err(fail)?;
-        encoder.set_frame_delay(numerator, denominator).map_err(fail)?;
     }
     for (keyword, text) in texts {
         encoder.add_itxt_chunk((*keyword).to_owned(), (*text).to_owned()).map_err(fail)?;
     }
     let mut writer = encoder.write_header().map_err(fail)?;
-    for frame in frames {
-        let raw: Vec<u8> = if frame.largest == 255 {
-            frame.codes.iter().map(|&code| code as u8).collect()
-        } else {
-            frame.codes.iter().flat_map(|code| code.to_be_bytes()).collect()
-        };
-        writer.write_image_data(&raw).map_err(fail)?;
+    let mut sequence = 0_u32;
+    for (index, frame) in frames.iter().enumerate() {
+        let packed = pack(frame, packing, stretch.piece(index, frames.len()))?;
+        if let Some((delay, _)) = animation {
+            writer.write_chunk(png::chunk::fcTL, &frame_control(sequence, frame, delay)).map_err(fail)?;
+            sequence += 1;
+        }
+        for piece in packed.chunks(LARGEST_CHUNK) {
+            if index == 0 {
+                writer.write_chunk(png::chunk::IDAT, piece).map_err(fail)?;
+            } else {
+                let numbered = [&sequence.to_be_bytes()[..], piece].concat();
+                writer.write_chunk(png::chunk::fdAT, &numbered).map_err(fail)?;
+                sequence += 1;
+            }
+        }
     }
     writer.finish().map_err(fail)?;
     Ok(bytes)
+}
+
+/// Most bytes of data in a chunk whose length, with a sequence number, is a number of 31 bits.
+const LARGEST_CHUNK: usize = (u32::MAX >> 1) as usize - 4;
+
+/// The chunk before a frame as large as the picture, which takes the place of the one before it.
+fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, u16)) -> Vec<u8> {
+    let sizes = [sequence, frame.width as u32, frame.height as u32, 0, 0].map(u32::to_be_bytes).concat();
+    let delay = [numerator, denominator].map(u16::to_be_bytes).concat();
+    [sizes, delay, vec![0, 0]].concat()
 }
 
 #[cfg(test)]

@@ -8,11 +8,14 @@ mod tests;
 
 use std::sync::Arc;
 
-use engine::{Context, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use std::io::{Seek, SeekFrom};
+
+use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
 
 use self::geometry::Geometry;
 use self::material::Materials;
 use crate::io::gltf::{self, Want};
+use crate::io::head::Head;
 use crate::io::png::Raster;
 use crate::types::{Object, Texture};
 
@@ -55,6 +58,16 @@ impl Kind for LoadObject {
         sources(&p.path, root)
     }
 
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
+        // Pictures beside it, and those in it: in the worst case all are being read at the same time.
+        let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
+        let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
+        let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
+        // The files, their geometry as floats and once more as triangles of the object.
+        Cost { bytes: all.saturating_mul(3).saturating_add(texels) }
+    }
+
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
         let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
@@ -64,6 +77,26 @@ impl Kind for LoadObject {
         cx.count("triangles", triangles as u64);
         Ok((Out { object: Arc::new(object) }, notes))
     }
+}
+
+/// The heads of the pictures that a GLB holds.
+fn pictures_inside(file: &FileHead<'_>) -> Vec<Head> {
+    let read = || {
+        let mut reader = file.open()?;
+        let (json, binary) = gltf::json_in(&mut reader).ok()??;
+        let json: serde_json::Value = serde_json::from_slice(&json).ok().filter(|_| binary)?;
+        // The binary chunk begins behind its own length and name.
+        let start = reader.stream_position().ok()? + 8;
+        let views = json["images"].as_array()?.iter().filter_map(|image| image["bufferView"].as_u64());
+        let mut heads = Vec::new();
+        for view in views {
+            let offset = json["bufferViews"][view as usize]["byteOffset"].as_u64().unwrap_or(0);
+            reader.seek(SeekFrom::Start(start.saturating_add(offset))).ok()?;
+            heads.extend(Head::read(&mut reader));
+        }
+        Some(heads)
+    };
+    read().unwrap_or_default()
 }
 
 /// The file and all that it names, by its content as it is read. What is wrong with a GLB is told when it

@@ -11,6 +11,7 @@ mod ply_header;
 mod ply_packed;
 mod rows;
 mod sh_turn;
+mod size;
 mod sog;
 mod source;
 mod splat;
@@ -23,7 +24,8 @@ mod zip;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use engine::{
-    Context, ContextField, Cost, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
+    Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+    Up,
 };
 use glam::{DMat3, DVec3};
 
@@ -238,8 +240,15 @@ impl Kind for LoadSplats {
     type In = In;
     type Out = Out;
 
-    fn estimate(_params: &Self, _inputs: &In) -> Cost {
-        Cost::default()
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        // Each file with what it unpacks to and its rows; in the end the rows of all, and the scene that they become.
+        let (mut rows, mut most) = (0_u64, 0_u64);
+        for file in files {
+            let (own, unpacked) = size::of(file);
+            most = most.max(rows.saturating_add(own).saturating_add(unpacked).saturating_add(file.bytes));
+            rows = rows.saturating_add(own);
+        }
+        Cost { bytes: most.max(rows.saturating_mul(2)) }
     }
 
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {

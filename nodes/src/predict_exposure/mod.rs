@@ -81,7 +81,6 @@ impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
     const VERSION: u32 = 6;
     const DATA: &'static [u8] = learned::WEIGHTS;
-    const HOLDS_FILES: bool = true;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
     type In = In;

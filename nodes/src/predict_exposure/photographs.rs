@@ -4,6 +4,7 @@ use engine::{Context, InputFile, NodeError, Notes};
 
 use crate::color::{luminance, srgb_from_linear};
 use crate::error::Error;
+use crate::io::stretch::Stretch;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::load_image::{FileEncoding, decode};
 use crate::num;
@@ -36,7 +37,8 @@ pub(super) fn predict(
     for (file, &ev) in files.iter().zip(evs) {
         let failed = |error: Error| NodeError::from(error).at("method");
         let bytes = cx.read(file).map_err(|error| error.at("method"))?;
-        let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes).map_err(failed)?;
+        let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, Stretch::of(cx, 0.0, 0.0))
+            .map_err(failed)?;
         let (w, h, channels) = picture.size();
         if (w, h) != (width, height) || channels < 3 || matches!(picture, Picture::Data(_)) {
             let what = format!("is {w}x{h} of {channels} channels; the panorama is {width}x{height} of 3");

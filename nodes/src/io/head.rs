@@ -1,0 +1,210 @@
+//! How large a picture is, by the first bytes of its file: what reading it will take is known before it is read.
+
+use std::io::{BufRead, Read, Seek, SeekFrom};
+
+use exr::meta::attribute::SampleType;
+use exr::prelude::MetaData;
+
+/// What the head of a file says of the picture in it, unchecked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Head {
+    /// Pixels.
+    pub pixels: u64,
+    /// Samples a pixel, all layers of OpenEXR together.
+    pub channels: u64,
+    /// Bytes a pixel that its decoder hands over.
+    pub decoded: u64,
+    /// Linear light in floats, or codes.
+    pub floats: bool,
+}
+
+impl Head {
+    /// The head of a PNG, JPEG, WebP, OpenEXR or Radiance picture that begins where the reader stands; `None` of
+    /// anything else, and of what is cut off.
+    pub fn read(reader: &mut (impl BufRead + Seek)) -> Option<Self> {
+        let begin = reader.stream_position().ok()?;
+        let mut magic = [0; 4];
+        reader.read_exact(&mut magic).ok()?;
+        match magic {
+            [0x89, b'P', b'N', b'G'] => png(reader),
+            [0xff, 0xd8, ..] => {
+                reader.seek(SeekFrom::Start(begin + 2)).ok()?;
+                jpeg(reader)
+            }
+            [b'#', b'?', ..] => radiance(reader),
+            [b'R', b'I', b'F', b'F'] => webp(reader),
+            [0x76, 0x2f, 0x31, 0x01] => {
+                reader.seek(SeekFrom::Start(begin)).ok()?;
+                exr(reader)
+            }
+            _ => None,
+        }
+    }
+
+    /// Most bytes that reading it as floats takes beyond the file, and the bytes of the floats.
+    pub fn as_floats(&self) -> [u64; 2] {
+        let samples = self.pixels.saturating_mul(self.channels);
+        if self.floats {
+            // All channels, then those of one picture side by side.
+            let floats = self.pixels.saturating_mul(4 * self.channels.min(4));
+            return [self.pixels.saturating_mul(self.decoded).saturating_add(floats), floats];
+        }
+        let floats = self.pixels.saturating_mul(4 * self.channels.max(3));
+        // What is decoded beside codes of 16 bits, then these beside the floats.
+        let codes = samples.saturating_mul(2);
+        let decoding = self.pixels.saturating_mul(self.decoded);
+        [codes.saturating_add(decoding.max(floats)), floats]
+    }
+
+    /// Most bytes that reading it as 8-bit texels takes, and those of the texels.
+    pub fn as_texels(&self) -> [u64; 2] {
+        let texels = self.pixels.saturating_mul(4);
+        let codes = self.pixels.saturating_mul(2 * self.channels);
+        [codes.saturating_add(texels.max(self.pixels.saturating_mul(self.decoded))), texels]
+    }
+}
+
+fn bytes<const N: usize>(reader: &mut impl Read) -> Option<[u8; N]> {
+    let mut bytes = [0; N];
+    reader.read_exact(&mut bytes).ok()?;
+    Some(bytes)
+}
+
+/// Behind the signature: its second half, length and name of the first chunk, width, height, depth, colour.
+fn png(reader: &mut impl Read) -> Option<Head> {
+    let head: [u8; 22] = bytes(reader)?;
+    let number = |at: usize| Some(u64::from(u32::from_be_bytes(*head.get(at..)?.first_chunk()?)));
+    let channels = match head[21] {
+        0 => 1,
+        2 => 3,
+        4 => 2,
+        // A palette may have alpha.
+        _ => 4,
+    };
+    let wide = u64::from(head[20] == 16);
+    Some(Head { pixels: number(12)? * number(16)?, channels, decoded: channels * (1 + wide), floats: false })
+}
+
+/// Segments up to the frame's, which has the size.
+fn jpeg(reader: &mut (impl Read + Seek)) -> Option<Head> {
+    loop {
+        let [0xff, marker] = bytes::<2>(reader)? else { return None };
+        if marker == 0xff {
+            reader.seek(SeekFrom::Current(-1)).ok()?;
+            continue;
+        }
+        let length = i64::from(u16::from_be_bytes(bytes(reader)?));
+        // Frames of all sorts; not the tables of Huffman and arithmetic codes.
+        if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
+            let [_, h0, h1, w0, w1] = bytes::<5>(reader)?;
+            let size = |high, low| u64::from(u16::from_be_bytes([high, low]));
+            // A progressive one keeps the coefficients of all its blocks, two bytes each.
+            let decoded = if marker == 0xc2 { 9 } else { 3 };
+            return Some(Head { pixels: size(h0, h1) * size(w0, w1), channels: 3, decoded, floats: false });
+        }
+        reader.seek(SeekFrom::Current(length - 2)).ok()?;
+    }
+}
+
+/// The line of the size follows an empty one.
+fn radiance(reader: &mut impl BufRead) -> Option<Head> {
+    let mut line = String::new();
+    let (mut all, mut last) = (reader.take(1 << 20), false);
+    loop {
+        line.clear();
+        all.read_line(&mut line).ok().filter(|read| *read > 0)?;
+        if last {
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            let [_, height, _, width] = words[..] else { return None };
+            let size = |text: &str| text.parse::<u32>().ok().map(u64::from);
+            return Some(Head {
+                pixels: size(width)? * size(height)?,
+                channels: 3,
+                decoded: 0,
+                floats: true,
+            });
+        }
+        last = line.trim_end().is_empty();
+    }
+}
+
+fn webp(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
+    reader.seek(SeekFrom::Current(-4)).ok()?;
+    let (width, height) = image_webp::WebPDecoder::new(reader).ok()?.dimensions();
+    Some(Head { pixels: u64::from(width) * u64::from(height), channels: 4, decoded: 4, floats: false })
+}
+
+/// The first flat part, which is the one that is read.
+fn exr(reader: &mut (impl BufRead + Seek)) -> Option<Head> {
+    let meta = MetaData::read_from_buffered(reader, false).ok()?;
+    let header = meta.headers.iter().find(|header| !header.deep)?;
+    let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
+    let list = &header.channels.list;
+    // Halves become floats one channel after the other.
+    let largest = list.iter().map(|c| if c.sample_type == SampleType::F32 { 0 } else { 4 }).max()?;
+    let (channels, decoded) = (list.len() as u64, 4 * list.len() as u64 + largest);
+    Some(Head { pixels: width.saturating_mul(height), channels, decoded, floats: true })
+}
+
+/// Elements of a PLY by name, how many of each and how many fields; empty where its header does not end soon.
+pub fn ply_elements(reader: &mut impl BufRead) -> Vec<(String, u64, u64)> {
+    let (mut found, mut line) = (Vec::<(String, u64, u64)>::new(), String::new());
+    let mut head = reader.take(1 << 16);
+    while head.read_line(&mut line).is_ok_and(|read| read > 0) {
+        match line.split_ascii_whitespace().collect::<Vec<_>>()[..] {
+            ["element", name, count] => found.push((name.to_owned(), count.parse().unwrap_or(0), 0)),
+            ["property", ..] => {
+                if let Some((.., fields)) = found.last_mut() {
+                    *fields += 1;
+                }
+            }
+            ["end_header"] => return found,
+            _ => {}
+        }
+        line.clear();
+    }
+    Vec::new()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use super::*;
+    use crate::io::{exr as exr_file, jpeg as jpeg_file, png as png_file};
+
+    fn of(bytes: &[u8]) -> Option<(u64, u64)> {
+        Head::read(&mut Cursor::new(bytes)).map(|head| (head.pixels, head.channels))
+    }
+
+    #[test]
+    fn heads_of_every_format_and_no_cut_panics() {
+        let raster = |channels: usize| png_file::Raster {
+            width: 31,
+            height: 7,
+            channels,
+            largest: 255,
+            codes: vec![9; 31 * 7 * channels],
+            ignored: Vec::new(),
+        };
+        let plane = |name: &str| {
+            let samples = vec![0.5; 31 * 7];
+            (exr_file::Channel { name: name.to_owned(), samples }, exr_file::Depth::Float)
+        };
+        let files = [
+            (png_file::write(&raster(1), true, &[]).unwrap_or_default(), 1),
+            (png_file::write(&raster(4), true, &[("k", "text")]).unwrap_or_default(), 4),
+            // The comments come before the frame.
+            (jpeg_file::write(&raster(3), 80, Some(&"x".repeat(200_000))).unwrap_or_default(), 3),
+            (exr_file::write(31, 7, vec![plane("Z"), plane("A")], "", None).unwrap_or_default().0, 2),
+            (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 7 +X 31\n".to_vec(), 3),
+        ];
+        for (bytes, channels) in &files {
+            assert_eq!(of(bytes), Some((217, *channels)));
+            for end in 0..bytes.len().min(400) {
+                let _ = of(&bytes[..end]);
+            }
+        }
+        assert_eq!(of(b"ply\nformat"), None);
+    }
+}
