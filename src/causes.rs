@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use engine::{Change, Engine, Fate, Graph, Planned, Why};
+use engine::{Change, Engine, Fate, Graph, Planned, Role, Why};
 
 /// Why a node runs, in a few words.
 pub fn reason(graph: &Graph, index: usize, fate: &Fate) -> String {
@@ -37,7 +37,14 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     let mut causes = Vec::new();
     // By port: the wires that it has more, and how many it has less.
     let mut counts: BTreeMap<usize, (Vec<usize>, usize)> = BTreeMap::new();
+    let (read, dropped) = (files(changes, |change| &change.old), files(changes, |change| &change.new));
+    causes.extend(
+        other_files(graph, index, &read, &dropped).into_iter().map(|text| Cause { text, above: None }),
+    );
     for change in changes {
+        if source(change).is_some() && (change.old.is_none() || change.new.is_none()) {
+            continue;
+        }
         let (name, rest) = change.path.split_once(['[', '.']).unwrap_or((&change.path, ""));
         let port = node.kind.inputs.iter().position(|port| port.name == name);
         let field = rest.split(']').next().and_then(|field| field.parse::<usize>().ok());
@@ -53,7 +60,7 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
             (Some(old), Some(new)) => {
                 let what = ["type", "format", "content"][field % 3];
                 let (from, above) = end(graph, index, port, wire);
-                let text = format!("`{name}` from `{from}` has other {what}: {old} -> {new}");
+                let text = format!("`{name}`, now from `{from}`, has other {what}: {old} -> {new}");
                 causes.push(Cause { text, above });
             }
             // Told with its first field.
@@ -80,6 +87,35 @@ pub fn causes(graph: &Graph, index: usize, changes: &[Change]) -> Vec<Cause> {
     causes
 }
 
+/// The file that a change is about, where it is about one.
+fn source(change: &Change) -> Option<&str> {
+    let (name, rest) = change.path.split_once(['[', '.'])?;
+    (name == "sources").then(|| rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"'))
+}
+
+/// The files of which one side of a change is missing.
+fn files(changes: &[Change], side: impl Fn(&Change) -> &Option<String>) -> Vec<&str> {
+    changes.iter().filter(|change| side(change).is_none()).filter_map(source).collect()
+}
+
+/// Files that a node reads and did not, and those that it does not read any more.
+fn other_files(graph: &Graph, index: usize, read: &[&str], dropped: &[&str]) -> Vec<String> {
+    let node = &graph.nodes[index];
+    let mut inputs = node.kind.params.iter().filter(|param| param.role == Role::Input);
+    match (read, dropped) {
+        ([new], [old]) => {
+            let field = inputs.next().filter(|_| inputs.next().is_none());
+            let field = field.map_or_else(|| "a file".to_owned(), |field| field.name.to_owned());
+            vec![format!("`{}.{field}` {old:?} -> {new:?}", node.id)]
+        }
+        _ => {
+            let now = read.iter().map(|file| format!("`{}` reads `{file}`, which it did not", node.id));
+            let then = dropped.iter().map(|file| format!("`{}` does not read `{file}` any more", node.id));
+            now.chain(then).collect()
+        }
+    }
+}
+
 /// Where a wire comes from, in words and by node.
 fn end(graph: &Graph, index: usize, port: usize, wire: usize) -> (String, Option<usize>) {
     let Some(wire) = graph.nodes[index].inputs[port].get(wire) else { return ("nothing".to_owned(), None) };
@@ -97,7 +133,7 @@ fn plain_cause(graph: &Graph, index: usize, change: &Change) -> String {
     match name {
         "kind" | "version" | "profile" => format!("`{}` is another {name}: {old} -> {new}", node.kind.name),
         "sources" => {
-            let file = rest.split_once("].").map_or(rest, |(_, file)| file).trim_matches('"');
+            let file = source(change).unwrap_or(rest);
             format!("`{file}`, which `{}` reads, has other content: {old} -> {new}", node.id)
         }
         "recipe" => "the recipe that is written into the file is another".to_owned(),

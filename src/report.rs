@@ -30,8 +30,18 @@ pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
     Some(format!(
         "no node writes a file: what nothing reads is computed for the cache only ({}); \
          add `save: WriteImage(image: \"..\", path: \"final.png\")`",
-        crate::session::names(graph, graph.targets())
+        names(graph, graph.targets().into_iter())
     ))
+}
+
+/// The first names of some nodes.
+pub fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
+    const MOST: usize = 40;
+    let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
+    if names.len() > MOST {
+        names[MOST] = "..";
+    }
+    names.join(", ")
 }
 
 /// One line of JSON on standard output. A reader that went away is no reason to stop.

@@ -9,6 +9,7 @@ use clap::Args;
 use engine::{Diagnostics, EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, SourceRoot};
 
 use crate::origin::{Origin, OriginArgs};
+use crate::report::names;
 
 /// Why a verb cannot begin. Exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -406,17 +407,6 @@ fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
         }
         _ => Ok(found),
     }
-}
-
-/// The first names of some nodes.
-pub fn names(graph: &Graph, nodes: impl IntoIterator<Item = usize>) -> String {
-    const MOST: usize = 40;
-    let mut names: Vec<&str> =
-        nodes.into_iter().take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
-    if names.len() > MOST {
-        names[MOST] = "..";
-    }
-    names.join(", ")
 }
 
 impl EngineArgs {

@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 
 use cache::{Change, Digest};
 
-use crate::artifact::Difference;
+use crate::artifact::{AnyArtifact, Difference};
+use crate::files::Files;
 use crate::graph::{Graph, Wire};
 use crate::job::stored_value;
 use crate::plan::{Fate, Outlook};
@@ -107,8 +108,13 @@ pub struct ResultDifferences {
     pub unknown: [Vec<String>; 2],
 }
 
-/// Compares the kept results of two graphs, each as its engine's store knows it.
-pub fn result_differences(a: (&Engine, &Graph), b: (&Engine, &Graph)) -> ResultDifferences {
+/// Compares the kept results of two graphs, each as its engine's store knows it. `of_files` says how files of sinks
+/// differ, which are no more than bytes here.
+pub fn result_differences(
+    a: (&Engine, &Graph),
+    b: (&Engine, &Graph),
+    of_files: impl Fn(&Files, &Files) -> Difference,
+) -> ResultDifferences {
     let known = |(engine, graph): (&Engine, &Graph)| {
         let mut outlook = Outlook::new(engine, graph);
         let mut known = vec![false; graph.nodes.len()];
@@ -143,7 +149,14 @@ pub fn result_differences(a: (&Engine, &Graph), b: (&Engine, &Graph)) -> ResultD
                 let value =
                     |engine: &Engine, digest: &Digest| stored_value(engine.store(), &port.artifact, digest);
                 let pair = value(a.0, &then.digest).zip(value(b.0, &now.digest));
-                outputs.push((port.name.to_owned(), pair.map(|(a, b)| port.artifact.difference(&a, &b))));
+                let difference = |(a, b): (AnyArtifact, AnyArtifact)| match a
+                    .downcast_ref::<Files>()
+                    .zip(b.downcast_ref::<Files>())
+                {
+                    Some((a, b)) => of_files(a, b),
+                    None => port.artifact.difference(&a, &b),
+                };
+                outputs.push((port.name.to_owned(), pair.map(difference)));
             }
         }
         if !outputs.is_empty() {

@@ -419,12 +419,17 @@ impl Graph {
         (!changed.is_empty()).then_some((graph, changed))
     }
 
-    /// The nodes of a name: one, every instance of a node that axes multiply, or all of a subgraph.
+    /// The nodes of a name: one, all of a subgraph, or every instance of a node that axes multiply; of these those
+    /// that stand at the values that the name has: `shot/y=2` of `shot/x=1/y=2`.
     pub fn find_all(&self, id: &str) -> Vec<usize> {
+        let (name, values) = id.split_once('/').map_or((id, None), |(name, values)| (name, Some(values)));
         let is = |node: &Arc<Node>| {
-            node.id.strip_prefix(id).is_some_and(|rest| {
-                rest.is_empty() || rest.starts_with('.') || (rest.starts_with('/') && !node.point.is_empty())
-            })
+            let segments: Vec<String> = node.point.iter().map(segment).collect();
+            let length: usize = segments.iter().map(String::len).sum();
+            let plain = node.id.get(..node.id.len().saturating_sub(length)).unwrap_or_default();
+            let inside = plain.strip_prefix(name);
+            inside.is_some_and(|inside| inside.is_empty() || inside.starts_with('.'))
+                && values.is_none_or(|values| stands_at(&segments, values))
         };
         (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }
@@ -456,6 +461,25 @@ impl Graph {
         }
         wanted
     }
+}
+
+/// What a value of an axis adds to the name of a node: `/yaw=15.0`.
+fn segment((axis, value): &(String, String)) -> String {
+    format!("/{axis}={}", value.trim_matches('"'))
+}
+
+/// Whether values, `x=1/y=2`, are some of those that a node stands at, in their order. A value may hold slashes itself.
+fn stands_at(segments: &[String], values: &str) -> bool {
+    let mut rest = Some(values);
+    for segment in segments {
+        let Some(left) = rest else { break };
+        if let Some(after) = left.strip_prefix(&segment[1..])
+            && (after.is_empty() || after.starts_with('/'))
+        {
+            rest = after.strip_prefix('/');
+        }
+    }
+    rest.is_none()
 }
 
 /// `out/final.png` to `out/final_{view}.png`.

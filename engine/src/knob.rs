@@ -185,6 +185,12 @@ fn varies(field: &RawField<'_>) -> bool {
 }
 
 impl Source {
+    /// The names of the graph's own presets. What is wrong with the text is told when it is checked.
+    pub fn own_presets(&self, root: &SourceRoot) -> Vec<String> {
+        let document = parse_all(self, root, &mut Vec::new());
+        document.presets.iter().map(|preset| preset.name.to_owned()).collect()
+    }
+
     /// Lays a preset over the graph: one of its own, or else one of [`PRESETS`], which sets every knob of
     /// every node to its value on that rung.
     pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {

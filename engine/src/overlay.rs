@@ -46,6 +46,27 @@ impl<'t> Overlays<'t> {
                         .suggest(field.name, known.iter().copied())
                 }));
             }
+            if name == "axes" {
+                let read = |axis: &str| {
+                    let call = format!("\"{axis}\"");
+                    let others = self.nodes.values().flatten();
+                    document
+                        .nodes
+                        .iter()
+                        .chain(others)
+                        .flat_map(|node| &node.fields)
+                        .any(|field| field.text.contains(&call))
+                };
+                let axes: Vec<&str> = document.axes.iter().map(|axis| axis.name).collect();
+                let strangers =
+                    block.iter().flat_map(|over| &over.fields).filter(|field| !axes.contains(&field.name));
+                diagnostics.extend(strangers.filter(|field| !read(field.name)).map(|field| {
+                    let what =
+                        format!("the graph has no axis `{}`, and nothing reads one", shown(field.name));
+                    Diagnostic::of(Code::UnknownField, field.name_span.clone(), what)
+                        .suggest(field.name, axes.iter().copied())
+                }));
+            }
             if name == "scene" && document.scene.is_none() {
                 let span = block.first().map(|over| over.span.clone());
                 document.scene = span.map(|span| RawScene { span, fields: Vec::new() });

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
+use engine::Graph;
 
 use crate::report;
 use crate::session::{Error, GraphArgs};
@@ -25,6 +26,7 @@ impl Check {
         let loaded = self.graph.load()?;
         let graph = &loaded.graph;
         graph.check_sources().map_err(Error::Graph)?;
+        self.check_presets(graph)?;
         // Where runs write to unless they are told otherwise.
         loaded.check_outputs(Path::new("out"))?;
         let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
@@ -40,5 +42,20 @@ impl Check {
             super::print(&format!("{remark}\n"))?;
         }
         Ok(0)
+    }
+
+    /// The graph's own presets, each laid over it: those that were not asked for must be right as well.
+    fn check_presets(&self, graph: &Graph) -> Result<(), Error> {
+        let mut found = Vec::new();
+        for name in graph.source.own_presets(&graph.root) {
+            if self.graph.preset.contains(&name) {
+                continue;
+            }
+            let source = graph.source.clone().with_preset(&name, &nodes::registry());
+            if let Err(mistakes) = Graph::parse(source, &nodes::registry(), graph.root.clone()) {
+                found.push(mistakes);
+            }
+        }
+        found.into_iter().next().map_or(Ok(()), |mistakes| Err(Error::Graph(mistakes)))
     }
 }

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use cache::{Store, TempFolder};
 use clap::Args;
 use engine::{
-    Artifact, Bundle, Context, Engine, InputFile, Kind, NodeDifference, Recipe, ResultDifferences, Scene, Up,
-    graph_differences, result_differences,
+    Artifact, Bundle, Context, Difference, Engine, FileBytes, Files, InputFile, Kind, NodeDifference, Recipe,
+    ResultDifferences, Scene, Up, graph_differences, result_differences,
 };
 use nodes::load_image::{self, FileEncoding, LoadImage};
 use nodes::types::Images;
@@ -49,6 +49,39 @@ fn pixels(path: &Path) -> Option<Arc<Images>> {
     let load = LoadImage { path: file, more, encoding, layer, names };
     let (out, _) = LoadImage::run(&load, load_image::In {}, &Context::detached(scene, "/")).ok()?;
     Some(out.image)
+}
+
+/// How the files of two sinks differ: pictures by what they show, and whether only their recipes do.
+fn files_difference(a: &Files, b: &Files) -> Difference {
+    let views = |files: &Files| files.0.iter().map(|file| file.view.clone()).collect::<Vec<_>>();
+    if views(a) != views(b) {
+        return a.difference(b);
+    }
+    let shown = |file: &FileBytes| {
+        let picture = load_image::of_bytes(&file.view, &file.bytes).ok()?;
+        Some(Images::single(file.view.clone(), picture))
+    };
+    let mut only_recipes = 0;
+    for (a, b) in a.0.iter().zip(&b.0).filter(|(a, b)| a.bytes != b.bytes) {
+        let Some((a, b)) = shown(a).zip(shown(b)) else {
+            let (a, b) = (a.bytes.len(), b.bytes.len());
+            return Difference::of(format!("other content, {a} bytes against {b}"));
+        };
+        let difference = a.difference(&b);
+        if !difference.equal {
+            return difference;
+        }
+        only_recipes += 1;
+    }
+    match only_recipes {
+        0 => Difference::none(),
+        1 => Difference::of(
+            "the picture is the same to the bit; what is written beside it, the recipe, is not",
+        ),
+        n => Difference::of(format!(
+            "{n} pictures are the same to the bit; what is written beside them is not"
+        )),
+    }
 }
 
 /// The recipe of a picture; `None` for another file, or a picture that carries none.
@@ -177,7 +210,11 @@ impl Diff {
             None => {}
         }
         if let Some((a, b)) = &sides {
-            let came = result_differences((&a.engine, &a.loaded.graph), (&b.engine, &b.loaded.graph));
+            let came = result_differences(
+                (&a.engine, &a.loaded.graph),
+                (&b.engine, &b.loaded.graph),
+                files_difference,
+            );
             equal &= came.unequal.is_empty();
             text.push_str(&self.told(&came));
         }

@@ -1,6 +1,7 @@
 //! `explain`: what a node's result is made of, and why it would run again.
 
 use clap::Args;
+use engine::Graph;
 
 use super::plan::{changes_json, planned_json};
 use crate::causes::trail;
@@ -61,7 +62,9 @@ impl Explain {
         if let Some(last) = past.spent {
             let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
             let counts = counts_text(&last.counts);
-            text.push_str(&format!("\nits code took {seconds} and about {memory} the last time{counts}\n"));
+            text.push_str(&format!(
+                "\nits code took {seconds} the last time, admitted with about {memory} of memory{counts}\n"
+            ));
         }
         if let Some(seconds) = node.forecast {
             text.push_str(&format!("this time it would take about {}\n", seconds_text(seconds)));
@@ -69,10 +72,21 @@ impl Explain {
         if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
             text.push_str("\nits key is made of\n");
             for line in manifest.to_string().lines() {
-                text.push_str(&format!("    {line}\n"));
+                text.push_str(&format!("    {}\n", by_wire(graph, index, line)));
             }
         }
         super::print(&text)?;
         Ok(0)
     }
+}
+
+/// A line of a key with wires counted: of each there are three fields, type, format and content.
+fn by_wire(graph: &Graph, index: usize, line: &str) -> String {
+    let numbered = || {
+        let (name, rest) = line.split_once('[')?;
+        graph.nodes[index].kind.inputs.iter().find(|port| port.name == name)?;
+        let (field, rest) = rest.split_once(']')?;
+        Some(format!("{name}[{}]{rest}", field.parse::<usize>().ok()? / 3))
+    };
+    numbered().unwrap_or_else(|| line.to_owned())
 }

@@ -45,7 +45,7 @@ impl Plan {
             if let Some(last) = past.and_then(|past| past.spent) {
                 let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
                 let counts = counts_text(&last.counts);
-                text.push_str(&format!("{:<29} last time {seconds}, {memory}{counts}\n", ""));
+                text.push_str(&format!("{:<29} last time {seconds}, admitted with {memory}{counts}\n", ""));
             }
         }
         text.push_str(&forecast_text(&Forecast::of(&plan)));

@@ -52,3 +52,39 @@ fn two_processes_on_one_cache_agree() {
     let (a, b) = (crate::files(&place.path("a")), crate::files(&place.path("b")));
     assert!(!a.is_empty() && a == b);
 }
+
+/// Forty loaders and forty sinks: enough that processes meet at every moment of a node.
+#[test]
+fn sixteen_processes_on_one_cache_compute_each_key_once() {
+    const NODES: usize = 80;
+    let node = |n: usize| {
+        format!(
+            "a{n}: LoadEnvironment(path: \"light.hdr\", scale: {n}.5), \
+             s{n}: WriteExr(image: \"a{n}.image\", path: \"{n}.exr\", recipe: false),"
+        )
+    };
+    let nodes: String = (0..NODES / 2).map(node).collect();
+    let place = Place::new(&format!("Graph(version: 1, scene: (up: \"+z\"), nodes: ({nodes}))"));
+    let mut light = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16 +X 32\n".to_vec();
+    light.extend((0..16 * 32).flat_map(|n: u32| [40 + (n % 97) as u8, 90, 60 + (n / 4) as u8, 128]));
+    std::fs::write(place.path("light.hdr"), light).unwrap();
+    let out = |n: usize| format!("out{n}");
+    let start = |n: usize| {
+        let mut command = place.command(&["run", "graph.ron", "--json", "--jobs", "2", "--out", &out(n)]);
+        command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::null()).spawn().unwrap()
+    };
+    let children: Vec<_> = (0..16).map(start).collect();
+    let mut ran = 0;
+    for child in children {
+        let told = child.wait_with_output().unwrap();
+        assert!(told.status.success());
+        let text = String::from_utf8(told.stdout).unwrap();
+        let done: serde_json::Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+        ran += done["ran"].as_u64().unwrap() as usize;
+    }
+    // A loader's values are made again where its sink is another's: that is no run of it.
+    assert_eq!(ran, NODES, "each of the keys was computed by one of the processes");
+    let first = crate::files(&place.path(&out(0)));
+    assert_eq!(first.len(), NODES / 2);
+    assert!((1..16).all(|n| crate::files(&place.path(&out(n))) == first));
+}

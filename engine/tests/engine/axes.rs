@@ -95,6 +95,15 @@ fn an_instance_is_found_by_its_own_name_and_by_that_of_all() {
     assert_eq!(graph.find_all("moved").len(), 3);
     assert_eq!(graph.find_all("moved/yaw=1"), [1]);
     assert_eq!((graph.find_all("mov").len(), graph.find_all("other").len()), (0, 1));
+    let two = r#"a: Add(terms: [], bias: Axis("yaw")), b: Add(terms: "a", bias: Axis("size")),"#;
+    let graph = lab.parse(&self::graph("yaw: Range(0, 3), size: List([1.0, 5.0])", two)).unwrap();
+    // Any of the values, in the order of the axes.
+    let found = |name: &str| graph.find_all(name).len();
+    assert_eq!((found("b"), found("b/yaw=1"), found("b/size=5.0"), found("b/yaw=1/size=5.0")), (6, 2, 3, 1));
+    assert_eq!(
+        (found("a/size=1.0"), found("b/yaw=11"), found("b/size=5.0/yaw=1"), found("b/")),
+        (0, 0, 0, 0)
+    );
     assert_eq!(lab.run_only(&text, &["moved/yaw=2"]).ran(), "moved/yaw=2");
 }
 

@@ -251,14 +251,17 @@ fn graphs_and_results_are_told_apart() {
     ];
     assert_eq!(told, expected.map(|(id, difference)| (id.to_owned(), difference)));
     let engine = lab.engine();
-    let came = engine::result_differences((&engine, &a), (&engine, &b));
+    let came = engine::result_differences((&engine, &a), (&engine, &b), engine::Artifact::difference);
     assert_eq!(came.compared, 6);
     let short: Vec<_> = came.unequal.iter().map(|node| (node.id.as_str(), node.first)).collect();
     // The node between them has another name, so the sum is where the next difference begins.
     assert_eq!(short, [("b", true), ("sum", true), ("r", false), ("w", false)]);
     assert!(came.unequal[0].outputs[0].1.as_ref().is_some_and(|difference| !difference.equal));
     assert!(engine::graph_differences(&a, &a).is_empty());
-    assert_eq!(engine::result_differences((&engine, &a), (&engine, &a)).unequal, []);
+    assert_eq!(
+        engine::result_differences((&engine, &a), (&engine, &a), engine::Artifact::difference).unequal,
+        []
+    );
 }
 
 #[test]
