@@ -5,7 +5,7 @@ usage: make.py LIGHTHARMONY WORK > docs/tour.md     takes about two minutes of C
 
 Lines that only repeat are cut, and said to be; nothing else is changed, so times and digests are those of the machine.
 """
-import os, re, shutil, signal, subprocess, sys, time
+import os, shutil, signal, struct, subprocess, sys, time, zlib
 
 PROGRAM, WORK = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
 ENV = {**os.environ, "LIGHTHARMONY_CACHE": f"{WORK}/cache", "NO_COLOR": "1", "PATH": f"{WORK}/bin:{os.environ['PATH']}"}
@@ -127,12 +127,58 @@ transcript("sed 's|DemoScene(.*|LoadSplats(path: \"../first.lhb\"),|' again/grap
 ENV["LIGHTHARMONY_CACHE"] = f"{WORK}/cache"
 section("The cache")
 transcript("lightharmony cache stat", "lightharmony cache verify", "lightharmony cache gc --max-size 1M --dry-run",
-           "lightharmony cache pin first/graph.ron", "lightharmony cache copy --to elsewhere first/graph.ron", "lightharmony cache gc --max-size 0", "lightharmony run first/graph.ron --out first/out", most=8)
+           "lightharmony cache pin first/graph.ron", "lightharmony cache gc --max-size 0", "lightharmony run first/graph.ron --out first/out", most=8)
 section("Faults")
-transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "rm -r first/out; lightharmony run first/graph.ron --out first/out", "lightharmony cache repair",
+transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "rm -r first/out; lightharmony run first/graph.ron --out first/out",
            "lightharmony run first/graph.rom", "lightharmony run first/graph.ron --set pose.yaw=3", "lightharmony run first/graph.ron --set demo.width_px=4000000000",
            "lightharmony run first/graph.ron --out /proc/out --set pose.yaw_deg=1.0 2>&1 | tail -6",
-           "lightharmony run first/graph.ron --memory 1M --set pano.width_px=1024 2>&1 | tail -8",
            "timeout --foreground --preserve-status -s INT 3 lightharmony run first/graph.ron --set trace.samples=4000 2>&1 | tail -3", most=12)
+section("A graph of several files", "One file makes another picture of a photograph, and is used twice; a third file has the photograph.")
+os.makedirs(f"{WORK}/pieces")
+def photograph(path, width=64, height=48):
+    """A PNG of two gradients."""
+    rows = b"".join(b"\0" + bytes(v for x in range(width) for v in (4 * x, 5 * y, 99)) for y in range(height))
+    chunk = lambda name, data: struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+    with open(path, "wb") as f:
+        f.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+                + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+def written(name, text):
+    with open(f"{WORK}/pieces/{name}", "w") as f:
+        f.write(text)
+photograph(f"{WORK}/pieces/photo.png")
+written("photo.ron", 'Graph(version: 1, nodes: (photo: LoadImage(path: "photo.png")))\n')
+written("sheet.ron", """Graph(
+    version: 1,
+    parameters: (pictures: Required, columns: 1),
+    nodes: (sheet: ContactSheet(images: Param("pictures"), columns: Param("columns"))),
+)
+""")
+written("graph.ron", """Graph(
+    version: 1,
+    include: ["photo.ron"],
+    scene: (up: "+z"),
+    nodes: (
+        tall: Subgraph(graph: "sheet.ron", pictures: ["photo", "photo"]),
+        wide: Subgraph(graph: "sheet.ron", pictures: ["photo", "photo"], columns: 2),
+        a:    WriteImage(image: "tall.sheet", path: "tall.png"),
+        b:    WriteImage(image: "wide.sheet", path: "wide.png"),
+    ),
+)
+""")
+transcript("cat sheet.ron graph.ron", "lightharmony check graph.ron", "lightharmony run graph.ron --only wide",
+           "lightharmony run graph.ron", "lightharmony graph graph.ron --format mermaid", folder="pieces", most=30)
+section("Exactly this, or not at all", "After the lock another photograph lies there.")
+transcript("lightharmony lock graph.ron", "lightharmony run graph.ron --locked", folder="pieces", most=12)
+photograph(f"{WORK}/pieces/photo.png", height=40)
+transcript("lightharmony run graph.ron --locked", folder="pieces", most=12)
+photograph(f"{WORK}/pieces/photo.png")
+section("Caches from one place to another")
+transcript("lightharmony cache copy --to elsewhere graph.ron", "lightharmony run graph.ron --cache elsewhere --out out2 2>&1 | tail -1",
+           "truncate -s 10 elsewhere/v1/blobs/*/*", "lightharmony cache repair --cache elsewhere", folder="pieces", most=8)
+section("Refused", "What a stranger's graph may not read, and what does not fit into memory.")
+os.makedirs(f"{WORK}/stranger")
+transcript("lightharmony pack graph.ron graph.lhb", "cd ../stranger && lightharmony unpack ../pieces/graph.lhb theirs",
+           "cd ../stranger && sed -i 's|\"photo.png\"|\"../../pieces/photo.png\"|' theirs/*.ron; lightharmony run theirs/graph.ron",
+           "lightharmony run graph.ron --cache fresh --memory 20K", folder="pieces", most=14)
 section("The shell")
 transcript("lightharmony completions bash | wc -l", "lightharmony manual --to man && ls man | head -3", "lightharmony nodes cube-rig")
