@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use crate::diag::{Code, Diagnostic, nearest, shown};
 use crate::document::{Document, RawField, RawNode, RawScene};
@@ -11,6 +12,8 @@ use crate::syntax::twice;
 #[derive(Debug, Default)]
 pub(crate) struct Overlays<'t> {
     nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
+    /// Axes that the graph did not have, and where they stand.
+    axes: Vec<(&'t str, Range<usize>)>,
 }
 
 impl<'t> Overlays<'t> {
@@ -47,25 +50,10 @@ impl<'t> Overlays<'t> {
                 }));
             }
             if name == "axes" {
-                let read = |axis: &str| {
-                    let call = format!("\"{axis}\"");
-                    let others = self.nodes.values().flatten();
-                    document
-                        .nodes
-                        .iter()
-                        .chain(others)
-                        .flat_map(|node| &node.fields)
-                        .any(|field| field.text.contains(&call))
-                };
-                let axes: Vec<&str> = document.axes.iter().map(|axis| axis.name).collect();
-                let strangers =
-                    block.iter().flat_map(|over| &over.fields).filter(|field| !axes.contains(&field.name));
-                diagnostics.extend(strangers.filter(|field| !read(field.name)).map(|field| {
-                    let what =
-                        format!("the graph has no axis `{}`, and nothing reads one", shown(field.name));
-                    Diagnostic::of(Code::UnknownField, field.name_span.clone(), what)
-                        .suggest(field.name, axes.iter().copied())
-                }));
+                let own: Vec<&str> = document.axes.iter().map(|axis| axis.name).collect();
+                let added =
+                    block.iter().flat_map(|over| &over.fields).filter(|axis| !own.contains(&axis.name));
+                self.axes.extend(added.map(|axis| (axis.name, axis.name_span.clone())));
             }
             if name == "scene" && document.scene.is_none() {
                 let span = block.first().map(|over| over.span.clone());
@@ -95,8 +83,18 @@ impl<'t> Overlays<'t> {
         }
     }
 
-    /// Reports what is meant for nodes that are not there.
+    /// Reports what is meant for nodes that are not there, and axes that nothing reads.
     pub fn strangers(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        let given = || document.scopes.iter().flat_map(|scope| &scope.values);
+        let fields = || document.nodes.iter().flat_map(|node| &node.fields).chain(given());
+        for (axis, span) in self.axes {
+            let quoted = format!("\"{axis}\"");
+            if !fields().any(|field| field.text.contains(&quoted)) {
+                let what = format!("the graph has no axis `{}`, and nothing reads one", shown(axis));
+                let others = document.axes.iter().map(|known| known.name).filter(|known| *known != axis);
+                diagnostics.push(Diagnostic::of(Code::UnknownField, span, what).suggest(axis, others));
+            }
+        }
         for node in self.nodes.into_values().flatten() {
             let what = format!("no node is named `{}`", shown(&node.id));
             let mistake = Diagnostic::of(Code::UnknownNode, node.id_span, what);

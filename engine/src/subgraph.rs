@@ -39,7 +39,7 @@ pub(crate) struct Scope<'t> {
     /// The file that it is used from, as it is known; empty for the graph itself.
     file: &'t str,
     /// What is given, or else the file's own values.
-    values: Vec<RawField<'t>>,
+    pub values: Vec<RawField<'t>>,
     /// Where it is used, and in which scope.
     pub used: Option<(Range<usize>, usize)>,
     depth: usize,
