@@ -196,7 +196,7 @@ mod tests {
         bytes
     }
 
-    /// Mutation: `sum <= least` to `sum < least`, and the fallback for noise left away (each seen red).
+    /// Mutation: `sum <= least` to `sum < least`, and the fallback for noise left away.
     #[test]
     fn rows_give_the_bytes_of_the_whole_picture() {
         for (largest, noise) in [(255, 1), (255, 9), (255, 256), (65_535, 1), (65_535, 300), (65_535, 65_536)]

@@ -189,7 +189,7 @@ mod tests {
     }
 
     /// Asked to stop a tenth or four fifths on the way, each format stops, and none has to come to its end for it.
-    /// Mutation: `check` left away in `reach`, and `Stretch::ALONE` in place of the given one in each codec (seen red).
+    /// Mutation: `check` left away in `reach`, and `Stretch::ALONE` in place of the given one in each codec.
     #[test]
     fn every_codec_stops_half_way() {
         let (width, height) = (512, 600);

@@ -99,7 +99,7 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) {
     let goal = Goal::Error(0.02);
     let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
     let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
-    let mut left = 22_u32;
+    let mut left = 30_u32;
     let Found { tried, best, .. } = search(&starts, &sizes, goal, |position| {
         left = left.checked_sub(1)?;
         let at = measured(bench, position.to_vec()).unwrap();
