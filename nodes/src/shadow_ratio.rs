@@ -89,6 +89,8 @@ struct Tally {
     samples: u64,
     dark: u64,
     clipped: u64,
+    /// Sum of the ratios that are clipped.
+    bright: f64,
     broken: u64,
 }
 
@@ -97,6 +99,7 @@ impl Tally {
         self.samples += other.samples;
         self.dark += other.dark;
         self.clipped += other.clipped;
+        self.bright += other.bright;
         self.broken += other.broken;
     }
 }
@@ -189,7 +192,10 @@ impl ShadowRatio {
             tally.dark += 1;
             return 1.0;
         }
-        tally.clipped += u64::from(ratio > most);
+        if ratio > most {
+            tally.clipped += 1;
+            tally.bright += ratio;
+        }
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
 
@@ -266,7 +272,12 @@ impl Kind for ShadowRatio {
         notes.count(
             "clipped",
             tally.clipped,
-            format_args!("samples ({:.2} %) exceed s_max", share(tally.clipped)),
+            format_args!(
+                "samples ({:.2} %) are brighter with the objects than `s_max` = {} lets through: {:.3} times as bright on average",
+                share(tally.clipped),
+                params.s_max,
+                tally.bright / tally.clipped.max(1) as f64
+            ),
         );
         Ok((Out { shadow: Arc::new(Images(shadows)), added: Arc::new(Images(lights)) }, notes))
     }

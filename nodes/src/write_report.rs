@@ -39,6 +39,10 @@ impl Kind for WriteReport {
     type Out = Out;
 
     fn check(p: &Self) -> Result<(), NodeError> {
+        if p.path.0.contains("{view}") {
+            let error = NodeError::new("a report is one file for all views").at("path");
+            return Err(error.hint("leave `{view}` out"));
+        }
         match p.path.extension().as_str() {
             "json" | "csv" | "md" | "txt" => Ok(()),
             other => Err(NodeError::new(format!("cannot write a report as `.{other}`"))
@@ -158,6 +162,12 @@ mod tests {
         let report = Arc::new(Report { title: "Light".into(), tables: vec![table] });
         let (out, _) = WriteReport::run(&p, In { report }, &context()).expect("runs");
         String::from_utf8(out.files.0[0].bytes.clone()).expect("text")
+    }
+
+    #[test]
+    fn a_report_is_one_file() {
+        let p = WriteReport { path: OutputFile("light_{view}.md".into()) };
+        assert!(WriteReport::check(&p).expect_err("no views").to_string().contains("one file"));
     }
 
     #[test]

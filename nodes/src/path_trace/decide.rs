@@ -75,14 +75,18 @@ impl PathTrace {
             (NearField::On, _) => (true, "as set"),
             (NearField::Off, _) => (false, "as set"),
             (_, None) => (false, "the environment has no point of capture"),
-            (_, Some(_)) if !left_to_us => (false, "another rule of visibility is set"),
+            (_, Some(_)) if !left_to_us => {
+                (false, "the graph sets `env_block`, `bounce` or `object_specular_sees` itself")
+            }
             // Most of the light of an open scene is far: the rest is worth 2 dB and doubles the rays.
             (_, Some(_)) if solid => (false, "the scene is open"),
             (_, Some(_)) => (true, "the environment was captured in this closed place"),
         };
-        let found = if near { "what it shows of a place in the panorama" } else { "its rules of visibility" };
-        let text =
-            format!("{}: {why}; rays that meet the receiver find {found}", if near { "On" } else { "Off" });
+        let text = if near {
+            format!("On: {why}; a ray that meets the receiver finds what the panorama shows of that place")
+        } else {
+            format!("Off: {why}; light of the panorama comes from infinitely far")
+        };
         notes.decision("near-field", text);
         let printed = self.env_block == EnvBlock::Paper;
         let rules = Rules {
