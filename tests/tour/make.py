@@ -89,7 +89,7 @@ python3 tests/tour/make.py target/release/lightharmony /tmp/tour > docs/tour.md
 ```
 
 `~` is that folder. Long outputs are cut where it is said. Times are wall times of whatever machine it was,
-here two cores shared with a load of about 8.""")
+here two cores shared with a load of about 5.""")
 section("A first picture")
 transcript("lightharmony init first", most=6)
 transcript("lightharmony run graph.ron", "lightharmony run graph.ron", folder="first", most=20)
