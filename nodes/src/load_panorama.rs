@@ -65,8 +65,9 @@ impl Kind for LoadPanorama {
     }
 
     fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
-        // Colours and alpha in three floats each, both as they were and turned, and rows while they turn.
-        let copies = if p.rotation_deg == 0.0 { 4 } else { 5 };
+        // Colours and alpha in three floats each, both as they were and turned, rows while they turn, and for a
+        // photograph its luminance.
+        let copies = 4 + u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
             reading.max(floats.saturating_mul(copies)).saturating_add(file.bytes)
