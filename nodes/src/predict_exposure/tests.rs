@@ -318,7 +318,8 @@ fn a_lone_small_light_in_a_blue_sky_is_taken_for_the_sun() {
         let (blue, told) = share([0.3, 0.45, 0.7]);
         assert!(told && (blue - 0.5).abs() < 0.02, "{method:?}: half of the rest, not {blue}");
         let (grey, told) = share([0.5, 0.48, 0.45]);
-        assert!(!told && grey < 0.3, "{method:?}: an overcast sky has no sun: {grey}");
+        let most = if method == Method::Region { 0.2 } else { 0.3 };
+        assert!(!told && grey < most, "{method:?}: an overcast sky has no sun: {grey}");
     }
 }
 
