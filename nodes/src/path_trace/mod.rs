@@ -168,7 +168,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");

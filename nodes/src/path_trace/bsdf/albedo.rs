@@ -2,14 +2,17 @@
 //! direction it came from. They say what a layer leaves to those below, and how much light single
 //! scattering between facets loses, which a gain gives back (Turquin 2019, Practical multiple scattering
 //! compensation for microfacet models).
+//!
+//! Facets have tables for fixed relative indices, made when an index beside them is first met, and what lies
+//! between two is interpolated. All of what facets do comes from the same points, so that what a table reflects
+//! too much it lets through too little.
 
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 use glam::Vec3;
 
 use super::ggx::{Ggx, schlick};
 use super::{glass, sheen};
-use crate::sampling::Points;
 
 /// Values on a grid over the unit cube, interpolated linearly.
 struct Table<const D: usize, const N: usize> {
@@ -66,94 +69,168 @@ fn viewer(place: f32) -> Vec3 {
     Vec3::new((1.0 - z * z).max(0.0).sqrt(), 0.0, z)
 }
 
-/// Mean of `f` over the points of the unit square.
-fn mean<const N: usize>(n: u32, f: impl Fn([f32; 2]) -> [f32; N]) -> [f32; N] {
-    let mut sum = [0.0_f64; N];
-    for i in 0..n {
-        let value = f(Points::new(1, i).pair(0));
-        sum.iter_mut().zip(value).for_each(|(sum, v)| *sum += f64::from(v));
-    }
-    sum.map(|sum| (sum / f64::from(n)) as f32)
+/// What facets do of the light towards a viewer by single scattering, in shares of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Facets {
+    /// What perfect mirrors reflect.
+    pub all: f32,
+    /// Of that, what metals reflect at grazing incidence only: the rise of Schlick's reflectance.
+    metal: f32,
+    /// The same of dielectrics, by Fresnel's.
+    dielectric: f32,
+    /// What an interface of two indices lets through.
+    pub passed: f32,
+    /// Mean over the hemisphere of `all`, for light that meets a facet again.
+    mean: f32,
+    /// Mean over the hemisphere of the rise of Fresnel's reflectance.
+    rise: f32,
 }
 
-/// The place of an index of refraction in a table, from no step to an index of 3, and its inverse. An index of
-/// 1.5 stands at 0.4.
-fn step(eta: f32) -> f32 {
-    2.0 * (eta - 1.0) / (eta + 1.0)
-}
-
-fn index(step: f32) -> f32 {
-    (1.0 + 0.5 * step) / (1.0 - 0.5 * step)
-}
-
-/// What round GGX facets reflect towards a viewer at a place: see [`reflected`].
-fn facets(place: f32, roughness: f32, rise: impl Fn(f32) -> f32) -> [f32; 2] {
-    reflected(&Ggx::round(roughness), viewer(place), rise)
-}
-
-/// What GGX facets reflect towards a viewer: `[a, b]` of `f0 * a + f90 * b`, where reflectance has risen from
-/// f0 to f90 by the share `rise` of the cosine to a facet.
-fn reflected(ggx: &Ggx, out: Vec3, rise: impl Fn(f32) -> f32) -> [f32; 2] {
-    mean(256, |point| {
-        let incident = ggx.reflect(out, point);
-        if incident.z <= 0.0 {
-            return [0.0; 2];
+impl Facets {
+    /// Of a distribution towards a viewer in its frame, with the relative index of the other side.
+    pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
+        let [x, y] = ggx.widths();
+        if x <= y {
+            return Self::round(out.z, y.sqrt(), eta);
         }
-        let mirror = ggx.mirror(out, incident);
-        let (weight, rise) = (mirror.value / mirror.pdf, rise(mirror.cosine));
-        [weight * (1.0 - rise), weight * rise]
-    })
+        let aslant = out.x * out.x + out.y * out.y;
+        let along = if aslant > 0.0 { out.x * out.x / aslant } else { 0.5 };
+        let point = [place(out.z), along, y.sqrt(), ((x - y) / (1.0 - y)).sqrt()];
+        Self::of(eta, ggx.roughness(out), |slice| slice.brushed.get_or_init(|| brushed(slice.eta)).at(point))
+    }
+
+    /// Of round facets of a perceptual roughness.
+    pub fn round(cosine: f32, roughness: f32, eta: f32) -> Self {
+        Self::of(eta, roughness, |slice| slice.round.at([place(cosine), roughness]))
+    }
+
+    fn of(eta: f32, roughness: f32, scattered: impl Fn(&Slice) -> [f32; 4]) -> Self {
+        let [all, metal, dielectric, passed, mean, rise] = at_index(eta, |slice| {
+            let [all, metal, dielectric, passed] = scattered(slice);
+            let [a, b, ..] = slice.means.at([roughness]);
+            [all, metal, dielectric, passed, a + b, slice.rise]
+        });
+        Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
+    }
+
+    /// What a metal of a reflectance at normal incidence reflects by single scattering, and after it.
+    pub fn metal(&self, f0: f32) -> [f32; 2] {
+        let once = f0 * (self.all - self.metal) + self.metal;
+        [once, once * self.gain(f0 + (1.0 - f0) / 21.0)]
+    }
+
+    /// The same of a dielectric.
+    pub fn dielectric(&self, f0: f32) -> [f32; 2] {
+        let once = f0 * (self.all - self.dielectric) + self.dielectric;
+        [once, (once * self.gain(f0 + (1.0 - f0) * self.rise)).min(1.0)]
+    }
+
+    /// How much more facets of mean reflectance `f` give than their single scattering, of which a white mirror has
+    /// `all`.
+    fn gain(&self, f: f32) -> f32 {
+        1.0 + (1.0 - self.all) / self.all * again(f, self.mean)
+    }
 }
 
-/// Reflectance of metal facets, by Schlick's formula, is `f0 * a + f90 * b`: gives `[a, b]`.
-pub fn metal(cosine: f32, roughness: f32) -> [f32; 2] {
-    static TABLE: LazyLock<Table<2, 2>> =
-        LazyLock::new(|| Table::new([32, 32], |[place, roughness]| facets(place, roughness, schlick)));
-    TABLE.at([place(cosine), roughness])
-}
-
-/// The same for facets stretched along an axis, of the widths of `ggx`, for a viewer in their frame.
-pub fn brushed(ggx: &Ggx, out: Vec3) -> [f32; 2] {
-    // The place of the viewer, how far along the first axis it is seen aslant, and the roots of both widths.
-    static TABLE: LazyLock<Table<4, 2>> = LazyLock::new(|| {
-        Table::new([16, 5, 9, 9], |[place, along, x, y]| {
-            let aslant = viewer(place);
-            let out = Vec3::new(aslant.x * along.sqrt(), aslant.x * (1.0 - along).sqrt(), aslant.z);
-            reflected(&Ggx::of([x * x, y * y]), out, schlick)
-        })
-    });
-    let (x, y) = (out.x * out.x, out.y * out.y);
-    let along = if x + y > 0.0 { x / (x + y) } else { 0.5 };
-    let [a, b] = ggx.widths().map(f32::sqrt);
-    TABLE.at([place(out.z), along, a, b])
-}
-
-/// The same for facets of a dielectric of an index, by Fresnel's formula.
-pub fn dielectric(cosine: f32, roughness: f32, eta: f32) -> [f32; 2] {
-    static TABLE: LazyLock<Table<3, 2>> = LazyLock::new(|| {
-        Table::new([32, 24, 6], |[place, roughness, step]| {
-            let eta = index(step);
-            facets(place, roughness, |cosine| glass::rise(cosine, eta))
-        })
-    });
-    TABLE.at([place(cosine), roughness, step(eta)])
+/// What facets of mean reflectance `f` give beyond their single scattering, as a share of what a white mirror
+/// loses, that keeps `mean`: light that meets a facet again is dimmed each time (the series of Kulla and Conty 2017).
+fn again(f: f32, mean: f32) -> f32 {
+    f * mean / (1.0 - f * (1.0 - mean))
 }
 
 /// Twice the integral of E(c) c dc over the hemisphere for an interface with f90 = 1, where E is
-/// [`with_gain`].
+/// [`Facets::dielectric`] of round facets.
 pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
-    // E is linear in f0 for each of its terms, single scattering and what comes after it.
-    static TABLE: LazyLock<Table<2, 4>> = LazyLock::new(|| {
-        Table::new([24, 6], |[roughness, step]| {
-            over_cosines(|c| {
-                let [a, b] = dielectric(c, roughness, index(step));
-                let all = (a + b).clamp(1e-3, 1.0);
-                [a, b, a * (1.0 - all) / all, b * (1.0 - all) / all]
-            })
-        })
+    let [a, b, c, d, rise] = at_index(eta, |slice| {
+        let [a, b, c, d] = slice.means.at([roughness]);
+        [a, b, c, d, slice.rise]
     });
-    let [a, b, c, d] = TABLE.at([roughness, step(eta)]);
-    (f0 * a + b + (f0 * c + d) * again(average(f0, eta), roughness)).min(1.0)
+    (f0 * a + b + (f0 * c + d) * again(f0 + (1.0 - f0) * rise, a + b)).min(1.0)
+}
+
+/// Tables for one relative index.
+struct Slice {
+    eta: f32,
+    /// Over the place of the viewer and the roughness: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
+    round: Table<2, 4>,
+    /// The same over the place, how far along the first axis the viewer is seen aslant, the roughness and the
+    /// strength of the brush.
+    brushed: OnceLock<Table<4, 4>>,
+    /// Means over the hemisphere by roughness, where E is linear in f0 for single scattering and for what comes after
+    /// it: both terms of either.
+    means: Table<1, 4>,
+    rise: f32,
+}
+
+impl Slice {
+    fn new(eta: f32) -> Self {
+        let round = Table::new([32, 32], |[place, roughness]| {
+            facets(&Ggx::round(roughness), viewer(place), eta, [144, 233])
+        });
+        let means = Table::new([32], |[roughness]| {
+            over_cosines(|c| {
+                let [all, _, b, _] = round.at([place(c), roughness]);
+                let (a, lost) = (all - b, (1.0 - all) / all.clamp(1e-3, 1.0));
+                [a, b, a * lost, b * lost]
+            })
+        });
+        let [rise] = over_cosines(|c| [glass::rise(c, eta)]);
+        Self { eta, round, brushed: OnceLock::new(), means, rise }
+    }
+}
+
+fn brushed(eta: f32) -> Table<4, 4> {
+    Table::new([16, 5, 20, 9], |[place, along, roughness, strength]| {
+        let aslant = viewer(place);
+        let out = Vec3::new(aslant.x * along.sqrt(), aslant.x * (1.0 - along).sqrt(), aslant.z);
+        facets(&Ggx::brushed(roughness, strength), out, eta, [89, 144])
+    })
+}
+
+/// Slices from no step of the index to 1.5; beyond that they go on, to an index of 61 at the last.
+const STEPS: f32 = 20.0;
+const SLICES: usize = 45;
+
+/// The value of `f` for a relative index, between those of the slices beside it.
+fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N] {
+    static OUTSIDE: [OnceLock<Slice>; SLICES] = [const { OnceLock::new() }; SLICES];
+    static INSIDE: [OnceLock<Slice>; SLICES] = [const { OnceLock::new() }; SLICES];
+    let (slices, index) = if eta < 1.0 { (&INSIDE, 1.0 / eta) } else { (&OUTSIDE, eta) };
+    // Denser towards an index of 1, where grazing reflectance is steep. 1.5 is a slice.
+    let step = 2.0 * (index - 1.0) / (index + 1.0);
+    let x = (STEPS * (step / 0.4).sqrt()).min((SLICES - 1) as f32);
+    let at = |k: usize| {
+        f(slices[k].get_or_init(|| {
+            let root = k as f32 / STEPS;
+            let step = 0.4 * root * root;
+            let index = (1.0 + 0.5 * step) / (1.0 - 0.5 * step);
+            Slice::new(if eta < 1.0 { 1.0 / index } else { index })
+        }))
+    };
+    let near = (x + 0.5) as usize;
+    if (x - near as f32).abs() < 1e-3 {
+        return at(near);
+    }
+    let (lower, upper, t) = (at(x as usize), at(x as usize + 1), x.fract());
+    std::array::from_fn(|i| lower[i] + (upper[i] - lower[i]) * t)
+}
+
+/// See [`Slice::round`], by the mean over facets that the viewer sees: a lattice of two Fibonacci numbers in a row,
+/// which one of 233 points makes better than 256 stratified ones.
+fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
+    let mut sum = [0.0_f64; 4];
+    for i in 0..n {
+        let along = |k: u32| ((k % n) as f32 + 0.5) / n as f32;
+        let half = ggx.sample(out, [along(i * step), along(i)]);
+        let cosine = out.dot(half);
+        let mirrored = half * (2.0 * cosine) - out;
+        let above = if mirrored.z > 0.0 { ggx.seen(out, mirrored) } else { 0.0 };
+        let below = glass::bend(out, half, eta).filter(|bent| bent.z < 0.0);
+        let below = below.map_or(0.0, |bent| (1.0 - glass::fresnel(cosine, eta)) * ggx.seen(out, bent));
+        let value = [above, above * schlick(cosine), above * glass::rise(cosine, eta), below];
+        sum.iter_mut().zip(value).for_each(|(sum, v)| *sum += f64::from(v));
+    }
+    sum.map(|sum| (sum / f64::from(n)) as f32)
 }
 
 /// Twice the integral of f(c) c dc over the hemisphere.
@@ -167,66 +244,20 @@ fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
     sum
 }
 
-/// What facets of mean reflectance `f` give beyond their single scattering, as a share of what a white mirror
-/// loses: light that meets a facet again is dimmed each time (the series of Kulla and Conty 2017).
-fn again(f: f32, roughness: f32) -> f32 {
-    static MEAN: LazyLock<Table<1, 1>> = LazyLock::new(|| {
-        Table::new([32], |[roughness]| over_cosines(|c| [metal(c, roughness).iter().sum()]))
-    });
-    let mean = MEAN.at([roughness])[0];
-    f * mean / (1.0 - f * (1.0 - mean))
-}
-
-/// How much more facets of mean reflectance `f` give than their single scattering, of which a white mirror has
-/// `all`.
-pub fn gain(f: f32, all: f32, roughness: f32) -> f32 {
-    1.0 + (1.0 - all) / all * again(f, roughness)
-}
-
-/// Albedo of an interface of an index and f90 = 1, what is lost between facets given back.
-pub fn with_gain(f0: f32, eta: f32, cosine: f32, roughness: f32) -> f32 {
-    let [a, b] = dielectric(cosine, roughness, eta);
-    let all = (a + b).clamp(1e-3, 1.0);
-    ((f0 * a + b) * gain(average(f0, eta), all, roughness)).min(1.0)
-}
-
-/// Mean reflectance of a dielectric over the hemisphere.
-pub fn average(f0: f32, eta: f32) -> f32 {
-    static RISE: LazyLock<Table<1, 1>> =
-        LazyLock::new(|| Table::new([41], |[step]| over_cosines(|c| [glass::rise(c, index(step))])));
-    f0 + (1.0 - f0) * RISE.at([step(eta)])[0]
-}
-
-/// Mean of Schlick's reflectance over the hemisphere.
-pub fn average_metal(f0: f32) -> f32 {
-    f0 + (1.0 - f0) / 21.0
-}
-
-/// What of the light a single rough interface between two indices reflects and lets through:
-/// `[reflected, transmitted]`, for a viewer on the side whose index is 1 where the other's is `eta`.
-pub fn interface(cosine: f32, roughness: f32, eta: f32) -> [f32; 2] {
-    static TABLE: LazyLock<[Table<3, 2>; 2]> = LazyLock::new(|| {
-        [false, true].map(|inside| {
-            Table::new([24, 12, 8], |[place, roughness, step]| {
-                let eta = glass::steep(if inside { 1.0 / index(step) } else { index(step) });
-                let (ggx, out) = (Ggx::round(roughness), viewer(place));
-                mean(1024, |point| glass::split(&ggx, out, eta, point))
-            })
-        })
-    });
-    TABLE[usize::from(eta < 1.0)].at([place(cosine), roughness, step(eta.max(1.0 / eta))])
-}
-
-/// Albedo of a white sheen.
+/// Albedo of a white sheen; its formula has more than 1 at grazing angles.
 pub fn sheen(cosine: f32, roughness: f32) -> f32 {
     static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
-        Table::new([24, 24], |[place, roughness]| {
+        const SIDE: usize = 48;
+        let middle = |i: usize| (i as f32 + 0.5) / SIDE as f32;
+        Table::new([32, 32], |[place, roughness]| {
             let out = viewer(place);
-            let value = mean(1024, |point| {
-                let incident = sheen::uniform(point);
-                [sheen::value(out, incident, roughness) / sheen::UNIFORM]
-            });
-            [value[0].min(1.0)]
+            let weight = |i: usize| {
+                // By the root of the height, since smooth fibres shine where all is seen aslant.
+                let root = middle(i % SIDE);
+                let incident = sheen::uniform([middle(i / SIDE), root * root]);
+                f64::from(2.0 * root * sheen::value(out, incident, roughness) / sheen::UNIFORM)
+            };
+            [((0..SIDE * SIDE).map(weight).sum::<f64>() / (SIDE * SIDE) as f64) as f32]
         })
     });
     TABLE.at([place(cosine), roughness])[0]

@@ -5,7 +5,6 @@
 
 use glam::Vec3;
 
-use super::albedo;
 use super::ggx::Ggx;
 use super::gloss::Gloss;
 use super::{Look, Scatter};
@@ -16,9 +15,11 @@ pub fn normal(ior: f32) -> f32 {
     r * r
 }
 
-/// Keeps a relative index off 1, where facets bend nothing and directions do not tell them.
-pub fn steep(eta: f32) -> f32 {
-    if eta >= 1.0 { eta.max(1.01) } else { eta.min(1.0 / 1.01) }
+/// Relative index of the side of a look that is not the viewer's. That of a body is kept off 1, where facets bend
+/// nothing and directions do not tell them.
+pub fn relative(look: &Look) -> f32 {
+    let index = if look.thick { look.ior.max(1.01) } else { look.ior };
+    if look.inside { 1.0 / index } else { index }
 }
 
 /// Cosine on the other side of relative index `eta`, for one on this side; none beyond the critical angle.
@@ -43,7 +44,7 @@ pub fn rise(cosine: f32, eta: f32) -> f32 {
 }
 
 /// The direction that a facet bends to `out`; none beyond the critical angle.
-fn bend(out: Vec3, half: Vec3, eta: f32) -> Option<Vec3> {
+pub fn bend(out: Vec3, half: Vec3, eta: f32) -> Option<Vec3> {
     let facing = out.dot(half);
     Some(half * (facing / eta - other(facing, eta)?) - out / eta)
 }
@@ -60,17 +61,6 @@ pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
     let spread = near + eta * far;
     let pdf = ggx.visible(out, half) * (eta * eta * -far) / (spread * spread).max(1e-12);
     [pdf * (1.0 - fresnel(near, eta)) * ggx.seen(out, incident), pdf, near]
-}
-
-/// What one sampled facet reflects and lets through.
-pub fn split(ggx: &Ggx, out: Vec3, eta: f32, point: [f32; 2]) -> [f32; 2] {
-    let half = ggx.sample(out, point);
-    let facing = out.dot(half);
-    let reflected = fresnel(facing, eta);
-    let mirrored = half * (2.0 * facing) - out;
-    let above = if mirrored.z > 0.0 { reflected * ggx.seen(out, mirrored) } else { 0.0 };
-    let bent = bend(out, half, eta).filter(|i| i.z < 0.0);
-    [above, bent.map_or(0.0, |i| (1.0 - reflected) * ggx.seen(out, i))]
 }
 
 /// What colour a surface gives to what passes it. A body is entered and left, a wall passed once: both take
@@ -94,23 +84,24 @@ pub struct Glass {
 }
 
 impl Glass {
-    /// Of a look seen from a direction of its frame, below its gloss.
-    pub fn new(look: &Look, gloss: &Gloss, out: Vec3) -> Option<Self> {
-        let share = look.transmission * (1.0 - look.metallic) * gloss.left;
+    /// Of a look, below its gloss.
+    pub fn new(look: &Look, gloss: &Gloss) -> Option<Self> {
+        let share = look.transmission * (1.0 - look.metallic);
+        let albedo = tint(look) * gloss.left * share;
         if share <= 0.0 || look.blocked {
             return None;
         }
-        let tint = tint(look);
-        let eta = look.thick.then(|| steep(if look.inside { 1.0 / look.ior } else { look.ior }));
-        let (roughness, cosine) = (gloss.ggx.roughness(out), out.z);
-        let kept = match eta {
-            Some(eta) => albedo::interface(cosine, roughness, eta)[1],
-            None => albedo::metal(cosine, roughness).iter().sum(),
-        };
-        let albedo = tint * share;
-        // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.
+        let eta = look.thick.then_some(gloss.eta);
+        let kept = if look.thick { gloss.facets.passed } else { gloss.facets.all };
         let (metal, clear) = (look.metallic, (1.0 - look.metallic) * look.transmission);
+        // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.
         (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
+    }
+
+    /// The same that lets nothing pass.
+    #[cfg(test)]
+    pub fn of_no_strength(self) -> Self {
+        Self { weight: Vec3::ZERO, albedo: Vec3::ZERO, ..self }
     }
 
     /// Whether it bounds a body, and is no thin wall.

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::albedo;
+use super::albedo::{self, Facets};
 use super::film;
 use super::ggx::{Ggx, schlick};
 use super::glass;
@@ -32,7 +32,7 @@ impl Interface {
         if self.strength == 0.0 {
             return 0.0;
         }
-        self.strength * albedo::with_gain(self.f0, self.index, cosine, self.roughness)
+        self.strength * Facets::round(cosine, self.roughness, self.index).dielectric(self.f0)[1]
     }
 
     /// Matte stuff below gets what the interface leaves of the light from a direction, and the viewer what it
@@ -50,8 +50,10 @@ impl Interface {
 pub struct Gloss {
     /// The facets.
     pub ggx: Ggx,
+    /// What they do of the light towards the viewer.
+    pub facets: Facets,
     /// Relative index of the other side.
-    eta: f32,
+    pub eta: f32,
     /// Reflectance of the dielectric, at normal and at grazing incidence, times its share.
     dielectric: [Vec3; 2],
     /// That of the metal.
@@ -61,62 +63,52 @@ pub struct Gloss {
     /// What it reflects towards the viewer.
     pub albedo: Vec3,
     /// What the dielectric's interface leaves to what lies below.
-    pub left: f32,
+    pub left: Vec3,
 }
 
 impl Gloss {
     /// Of a look, seen from a direction of its frame.
     pub fn new(look: &Look, interface: &Interface, out: Vec3) -> Self {
         let ggx = Ggx::brushed(look.roughness, look.anisotropy);
-        let (m, roughness, cosine) = (look.metallic, ggx.roughness(out), out.z);
+        let (m, cosine, eta) = (look.metallic, out.z, glass::relative(look));
+        let facets = Facets::new(&ggx, out, eta);
         if look.inside {
             // The whole interface: without it nothing would be reflected beyond the critical angle.
-            let eta = glass::steep(1.0 / look.ior);
-            let [reflected, passed] = albedo::interface(cosine, roughness, eta);
-            let gain = 1.0 / (reflected + passed).max(1e-3);
+            let f0 = glass::normal(look.ior);
+            let [reflected, _] = facets.dielectric(f0);
+            let gain = 1.0 / (reflected + facets.passed).max(1e-3);
             return Self {
                 ggx,
+                facets,
                 eta,
-                dielectric: [Vec3::splat(glass::normal(look.ior)).lerp(look.base, m), Vec3::ONE],
+                dielectric: [Vec3::splat(f0).lerp(look.base, m), Vec3::ONE],
                 metal: [Vec3::ZERO; 2],
                 gain: Vec3::splat(gain),
                 albedo: Vec3::splat(reflected * gain).lerp(look.base, m),
-                left: passed * gain,
+                left: Vec3::splat(facets.passed * gain),
             };
         }
         let tinted = (look.specular.1 * glass::normal(look.ior)).min(Vec3::ONE);
-        let (mut dielectric, mut metal) = (tinted, look.base);
-        let (share, index, thickness) = look.film;
-        if share > 0.0 {
-            let film = |f0: Vec3, rise| f0.lerp(film::normal(index, thickness, f0, cosine, rise), share);
-            dielectric = film(dielectric, glass::rise(cosine, look.ior));
-            metal = film(metal, schlick(cosine));
-        }
         let strength = interface.strength;
-        let single = |f0: Vec3, [a, b]: [f32; 2]| f0 * a + Vec3::splat(b);
-        let mut of_dielectric = albedo::dielectric(cosine, roughness, look.ior);
-        let mut of_metal = albedo::metal(cosine, roughness);
-        if look.anisotropy > 0.0 {
-            let brushed = albedo::brushed(&ggx, out);
-            let more = brushed.iter().sum::<f32>() / of_metal.iter().sum::<f32>().max(1e-3);
-            (of_dielectric, of_metal) = (of_dielectric.map(|v| v * more), brushed);
-        }
-        let all = of_metal.iter().sum::<f32>().clamp(1e-3, 1.0);
-        let gains = |f0: Vec3, average: &dyn Fn(f32) -> f32| {
-            Vec3::from_array(f0.to_array().map(|f0| albedo::gain(average(f0), all, roughness)))
+        let (share, index, thickness) = look.film;
+        let film = |f0: Vec3, rise: f32| match share > 0.0 {
+            true => f0.lerp(film::normal(index, thickness, f0, cosine, rise), share),
+            false => f0,
         };
-        let covered = single(dielectric, of_dielectric)
-            * gains(dielectric, &|f0| albedo::average(f0, look.ior))
-            * strength;
-        let shiny = single(metal, of_metal) * gains(metal, &albedo::average_metal);
+        let over_dielectric = |f0: Vec3| film(f0, glass::rise(cosine, look.ior));
+        let (dielectric, metal) = (over_dielectric(tinted), film(look.base, schlick(cosine)));
+        let [covered_once, covered] = each(dielectric, |f0| facets.dielectric(f0)).map(|v| v * strength);
+        let [shiny_once, shiny] = each(metal, |f0| facets.metal(f0));
         // The gain of the mix is such that its albedo is the mix of the two albedos.
         let albedo = covered.lerp(shiny, m);
-        let once = (single(dielectric, of_dielectric) * strength).lerp(single(metal, of_metal), m);
-        let gain = albedo / once.max(Vec3::splat(1e-6));
-        let left = (1.0 - covered.max_element()).max(0.0);
+        let gain = albedo / covered_once.lerp(shiny_once, m).max(Vec3::splat(1e-6));
+        // A tint colours what is reflected and not, the other way round, what is left. A film colours both.
+        let widest = over_dielectric(Vec3::splat(interface.f0));
+        let left = Vec3::ONE - each(widest, |f0| facets.dielectric(f0))[1] * strength;
         // A metal always reflects fully at grazing angles; a dielectric only where it has an interface.
         let dielectric = [dielectric, Vec3::ONE].map(|f| f * (strength * (1.0 - m)));
-        Self { ggx, eta: look.ior, dielectric, metal: [metal, Vec3::ONE].map(|f| f * m), gain, albedo, left }
+        let metal = [metal, Vec3::ONE].map(|f| f * m);
+        Self { ggx, facets, eta, dielectric, metal, gain, albedo, left }
     }
 
     /// Reflection from `incident` to `out`, both above, and the cosine of either to the facet.
@@ -127,4 +119,10 @@ impl Gloss {
             + risen(self.metal, schlick(mirror.cosine));
         (Scatter { value: fresnel * self.gain * mirror.value, pdf: mirror.pdf }, mirror.cosine)
     }
+}
+
+/// Both values of a function for each channel.
+fn each(v: Vec3, f: impl Fn(f32) -> [f32; 2]) -> [Vec3; 2] {
+    let [r, g, b] = v.to_array().map(f);
+    [0, 1].map(|k| Vec3::new(r[k], g[k], b[k]))
 }

@@ -37,31 +37,42 @@ struct Coat {
 /// Fibres over the base.
 #[derive(Debug, Clone, Copy)]
 struct Sheen {
+    /// Such that no more is reflected than there is.
     colour: Vec3,
     roughness: f32,
-    /// Albedo of a white one towards the viewer.
-    albedo: f32,
+    /// What they reflect towards the viewer.
+    albedo: Vec3,
 }
 
 impl Sheen {
-    /// What it leaves to the base: the same seen from either side.
-    fn under(&self, cosine: f32) -> f32 {
-        let albedo = albedo::sheen(cosine, self.roughness).max(self.albedo);
-        1.0 - self.colour.max_element() * albedo
+    /// Of a look, seen at an angle; none where it has none.
+    fn new(look: &Look, cosine: f32) -> Option<Self> {
+        let (colour, roughness) = look.sheen;
+        (colour != Vec3::ZERO && !look.inside).then(|| {
+            let white = albedo::sheen(cosine, roughness);
+            Self { colour: colour / white.max(1.0), roughness, albedo: colour * white.min(1.0) }
+        })
+    }
+
+    /// What they leave to the base: as the extension says, less by the largest channel.
+    fn under(&self) -> f32 {
+        1.0 - self.albedo.max_element()
     }
 }
 
 /// What passes a surface of a look at an angle of the given cosine, if it were to go straight on.
 pub fn straight(look: &Look, cosine: f32) -> Vec3 {
-    let below = look.transmission * (1.0 - look.metallic);
+    let out = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(1e-4));
+    let gloss = |look: &Look| Gloss::new(look, &Interface::new(look, out), out);
     let (share, roughness) = look.coat;
-    let coat = if share > 0.0 {
-        share * albedo::with_gain(glass::normal(COAT_INDEX), COAT_INDEX, cosine, roughness)
-    } else {
-        0.0
-    };
-    let gloss = Interface::new(look, Vec3::Z).albedo(cosine);
-    glass::tint(look) * (below * (1.0 - gloss) * (1.0 - coat))
+    let coat = if share > 0.0 { 1.0 - share * (1.0 - gloss(&clear(roughness)).left.x) } else { 1.0 };
+    let sheen = Sheen::new(look, out.z).map_or(1.0, |sheen| sheen.under());
+    glass::tint(look) * gloss(look).left * (look.transmission * (1.0 - look.metallic) * sheen * coat)
+}
+
+/// The look of a clear coat of some roughness.
+fn clear(roughness: f32) -> Look {
+    Look { roughness, ior: COAT_INDEX, ..Look::default() }
 }
 
 /// All lobes of a material towards a viewer.
@@ -75,11 +86,13 @@ pub struct Layers {
     through: Vec3,
     interface: Interface,
     /// What the interface leaves of matte light towards the viewer. See [`Interface::between`].
-    coupling: f32,
+    coupling: Vec3,
     gloss: Gloss,
     glass: Option<Glass>,
     sheen: Option<Sheen>,
     coat: Option<Coat>,
+    /// What coat and sheen leave to the base.
+    under: f32,
     shares: [f32; 6],
 }
 
@@ -104,19 +117,15 @@ impl Layers {
         let (passing, colour) = look.through;
         let matte = look.base * (below * (1.0 - passing));
         let through = colour * (below * passing);
-        let glass = Glass::new(look, &gloss, viewer);
-        let sheen = (look.sheen.0 != Vec3::ZERO).then(|| Sheen {
-            colour: look.sheen.0,
-            roughness: look.sheen.1,
-            albedo: albedo::sheen(viewer.z, look.sheen.1),
-        });
+        let glass = Glass::new(look, &gloss);
+        let sheen = Sheen::new(look, viewer.z);
         let coat = (look.coat.0 > 0.0 && !look.inside).then(|| {
             let (share, roughness) = look.coat;
-            let look = Look { roughness, ior: COAT_INDEX, ..Look::default() };
-            let out = coated.viewer(out);
+            let (look, out) = (clear(roughness), coated.viewer(out));
             let gloss = Gloss::new(&look, &Interface::new(&look, out), out);
-            Coat { frame: coated, out, gloss, share, under: 1.0 - share * (1.0 - gloss.left) }
+            Coat { frame: coated, out, gloss, share, under: 1.0 - share * (1.0 - gloss.left.x) }
         });
+        let under = coat.map_or(1.0, |coat| coat.under) * sheen.map_or(1.0, |sheen| sheen.under());
         let mut layers = Self {
             frame,
             geometric,
@@ -129,6 +138,7 @@ impl Layers {
             glass,
             sheen,
             coat,
+            under,
             shares: [0.0; 6],
         };
         layers.share();
@@ -137,16 +147,13 @@ impl Layers {
 
     /// Chooses lobes in proportion to what they give, about.
     fn share(&mut self) {
-        let sheen = self.sheen.map_or(Vec3::ZERO, |s| s.colour * s.albedo);
-        let coat = self.coat.map_or(0.0, |c| 1.0 - c.under);
-        let base = self.coat.map_or(1.0, |c| c.under) * (1.0 - sheen.max_element());
         let mut weights = [
-            self.matte * (self.gloss.left * base),
-            self.through * (self.gloss.left * base),
-            sheen,
-            self.gloss.albedo * base,
-            self.glass.map_or(Vec3::ZERO, |g| g.albedo) * base,
-            Vec3::splat(coat),
+            self.matte * self.gloss.left * self.under,
+            self.through * self.gloss.left * self.under,
+            self.sheen.map_or(Vec3::ZERO, |sheen| sheen.albedo),
+            self.gloss.albedo * self.under,
+            self.glass.map_or(Vec3::ZERO, |glass| glass.albedo) * self.under,
+            Vec3::splat(self.coat.map_or(0.0, |coat| 1.0 - coat.under)),
         ]
         .map(|weight| luminance(weight.to_array()));
         if self.glass.is_some_and(|glass| glass.is_body()) {
@@ -162,11 +169,6 @@ impl Layers {
         }
     }
 
-    /// What reaches the base and comes back from it to the viewer through the layers above.
-    fn under(&self, cosine: f32) -> f32 {
-        self.coat.map_or(1.0, |coat| coat.under) * self.sheen.map_or(1.0, |sheen| sheen.under(cosine))
-    }
-
     /// See [`Bsdf::eval`](super::Bsdf::eval).
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         let i = self.frame.to(incident);
@@ -177,11 +179,10 @@ impl Layers {
             class.pdf += self.shares[lobe] * pdf;
         };
         if above && i.z > 0.0 {
-            let under = self.under(i.z);
             if self.shares[MATTE] > 0.0 {
                 let pdf = i.z * FRAC_1_PI;
                 let coupling = self.coupling * (1.0 - self.interface.albedo(i.z));
-                add(&mut diffuse, MATTE, self.matte * (under * coupling * pdf), pdf);
+                add(&mut diffuse, MATTE, self.matte * coupling * (self.under * pdf), pdf);
             }
             if let Some(fibres) = self.sheen {
                 let value = fibres.colour * sheen::value(self.out, i, fibres.roughness);
@@ -191,19 +192,18 @@ impl Layers {
             if self.shares[GLOSS] > 0.0 {
                 let (s, facing) = self.gloss.eval(self.out, i);
                 let mirrors = self.glass.and_then(|glass| glass.mirrors(facing)).unwrap_or(1.0);
-                add(&mut specular, GLOSS, s.value * under, s.pdf * mirrors);
+                add(&mut specular, GLOSS, s.value * self.under, s.pdf * mirrors);
             }
         }
         if !above && i.z < 0.0 {
-            let under = self.under(-i.z);
             if self.shares[THROUGH] > 0.0 {
                 let pdf = -i.z * FRAC_1_PI;
                 let coupling = self.coupling * (1.0 - self.interface.albedo(-i.z));
-                add(&mut diffuse, THROUGH, self.through * (under * coupling * pdf), pdf);
+                add(&mut diffuse, THROUGH, self.through * coupling * (self.under * pdf), pdf);
             }
             if let Some(glass) = &self.glass {
                 let s = glass.eval(&self.gloss.ggx, self.out, i);
-                add(&mut specular, if glass.is_body() { GLOSS } else { GLASS }, s.value * under, s.pdf);
+                add(&mut specular, if glass.is_body() { GLOSS } else { GLASS }, s.value * self.under, s.pdf);
             }
         }
         if let Some(coat) = &self.coat {
@@ -273,19 +273,15 @@ mod tests {
             let out = Vec3::new(tilt, 0.1, 1.0).normalize();
             let left_out = Layers::new([upright; 2], Vec3::Z, out, &look);
             assert!(left_out.sheen.is_none() && left_out.coat.is_none() && left_out.glass.is_none());
-            let wall = Look { base: Vec3::ZERO, transmission: 1.0, metallic: 0.0, ..look };
+            let wall = Look { transmission: 1.0, metallic: 0.0, ..look };
             let (viewer, clear) = (upright.viewer(out), Look { roughness: 0.2, ..Look::default() });
             let gloss = Gloss::new(&clear, &Interface::new(&clear, viewer), viewer);
             let mut open = left_out.gloss;
-            open.left = 1.0;
+            open.left = Vec3::ONE;
             let mut forced = Layers {
-                sheen: Some(Sheen {
-                    colour: Vec3::ZERO,
-                    roughness: 0.5,
-                    albedo: albedo::sheen(viewer.z, 0.5),
-                }),
+                sheen: Some(Sheen { colour: Vec3::ZERO, roughness: 0.5, albedo: Vec3::ZERO }),
                 coat: Some(Coat { frame: upright, out: viewer, gloss, share: 0.0, under: 1.0 }),
-                glass: Glass::new(&wall, &open, viewer),
+                glass: Glass::new(&wall, &open).map(Glass::of_no_strength),
                 ..left_out
             };
             assert!(forced.glass.is_some());
