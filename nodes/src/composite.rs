@@ -13,7 +13,8 @@ engine::params! {
     /// Puts the rendered objects over the background, which the shadow darkens first.
     ///
     /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow,
-    /// `A` added light, `O` the object premultiplied by its alpha `M`. A splat render is un-premultiplied before it is decoded.
+    /// `A` added light, `O` the object premultiplied by its alpha `M`. What is wired as `front` is over all four.
+    /// A splat render is un-premultiplied before it is decoded.
     /// Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
     pub struct Composite {
         /// Linear colour behind the holes of the background; `None` keeps the alpha channel.
@@ -33,7 +34,7 @@ engine::inputs! {
         /// Light that the objects give to the background, or take where it is negative; by `shadow-ratio`.
         added: Option<Arc<Images>>,
         /// What of the background lies in front of the objects, premultiplied, with alpha: a `splat-render` with
-        /// `limit: "trace.depth"`. It is laid over them; a mesh in front has cut their alpha already.
+        /// `limit: "trace.depth"`. It is laid over them and their shadow; a mesh in front has cut their alpha already.
         front: Option<Arc<Images>>,
         /// Variance of the trace that the object and the shadow come from, as `path-trace` gives it, for `error`.
         variance: Option<Arc<Images>>,
@@ -64,8 +65,15 @@ struct Layers<'a> {
 }
 
 impl Layers<'_> {
-    /// Standard error of the luminance of each pixel. In `B S (1 - M) + O (1 - F)`, with `F` the alpha of what lies
-    /// in front, the noise is that of `S` and `O`.
+    /// What of the background lies in front of the objects, never more than there is, and its alpha.
+    fn in_front(&self, x: usize, y: usize) -> ([f32; 3], f32) {
+        let Some(front) = &self.front else { return ([0.0; 3], 0.0) };
+        let (b, f) = (self.background.pixel(x, y), front.pixel(x, y));
+        (std::array::from_fn(|c| f[c].min(b[c]).max(0.0)), f[3])
+    }
+
+    /// Standard error of the luminance of each pixel. In `(B - F) S (1 - M) + O (1 - a)`, with `F` what lies in front
+    /// and `a` its alpha, the noise is that of `S` and `O`.
     fn error(&self) -> Image<Data> {
         let Image { width, height, .. } = *self.background;
         let mut error = Image::new(width, height, 1);
@@ -74,9 +82,9 @@ impl Layers<'_> {
             let (x, y) = (index % width, index / width);
             let (b, o) = (self.background.pixel(x, y), self.object.pixel(x, y));
             let cover = if self.object.channels == 4 { o[3] } else { 1.0 };
-            let front = self.front.as_ref().map_or(0.0, |front| front.pixel(x, y)[3]);
-            let shaded =
-                if self.shadow.is_some() { luminance([b[0], b[1], b[2]]) * (1.0 - cover) } else { 0.0 };
+            let (kept, front) = self.in_front(x, y);
+            let behind = std::array::from_fn(|c| b[c] - kept[c]);
+            let shaded = if self.shadow.is_some() { luminance(behind) * (1.0 - cover) } else { 0.0 };
             let square = shaded * shaded * told[3] + (1.0 - front) * (1.0 - front) * told[2];
             error.pixel_mut(x, y)[0] = if square.is_finite() { square.max(0.0).sqrt() } else { 0.0 };
         }
@@ -98,11 +106,14 @@ impl Composite {
                 let o = object.pixel(x, y);
                 let behind = if background.channels == 4 { b[3] } else { 1.0 };
                 let cover = if object.channels == 4 { o[3] } else { 1.0 };
+                let (kept, hidden) = layers.in_front(x, y);
                 for c in 0..3 {
                     let factor = layers.shadow.as_ref().map_or(1.0, |s| s.pixel(x, y)[c]);
-                    let mut under = b[c] * factor;
+                    // The shadow falls on what lies behind; a factor of 1 leaves all bits.
+                    let mut under = b[c] * factor + kept[c] * (1.0 - factor);
                     if let Some(added) = &layers.added {
-                        under = (under + added.pixel(x, y)[c] * behind).max(0.0);
+                        let light = added.pixel(x, y)[c] * behind * (1.0 - hidden);
+                        under = kept[c] + (under - kept[c] + light).max(0.0);
                     }
                     if let (Some(backdrop), true) = (self.backdrop, behind < 1.0) {
                         under += (1.0 - behind) * backdrop[c] as f32;
@@ -133,7 +144,7 @@ impl Composite {
 
 impl Kind for Composite {
     const NAME: &'static str = "composite";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -319,6 +330,30 @@ mod tests {
         assert_eq!(over(0.0, 1.0), [0.5; 3]);
         assert_eq!(over(1.0, 0.5), [0.4, 0.15, 0.0]);
         assert_eq!(over(0.5, 1.0), [0.25, 0.25 + 0.15, 0.25]);
+    }
+
+    // The shadow and the light of objects fall on what lies behind a railing, not on it, and no more of the background
+    // is in front than there is.
+    #[test]
+    fn what_is_in_front_stands_in_no_shadow() {
+        let data = |v: f32| Some(one(Image::<Data>::from_samples(1, 1, 3, vec![v; 3])));
+        let railing = |f: [f32; 4], shadow: f32, added: f32| {
+            let inputs = In {
+                background: one(rgb([0.5; 3])),
+                object: one(Image::<Linear>::new(1, 1, 4)),
+                shadow: data(shadow),
+                added: data(added),
+                front: Some(one(Image::<Linear>::from_samples(1, 1, 4, f.to_vec()))),
+                variance: None,
+            };
+            let (out, _) = Composite::run(&Composite { backdrop: None }, inputs, &context()).expect("runs");
+            out.image.0[0].picture.samples()[0]
+        };
+        assert_eq!(railing([0.125, 0.125, 0.125, 0.5], 0.5, 0.0), 0.375 * 0.5 + 0.125);
+        assert_eq!(railing([0.5, 0.5, 0.5, 1.0], 0.0, 9.0), 0.5);
+        assert_eq!(railing([0.7, 0.7, 0.7, 0.9], 0.1, 0.0), 0.5);
+        assert_eq!(railing([0.1, 0.1, 0.1, 0.3], 1.0, 0.0), 0.5);
+        assert_eq!(railing([0.25, 0.25, 0.25, 0.5], 1.0, -9.0), 0.25);
     }
 
     // Half covered: half of the background's share of the error of the ratio, beside that of the object, of which

@@ -12,7 +12,7 @@ use crate::types::{Data, Image, Images, Linear, NamedImage};
 engine::choices! {
     /// How the two renders become a ratio.
     pub enum RatioForm {
-        /// (R1 + e) / (R0 + e) where e and the energy bound are fractions of the picture's mean R0, the
+        /// (R1 + e) / (R0 + e) where e and the energy bound are fractions of the picture's median R0, the
         /// mask judged on a 3x3 mean: exactly 1 where nothing changed, the same at any exposure.
         Stable,
         /// R1 / (R0 + epsilon) with absolute bounds judged pixel by pixel, as the paper prints it.
@@ -46,7 +46,7 @@ engine::params! {
         form: RatioForm = RatioForm::Stable, other("Paper");
         /// One ratio a channel, or one in all.
         channels: Channels = Channels::Each, other("Luminance");
-        /// Added to the denominator; a fraction of the mean of `without` for `Stable`, a radiance for `Paper`.
+        /// Added to the denominator; a fraction of the median of `without` for `Stable`, a radiance for `Paper`.
         epsilon: f64 = 1e-4, range(0.0, 1.0), other("0.05");
         /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as
         /// much they keep a part of it, but for `Paper`, so that the bound draws no line.
@@ -123,17 +123,9 @@ impl ShadowRatio {
         cx: &Context,
     ) -> Result<[Image<Data>; 2], NodeError> {
         let (width, height) = (without.width, without.height);
-        // The level that fractions refer to: the mean over channels of every finite sample.
-        let (mut sum, mut count) = (0.0_f64, 0_u64);
-        for pixel in without.samples.chunks_exact(without.channels) {
-            for &v in pixel[..3].iter().filter(|v| v.is_finite()) {
-                sum += f64::from(v);
-                count += 1;
-            }
-        }
         let unit = match self.form {
             RatioForm::Paper => 1.0,
-            _ => sum / count.max(1) as f64,
+            _ => level(without),
         };
         let rows = cx.for_each_tile(height, |y| {
             let (mut shadow, mut added) = (Vec::with_capacity(3 * width), Vec::with_capacity(3 * width));
@@ -180,18 +172,23 @@ impl ShadowRatio {
     /// The raw ratio of a channel, 1 where there is too little light for one.
     fn ratio(&self, a: f64, b: f64, energy: f64, unit: f64, tally: &mut Tally) -> f64 {
         let (epsilon, least) = (self.epsilon * unit, self.min_energy * unit);
-        let (ratio, most, trust) = match self.form {
-            RatioForm::Paper => (b / (a + epsilon), self.s_max, 1.0),
+        let (ratio, trust) = match self.form {
+            RatioForm::Paper => (b / (a + epsilon), 1.0),
             _ => {
-                let most = if self.form == RatioForm::Hybrid { self.s_max.min(1.0) } else { self.s_max };
                 let trust = if least > 0.0 { (energy / least - 1.0).clamp(0.0, 1.0) } else { 1.0 };
-                ((b + epsilon) / (a + epsilon), most, trust)
+                ((b + epsilon) / (a + epsilon), trust)
             }
         };
-        if !(energy > 0.0 && energy >= least && ratio.is_finite()) {
-            tally.dark += 1;
+        let trust = if energy > 0.0 && energy >= least && ratio.is_finite() { trust } else { 0.0 };
+        tally.dark += u64::from(trust < 1.0);
+        if trust == 0.0 {
             return 1.0;
         }
+        // What is brighter with the objects is no ratio of `Hybrid`, which adds it.
+        let (ratio, most) = match self.form {
+            RatioForm::Hybrid => (ratio.min(1.0), self.s_max.min(1.0)),
+            _ => (ratio, self.s_max),
+        };
         if ratio > most {
             tally.clipped += 1;
             tally.bright += ratio;
@@ -223,9 +220,19 @@ impl ShadowRatio {
     }
 }
 
+/// The level that fractions refer to: the median over the channels of all samples that are lit. A mean would be that of
+/// the sun where the camera sees it.
+fn level(without: &Image<Linear>) -> f64 {
+    let pixels = without.samples.chunks_exact(without.channels);
+    let mut lit: Vec<f32> =
+        pixels.flat_map(|pixel| &pixel[..3]).copied().filter(|v| v.is_finite() && *v > 0.0).collect();
+    let middle = lit.len() / 2;
+    if lit.is_empty() { 0.0 } else { f64::from(*lit.select_nth_unstable_by(middle, f32::total_cmp).1) }
+}
+
 impl Kind for ShadowRatio {
     const NAME: &'static str = "shadow-ratio";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -255,7 +262,7 @@ impl Kind for ShadowRatio {
             lights.push(NamedImage { name: view.name.clone(), picture: added.into() });
         }
         let mut notes = Notes::none();
-        if params.shape(params.s_max) < 1.0 {
+        if params.form != RatioForm::Difference && params.shape(params.s_max) < 1.0 {
             let text = "`s_max` is below 1, so all of the picture is darkened, also where no object is near";
             notes.warning("darkened", text);
         }
@@ -263,11 +270,15 @@ impl Kind for ShadowRatio {
             notes
                 .warning("not-finite", format!("{} samples are not finite and cast no shadow", tally.broken));
         }
+        if tally.samples > 0 && tally.dark == tally.samples {
+            let text = "no sample has light enough for a ratio, so the picture gets no shadow";
+            notes.warning("all-dark", text);
+        }
         let share = |n: u64| 100.0 * n as f64 / tally.samples.max(1) as f64;
         notes.count(
             "too-dark",
             tally.dark,
-            format_args!("samples ({:.2} %) are too dark for a ratio", share(tally.dark)),
+            format_args!("samples ({:.2} %) are too dark for a ratio, or for all of it", share(tally.dark)),
         );
         notes.count(
             "clipped",
@@ -312,6 +323,33 @@ mod tests {
         out.shadow.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
     }
 
+    // What the camera sees of the sun says nothing of how dark a shadow is, and what is held back of a ratio is counted.
+    #[test]
+    fn the_sun_in_the_picture_puts_no_shadow_out() {
+        let with_sun =
+            |radiance| ratios(&plain(), &[0.05, 0.05, 0.05, radiance], &[0.02, 0.05, 0.05, radiance]);
+        assert_eq!(with_sun(1e6), with_sun(0.05));
+        assert!((with_sun(1e6)[0] - 0.4).abs() < 1e-3);
+        let p = ShadowRatio { min_energy: 0.8, ..plain() };
+        let run =
+            ShadowRatio::run(&p, In { without: image(&[1.0; 2]), with: image(&[0.5, 1.0]) }, &context());
+        let told =
+            run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
+        assert!(told.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
+    }
+
+    // `Hybrid` adds what is brighter, so that nothing is clipped.
+    #[test]
+    fn what_is_added_is_not_told_as_clipped() {
+        let clipped = |form, s_max| {
+            let p = ShadowRatio { form, s_max, ..plain() };
+            let run = ShadowRatio::run(&p, In { without: image(&[1.0]), with: image(&[2.0]) }, &context());
+            run.expect("runs").1.iter().any(|note| note.id == "clipped" && !note.text.starts_with("0 "))
+        };
+        assert!(clipped(RatioForm::Stable, 1.0) && !clipped(RatioForm::Stable, 3.0));
+        assert!(!clipped(RatioForm::Hybrid, 100.0) && clipped(RatioForm::Hybrid, 0.5));
+    }
+
     /// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
     /// Mutation: `powered` left out of `check`.
     #[test]
@@ -328,6 +366,7 @@ mod tests {
             run.expect("runs").1.iter().any(|note| note.id == "darkened")
         };
         assert!(told(&of(0.0, 0.5, 1.0)) && !told(&plain()) && !told(&of(0.0, 2.0, 1.0)));
+        assert!(!told(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
     }
 
     /// Mutation: `energy > 0.0 && energy >= least` not asked in `ratio` (seen red).
@@ -336,11 +375,13 @@ mod tests {
         for form in [RatioForm::Stable, RatioForm::Paper, RatioForm::Hybrid] {
             let p = ShadowRatio { form, ..plain() };
             assert_eq!(ratios(&p, &[0.0; 9], &[0.0; 9]), [1.0; 9]);
+            let run = ShadowRatio::run(&p, In { without: image(&[0.0]), with: image(&[0.0]) }, &context());
+            assert!(run.expect("runs").1.iter().any(|note| note.id == "all-dark"));
             assert_eq!(ratios(&p, &[0.0, 1.0], &[0.0, 1.0])[0], 1.0);
         }
     }
 
-    /// Mutation: `epsilon` not scaled by the mean of R0 in `ratio` (seen red).
+    /// Mutation: `epsilon` not scaled by the level of R0 in `ratio` (seen red).
     #[test]
     fn row_52_exposure_does_not_change_the_ratio() {
         for exposure in [1e-6_f32, 1.0, 1e6] {

@@ -8,15 +8,17 @@ use glam::{DMat4, DQuat, DVec3};
 use crate::bvh::{Bvh, Ray};
 use crate::equirect::axes;
 use crate::place::world_from_gltf;
+use crate::sampling::hash;
 use crate::support::{Foot, Level};
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
 
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the place, or on its splats.
     ///
-    /// Looks under the object's foot, as far up and down as `reach_metres`, for the level that holds most of
-    /// what is there, of equal ones the nearest. The object is moved by the median of its heights, so a rough
-    /// mesh is met in the middle. Wire the new pose where the old one went: to `place` and the probe.
+    /// Looks under the object's foot, as far up and down as `reach_metres`, for the plane that holds most of
+    /// what is there, of equal ones the nearest. The middle of the foot is put on it, and a rough mesh is met in
+    /// the middle. Ground is what looks up and is no steeper than 45 degrees; in a mesh of which nothing there looks
+    /// up, what looks down, which is told. Wire the new pose where the old one went: to `place` and the probe.
     pub struct Snap {
         /// How far the ground may lie above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
@@ -49,8 +51,10 @@ engine::outputs! {
 
 /// Columns and rows of the rays that feel a mesh.
 const GRID: u32 = 24;
-/// Points within such a height of each other are of one level, in metres.
-const THICK: f64 = 0.04;
+/// Points within such a height of a plane are of it, in metres.
+const NEAR: f64 = 0.02;
+/// Planes that are tried, each through three points.
+const TRIED: u32 = 400;
 /// Splats more transparent than this are no ground.
 const OPAQUE: f32 = 0.3;
 /// Cosine of the steepest ground.
@@ -58,7 +62,7 @@ const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
     const NAME: &'static str = "snap";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -77,15 +81,16 @@ impl Kind for Snap {
             return Err(NodeError::new("the object has no triangle that could stand").at("object"));
         };
         let reach = params.reach_metres * metre;
+        let mut notes = Notes::none();
         let points = match (&inputs.mesh, &inputs.splats) {
-            (Some(mesh), None) => on_mesh(mesh, &foot, up, reach, cx)?,
+            (Some(mesh), None) => on_mesh(mesh, &foot, up, reach, cx, &mut notes)?,
             (None, Some(splats)) => on_splats(splats, &foot, up, reach),
             _ => {
                 let what = "the ground is either `mesh` or `splats`";
                 return Err(NodeError::new(what).at("mesh").hint("wire one of the two"));
             }
         };
-        let Some(level) = Level::of(&densest(points, THICK * metre)) else {
+        let Some(level) = Level::of(&densest(&points, NEAR * metre, cx)?) else {
             let what = format!("no ground within {} m of the object's foot", params.reach_metres);
             let hint = "move the pose nearer, or raise `reach_metres`";
             return Err(NodeError::new(what).at("pose").hint(hint));
@@ -94,11 +99,10 @@ impl Kind for Snap {
         let normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
         let mut moved = DMat4::from_translation(up * level.height) * pose;
         if params.align {
-            let about = moved.w_axis.truncate();
+            let about = foot.middle + up * (foot.base + level.height - foot.middle.dot(up));
             let turn = DMat4::from_quat(DQuat::from_rotation_arc(up, normal));
             moved = DMat4::from_translation(about) * turn * DMat4::from_translation(-about) * moved;
         }
-        let mut notes = Notes::none();
         let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
         let text = format!(
             "moved by {:+.1} mm to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
@@ -128,29 +132,38 @@ fn on_mesh(
     up: DVec3,
     reach: f64,
     cx: &Context,
+    notes: &mut Notes,
 ) -> Result<Vec<[f64; 3]>, NodeError> {
     let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
     let corner = |i: u32| (mesh.position(i) - around).as_vec3();
     let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
     let bvh = Bvh::build(&corners);
     let axes = Foot::axes(up);
-    let mut points = Vec::new();
+    let (mut points, mut below) = (Vec::new(), Vec::new());
     for k in 0..GRID * GRID {
         cx.check()?;
         let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
         let [x, y] = [0, 1].map(|a| place[a] * foot.half.dot(axes[a].abs()));
         let start = axes[0] * x + axes[1] * y + up * reach;
         let ray = Ray { t_max: (2.0 * reach) as f32, ..Ray::new(start.as_vec3(), -up.as_vec3()) };
-        let first = points.len();
+        let first = [points.len(), below.len()];
         bvh.any(ray, |hit| {
             let [a, b, c] = corners[hit.triangle as usize].map(|p| p.as_dvec3());
-            if (b - a).cross(c - a).normalize_or_zero().dot(up).abs() >= STEEPEST {
-                points.push([x, y, reach - f64::from(hit.t)]);
+            let facing = (b - a).cross(c - a).normalize_or_zero().dot(up);
+            if facing.abs() >= STEEPEST {
+                let side = if facing > 0.0 { &mut points } else { &mut below };
+                side.push([x, y, reach - f64::from(hit.t)]);
             }
             false
         });
         // The tree has no order, and tells an edge twice.
-        points[first..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+        points[first[0]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+        below[first[1]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+    }
+    if points.is_empty() && !below.is_empty() {
+        let text = "no face under the object looks up, so those that look down are taken for the ground";
+        notes.warning("ground-looks-down", text);
+        return Ok(below);
     }
     Ok(points)
 }
@@ -168,22 +181,36 @@ fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3
     (0..splats.len()).filter_map(point).collect()
 }
 
-/// The points of the level, so many units thick, that holds most of them; of equal ones the nearest to 0,
-/// and the lower of those.
-fn densest(mut points: Vec<[f64; 3]>, thick: f64) -> Vec<[f64; 3]> {
-    points.sort_by(|a, b| a[2].total_cmp(&b[2]));
-    let (mut best, mut end) = (0..0, 0);
-    for start in 0..points.len() {
-        while end < points.len() && points[end][2] - points[start][2] <= thick {
-            end += 1;
-        }
-        let middle = |range: &std::ops::Range<usize>| points[(range.start + range.end) / 2][2].abs();
-        let more = (end - start).cmp(&best.len());
-        if more.is_gt() || (more.is_eq() && middle(&(start..end)) < middle(&best)) {
-            best = start..end;
+/// The points within some height of the plane that holds most of them; of equal ones the nearest to 0 under the
+/// foot's middle, and of those the first that is tried.
+fn densest(points: &[[f64; 3]], near: f64, cx: &Context) -> Result<Vec<[f64; 3]>, NodeError> {
+    let mut best: ([f64; 3], usize) = ([f64::INFINITY, 0.0, 0.0], 0);
+    for k in 0..TRIED {
+        cx.check()?;
+        let some = |i| points.get(((u64::from(hash(k, i)) * points.len() as u64) >> 32) as usize).copied();
+        let [Some(a), Some(b), Some(c)] = [some(0), some(1), some(2)] else { break };
+        // Every other plane is level, which is what most ground is.
+        let plane =
+            if k % 2 == 0 { [a[2], 0.0, 0.0] } else { through([a, b, c]).unwrap_or([a[2], 0.0, 0.0]) };
+        let held = points.iter().filter(|p| off(&plane, p).abs() <= near).count();
+        if held > best.1 || (held == best.1 && plane[0].abs() < best.0[0].abs()) {
+            best = (plane, held);
         }
     }
-    points.drain(best).collect()
+    Ok(points.iter().filter(|p| off(&best.0, p).abs() <= near).copied().collect())
+}
+
+/// The plane through three points, as its height over (0, 0) and its rise along both axes; none where it is steep.
+fn through(points: [[f64; 3]; 3]) -> Option<[f64; 3]> {
+    let [a, b, c] = points.map(DVec3::from_array);
+    let normal = (b - a).cross(c - a).try_normalize().filter(|n| n.z.abs() >= STEEPEST)?;
+    let rise = normal.truncate() / -normal.z;
+    Some([a.z - rise.dot(a.truncate()), rise.x, rise.y])
+}
+
+/// Height of a point over a plane.
+fn off(plane: &[f64; 3], point: &[f64; 3]) -> f64 {
+    point[2] - plane[0] - plane[1] * point[0] - plane[2] * point[1]
 }
 
 #[cfg(test)]
@@ -248,7 +275,44 @@ mod tests {
         assert!((pose.transform_vector3(DVec3::Z) - normal).length() < 1e-5, "{pose}");
         // The foot lies on the plane.
         let foot = pose.w_axis.truncate();
-        assert!((foot.z - 0.2 * foot.x).abs() < 0.01, "{foot}");
+        assert!((foot.z - 0.2 * foot.x).abs() < 1e-5, "{foot}");
+    }
+
+    // On a slope the middle of the foot comes to stand, however large the foot is.
+    /// Mutation: level planes alone in `densest` (seen red).
+    #[test]
+    fn slopes_hold_the_middle_of_the_foot() {
+        for rise in [-0.9, -0.3, 0.05, 0.2, 0.6] {
+            for align in [false, true] {
+                let pose = run(Some(plane(0.0, rise)), None, 0.2, align).unwrap_or_else(|e| panic!("{e}"));
+                let foot = pose.w_axis.truncate();
+                assert!(
+                    (foot - DVec3::new(0.3, 0.1, 0.3 * f64::from(rise))).length() < 1e-5,
+                    "{rise}: {foot}"
+                );
+            }
+        }
+    }
+
+    /// A table top has an underside, on which nothing stands; where all looks down it is the ground, and told.
+    /// Mutation: `facing` taken without its sign in `on_mesh` (seen red).
+    #[test]
+    fn nothing_stands_on_what_looks_down() {
+        let mut slab = plane(0.45, 0.0);
+        let below = plane(0.4, 0.0);
+        slab.positions.extend(below.positions);
+        slab.triangles.extend([[4, 6, 5], [4, 7, 6]]);
+        let turned = Mesh { triangles: slab.triangles[2..].to_vec(), ..slab.clone() };
+        for (mesh, expected, told) in [(slab, 0.45, false), (turned, 0.4, true)] {
+            let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, 0.38)) };
+            let inputs =
+                In { object: object(), pose: Arc::new(pose), mesh: Some(Arc::new(mesh)), splats: None };
+            let how = Snap { reach_metres: 0.5, align: false };
+            let (out, notes) = Snap::run(&how, inputs, &context()).unwrap_or_else(|e| panic!("{e}"));
+            assert!((out.pose.world_from_local.w_axis.z - expected).abs() < 1e-6, "{expected}");
+            assert_eq!(notes.iter().any(|note| note.id == "ground-looks-down"), told);
+            assert!(notes.iter().any(|note| note.text.contains("0.0 mm rough")));
+        }
     }
 
     // A table over a floor: the object goes to what it was near.

@@ -55,7 +55,7 @@ impl Foot {
 /// The plane through some points, which may be rough.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// Median height.
+    /// Height of the plane over the place (0, 0): the median of what it leaves of the points' heights.
     pub height: f64,
     /// Rise of the plane by least squares along both axes; 0 where the points do not tell.
     pub slope: [f64; 2],
@@ -66,20 +66,22 @@ pub struct Level {
 impl Level {
     /// The level of points given by two horizontal coordinates and a height; `None` of no points.
     pub fn of(points: &[[f64; 3]]) -> Option<Self> {
-        let height = median(points.iter().map(|p| p[2]).collect())?;
+        let first = points.first()?[2];
         let (mut moments, mut right) = (DMat3::ZERO, DVec3::ZERO);
         for &[x, y, z] in points {
             let row = DVec3::new(x, y, 1.0);
             moments += DMat3::from_cols(row * x, row * y, row);
-            right += row * (z - height);
+            right += row * (z - first);
         }
         let plane = moments.inverse() * right;
         // Points in a line have no plane.
-        let plane = if moments.determinant() > 0.0 && plane.is_finite() { plane } else { DVec3::ZERO };
-        let away = |&[x, y, z]: &[f64; 3]| (z - height - plane.dot(DVec3::new(x, y, 1.0))).abs();
+        let slope =
+            if moments.determinant() > 0.0 && plane.is_finite() { [plane.x, plane.y] } else { [0.0; 2] };
+        let over = |&[x, y, z]: &[f64; 3]| z - slope[0] * x - slope[1] * y;
+        let height = median(points.iter().map(over).collect())?;
         // 1.4826 makes the median deviation of a normal distribution its standard deviation.
-        let roughness = 1.4826 * median(points.iter().map(away).collect())?;
-        Some(Self { height, slope: [plane.x, plane.y], roughness })
+        let roughness = 1.4826 * median(points.iter().map(|point| (over(point) - height).abs()).collect())?;
+        Some(Self { height, slope, roughness })
     }
 }
 
@@ -99,7 +101,7 @@ mod tests {
         let sloping: Vec<_> = grid.clone().map(|[x, y]| [x, y, 3.0 + 0.1 * x - 0.2 * y]).collect();
         let level = Level::of(&sloping).expect("points");
         assert!((level.slope[0] - 0.1).abs() < 1e-12 && (level.slope[1] + 0.2).abs() < 1e-12);
-        assert!(level.roughness < 1e-12 && (level.height - 3.0).abs() < 0.2);
+        assert!(level.roughness < 1e-12 && (level.height - 3.0).abs() < 1e-12);
         let rough: Vec<_> = grid.enumerate().map(|(i, [x, y])| [x, y, f64::from((i % 3) as u8)]).collect();
         assert!((0.5..1.5).contains(&Level::of(&rough).expect("points").roughness));
         assert_eq!(Level::of(&[]), None);

@@ -96,6 +96,12 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
         // Checked above; the crate knows fewer of them than we do.
         top.remove("extensionsRequired");
     }
+    // A scene may be empty, which the crate does not know either.
+    for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+        }
+    }
     // A texture may have its picture in the extension alone, which the crate does not know.
     for texture in json.get_mut("textures").and_then(Value::as_array_mut).into_iter().flatten() {
         let webp = texture["extensions"]["EXT_texture_webp"]["source"].clone();
@@ -356,7 +362,8 @@ impl File {
         } else {
             // Zeros that only a sparse part changes; no honest file has more of them than bytes.
             if count > buffers.iter().map(Vec::len).sum() {
-                return Err(outside());
+                let text = format!("accessor {} has more elements than the file bytes", accessor.index());
+                return Err(self.bad(text));
             }
             values = vec![0.0; count * width];
         }
@@ -372,12 +379,15 @@ impl File {
                 indices.get(sparse.indices().offset()..).unwrap_or_default().chunks_exact(index_type.size());
             let changes =
                 changes.get(sparse.values().offset()..).unwrap_or_default().chunks_exact(data.size() * width);
+            let wrong = |what| self.bad(format!("the sparse part of accessor {} {what}", accessor.index()));
             if indices.len() < sparse.count() || changes.len() < sparse.count() {
-                return Err(outside());
+                return Err(wrong("lies outside of its buffer view"));
             }
             for (index, change) in indices.zip(changes).take(sparse.count()) {
                 let at = number(index, index_type, false) as usize * width;
-                let slot = values.get_mut(at..at + width).ok_or_else(outside)?;
+                let slot = values
+                    .get_mut(at..at + width)
+                    .ok_or_else(|| wrong("changes an element that there is not"))?;
                 for (value, raw) in slot.iter_mut().zip(change.chunks_exact(data.size())) {
                     *value = number(raw, data, accessor.normalized());
                 }
