@@ -89,7 +89,7 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "telling the receiver from the light that it sends",
-        check: "the scene is open: over 5 % of the probe rays leave",
+        check: "the receiver is under a quarter of what the point of capture sees",
         force: "`near_field: On`, and `env_block`",
         kinds: TRACE,
         judge: |seen| {

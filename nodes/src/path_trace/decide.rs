@@ -12,6 +12,10 @@ use crate::color::luminance;
 use crate::num;
 use crate::sampling::Points;
 
+/// Share of what the point of capture sees that the receiver must be for `near_field: Auto`: half of a ground. It is
+/// judgement. With less, most of what the panorama shows near by is missing in the receiver.
+const LEAST_HELD: f64 = 0.25;
+
 /// What was decided, and what it was decided by.
 pub(super) struct Decided {
     pub(super) rules: Rules,
@@ -71,16 +75,30 @@ impl PathTrace {
         let left_to_us = self.env_block == EnvBlock::Auto
             && self.bounce == Bounce::Auto
             && self.object_specular_sees == SpecularSees::Auto;
+        let held = probe.unwrap_or_default().held_share();
         let (near, why) = match (self.near_field, stage.inputs.env.origin) {
-            (NearField::On, _) => (true, "as set"),
-            (NearField::Off, _) => (false, "as set"),
-            (_, None) => (false, "the environment has no point of capture"),
+            (NearField::On, _) => (true, "as set".to_owned()),
+            (NearField::Off, _) => (false, "as set".to_owned()),
+            (_, None) => (false, "the environment has no point of capture".to_owned()),
             (_, Some(_)) if !left_to_us => {
-                (false, "the graph sets `env_block`, `bounce` or `object_specular_sees` itself")
+                (false, "the graph sets `env_block`, `bounce` or `object_specular_sees` itself".to_owned())
             }
-            // Most of the light of an open scene is far: the rest is worth 2 dB and doubles the rays.
-            (_, Some(_)) if solid => (false, "the scene is open"),
-            (_, Some(_)) => (true, "the environment was captured in this closed place"),
+            (_, Some(_)) if held < LEAST_HELD => {
+                let held = 100.0 * held;
+                (
+                    false,
+                    format!("the scene is open, and the receiver is {held:.1} % of what is seen from there"),
+                )
+            }
+            (_, Some(_)) => {
+                let held = 100.0 * held;
+                (
+                    true,
+                    format!(
+                        "the environment was captured in this place, of which the receiver is {held:.1} %"
+                    ),
+                )
+            }
         };
         let text = if near {
             format!("On: {why}; a ray that meets the receiver finds what the panorama shows of that place")

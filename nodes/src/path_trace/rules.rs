@@ -84,8 +84,8 @@ engine::choices! {
 engine::choices! {
     /// Whether the receiver is the light that the environment shows of it.
     pub enum NearField {
-        /// `On` where the environment was captured in a place that is closed, and `env_block`, `bounce` and
-        /// `object_specular_sees` are left to `Auto`.
+        /// `On` where the environment was captured in a place of which the receiver is a quarter or more, and
+        /// `env_block`, `bounce` and `object_specular_sees` are left to `Auto`.
         Auto,
         /// Rays that meet the receiver find what the environment shows in the direction of that place, seen
         /// from the point of capture. The other rules of visibility have no say then.
@@ -161,6 +161,11 @@ impl Probe {
     /// Share of the rays that left.
     pub fn escaped_share(&self) -> f64 {
         f64::from(self.escaped) / f64::from(self.rays.max(1))
+    }
+
+    /// Share of the rays that met the receiver.
+    pub fn held_share(&self) -> f64 {
+        f64::from(self.rays - self.escaped) / f64::from(self.rays.max(1))
     }
 
     /// Share of front faces among what was met.
