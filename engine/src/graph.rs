@@ -14,7 +14,7 @@ use crate::fields::Fields;
 use crate::include::parse_all;
 use crate::kind::{KindEntry, Registry, Step, ViewCount};
 use crate::order::{describe_cycle, order_of};
-use crate::param::{InputFile, Role};
+use crate::param::{InputFile, Params, Role};
 use crate::port::Wired;
 use crate::root::SourceRoot;
 
@@ -46,6 +46,17 @@ pub struct Node {
     pub(crate) step: LazyStep,
 }
 
+/// Reads parameters of a kind from their canonical texts.
+fn read<T>(
+    kind: &'static str,
+    values: &[(&'static str, String)],
+    read: impl FnOnce(&mut Fields<'_, '_>) -> Option<T>,
+) -> Option<T> {
+    let fields: Vec<RawField<'_>> =
+        values.iter().map(|(name, text)| RawField::plain(name, text.as_str())).collect();
+    read(&mut Fields { fields: &fields, node_span: 0..0, kind, diagnostics: &mut Vec::new() })
+}
+
 impl Node {
     /// Where a field stood in the text that the node was read from, or the whole node.
     pub(crate) fn place(&self, field: Option<&str>) -> Range<usize> {
@@ -60,21 +71,16 @@ impl Node {
         values
     }
 
+    /// The parameters of a node whose kind has these; `None` where it has others.
+    pub fn params<P: Params>(&self) -> Option<P> {
+        read(self.kind.name, &self.values(), P::read)
+    }
+
     /// What the node does with another value of one parameter; `None` where its kind refuses that.
     fn with(&self, parameter: &str, text: &str) -> Option<Arc<dyn Step>> {
         let mut values = self.values();
         values.iter_mut().find(|(name, _)| *name == parameter)?.1 = text.to_owned();
-        let fields: Vec<RawField<'_>> =
-            values.iter().map(|(name, text)| RawField::plain(name, text.as_str())).collect();
-        let mut diagnostics = Vec::new();
-        let kind = self.kind.name;
-        let step = (self.kind.read)(&mut Fields {
-            fields: &fields,
-            node_span: 0..0,
-            kind,
-            diagnostics: &mut diagnostics,
-        })?;
-        step.check().is_ok().then_some(step)
+        read(self.kind.name, &values, |fields| (self.kind.read)(fields)).filter(|step| step.check().is_ok())
     }
 
     /// The files that its parameters name.

@@ -43,6 +43,8 @@ pub(crate) struct Piece<'t> {
 }
 
 const MARK: &str = "\n//@@ ";
+/// What the name of an overlay begins with that is a preset of the program's.
+const BUILT_IN_PRESET: &str = "--preset ";
 
 /// A graph includes no more files than this, and no more bytes.
 const MOST_FILES: usize = 1000;
@@ -52,6 +54,26 @@ impl Source {
     /// Lays the text of an overlay over the graph: `Overlay(nodes: (trace: (samples: 16)))`. Later ones win.
     pub fn overlaid(self, name: &str, text: &str) -> Self {
         self.joined("overlay", name, text)
+    }
+
+    /// The graph with all that is laid over it but presets.
+    pub fn without_presets(&self) -> Self {
+        let is_preset =
+            |piece: &Piece<'_>| piece.role == Role::Preset || piece.name.starts_with(BUILT_IN_PRESET);
+        let (mut text, mut from) = (String::new(), 0);
+        for piece in self.pieces() {
+            // With the line that says what it is, which stands before it.
+            if !is_preset(&piece) {
+                text.push_str(&self.text[from..piece.span.end]);
+            }
+            from = piece.span.end;
+        }
+        Self::new(self.name.clone(), text)
+    }
+
+    /// Lays a preset of the program's over the graph, as an overlay.
+    pub(crate) fn with_built_in_preset(self, preset: &str, text: &str) -> Self {
+        self.joined("overlay", &format!("{BUILT_IN_PRESET}{preset}"), text)
     }
 
     /// Lays one of the graph's own `presets` over it.
@@ -258,7 +280,7 @@ pub(crate) fn parse_all<'t>(
     for (piece, other) in pieces.iter().zip(documents) {
         match piece.role {
             Role::Preset => {
-                if let Some(over) = preset(&document, source, piece, diagnostics) {
+                for over in preset(&document, source, piece, diagnostics) {
                     overlays.push(over, diagnostics);
                 }
             }
@@ -338,16 +360,20 @@ fn with_includes<'t>(
     whole
 }
 
-/// The chosen preset of a graph.
+/// The chosen preset of a graph: that of each file that has one, its own last, so that it goes over those of what it
+/// includes.
 fn preset<'t>(
     document: &Document<'t>,
     source: &'t Source,
     piece: &Piece<'_>,
     diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Document<'t>> {
+) -> Vec<Document<'t>> {
     let name = &source.text[piece.span.clone()];
-    if let Some(field) = document.presets.iter().find(|field| field.name == name) {
-        return Some(parse_preset(&source.text, field.span.clone(), diagnostics));
+    let of_name = document.presets.iter().rev().filter(|field| field.name == name);
+    let laid: Vec<_> =
+        of_name.map(|field| parse_preset(&source.text, field.span.clone(), diagnostics)).collect();
+    if !laid.is_empty() {
+        return laid;
     }
     let known = || document.presets.iter().map(|field| field.name);
     let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
@@ -365,5 +391,5 @@ fn preset<'t>(
             ))
         }
     });
-    None
+    Vec::new()
 }

@@ -30,8 +30,10 @@ pub enum KnobKind {
     Cutoff,
     /// Arithmetic.
     Precision,
-    /// Smoothing or clamping, which takes noise away and truth with it.
+    /// Smoothing, which takes noise away and truth with it.
     Filter,
+    /// What a sample may bring at most, which takes noise away and truth with it; 0 is no limit.
+    Limit,
 }
 
 impl KnobKind {
@@ -44,6 +46,7 @@ impl KnobKind {
             Self::Cutoff => "cutoff",
             Self::Precision => "precision",
             Self::Filter => "filter",
+            Self::Limit => "limit",
         }
     }
 }
@@ -117,13 +120,17 @@ impl Graph {
                 let value = values.iter().find(|(parameter, _)| *parameter == spec.name);
                 let value = value.map(|(_, text)| text.clone()).unwrap_or_default();
                 match (spec.knob, known) {
-                    (Some(_), Some(known)) => {
-                        known.varies |= known.value != value;
-                        known.reaches.extend(reaches.iter().cloned());
-                    }
+                    (Some(_), Some(known)) => known.reaches.extend(reaches.iter().cloned()),
                     (Some(knob), None) => {
+                        // Of all instances, those that no target asks for as well: a value that is set is set in all.
+                        let others = if node.point.is_empty() { Vec::new() } else { self.find_all(name) };
+                        let differs = |other: &usize| {
+                            let mut values = self.nodes[*other].values().into_iter();
+                            values.any(|(parameter, text)| parameter == spec.name && text != value)
+                        };
+                        let varies = others.iter().any(differs);
                         let (node, parameter, reaches) = (name.to_owned(), spec.name, reaches.clone());
-                        knobs.push(GraphKnob { node, parameter, knob, value, reaches, varies: false });
+                        knobs.push(GraphKnob { node, parameter, knob, value, reaches, varies });
                     }
                     (None, _) => {}
                 }
@@ -212,7 +219,7 @@ impl Source {
             }
         }
         let text = overlay_text(fields);
-        self.overlaid(&format!("--preset {preset}"), &text)
+        self.with_built_in_preset(preset, &text)
     }
 }
 

@@ -239,3 +239,29 @@ fn presets_reach_what_is_included() {
     let source = source.with_preset("big", &registry());
     assert!(Graph::parse(source, &registry(), root).is_ok());
 }
+
+#[test]
+fn presets_of_one_name_are_laid_together_the_graphs_own_last() {
+    let lab = Lab::on_disk();
+    let of_part = "presets: (big: (a: (value: 9.0), b: (value: 5.0))),";
+    lab.write("part.ron", &part(of_part, "a: Number(value: 1.0), b: Number(value: 1.0),"));
+    let text = with(
+        "[\"part.ron\"]",
+        "sum: Add(terms: [\"a\", \"b\"]), s: WriteNumber(number: \"sum\", path: \"s.txt\"),",
+    )
+    .replace("nodes:", "presets: (big: (a: (value: 2.0))), nodes:");
+    let source = Source::new("graph.ron", lab.joined(&text)).with_preset("big", &registry());
+    lab.run_text(&source.text);
+    assert_eq!(lab.out("s.txt"), "7.0\n");
+}
+
+#[test]
+fn a_graph_can_be_had_without_its_presets() {
+    let text = graph_text(GRAPH).replace("nodes:", "presets: (big: (two: (by: 10.0))), nodes:");
+    let source = Source::new("graph.ron", text);
+    let over = |source: Source| source.overlaid("mine.ron", "Overlay(nodes: (two: (by: 3.0)))");
+    let laid = source.clone().with_preset("big", &registry()).with_preset("draft", &registry());
+    assert_ne!(laid, source);
+    assert_eq!(over(laid).without_presets(), over(source.clone()));
+    assert_eq!(source.without_presets(), source);
+}
