@@ -86,11 +86,6 @@ pub enum Error {
         "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its `samples` do not vary along an axis"
     )]
     NoSamples,
-    /// A time for what was never timed.
-    #[error(
-        "how long `{node}` takes is not known: no {kind} has run with this cache; run the graph once, with --preset draft say"
-    )]
-    NoForecast { node: String, kind: &'static str },
     /// A graph that is not what its lock says.
     #[error("the graph is not what its lock says:\n{}\n`lightharmony lock` writes a new one", .0.join("\n"))]
     Locked(Vec<String>),
@@ -123,12 +118,12 @@ pub enum Error {
     Size(String),
     /// A measure that is none.
     #[error(
-        "`{text}` is no measure of error; write one of {known}, with `touched.` in front for what the object changes"
+        "`{text}` is no measure of error; write one of {known}, with `touched.`, `object.` or `shadow.` in front for what the object changes, covers, or only shades and lights"
     )]
     Metric { text: String, known: String },
     /// A bound that is none.
     #[error(
-        "`{text}` is no bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of {known}, with `touched.` in front for what the object changes"
+        "`{text}` is no bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of {known}, with `touched.`, `object.` or `shadow.` in front for what the object changes, covers, or only shades and lights"
     )]
     Bound { text: String, known: String },
     /// A cost that is none.

@@ -1,10 +1,13 @@
 //! `run`: computes what is not known and writes the files of the sinks.
 
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::lock;
 use crate::budget;
@@ -24,11 +27,11 @@ pub struct Run {
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
     /// Take samples until the standard error of the shadow and of the object is this, 0.01 say, at most as many as the
-    /// graph says: sets `max_error` of every node that has one
+    /// graph says, whatever a preset does: sets `max_error` of every node that has one
     #[arg(long, value_name = "ERROR", conflicts_with = "time")]
     max_error: Option<f64>,
     /// Take as many samples, at most as many as the graph says, as there is time for by the forecast, such as 10s or
-    /// 5m; the number is told and fixed before the run
+    /// 5m; the number is told and fixed before the run. Where no forecast is known 4 are taken first, and kept
     #[arg(long, value_name = "TIME")]
     time: Option<String>,
     /// Refuse inputs and kinds that are not those of the graph's lock, and fail where results are not
@@ -55,20 +58,36 @@ impl Run {
             return Ok(outcome.totals.exit_code());
         }
         let (mut loaded, engine) = self.graph.check_with(origin, &texts, &self.engine)?;
-        if let Some(error) = self.max_error {
-            loaded = budget::to_error(loaded, error)?;
-        }
-        if let Some(seconds) = seconds {
-            loaded = self.in_time(loaded, &engine, seconds.as_secs_f64())?;
-        }
         loaded.check_outputs(&self.out)?;
         self.trace.as_deref().map_or(Ok(()), |trace| loaded.check_output(trace))?;
+        let cancel = on_interrupt()?;
+        if let Some(error) = self.max_error {
+            let says_so =
+                |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
+            if let Some(set) = self.graph.set.iter().find(says_so) {
+                let text =
+                    format!("`--max-error` and `--set {set}` both say an error; leave one of them out");
+                return Err(Error::Edit(vec![text]));
+            }
+            let chosen;
+            (loaded, chosen) = budget::to_error(loaded, error)?;
+            if !chosen.is_empty() {
+                let why = "an error takes as many samples as the graph says, not as few as its preset";
+                self.tell_chosen(json!({"max_error": error}), &chosen, why);
+            }
+        }
+        if let Some(seconds) = seconds {
+            let begin = Instant::now();
+            if let Some(code) = self.pilot(&loaded, &engine, &cancel)? {
+                return Ok(code);
+            }
+            loaded = self.in_time(loaded, &engine, seconds.saturating_sub(begin.elapsed()))?;
+        }
         let (graph, only) = (&loaded.graph, &loaded.only);
         let locked = self.locked.then(|| lock::read(&loaded)).transpose()?;
         if let Some(lock) = &locked {
             lock::refuse(&engine, graph, only, lock)?;
         }
-        let cancel = on_interrupt()?;
         let mut report = self.report();
         if let Some(text) = report::no_file(graph, only) {
             report.tell(&Event::Warning { id: "no-file", text });
@@ -129,20 +148,53 @@ impl Run {
         if self.json { Report::json() } else { Report::lines(self.verbose) }
     }
 
-    /// The graph with the samples that there is time for, which are told.
-    fn in_time(&self, loaded: Loaded, engine: &Engine, seconds: f64) -> Result<Loaded, Error> {
-        let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
-        if self.json {
-            let told = json!({"event": "chosen", "settings": chosen, "forecast": forecast, "time": seconds});
-            report::json_line(&told);
-            return Ok(loaded);
+    /// Runs everything but the sinks with the fewest samples, where no forecast knows how long a sample takes. Gives an
+    /// exit code where that is all there is to do: it failed, or was stopped.
+    fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
+        let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
+        let why = "how long a sample takes is not known, so these come first; they are kept";
+        self.tell_chosen(json!({"pilot": true}), &chosen, why);
+        let targets = if loaded.only.is_empty() { graph.targets() } else { loaded.only.clone() };
+        let wanted = graph.above(&targets);
+        let only: Vec<usize> =
+            (0..wanted.len()).filter(|&node| wanted[node] && graph.nodes[node].sink_path.is_none()).collect();
+        let options =
+            RunOptions { rough: only.clone(), only, cancel: cancel.clone(), ..RunOptions::default() };
+        let mut report = self.report();
+        let outcome = engine.run(&graph, &options, |event| match event {
+            // The run itself tells what there is to say of its results.
+            Event::Node { id, kind, state, key, seconds, counts, error, .. } => {
+                let (notes, degraded) = (Vec::new(), false);
+                report.tell(&Event::Node { id, kind, state, key, seconds, counts, notes, degraded, error });
+            }
+            Event::Done(_) => {}
+            event => report.tell(&event),
+        });
+        if let Some(failures) = &outcome.failures {
+            report::mistakes(failures, self.json);
         }
-        let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
-        let text = report::forecast_text(&forecast);
-        report::remark(&format!("{}: {text}", settings.join(" ")));
-        if forecast.seconds > seconds {
+        Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
+    }
+
+    /// The graph with the samples that there is time for, which are told.
+    fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
+        let seconds = time.as_secs_f64();
+        let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
+        let told = json!({"forecast": forecast, "time": seconds});
+        self.tell_chosen(told, &chosen, &report::forecast_text(&forecast));
+        if forecast.seconds > seconds && !self.json {
             report::remark("even the fewest samples are forecast to take longer than that");
         }
         Ok(loaded)
+    }
+
+    /// Tells what was laid over the graph, and why: more of that to programs.
+    fn tell_chosen(&self, mut told: Value, chosen: &[String], why: &str) {
+        if self.json {
+            (told["event"], told["settings"]) = (json!("chosen"), json!(chosen));
+            return report::json_line(&told);
+        }
+        let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
+        report::remark(&format!("{}: {why}", settings.join(" ")));
     }
 }

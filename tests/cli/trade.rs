@@ -40,6 +40,15 @@ fn a_run_is_given_an_error() {
     assert_eq!(short.code, 3, "{}", short.errors);
     assert!(notes(&short).iter().any(|id| id == "error-not-reached"));
     assert_eq!(place.run(&["--max-error", "7"]).code, 2);
+    // A preset of few samples bounds a run that is given no error, and not one that is.
+    place.write(&INSERT.replace("samples: 4", "samples: 16"));
+    let chosen = |arguments: &[&str]| -> Vec<Value> {
+        let told = place.run(&[&["--max-error", "1.0"], arguments].concat());
+        assert_eq!(told.code, 0, "{}", told.errors);
+        told.events.into_iter().filter(|e| e["event"] == "chosen").map(|e| e["settings"].clone()).collect()
+    };
+    assert_eq!(chosen(&["--preset", "draft"]), [serde_json::json!(["trace.samples=16"])]);
+    assert!(chosen(&["--preset", "final"]).is_empty() && chosen(&["--set", "trace.samples=2"]).is_empty());
     let without = Place::new(r#"Graph(version: 1, scene: (up: "+z"), nodes: (demo: DemoScene()))"#);
     let told = without.run(&["--max-error", "0.1"]);
     assert!(told.code == 2 && told.events[0]["message"].as_str().unwrap().contains("takes samples"));
@@ -49,14 +58,22 @@ fn a_run_is_given_an_error() {
 #[test]
 fn a_run_is_given_a_time() {
     let place = Place::new(&INSERT.replace("samples: 4", "samples: 16"));
-    let unknown = place.run(&["--time", "10s"]);
-    assert!(unknown.code == 2 && unknown.events[0]["message"].as_str().unwrap().contains("not known"));
-    assert_eq!(place.run(&[]).code, 0);
-    for (time, yaw, samples) in [("9d", "50", "trace.samples=16"), ("0s", "70", "trace.samples=4")] {
-        let told = place.run(&["--time", time, "--set", &format!("pose.yaw_deg={yaw}")]);
-        let chosen = told.events.iter().find(|event| event["event"] == "chosen").unwrap();
-        assert_eq!((told.code, &chosen["settings"]), (0, &serde_json::json!([samples])), "{}", told.errors);
+    // Nothing is known of samples at first, so a few are taken to find out, and kept.
+    let all = (["trace.samples=4", "trace.samples=16"], ["trace.samples=16"]);
+    let few = (["trace.samples=4", "trace.samples=4"], ["trace.samples=4"]);
+    for (time, (cold, warm)) in [("9d", all), ("0s", few)] {
+        let _ = std::fs::remove_dir_all(place.path("cache"));
+        for (yaw, settings) in [("50", &cold[..]), ("70", &warm[..])] {
+            let told = place.run(&["--time", time, "--set", &format!("pose.yaw_deg={yaw}")]);
+            let chosen = told.events.iter().filter(|event| event["event"] == "chosen");
+            let chosen: Vec<&str> = chosen.map(|event| event["settings"][0].as_str().unwrap()).collect();
+            assert_eq!((told.code, chosen), (0, settings.to_vec()), "{}", told.errors);
+            assert_eq!(told.events.iter().filter(|event| event["event"] == "done").count(), 1);
+        }
     }
+    let told = place.outputs();
+    let plain = place.run(&["--set", "trace.samples=4", "--set", "pose.yaw_deg=70"]);
+    assert_eq!((plain.code, place.outputs()), (0, told), "the same as where the number was given");
     assert_eq!(place.run(&["--time", "soon"]).code, 2);
 }
 

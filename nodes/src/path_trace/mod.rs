@@ -50,7 +50,7 @@ use plan::Goal;
 use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 use shot::{Running, finish};
 use stage::Stage;
-use told::{assemble, remark, tell, tell_cropped, tell_cut, tell_lost, tell_plan, tell_variance};
+use told::{assemble, remark, tell, tell_cropped, tell_cut, tell_first, tell_lost, tell_plan, tell_variance};
 use walk::World;
 
 engine::params! {
@@ -62,7 +62,7 @@ engine::params! {
     /// room the receiver would keep out the light that the panorama already shows; `env_block`, `bounce` and
     /// `object_specular_sees` say how it treats each sort of ray, and by default that is found out.
     pub struct PathTrace {
-        /// Paths a pixel, or with `max_error` the most of them.
+        /// Paths a pixel, or with `max_error` the most of them, which is 4 at least.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
         /// Standard error that is asked for, of the ratio `with / without` where it is seen (relative to it where it
         /// is above 1, and none where `without` is below a thousandth of its mean) and of `object` relative to its
@@ -83,7 +83,7 @@ engine::params! {
         near_field: NearField = NearField::Auto, other("Off");
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
-        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Filter, "", "", "", "0.0");
+        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
         /// How far the receiver's height may be wrong where an object stands: what the camera sees of it within
         /// that of the object's base is taken to be level with the base. A mesh that lies too low would show a
         /// black gap under the object, one too high would hide its foot. `None` measures the mesh's roughness
@@ -132,6 +132,13 @@ engine::outputs! {
         variance: Arc<Images>,
         /// Decisions, means, standard errors, rays.
         report: Arc<Report>,
+    }
+}
+
+impl PathTrace {
+    /// The most samples of a pixel: an error is judged by a first chunk, whatever `samples` says.
+    fn most(&self) -> u32 {
+        if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 }
 
@@ -190,7 +197,7 @@ impl Kind for PathTrace {
     }
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {
-        let samples = f64::from(params.samples);
+        let samples = f64::from(params.most());
         // A guess: at the edge of a shadow one sample is off by 0.2, and such tiles are a tenth of the picture.
         let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
         let coarse = f64::from(params.coarse_px);
@@ -198,10 +205,6 @@ impl Kind for PathTrace {
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
-        if params.max_error.is_some() && params.samples < film::FIRST {
-            let hint = "with max_error, samples is the most that are taken";
-            return Err(NodeError::new("max_error needs 4 samples or more").at("samples").hint(hint));
-        }
         if params.near_field == NearField::On && params.env_block == EnvBlock::Paper {
             let text = "the printed visibility has no near field: the camera does not see the receiver";
             return Err(NodeError::new(text)
@@ -261,8 +264,10 @@ impl Kind for PathTrace {
         tell(&felt, cx.metres_per_unit(), &mut notes);
         let contact = (up.to_array(), params.contact_metres);
         let limit = (params.crop > 0.0).then_some(params.crop);
+        let most = params.most();
+        tell_first(params.samples, most, &mut notes);
         // Without an error to reach every sample is in the plan.
-        let chunks = chunks(params.samples);
+        let chunks = chunks(most);
         let (first, share) =
             if params.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
         let world =
@@ -311,7 +316,7 @@ impl Kind for PathTrace {
             for &range in first {
                 take(&mut running, whole, range, &step)?;
             }
-            let goal = params.max_error.map(|asked| Goal::new(asked, params.samples, &running));
+            let goal = params.max_error.map(|asked| Goal::new(asked, most, &running));
             let more = |running: &mut Running, area, range| take(running, area, range, &|| ());
             let blocks = |done: f32| tell(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut running, more, blocks)).transpose()?;
@@ -327,10 +332,10 @@ impl Kind for PathTrace {
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
         }
-        tell_variance(params.samples, shots.iter().map(|shot| shot.beyond).sum(), &mut notes);
+        tell_variance(most, shots.iter().map(|shot| shot.beyond).sum(), &mut notes);
         for (camera, shot) in inputs.rig.cameras.iter().zip(&shots) {
             if let Some(reached) = &shot.reached {
-                tell_plan(&camera.name, reached, params.samples, &mut notes);
+                tell_plan(&camera.name, reached, most, &mut notes);
             }
             tell_cropped(&camera.name, shot.cropped, &mut notes);
             tell_cut(&camera.name, shot.cut, params.max_bounces, &mut notes);

@@ -125,6 +125,15 @@ fn block_text(block: &Block) -> String {
     }
 }
 
+/// Tells that an error that was asked for takes more samples than `samples` says.
+pub(super) fn tell_first(samples: u32, most: u32, notes: &mut Notes) {
+    if most > samples {
+        let text =
+            format!("`samples` is {samples}, and `max_error` is judged by a first {most}, which are taken");
+        notes.decision("first-samples", text);
+    }
+}
+
 /// Tells how many samples an error that was asked for took.
 pub(super) fn tell_plan(view: &str, reached: &Reached, most: u32, notes: &mut Notes) {
     let Reached { asked, worst, blocks: [all, more, short], samples, .. } = *reached;

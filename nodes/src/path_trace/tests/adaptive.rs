@@ -56,6 +56,23 @@ fn blocks_are_those_of_whole_pictures() {
     assert!(first > 1_000 && more > 1_000, "{first} {more}");
 }
 
+// An error is judged by a first chunk of samples, however few are asked for.
+#[test]
+fn fewer_samples_than_the_first_are_raised_to_it() {
+    let (plane, objects, rig) = far(16);
+    let render = |p: &PathTrace| render(p, &plane, &objects, &rig, &sunny());
+    let raised = |notes: &Notes| notes.iter().any(|n| n.id == "first-samples");
+    let (four, notes) = render(&until(1e-6, 4));
+    assert!(!raised(&notes));
+    for samples in [1, 3] {
+        assert!(PathTrace::check(&until(1e-6, samples)).is_ok());
+        let (out, notes) = render(&until(1e-6, samples));
+        assert_eq!(layers(&out), layers(&four));
+        assert!(raised(&notes) && notes.is_degraded(), "what 4 do not reach is told");
+        assert!(!raised(&render(&params(samples, EnvBlock::Solid)).1));
+    }
+}
+
 // What is asked for is reached, by the node's own account, with fewer rays than samples everywhere take, and for any
 // number of threads alike.
 #[test]
