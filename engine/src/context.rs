@@ -89,6 +89,11 @@ pub enum ContextField {
     Recipe,
 }
 
+impl ContextField {
+    pub(crate) const ALL: &'static [Self] =
+        &[Self::Up, Self::MetresPerUnit, Self::Seed, Self::Wired, Self::Points, Self::Recipe];
+}
+
 /// Axes, each with the value at which a node stands, in RON: `[("yaw", "15.0")]`.
 pub type Point = Vec<(String, String)>;
 
@@ -164,7 +169,7 @@ impl Context {
     pub fn detached(scene: Scene, folder: impl Into<PathBuf>) -> Self {
         Self {
             scene,
-            reads: &[ContextField::Up, ContextField::MetresPerUnit, ContextField::Seed],
+            reads: ContextField::ALL,
             recipe: None,
             wired: Wired::default(),
             points: Vec::new(),
@@ -221,18 +226,21 @@ impl Context {
     /// The canonical graph above this node, for the metadata of written pictures: nodes renamed in
     /// order, every parameter written, sources by digest. The kind must declare [`ContextField::Recipe`].
     pub fn recipe(&self) -> Option<&str> {
+        self.declared(ContextField::Recipe);
         self.recipe.as_deref()
     }
 
     /// For each wire of an input, the name of the output it comes from: `["colour", "depth"]`. The kind
     /// must declare [`ContextField::Wired`]. Empty in a detached context.
     pub fn wired(&self, input: &str) -> &[&'static str] {
+        self.declared(ContextField::Wired);
         self.wired.of(input)
     }
 
     /// For each wire of an input, the axes that its node runs along with its values there:
     /// `[("yaw", "15.0")]`. The kind must declare [`ContextField::Points`]. Empty in a detached context.
     pub fn points(&self, input: &str) -> &[Point] {
+        self.declared(ContextField::Points);
         self.points.iter().find(|(port, _)| *port == input).map_or(&[], |(_, points)| points)
     }
 

@@ -1,6 +1,6 @@
 //! Knobs: parameters that trade work for accuracy, declared beside their meaning, and the presets over them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 use serde::Serialize;
@@ -192,10 +192,13 @@ fn varies(field: &RawField<'_>) -> bool {
 }
 
 impl Source {
-    /// The names of the graph's own presets. What is wrong with the text is told when it is checked.
+    /// The names of the graph's own presets and those of included files, each once. What is wrong with the text is told when it is checked.
     pub fn own_presets(&self, root: &SourceRoot) -> Vec<String> {
         let document = parse_all(self, root, &mut Vec::new());
-        document.presets.iter().map(|preset| preset.name.to_owned()).collect()
+        let mut names: Vec<String> = document.presets.iter().map(|preset| preset.name.to_owned()).collect();
+        let mut seen = BTreeSet::new();
+        names.retain(|name| seen.insert(name.clone()));
+        names
     }
 
     /// Lays a preset over the graph: one of its own, or else one of [`PRESETS`], which sets every knob of
