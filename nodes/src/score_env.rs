@@ -5,7 +5,7 @@ use std::sync::Arc;
 use engine::{Context, Kind, NodeError, Notes};
 use glam::DVec3;
 
-use crate::equirect::axes;
+use crate::equirect::{axes, pixel_solid_angle};
 use crate::error::Error;
 use crate::light::measure::{self, cells, contrast, dominant, irradiance, luminance, spiral};
 use crate::light::spheres::{Sphere, sphere_error};
@@ -49,7 +49,7 @@ const COARSE: usize = 128;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -118,9 +118,9 @@ fn score(
     let angle = |a: DVec3, b: DVec3| num::atan2(a.cross(b).length(), a.dot(b)).to_degrees();
     let off = light.zip(found).map(|(a, b)| angle(a, b));
     let above = axes(truth.up)[2];
-    let contrasts = light.zip(found).map(|(light, _)| {
-        let of = |cells: &[measure::Cell]| num::f64::log2(contrast(cells, light, above).max(1e-4));
-        of(&fine) - of(&fine_truth)
+    let contrasts = light.zip(found).and_then(|(light, _)| {
+        let of = |cells: &[measure::Cell]| Some(num::f64::log2(contrast(cells, light, above)?.max(1e-4)));
+        Some(of(&fine)? - of(&fine_truth)?)
     });
     let peak = |cells: &[measure::Cell]| cells.iter().map(|cell| luminance(cell.rgb)).fold(0.0, f64::max);
     let (peak, peak_truth) = (peak(&fine), peak(&fine_truth));
@@ -172,18 +172,35 @@ const SPHERES: [(Sphere, [&str; 2]); 3] = [
     ),
 ];
 
-/// On the finest grid that both fill: the mean absolute difference of radiance over channels and solid angle,
-/// relative to the mean of the truth; and log2 of the ratio of the energies. `None` where one is black.
+/// The mean absolute difference of radiance over channels and solid angle, relative to the mean of the truth, texel by
+/// texel, of panoramas of two sizes on the finest grid that both fill; and log2 of the ratio of the energies. `None`
+/// where one is black.
 fn weighed(env: &Environment, truth: &Environment) -> (Option<f64>, Option<f64>) {
-    // Heights may bound the grid, too: both must have cells in the same places.
-    let common = |of: &Environment| of.image.width.min(2 * of.image.height);
-    let columns = FINE.min(common(env)).min(common(truth));
     let (mut off, mut found, mut want) = (0.0, 0.0, 0.0);
-    for (f, t) in cells(env, columns).iter().zip(&cells(truth, columns)) {
-        for (a, b) in f.rgb.iter().zip(&t.rgb) {
-            off += (a - b).abs() * t.solid_angle;
-            found += a * f.solid_angle;
-            want += b * t.solid_angle;
+    let mut add = |[a, b]: [[f64; 3]; 2], solid_angle: f64| {
+        for (a, b) in a.into_iter().zip(b) {
+            off += (a - b).abs() * solid_angle;
+            found += a * solid_angle;
+            want += b * solid_angle;
+        }
+    };
+    let (width, height) = (truth.image.width, truth.image.height);
+    if (env.image.width, env.image.height) == (width, height) {
+        for i in 0..width * height {
+            let (x, y) = (i % width, i / width);
+            add(
+                [env, truth].map(|of| of.image.rgb(x, y).map(f64::from)),
+                pixel_solid_angle(width, height, y),
+            );
+        }
+    } else {
+        // Heights may bound the grid, too: both must have cells in the same places.
+        let columns = [env, truth]
+            .map(|of| of.image.width.min(2 * of.image.height))
+            .into_iter()
+            .fold(width, usize::min);
+        for (f, t) in cells(env, columns).iter().zip(&cells(truth, columns)) {
+            add([f.rgb, t.rgb], t.solid_angle);
         }
     }
     ((want > 0.0).then(|| off / want), (found > 0.0 && want > 0.0).then(|| num::f64::log2(found / want)))
@@ -239,6 +256,43 @@ mod tests {
         let found = scores(env(256, moved, 900.0), env(256, sun, 900.0));
         let want = num::f64::acos(moved.dot(sun)).to_degrees();
         assert!((found[2] - want).abs() < 0.5, "{} {want}", found[2]);
+    }
+
+    /// Light of any strength is scored alike, and of two strengths by their ratio alone.
+    /// Mutation: `rest > 0.0` to `rest > 1e-9` in `contrast`.
+    #[test]
+    fn scores_do_not_depend_on_the_unit_of_light() {
+        let (a, b) = (DVec3::new(0.4, 0.7, 0.2).normalize(), DVec3::new(0.38, 0.7, 0.25).normalize());
+        let scaled = |mut env: Environment, by: f32| {
+            env.image.samples.iter_mut().for_each(|v| *v *= by);
+            env
+        };
+        let at = |found: f32, truth: f32| {
+            scores(scaled(env(128, a, 700.0), found), scaled(env(128, b, 900.0), truth))
+        };
+        let plain = at(1.0, 1.0);
+        assert!(plain[3] < -0.1, "{plain:?}");
+        for unit in [1e-30, 1e-12, 1e12, 1e30] {
+            for (score, plain) in at(unit, unit).iter().zip(&plain) {
+                assert!((score - plain).abs() < 1e-4 * (1.0 + plain.abs()), "{unit}: {score} {plain}");
+            }
+            assert!((at(unit, 1.0)[3] - plain[3]).abs() < 1e-5, "{unit}");
+        }
+    }
+
+    /// The panorama is compared texel by texel at any size.
+    /// Mutation: `cells` of 256 columns for both.
+    #[test]
+    fn the_panorama_is_compared_texel_by_texel() {
+        let mut truth = env(512, DVec3::Y, 0.3);
+        let mut found = truth.clone();
+        for (i, pixel) in found.image.samples.chunks_exact_mut(3).enumerate() {
+            pixel.iter_mut().for_each(|v| *v *= if (i + i / 512).is_multiple_of(2) { 1.5 } else { 0.5 });
+        }
+        assert!((scores(found, truth.clone())[11] - 0.5).abs() < 1e-6);
+        // Of two sizes, by the means of what lies in a texel of the coarser.
+        truth.image.samples.iter_mut().for_each(|v| *v *= 1.25);
+        assert!((scores(truth, env(256, DVec3::Y, 0.3))[11] - 0.25).abs() < 1e-6);
     }
 
     #[test]

@@ -1,5 +1,4 @@
-//! What light is judged by: irradiance, the dominant direction, contrast. Definitions as in
-//! `eval_pano.py` of the evidence for this task, in f64.
+//! What light is judged by, in float64: irradiance, the dominant direction, contrast.
 
 use std::f64::consts::PI;
 
@@ -108,16 +107,16 @@ pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
     sum.try_normalize().or(Some(around))
 }
 
-/// Irradiance of a plane from within 15 degrees of `light`, over that from elsewhere. The plane is
-/// the ground, or faces the light where that is low.
-pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> f64 {
+/// Irradiance of a plane from within 15 degrees of `light`, over that from elsewhere; `None` where nothing comes from
+/// there. The plane is the ground, or faces the light where that is low.
+pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {
     let normal = if light.dot(up) > 0.1 { up } else { light };
     let (mut near, mut rest) = (0.0, 0.0);
     for cell in cells {
         let power = cell.direction.dot(normal).max(0.0) * cell.solid_angle * cell.luminance();
         if cell.direction.dot(light) > DOMINANT_COS { near += power } else { rest += power }
     }
-    near / rest.max(1e-9)
+    (rest > 0.0).then(|| near / rest)
 }
 
 /// (azimuth, elevation) of a direction in degrees: azimuth is 0 forward and grows to the right,
@@ -170,7 +169,7 @@ mod tests {
         let (fine, coarse) = (cells(&env, 256), cells(&env, 128));
         let found = dominant(&coarse, &fine).expect("there is light");
         assert!(found.dot(light) > 0.9995, "{found}");
-        assert!(contrast(&fine, light, DVec3::Z) > 1.0);
+        assert!(contrast(&fine, light, DVec3::Z).is_some_and(|contrast| contrast > 1.0));
         let (azimuth, elevation) = angles_deg(Up::PlusZ, light);
         assert!((azimuth - 149.04).abs() < 0.01 && (elevation - 45.82).abs() < 0.01, "{azimuth} {elevation}");
     }

@@ -13,7 +13,6 @@ mod splat;
 mod trace;
 
 /// A file of the shared data.
-#[allow(dead_code, reason = "used by the modules as they fill")]
 fn data(path: &str) -> std::path::PathBuf {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(path);
     assert!(root.exists(), "{} is missing", root.display());

@@ -7,7 +7,8 @@ use nodes::compare::{self, Compare, Space};
 use nodes::load_image::{self, FileEncoding, LoadImage};
 use nodes::metrics::{Exposures, PIXELS_PER_DEGREE, Plane, hdr_flip_map};
 use nodes::region_masks::{self, RegionMasks};
-use nodes::types::{Cell, Images, Report};
+use nodes::score_env::{self, ScoreEnv};
+use nodes::types::{Cell, Environment, Images, Picture, Report};
 
 use super::data;
 
@@ -109,6 +110,35 @@ fn relative_mse_agrees_on_linear_light() {
         let (ours, theirs) =
             (table(&report, 0, "psnr"), -10.0 * nodes::num::f64::log10(number(&wanted["mse"])));
         assert!((ours - theirs).abs() < 1e-9, "{name}: {ours} against {theirs}");
+    }
+}
+
+/// `score-env` on the same pictures taken for panorama and truth: its error over the mean of the truth, by solid angle.
+#[test]
+fn panoramas_are_weighed_as_the_reference_does() {
+    for (name, wanted) in refs()["hdr"].as_object().unwrap() {
+        let file = |part: &str| {
+            let images = image(&format!("metric-refs/{name}_{part}.exr"), FileEncoding::Auto);
+            let Picture::Linear(image) = images.0[0].picture.clone() else { panic!("is linear") };
+            Arc::new(Environment { image, up: Up::PlusZ, origin: None })
+        };
+        let (env, truth) = (file("test"), file("ref"));
+        let (mut mean, mut sphere) = (0.0, 0.0);
+        let (width, height) = (truth.image.width, truth.image.height);
+        for i in 0..width * height {
+            let weight = nodes::equirect::pixel_solid_angle(width, height, i / width);
+            sphere += 3.0 * weight;
+            mean += weight * truth.image.rgb(i % width, i / width).map(f64::from).iter().sum::<f64>();
+        }
+        let report =
+            ScoreEnv::run(&ScoreEnv { normals: 16 }, score_env::In { env, truth }, &cx()).unwrap().0.report;
+        let row = report.tables[0]
+            .rows
+            .iter()
+            .find(|row| matches!(&row[0], Cell::Text(t) if t.starts_with("panorama,")));
+        let Cell::Number(ours) = row.unwrap()[1] else { panic!("is a number") };
+        let theirs = number(&wanted["solid_angle_weighted_mae"]) / (mean / sphere);
+        assert!((ours / theirs - 1.0).abs() < 1e-9, "{name}: {ours} against {theirs}");
     }
 }
 
