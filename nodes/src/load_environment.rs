@@ -45,7 +45,7 @@ engine::outputs! {
 
 impl Kind for LoadEnvironment {
     const NAME: &'static str = "load-environment";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -73,9 +73,9 @@ impl Kind for LoadEnvironment {
         let (width, height, _) = picture.size();
         drop(picture);
         scale(&mut rgb, p.scale, &mut notes);
-        let turned = turn(&rgb, width, p.rotation_deg, cx)?;
+        let turned = turn::<3>(rgb.as_chunks().0, width, p.rotation_deg, cx)?;
         drop(rgb);
-        let image = Image::from_samples(width, height, 3, turned);
+        let image = Image::from_samples(width, height, 3, turned.into_flattened());
         let picture = Arc::new(Images::single("env", image.clone()));
         let env = Arc::new(Environment { image, up: cx.up(), origin: p.origin.map(DVec3::from_array) });
         Ok((Out { env, image: picture }, notes))
@@ -95,9 +95,7 @@ fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
         ("radiance-negative", negative, "samples lie below 0 and were set to 0"),
         ("radiance-capped", capped, "samples are more than a number can hold once scaled, and were cut off"),
     ] {
-        if count > 0 {
-            notes.count(id, count, what);
-        }
+        notes.count(id, count, what);
     }
 }
 

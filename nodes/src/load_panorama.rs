@@ -53,7 +53,7 @@ engine::outputs! {
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -65,8 +65,8 @@ impl Kind for LoadPanorama {
     }
 
     fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
-        // Colours and alpha in three floats each, both as they were and turned, rows while they turn, and for a
-        // photograph its luminance.
+        // Premultiplied colours as they were and turned, rows while they turn, what they become, and for a photograph
+        // its luminance.
         let copies = 4 + u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
@@ -80,11 +80,9 @@ impl Kind for LoadPanorama {
         let picture = whole_sphere::open(&p.path, &mut notes, cx)?;
         let (width, height, _) = picture.size();
         let linear = matches!(picture, Picture::Linear(_));
-        let (mut samples, alpha) =
-            straight(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
+        let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
         drop(picture);
-        let alpha: Vec<f32> = turn(&alpha, width, p.rotation_deg, cx)?.into_iter().step_by(3).collect();
-        samples = turn(&samples, width, p.rotation_deg, cx)?;
+        let (samples, alpha) = straight(turn(&pixels, width, p.rotation_deg, cx)?);
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
                 let error = NodeError::new("the file holds display colours, which are a photograph already");
@@ -116,11 +114,10 @@ impl Kind for LoadPanorama {
     }
 }
 
-/// RGB not premultiplied, at least 0, and alpha three times a pixel.
-fn straight(picture: &Picture, notes: &mut Notes) -> Result<(Vec<f32>, Vec<f32>), Error> {
+/// Premultiplied colours of at least 0 with alpha from 0 to 1.
+fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, Error> {
     let (width, height, channels) = picture.size();
-    let mut rgb = Vec::with_capacity(width * height * 3);
-    let mut alpha = Vec::with_capacity(width * height * 3);
+    let mut pixels = Vec::with_capacity(width * height);
     for pixel in picture.samples().chunks_exact(channels) {
         let (colour, a) = match *pixel {
             [y] => ([y; 3], 1.0),
@@ -129,15 +126,20 @@ fn straight(picture: &Picture, notes: &mut Notes) -> Result<(Vec<f32>, Vec<f32>)
             [r, g, b, a] => ([r, g, b], a),
             _ => return Err(Error::Mismatch(format!("{channels} channels are no colours"))),
         };
-        let a = a.clamp(0.0, 1.0);
-        rgb.extend(colour.map(|v| if a > 0.0 { (v / a).clamp(0.0, f32::MAX) } else { 0.0 }));
-        alpha.extend([a; 3]);
+        let [r, g, b] = colour.map(|v| v.clamp(0.0, f32::MAX));
+        pixels.push([r, g, b, a.clamp(0.0, 1.0)]);
     }
     let negative = picture.samples().iter().filter(|v| **v < 0.0).count() as u64;
-    if negative > 0 {
-        notes.count("below-zero", negative, "samples lie below 0 and were set to 0");
-    }
-    Ok((rgb, alpha))
+    notes.count("below-zero", negative, "samples lie below 0 and were set to 0");
+    Ok(pixels)
+}
+
+/// Colours as they are where they are seen, and how much of each is.
+fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
+    let alpha = pixels.iter().map(|pixel| pixel[3]).collect();
+    let colour =
+        |[r, g, b, a]: [f32; 4]| [r, g, b].map(|v| if a > 0.0 { (v / a).min(f32::MAX) } else { 0.0 });
+    (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
 /// What a camera takes of the light, and the light at the camera's exposure.
@@ -175,13 +177,21 @@ mod tests {
     use engine::Scene;
 
     fn load(bytes: &[u8], photograph_ev: Option<f64>) -> Result<(Out, Notes), NodeError> {
+        turned(bytes, photograph_ev, 0.0)
+    }
+
+    fn turned(
+        bytes: &[u8],
+        photograph_ev: Option<f64>,
+        rotation_deg: f64,
+    ) -> Result<(Out, Notes), NodeError> {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("a"), bytes).expect("writes");
         let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
         let p = LoadPanorama {
             path: InputFile("a".into()),
             photograph_ev,
-            rotation_deg: 0.0,
+            rotation_deg,
             origin: [1.0, 2.0, 3.0],
         };
         LoadPanorama::run(&p, In {}, &cx)
@@ -213,6 +223,25 @@ mod tests {
         // As it is, nothing clips.
         let (out, _) = load(&hdr(rgb), None).expect("loads");
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));
+    }
+
+    /// Turned by a part of a pixel a hole gets a soft rim, and no dark one.
+    /// Mutation: `straight` before `turn`.
+    #[test]
+    fn a_turn_mixes_what_is_seen() {
+        let (seen, hole) = ([200, 100, 50, 255], [0, 0, 0, 0]);
+        let codes = (0..32).flat_map(|i| if i == 11 { hole } else { seen }).collect();
+        let raster = Raster { width: 8, height: 4, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let file = png::write(&raster, false, &[]).expect("writes");
+        let (out, _) = turned(&file, None, 15.0).expect("loads");
+        let alphas: Vec<f32> = out.pano.alpha.samples.iter().copied().filter(|a| *a < 1.0).collect();
+        assert!(alphas.len() == 2 && (alphas[0] + alphas[1] - 1.0).abs() < 1e-6, "{alphas:?}");
+        for pixel in out.pano.image.samples().chunks_exact(3) {
+            assert!(
+                pixel.iter().zip([200.0, 100.0, 50.0]).all(|(v, code)| (v - code / 255.0).abs() < 1e-6),
+                "{pixel:?}"
+            );
+        }
     }
 
     #[test]

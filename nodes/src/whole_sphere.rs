@@ -46,24 +46,30 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     Ok(rgb)
 }
 
-/// Moves every row to the left by the turn: light of forward goes to the left of forward.
-pub(crate) fn turn(rgb: &[f32], width: usize, degrees: f64, cx: &Context) -> Result<Vec<f32>, NodeError> {
+/// Moves every row of pixels of `N` samples to the left by the turn: light of forward goes to the left of forward.
+pub(crate) fn turn<const N: usize>(
+    pixels: &[[f32; N]],
+    width: usize,
+    degrees: f64,
+    cx: &Context,
+) -> Result<Vec<[f32; N]>, NodeError> {
     let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
     let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
     if whole == 0 && part == 0.0 {
-        return Ok(rgb.to_vec());
+        return Ok(pixels.to_vec());
     }
-    let rows = cx.for_each_tile(rgb.len() / (width * 3), |y| {
-        let row = &rgb[y * width * 3..(y + 1) * width * 3];
-        let mut out = Vec::with_capacity(row.len());
-        for x in 0..width {
-            let (a, b) = ((x + whole) % width * 3, (x + whole + 1) % width * 3);
-            for c in 0..3 {
-                let (near, far) = (row[a + c], row[b + c]);
-                out.push(if part == 0.0 { near } else { near * (1.0 - part) + far * part });
+    let rows = cx.for_each_tile(pixels.len() / width, |y| {
+        let row = &pixels[y * width..(y + 1) * width];
+        let turned = |x: usize| {
+            let (near, far) = (row[(x + whole) % width], row[(x + whole + 1) % width]);
+            if part == 0.0 {
+                return near;
             }
-        }
-        out
+            // Where both are the same, so is what lies between: alpha stays 1.
+            let mix = |a: f32, b: f32| if a == b { a } else { a * (1.0 - part) + b * part };
+            std::array::from_fn(|c| mix(near[c], far[c]))
+        };
+        (0..width).map(turned).collect::<Vec<_>>()
     })?;
     Ok(rows.concat())
 }
@@ -85,10 +91,10 @@ mod tests {
     fn turns_as_a_pose_does() {
         let (width, height) = (72, 36);
         for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {
-            let mut rgb = vec![0.0; width * height * 3];
-            rgb[(18 * width + 36) * 3] = 1.0;
-            let turned = turn(&rgb, width, 25.0, &detached(up)).unwrap_or_else(|e| panic!("{e}"));
-            let at = turned.iter().position(|v| *v > 0.9).unwrap_or_default() / 3;
+            let mut light = vec![[0.0]; width * height];
+            light[18 * width + 36] = [1.0];
+            let turned = turn(&light, width, 25.0, &detached(up)).unwrap_or_else(|e| panic!("{e}"));
+            let at = turned.iter().position(|v| v[0] > 0.9).unwrap_or_default();
             let seen = |x: usize| equirect::direction(up, (x as f64 + 0.5) / 72.0, (18.5) / 36.0);
             let expected: DVec3 = yaw(equirect::axes(up), 25.0) * seen(36);
             assert!((seen(at % width) - expected).length() < 1e-9, "{up:?}");
@@ -97,11 +103,12 @@ mod tests {
 
     #[test]
     fn any_turn_keeps_the_energy_of_rows() {
-        let rgb: Vec<f32> = (0..32 * 2 * 3).map(|i| (i * 37 % 11) as f32).collect();
+        let rgb: Vec<[f32; 3]> =
+            (0..32 * 2).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(|i| (i * 37 % 11) as f32)).collect();
         for degrees in [0.0, 1.7, 360.0, -723.4] {
             let turned = turn(&rgb, 32, degrees, &detached(Up::PlusZ)).unwrap_or_else(|e| panic!("{e}"));
             for row in 0..2 {
-                let sum = |v: &[f32]| v[row * 96..(row + 1) * 96].iter().sum::<f32>();
+                let sum = |v: &[[f32; 3]]| v[row * 32..(row + 1) * 32].as_flattened().iter().sum::<f32>();
                 assert!((sum(&turned) - sum(&rgb)).abs() < 1e-3);
             }
         }

@@ -49,7 +49,7 @@ pub struct Hit {
 #[derive(Debug, Clone, Copy)]
 struct Node {
     bounds: [[Vec4; 2]; 3],
-    /// Node index, or [`LEAF`] + packets in bits 27.. + index of the first packet.
+    /// Node index, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
     children: [u32; 4],
 }
 

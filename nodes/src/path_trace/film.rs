@@ -5,7 +5,7 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 use serde::Serialize;
 
 use super::crop::Place;
-use crate::types::Camera;
+use crate::types::{Camera, grouped};
 
 /// Side of the square tiles that are traced at once, in pixels.
 pub const TILE: u32 = 8;
@@ -208,9 +208,12 @@ impl Artifact for Sums {
             untouched: from.u64()?,
             ..Self::default()
         };
-        all.cropped = (from.u64()?, from.f32s()?.first().copied().unwrap_or_default());
-        let values = from.f32s()?;
-        all.places = values.as_chunks().0.iter().map(Place::from_values).collect();
+        let cropped = from.u64()?;
+        let [largest] = from.f32s()?[..] else {
+            return Err(Corrupt("not one bound of what was cropped".to_owned()));
+        };
+        all.cropped = (cropped, largest);
+        all.places = grouped(from.f32s()?)?.iter().map(Place::from_values).collect();
         Ok(all)
     }
 

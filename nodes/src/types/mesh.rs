@@ -42,10 +42,10 @@ impl Artifact for Mesh {
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
         let mesh = Self {
-            positions: triples(from.f32s()?)?,
-            positions_low: triples(from.f32s()?)?,
-            colours: triples(from.f32s()?)?,
-            triangles: triples(from.u32s()?)?,
+            positions: grouped(from.f32s()?)?,
+            positions_low: grouped(from.f32s()?)?,
+            colours: grouped(from.f32s()?)?,
+            triangles: grouped(from.u32s()?)?,
         };
         let vertices = mesh.positions.len();
         let fit = |len: usize| len == 0 || len == vertices;
@@ -75,11 +75,12 @@ impl Artifact for Mesh {
     }
 }
 
-pub(crate) fn triples<T: Copy>(flat: Vec<T>) -> Result<Vec<[T; 3]>, Corrupt> {
-    let (whole, rest) = flat.as_chunks::<3>();
+/// Numbers in groups of `N`, all of them.
+pub(crate) fn grouped<T: Copy, const N: usize>(flat: Vec<T>) -> Result<Vec<[T; N]>, Corrupt> {
+    let (whole, rest) = flat.as_chunks::<N>();
     if rest.is_empty() {
         Ok(whole.to_vec())
     } else {
-        Err(Corrupt("a count that is no multiple of 3".to_owned()))
+        Err(Corrupt(format!("a count that is no multiple of {N}")))
     }
 }

@@ -18,6 +18,7 @@ pub use material::{
     Sampler, Sheen, Specular, Texture, TextureRef, TextureTransform, Wrap,
 };
 pub use mesh::Mesh;
+pub(crate) use mesh::grouped;
 pub use object::{Object, Placed, Primitive};
 pub use panorama::{Brackets, Panorama};
 pub use pose::Pose;

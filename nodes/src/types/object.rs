@@ -6,7 +6,7 @@ use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 use glam::DMat4;
 
 use super::material::{Material, Texture};
-use super::mesh::triples;
+use super::mesh::grouped;
 use super::rig::exactly;
 
 /// A part of an object with one material. Node transforms are already applied. Attribute arrays are
@@ -94,13 +94,13 @@ impl Artifact for Object {
         }
         for _ in 0..from.length(60)? {
             let primitive = Primitive {
-                positions: triples(from.f32s()?)?,
-                normals: triples(from.f32s()?)?,
-                tangents: from.f32s()?.as_chunks::<4>().0.to_vec(),
-                uv0: from.f32s()?.as_chunks::<2>().0.to_vec(),
-                uv1: from.f32s()?.as_chunks::<2>().0.to_vec(),
-                colours: from.f32s()?.as_chunks::<4>().0.to_vec(),
-                triangles: triples(from.u32s()?)?,
+                positions: grouped(from.f32s()?)?,
+                normals: grouped(from.f32s()?)?,
+                tangents: grouped(from.f32s()?)?,
+                uv0: grouped(from.f32s()?)?,
+                uv1: grouped(from.f32s()?)?,
+                colours: grouped(from.f32s()?)?,
+                triangles: grouped(from.u32s()?)?,
                 material: from.u32()?,
             };
             if !primitive.is_consistent() || primitive.material as usize >= object.materials.len() {

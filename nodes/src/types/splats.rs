@@ -3,7 +3,7 @@
 use engine::{Artifact, Corrupt, Decoder, Difference, Encoder};
 
 use super::image::{Data, Image, Images, Linear, NamedImage, Picture, Srgb, samples_difference};
-use super::mesh::triples;
+use super::mesh::grouped;
 use super::rig::{Camera, Rig};
 
 /// The encoding that splat colours were trained in, which is the one they are blended in.
@@ -86,26 +86,21 @@ impl Artifact for Splats {
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
-        let means = triples(from.f32s()?)?;
-        let means_low = triples(from.f32s()?)?;
-        let (quats, rest) = {
-            let flat = from.f32s()?;
-            (flat.as_chunks::<4>().0.to_vec(), flat.len() % 4)
-        };
+        let means = grouped(from.f32s()?)?;
+        let means_low = grouped(from.f32s()?)?;
         let splats = Self {
             means,
             means_low,
-            quats,
-            scales: triples(from.f32s()?)?,
+            quats: grouped(from.f32s()?)?,
+            scales: grouped(from.f32s()?)?,
             opacities: from.f32s()?,
             sh_degree: from.u32()?,
-            sh: triples(from.f32s()?)?,
+            sh: grouped(from.f32s()?)?,
             encoding: if from.bool()? { SplatEncoding::Linear } else { SplatEncoding::Srgb },
             antialiased: from.bool()?,
         };
         let n = splats.len();
-        let fits = rest == 0
-            && splats.sh_degree <= 4
+        let fits = splats.sh_degree <= 4
             && (splats.means_low.is_empty() || splats.means_low.len() == n)
             && splats.quats.len() == n
             && splats.scales.len() == n
