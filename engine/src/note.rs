@@ -56,9 +56,11 @@ impl Notes {
         self.push(Level::Decision, id, text.into());
     }
 
-    /// Tells how many of something there were.
+    /// Tells how many of something there were, if any.
     pub fn count(&mut self, id: &str, n: u64, of: impl std::fmt::Display) {
-        self.push(Level::Count, id, format!("{n} {of}"));
+        if n > 0 {
+            self.push(Level::Count, id, format!("{n} {of}"));
+        }
     }
 
     /// The remarks in order.

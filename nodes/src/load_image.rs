@@ -241,12 +241,8 @@ fn finite(
             }
         }
     }
-    if lost > 0 {
-        notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
-    }
-    if capped > 0 {
-        notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
-    }
+    notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
+    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
     Ok(samples)
 }
 

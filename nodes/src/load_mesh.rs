@@ -331,9 +331,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         ("colours-clamped", clamped, "vertex colours outside of 0 to 1 were clamped"),
         ("faces-fanned", raw.fanned, "faces of more than three corners were cut into fans"),
     ] {
-        if count > 0 {
-            notes.count(id, count, what);
-        }
+        notes.count(id, count, what);
     }
     if mesh.triangles.is_empty() {
         return Err(NodeError::from(Error::format(name, "has no triangle that can be used")).at("path"));

@@ -199,11 +199,9 @@ impl Kind for Denoise {
             cx.progress((index + 1) as f32 / views.len() as f32);
         }
         let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
-        if fireflies > 0 {
-            let what =
-                "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";
-            notes.count("fireflies", fireflies, what);
-        }
+        let what =
+            "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";
+        notes.count("fireflies", fireflies, what);
         Ok((Out { without, with, object }, notes))
     }
 }

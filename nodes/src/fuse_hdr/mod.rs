@@ -200,9 +200,7 @@ fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
         notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
     }
-    if pixels.negative > 0 {
-        notes.count("below-zero", pixels.negative, "samples below 0 count as black");
-    }
+    notes.count("below-zero", pixels.negative, "samples below 0 count as black");
 }
 
 /// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number is

@@ -487,9 +487,7 @@ impl<'a> Geometry<'a> {
                 "primitives are mirrored by their nodes; their triangles were turned over",
             ),
         ] {
-            if count > 0 {
-                notes.count(id, count, what);
-            }
+            notes.count(id, count, what);
         }
     }
 }

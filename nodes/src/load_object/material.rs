@@ -49,13 +49,7 @@ impl<'a> Materials<'a> {
     pub fn read(&mut self, notes: &mut Notes) -> Result<Vec<Material>, Error> {
         let list = self.json["materials"].as_array().map(Vec::as_slice).unwrap_or_default();
         let materials = list.iter().map(|m| self.material(m)).collect::<Result<_, _>>()?;
-        if self.clamped > 0 {
-            notes.count(
-                "factors-clamped",
-                self.clamped,
-                "material factors outside of their range were clamped",
-            );
-        }
+        notes.count("factors-clamped", self.clamped, "material factors outside of their range were clamped");
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }

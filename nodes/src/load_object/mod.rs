@@ -141,9 +141,7 @@ pub(crate) fn object(
         Vec::new()
     };
     let narrowed = textures.iter().filter(|(_, narrowed)| *narrowed).count() as u64;
-    if narrowed > 0 {
-        notes.count("textures-narrowed", narrowed, "textures of 16 bits were rounded to 8");
-    }
+    notes.count("textures-narrowed", narrowed, "textures of 16 bits were rounded to 8");
     cx.progress(0.5);
     let primitives = Geometry::new(name, &file, &buffers).scene(scene, &mut materials, cx, notes)?;
     Ok(Object { primitives, materials, textures: textures.into_iter().map(|(texture, _)| texture).collect() })

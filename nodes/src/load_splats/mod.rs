@@ -363,9 +363,7 @@ fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Resul
     for fault in RowFault::ALL {
         let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
         all += dropped;
-        if dropped > 0 {
-            notes.count(fault.id(), dropped, format!("splats of `{file}` {}; dropped", fault.words()));
-        }
+        notes.count(fault.id(), dropped, format!("splats of `{file}` {}; dropped", fault.words()));
     }
     if all * 2 > loaded.count as u64 {
         let text = format!("{all} of {} splats of `{file}` were dropped; is the file whole?", loaded.count);

@@ -176,9 +176,7 @@ impl Kind for PredictExposure {
         if regions.iter().any(|region| region.sun) {
             notes.decision("sun", "a small clipped region in a blue sky is taken for the sun");
         }
-        if !regions.is_empty() {
-            notes.count("clipped-regions", regions.len() as u64, "clipped regions");
-        }
+        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
         let (width, height) = (pixels.width, pixels.height);
         let evs = sorted(&params.evs);
         let photographed = taken.is_some();

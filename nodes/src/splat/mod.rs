@@ -96,14 +96,10 @@ impl Work {
             cx.count("splat_evaluations_f64", self.evaluations);
         }
         cx.count("splat_blends", self.blends);
-        if self.degenerate > 0 {
-            notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
-        }
-        if self.held > 0 {
-            let text =
-                format!("colours are above {:e}, where white is 1, or overflow; held at that", sh::LARGEST);
-            notes.count("colours-held", self.held, text);
-        }
+        notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
+        let text =
+            format!("colours are above {:e}, where white is 1, or overflow; held at that", sh::LARGEST);
+        notes.count("colours-held", self.held, text);
         // A scene and an eye in different frames give an empty picture, not an error.
         if self.projected * 100 < splats as u64 {
             let most = |count: u64| count * 2 >= self.visited + self.skipped;
