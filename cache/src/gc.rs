@@ -14,6 +14,7 @@ use crate::entry::Entry;
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
 use crate::history::Book;
+use crate::index;
 use crate::log::Log;
 use crate::store::{Store, kind, lock};
 
@@ -209,7 +210,7 @@ impl Store {
 
 /// What an entry takes in a log and its index.
 fn stored_size(payload: u64) -> u64 {
-    Entry::length(0) as u64 + payload + 49
+    Entry::length(0) as u64 + payload + index::ENTRY as u64
 }
 
 /// When each key in a book was used last.

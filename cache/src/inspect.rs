@@ -115,7 +115,7 @@ impl Store {
         }
         checked.bad.sort_unstable();
         checked.bad.dedup();
-        for key in self.record_keys() {
+        for key in self.record_keys()? {
             let Some(payload) = self.get_record(&key) else { continue };
             checked.records += 1;
             let served =
@@ -152,7 +152,7 @@ impl Store {
             let path = other.folder().unwrap_or(Path::new("the other cache"));
             return Err(Error::io("write to", path, source));
         }
-        let keys = keys.map_or_else(|| self.record_keys(), <[Digest]>::to_vec);
+        let keys = keys.map_or_else(|| self.record_keys(), |keys| Ok(keys.to_vec()))?;
         let mut copied = 0;
         'records: for (done, key) in keys.iter().enumerate() {
             if !progress(done as f64 / keys.len() as f64) {

@@ -304,8 +304,11 @@ impl Store {
     }
 
     /// The keys of all records, in order, as far as this process has read.
-    pub fn record_keys(&self) -> Vec<Digest> {
-        lock(&self.records).keys(kind::RECORD).unwrap_or_default()
+    ///
+    /// # Errors
+    /// When the log cannot be read.
+    pub fn record_keys(&self) -> Result<Vec<Digest>> {
+        lock(&self.records).keys(kind::RECORD)
     }
 
     // --- memos and history ---

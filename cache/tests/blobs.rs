@@ -242,6 +242,6 @@ fn threads_share_a_store() {
             });
         }
     });
-    assert_eq!(store.record_keys().len(), 200);
+    assert_eq!(store.record_keys().unwrap().len(), 200);
     assert_eq!(store.take_incidents(), []);
 }

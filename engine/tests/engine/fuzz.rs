@@ -146,7 +146,7 @@ fn records() {
     run(&lab, &engine, &graph);
     let store = engine.store();
     let good: Vec<(Digest, Vec<u8>)> =
-        store.record_keys().into_iter().map(|key| (key, store.get_record(&key).unwrap())).collect();
+        store.record_keys().unwrap().into_iter().map(|key| (key, store.get_record(&key).unwrap())).collect();
     for mut random in rounds(400) {
         let (key, payload) = &good[random.below(good.len())];
         let mut bytes = payload.clone();
@@ -171,7 +171,7 @@ fn compiled_graphs() {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let store = engine.store();
     load(store);
-    let key = store.record_keys()[0];
+    let key = store.record_keys().unwrap()[0];
     let good =
         store.get_record(&key).and_then(|blob| store.get_blob(&engine::blobs_of(&blob)[0]).ok()?).unwrap();
     for mut random in rounds(600) {
