@@ -153,7 +153,7 @@ fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
     if let Some(missing) = inputs.iter().find(|folder| !folder.is_dir()) {
         let source = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such folder");
-        return Err(Error::Read { what: "graph", path: missing.clone(), source });
+        return Err(Error::Read { what: "folder of `--inputs`", path: missing.clone(), source });
     }
     Ok(SourceRoot::confined(folder, inputs)?)
 }

@@ -344,8 +344,25 @@ impl<'t, 'a> Check<'t, 'a> {
         kind: &Arc<KindEntry>,
         fields: &[Field<'_>],
     ) -> Option<(Arc<dyn Step>, Option<String>)> {
+        let texts: Vec<RawField<'_>> = fields
+            .iter()
+            .map(|field| RawField { span: field.span.clone(), ..RawField::plain(field.name, &field.text) })
+            .collect();
+        let before = self.diagnostics.len();
+        let step = (kind.read)(&mut Fields {
+            fields: &texts,
+            node_span: raw.kind_span.clone(),
+            kind: raw.kind,
+            diagnostics: self.diagnostics,
+        });
+        let mistaken: Vec<Range<usize>> =
+            self.diagnostics[before..].iter().map(|one| one.span.clone()).collect();
         for param in kind.params.iter().filter(|param| param.role == Role::Input) {
-            if let Some(field) = fields.iter().find(|field| field.name == param.name) {
+            // What is no value of the field names no file either.
+            let sound = |field: &&Field<'_>| {
+                field.name == param.name && !mistaken.iter().any(|span| field.span.contains(&span.start))
+            };
+            if let Some(field) = fields.iter().find(sound) {
                 // Said of the first file only: one sentence tells where all of them are.
                 let mut supplied = kind.supplied;
                 for (path, _) in strings(&field.text) {
@@ -353,16 +370,7 @@ impl<'t, 'a> Check<'t, 'a> {
                 }
             }
         }
-        let texts: Vec<RawField<'_>> = fields
-            .iter()
-            .map(|field| RawField { span: field.span.clone(), ..RawField::plain(field.name, &field.text) })
-            .collect();
-        let step = (kind.read)(&mut Fields {
-            fields: &texts,
-            node_span: raw.kind_span.clone(),
-            kind: raw.kind,
-            diagnostics: self.diagnostics,
-        })?;
+        let step = step?;
         let mut sink_path = None;
         if let Some(param) = kind.sink_param() {
             step.visit(&mut |name, value| {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use ron::extensions::Extensions;
 
-use crate::diag::{Code, Diagnostic, shown};
+use crate::diag::{Code, Diagnostic, nearest, shown};
 use crate::param::ParamType;
 use crate::scan::Scanner;
 
@@ -115,10 +115,14 @@ pub(crate) fn value_mistake<T: ParamType>(
             let found = if is_number { shown(text) } else { sort.into() };
             let mistake = mistake(format!("`{name}` takes {wanted}, not {found}"));
             let inner = text.trim_matches('"');
+            let choices = described.contains(" | ").then(|| described.split(" | "));
+            let choices = choices.into_iter().flatten().filter_map(|choice| choice.split('(').next());
+            let choice = nearest(inner, choices).filter(|_| sort == "text");
             let whole = text.parse().ok().filter(|n: &f64| n.fract() == 0.0 && (0.0..1e15).contains(n));
             match (sort, whole) {
                 ("a number", Some(whole)) => mistake.label(format!("write {whole}")),
-                ("text", _) if inner.parse::<f64>().is_ok() || described.split(" | ").any(|c| c == inner) => {
+                _ if let Some(choice) = choice => mistake.label(format!("write {choice} without quotes")),
+                ("text", _) if inner.parse::<f64>().is_ok() => {
                     mistake.label(format!("write {inner} without quotes"))
                 }
                 ("a word", _) if described.starts_with("text") || described.starts_with("path") => {

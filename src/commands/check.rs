@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
-use engine::Graph;
+use engine::{Diagnostics, Graph};
 
 use crate::report;
 use crate::session::{Error, GraphArgs};
@@ -46,16 +46,22 @@ impl Check {
 
     /// The graph's own presets, each laid over it: those that were not asked for must be right as well.
     fn check_presets(&self, graph: &Graph) -> Result<(), Error> {
-        let mut found = Vec::new();
+        let mut found: Option<Diagnostics> = None;
         for name in graph.source.own_presets(&graph.root) {
             if self.graph.preset.contains(&name) {
                 continue;
             }
             let source = graph.source.clone().with_preset(&name, &nodes::registry());
             if let Err(mistakes) = Graph::parse(source, &nodes::registry(), graph.root.clone()) {
-                found.push(mistakes);
+                let of_preset = mistakes
+                    .list
+                    .into_iter()
+                    .map(|mistake| mistake.hint(format!("with the preset `{name}`")));
+                // The text of the graph comes first in all of them, so places are the same.
+                let all = found.get_or_insert_with(|| Diagnostics::new(mistakes.source, Vec::new()));
+                all.list.extend(of_preset);
             }
         }
-        found.into_iter().next().map_or(Ok(()), |mistakes| Err(Error::Graph(mistakes)))
+        found.map_or(Ok(()), |all| Err(Error::Graph(Diagnostics::new(all.source, all.list))))
     }
 }

@@ -168,7 +168,9 @@ impl Diff {
         };
         let said = match (&recipes, &sides) {
             (Some((a, b)), _) => {
-                a.differences(b).map_err(|source| Error::Recipe { path: self.a.clone(), source })?
+                // What reads itself is not at fault.
+                let at_fault = || if a.differences(a).is_err() { &self.a } else { &self.b };
+                a.differences(b).map_err(|source| Error::Recipe { path: at_fault().clone(), source })?
             }
             (None, Some((a, b))) => graph_differences(&a.loaded.graph, &b.loaded.graph),
             (None, None) => Vec::new(),

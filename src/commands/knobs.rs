@@ -18,7 +18,7 @@ pub struct Knobs {
     graph: GraphArgs,
     /// One JSON object on standard output
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 impl Knobs {

@@ -123,6 +123,7 @@ impl Command {
             Verb::Explain(verb) => verb.json,
             Verb::Inspect(verb) => verb.json,
             Verb::Watch(verb) => verb.json,
+            Verb::Knobs(verb) => verb.json,
             Verb::Tune(verb) => verb.json,
             Verb::Report(verb) => verb.json,
             _ => false,
