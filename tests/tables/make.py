@@ -162,6 +162,7 @@ def tables(data, work):
         "coverage": ("docs/trade.md", "0 to 19", lambda: call(*bench, "coverage")),
         "weights": ("docs/trade.md", 7, lambda: call("python3", f"{HERE}/weights.py", PROGRAM, os.path.join(work, "weights"))),
         "errors": ("docs/trade.md", 7, lambda: call("python3", f"{HERE}/errors.py", PROGRAM, data, os.path.join(work, "errors"))),
+        "skips": ("docs/trade.md", 3, lambda: call("python3", f"{HERE}/skips.py", PROGRAM, os.path.join(work, "skips"))),
         "extremes": (None, None, lambda: call("tests/extremes/page")),
         "splats": ("docs/splats.md", None, lambda: call(*bench, "splat", "--", data)),
         "trace": ("docs/trace.md", "7 and 1 to 3", lambda: curves(call(*bench, "trace", "--", data, "plane", "ratio"))),
