@@ -95,11 +95,16 @@ impl Network {
         let mut members = Vec::with_capacity(count);
         for m in 0..count {
             let units = out[m].len();
-            let whole = cells[m].len() == units * cell
-                && about[m].len() == units * overview
-                && about_bias[m].len() == units;
-            if !whole {
-                return Err(Error::format(file, "its tensors have different numbers of units"));
+            for (name, rows, each) in
+                [("cell", &cells, cell), ("overview", &about, overview), ("bias", &about_bias, 1)]
+            {
+                let (got, wanted) = (rows[m].len(), units * each);
+                if got != wanted {
+                    let what = format!(
+                        "tensor `score.{name}` holds {got} values a network; {units} units, as `score.out` has, take {wanted}"
+                    );
+                    return Err(Error::format(file, what));
+                }
             }
             members.push(Member {
                 linear: linear[m].clone(),
@@ -207,8 +212,71 @@ mod tests {
                 }
                 true
             }));
-            assert!(!longer.is_empty(), "{name}");
+            assert!(longer.contains(&format!("`{name}`")), "{name}: {longer}");
         }
+    }
+
+    /// The forward pass of the shipped networks in float64, of numbers as far from their means as panoramas have them, and
+    /// farther. Mutation: `LEAK` to 0, or a limit of `LIMITS` for the other.
+    #[test]
+    fn the_forward_pass_is_that_of_float64() {
+        let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");
+        let weights = Weights::parse("w", WEIGHTS).expect("is sound");
+        let tensor = |name: &str| -> Vec<f64> {
+            weights.tensor(name).expect("is there").1.into_iter().map(f64::from).collect()
+        };
+        let (mut state, spread) =
+            (0, |name: &str| [tensor(&format!("{name}.mean")), tensor(&format!("{name}.spread"))]);
+        let mut numbers = |[means, spreads]: &[Vec<f64>; 2]| -> Vec<f32> {
+            let number = |(mean, spread): (&f64, &f64)| {
+                state += 1;
+                let [at, _] = crate::sampling::Points::new(3, state).bits(0);
+                (mean + spread * 10.0 * (f64::from(at) / 4_294_967_296.0 - 0.5)) as f32
+            };
+            means.iter().zip(spreads).map(number).collect()
+        };
+        let (whole, cell_scale) = (spread("overview"), spread("cell"));
+        let overview = numbers(&whole);
+        let cells: Vec<Vec<f32>> = (0..50).map(|_| numbers(&cell_scale)).collect();
+        let flux: Vec<f64> = (1..=50).map(f64::from).collect();
+        let views: Vec<&[f32]> = cells.iter().map(Vec::as_slice).collect();
+        let found = network.predict(&overview, &views, &flux);
+
+        let scaled = |values: &[f32], [means, spreads]: &[Vec<f64>; 2], limit: f64| -> Vec<f64> {
+            let each = values.iter().zip(means).zip(spreads);
+            each.map(|((v, mean), spread)| ((f64::from(*v) - mean) / spread).clamp(-limit, limit)).collect()
+        };
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let overview = scaled(&overview, &whole, 3.0);
+        let amount = sum(&tensor("amount.linear"), &overview) + tensor("amount.bias")[0];
+        assert!((found.amount - amount.clamp(-8.0, 8.0)).abs() < 1e-5, "{} {amount}", found.amount);
+        let [linear, inner, about, bias, out] =
+            ["linear", "cell", "overview", "bias", "out"].map(|name| tensor(&format!("score.{name}")));
+        let (members, units) = (found.shares.len(), out.len() / found.shares.len());
+        let mut largest = 0.0_f64;
+        for member in 0..members {
+            let score = |cell: &Vec<f32>| {
+                let cell = scaled(cell, &cell_scale, 4.0);
+                let unit = |u: usize| {
+                    let u = member * units + u;
+                    let rows = [(&inner, CELL, &cell), (&about, OVERVIEW, &overview)];
+                    let x: f64 =
+                        rows.iter().map(|(rows, n, x)| sum(&rows[u * n..(u + 1) * n], x)).sum::<f64>()
+                            + bias[u];
+                    out[u] * if x > 0.0 { x } else { 0.1 * x }
+                };
+                sum(&linear[member * CELL..(member + 1) * CELL], &cell) + (0..units).map(unit).sum::<f64>()
+            };
+            let scores: Vec<f64> = cells.iter().map(score).collect();
+            let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let weights: Vec<f64> =
+                scores.iter().zip(&flux).map(|(score, flux)| flux * num::f64::exp(score - most)).collect();
+            let total: f64 = weights.iter().sum();
+            for (share, weight) in found.shares[member].iter().zip(weights) {
+                largest = largest.max((share - weight / total).abs());
+            }
+        }
+        assert!(largest < 1e-5, "{largest}");
     }
 
     /// The largest weights that f16 holds overflow nothing.
