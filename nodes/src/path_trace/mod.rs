@@ -300,7 +300,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(world, &lens, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 10, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 11, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
                     let (world, crop) = (world(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {
@@ -320,7 +320,7 @@ impl Kind for PathTrace {
             let more = |running: &mut Running, area, range| take(running, area, range, &|| ());
             let blocks = |done: f32| tell(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut running, more, blocks)).transpose()?;
-            let part = Part { name: "front", version: 3, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 4, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
                 let world = world();
                 Sums::trace(cx, whole, FRONT, || (), |_, tile| trace_front(world, &lens, tile))
