@@ -378,6 +378,9 @@ mod tests {
             let run = ShadowRatio::run(&p, In { without: image(&[0.0]), with: image(&[0.0]) }, &context());
             assert!(run.expect("runs").1.iter().any(|note| note.id == "all-dark"));
             assert_eq!(ratios(&p, &[0.0, 1.0], &[0.0, 1.0])[0], 1.0);
+            // The noise of what is next to black, beside what is lit.
+            let (r0, r1) = ([1.0, 1e-8, 1e-8, 1e-8_f32], [0.5, 1e-3, 1e-3, 1e-3_f32]);
+            assert_eq!(ratios(&ShadowRatio { s_max: 100.0, ..p }, &r0, &r1)[2..], [1.0; 2]);
         }
     }
 
@@ -412,6 +415,16 @@ mod tests {
                 .expect("runs");
         assert!(notes.iter().any(|n| n.id == "not-finite" && n.text.starts_with("9 ")));
         assert_eq!(out.added.0[0].picture.samples()[6..], [0.0; 9]);
+        // What surrounds a broken pixel is what it is without it, though neighbours decide together what is too dark.
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for (r0, r1) in [(bad, 0.5), (0.5, bad), (bad, bad)] {
+                let (mut without, mut with) = ([0.5; 7], [0.2; 7]);
+                (without[3], with[3]) = (r0, r1);
+                let mut expected = ratios(&plain(), &[0.5; 7], &[0.2; 7]);
+                expected[3] = 1.0;
+                assert_eq!(ratios(&plain(), &without, &with), expected);
+            }
+        }
     }
 
     /// Monotone in each shaping parameter, and the ends are exact.
@@ -425,21 +438,33 @@ mod tests {
         let expected = 1.0 - 0.5 * (1.0 - num::pow(0.3, 0.8));
         assert!((s.shape(0.3) - expected).abs() < 1e-15);
         assert_eq!(s.shape(0.0), 1.0 - 0.5 * 0.95);
-        for (low, high) in [(0.001, 0.5), (0.5, 1.0)] {
-            assert!(
-                ShadowRatio { gamma: low, ..p() }.shape(0.3) > ShadowRatio { gamma: high, ..p() }.shape(0.3)
-            );
-            assert!(
-                ShadowRatio { lambda: low, ..p() }.shape(0.3)
-                    > ShadowRatio { lambda: high, ..p() }.shape(0.3)
-            );
+        let steps = || (0..=100).map(|k| f64::from(k) / 100.0);
+        for ratio in steps() {
+            let falls = |of: &dyn Fn(f64) -> ShadowRatio| {
+                let shaped: Vec<f64> = steps().map(|v| of(v).shape(ratio)).collect();
+                assert!(shaped.iter().all(|s| (0.0..=1.0).contains(s)), "{ratio}: {shaped:?}");
+                shaped.is_sorted_by(|a, b| a >= b)
+            };
+            assert!(falls(&|v| ShadowRatio { gamma: v.max(1e-3), ..p() }));
+            assert!(falls(&|lambda| ShadowRatio { lambda, ..p() }));
+            assert!(falls(&|v| ShadowRatio { s_min: 1.0 - v, ..p() }));
+            assert!(steps().all(|other| other > ratio || s.shape(other) <= s.shape(ratio)));
+            assert!(ShadowRatio { gamma: 1e-3, ..p() }.shape(ratio) >= if ratio > 0.0 { 0.995 } else { 0.0 });
         }
     }
 
+    /// Without it, it is cut, and the share of it told.
     /// Mutation: `s_max` taken for 1 in `ratio` (seen red).
     #[test]
     fn row_51_added_light_needs_s_max() {
-        assert_eq!(ratios(&plain(), &[1.0], &[1.3]), [1.0]);
+        let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
+        let (out, notes) = ShadowRatio::run(&plain(), inputs, &context()).expect("runs");
+        assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
+        let told = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
+        assert!(
+            told.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
+            "{told:?}"
+        );
         let more = ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..plain() }, &[1.0], &[1.3]);
         row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
     }
@@ -473,7 +498,7 @@ mod tests {
     }
 
     /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
-    /// Mutation: `trust` of 1, a threshold in place of the fade (seen red).
+    /// Mutation: `trust` of 1, a threshold in place of the fade, or the energy of the pixel alone (each seen red).
     #[test]
     fn row_50_the_mask_has_no_edge() {
         let at = |least: f64| ratios(&ShadowRatio { min_energy: least, ..plain() }, &[0.5; 3], &[0.1; 3])[1];
@@ -482,6 +507,11 @@ mod tests {
         assert!(sweep.windows(2).all(|w| w[1] >= w[0]), "{sweep:?}");
         let jump = sweep.windows(2).map(|w| f64::from(w[1] - w[0])).fold(0.0, f64::max);
         row(50, "largest step of the ratio over 200 bounds of energy", jump, 0.04);
+        // Nor does the noise of one pixel decide: among lit ones it has their ratio.
+        let lit = ShadowRatio { epsilon: 0.0, ..plain() };
+        for ratio in ratios(&lit, &[0.5, 1e-5, 0.5], &[0.25, 5e-6, 0.25]) {
+            assert!((ratio - 0.5).abs() < 1e-6, "{ratio}");
+        }
     }
 
     #[test]

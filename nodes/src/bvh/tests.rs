@@ -129,6 +129,9 @@ fn row_41_broken_triangles_are_left_out_and_counted() {
     let corners = [[Vec3::NAN, Vec3::X, Vec3::Y], line, good, good, [Vec3::ONE; 3]];
     let bvh = Bvh::build(&corners);
     assert_eq!((bvh.broken, bvh.degenerate), (1, 2));
+    // One whose area is 0 in single precision has an area.
+    let tiny = Bvh::build(&[[Vec3::ZERO, Vec3::X * 1e-12, Vec3::Y * 1e-12]]);
+    assert_eq!(tiny.degenerate, 0);
     let hit = bvh.closest(Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z), |_| true).expect("hit");
     assert_eq!((hit.triangle, hit.back), (2, false), "the smaller of two equal ones");
     let behind = bvh.closest(Ray::new(Vec3::new(0.2, 0.2, -1.0), Vec3::Z), |h| h.triangle != 2);

@@ -1,5 +1,6 @@
 use super::*;
 use crate::color::srgb_from_linear;
+use crate::testing::row;
 use crate::types::{Cell, Data, Srgb};
 use engine::{Kind, Scene, Up};
 use glam::DVec3;
@@ -123,13 +124,17 @@ fn row_32_a_true_bracket_is_recovered_within_quantisation() {
     for gain in [Gain::Brackets, Gain::Direct] {
         let taken = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, Some(255.0));
         let (out, notes) = run(&FuseHdr { gain, ..params() }, taken);
-        for at in 0..W * H {
-            let (found, want) = (out.env.image.samples[3 * at], ramp(at)[0]);
-            // Half a code at the darkest value an exposure is trusted with, 0.9 / 8, is under 2 %; far
-            // below that the step is that of code 1 of 255.
-            let bound = 0.02 * want + 0.5 / 255.0 / 12.92 * 8.0;
-            assert!((found - want).abs() < bound, "{gain:?} {at}: {found} {want}");
-        }
+        let decode = |code: f64| f64::from(Transfer::Srgb.linear(code as f32));
+        let errors = (0..W * H).map(|at| {
+            let (found, want) = (f64::from(out.env.image.samples[3 * at]), f64::from(ramp(at)[0]));
+            // Half a code, upwards, of the brightest exposure that shows it below the threshold.
+            let shown =
+                [1.0, 0.125, 1.0 / 64.0].into_iter().find(|scale| want * scale <= 0.9).expect("one does");
+            let code = f64::from(srgb_from_linear((want * shown) as f32));
+            (found - want).abs() * shown / (decode(code + 0.5 / 255.0) - decode(code))
+        });
+        let what = "error over that of half a code of the exposure that shows it, to 2^6";
+        row(32, what, errors.fold(0.0, f64::max), 1.001);
         assert!(notes.iter().all(|note| note.id != "saturated-at-darkest"));
     }
 }
@@ -205,6 +210,27 @@ fn row_30_a_wrongly_dark_prediction_changes_nothing() {
     wrong.exposures[0].samples.fill(0.0);
     let (out, _) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, (base, Arc::new(wrong)));
     assert!(out.env.image.samples.iter().all(|&v| v == 1.0));
+    // Whatever exposures say, brighter or darker, at random: nothing is darker than the panorama is where it is not clipped.
+    let (base, brackets) = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, Some(255.0));
+    let own = linear_pixels(&base.image, Transfer::Srgb);
+    let mut random =
+        (0..).map(|i: u32| crate::sampling::Points::new(11, i).bits(0)[0] as f32 / 4_294_967_296.0);
+    let mut wrong = (*brackets).clone();
+    for exposure in &mut wrong.exposures {
+        exposure.samples.iter_mut().zip(&mut random).for_each(|(v, number)| *v = number);
+    }
+    wrong.log2_gain.samples.iter_mut().zip(&mut random).for_each(|(v, number)| *v = 20.0 * number);
+    let wrong = Arc::new(wrong);
+    for (gain, hue) in
+        [(Gain::Brackets, Hue::Base), (Gain::Brackets, Hue::Exposures), (Gain::Direct, Hue::Base)]
+    {
+        let (out, _) = run(&FuseHdr { gain, hue, ..params() }, (base.clone(), wrong.clone()));
+        for (fused, own) in out.env.image.samples.as_chunks::<3>().0.iter().zip(&own.rgb) {
+            assert!(fused.iter().all(|v| v.is_finite() && *v >= 0.0), "{fused:?}");
+            assert!(luminance(*fused) >= luminance(*own) * (1.0 - 1e-6), "{fused:?} of {own:?}");
+            assert!(max3(*own) > 0.9 || fused == own);
+        }
+    }
 }
 
 /// Continuous over the ramp, strict at the threshold where it is hard.
@@ -223,9 +249,15 @@ fn row_31_the_ramp_is_continuous_and_the_step_is_strict() {
         before = now;
     }
     assert_eq!(before, 30.0);
-    let weights = luminance([1.0; 3]);
-    let at = (0.9 / weights).next_down();
-    assert!(one(at, Blend::Hard) < 1.0 && one(0.9002 / weights, Blend::Hard) == 30.0);
+    // Strict to the bit: at a luminance of the threshold and one ulp below it is kept, one ulp above it is not.
+    let grey = 0.9 / luminance([1.0; 3]);
+    let (threshold, own) = (luminance([grey; 3]), Fused { luminance: 1.0, source: 1, saturated: false });
+    let darker = Fused { luminance: 30.0, source: 0, saturated: false };
+    for (threshold, kept) in [(threshold.next_up(), true), (threshold, true), (threshold.next_down(), false)]
+    {
+        let merged = merge(&FuseHdr { blend: Blend::Hard, threshold, ..params() }, darker, [grey; 3], own);
+        assert_eq!(merged.luminance == 1.0, kept, "{threshold}");
+    }
 }
 
 /// A light of the same energy in one pixel or in five gives the same irradiance.
@@ -239,7 +271,7 @@ fn row_33_energy_does_not_depend_on_how_many_pixels_hold_it() {
         let Cell::Number(power) = out.report.tables[1].rows[1][1] else { panic!("a number") };
         power
     };
-    assert!((power(1) / power(5) - 1.0).abs() < 0.01, "{} {}", power(1), power(5));
+    row(33, "relative change of irradiance", (power(1) / power(5) - 1.0).abs(), 0.01);
 }
 
 // Without exposures the panorama is the darkest one, and what is white in it is a lower bound.
@@ -354,6 +386,20 @@ fn the_ramp_keeps_the_flux_of_a_light() {
         "{}",
         out.env.image.samples[1500]
     );
+}
+
+/// One exposure is no bracket: what it shows is the light, to the bit, whatever EVs were asked for.
+#[test]
+fn row_35_one_exposure_is_the_light() {
+    let dim = |at: usize| ramp(at).map(|v| v.min(0.89));
+    for evs in [&[][..], &[-20.0]] {
+        let (base, brackets) = photograph(&dim, evs, Transfer::Srgb, Some(255.0));
+        for gain in [Gain::Direct, Gain::Brackets] {
+            let (out, _) = run(&FuseHdr { gain, ..params() }, (base.clone(), brackets.clone()));
+            let own = linear_pixels(&base.image, Transfer::Srgb);
+            assert_eq!(out.env.image.samples.as_chunks::<3>().0, own.rgb);
+        }
+    }
 }
 
 /// Code 0.5 is 0.189 by the pure power and 0.214 by sRGB.

@@ -313,6 +313,37 @@ mod tests {
         assert!(none.map_or(true, |(bytes, _)| read("a.exr", &bytes).is_err()));
     }
 
+    /// Of several parts the first flat one is read, with the channels of each type that it has, and the number is told.
+    /// Mutation: `meta.headers.len()` to 1 (seen red).
+    #[test]
+    fn row_63_the_first_of_several_parts_is_read() {
+        let part = |name: &str, size: (usize, usize), channels| {
+            let attributes = LayerAttributes::named(name);
+            Layer::new(size, attributes, Encoding::UNCOMPRESSED, AnyChannels::sort(channels))
+        };
+        let half = FlatSamples::F16([0.5, 2.0].map(f16::from_f32).to_vec());
+        let first = [
+            AnyChannel::new("R", half),
+            AnyChannel::new("G", FlatSamples::F32(vec![0.1, -0.0])),
+            AnyChannel::new("id", FlatSamples::U32(vec![7, 1 << 24])),
+        ];
+        let second = [AnyChannel::new("Z", FlatSamples::F32(vec![9.0; 6]))];
+        let parts = vec![
+            part("a", (2, 1), first.into_iter().collect()),
+            part("b", (3, 2), second.into_iter().collect()),
+        ];
+        let window = exr::prelude::IntegerBounds::from_dimensions((2, 1));
+        let image = Image::from_layers(exr::prelude::ImageAttributes::new(window), parts);
+        let mut bytes = Cursor::new(Vec::new());
+        image.write().non_parallel().to_buffered(&mut bytes).expect("writes");
+        let back = read("a.exr", bytes.get_ref()).expect("reads");
+        assert_eq!((back.width, back.height, back.parts, back.cropped), (2, 1, 2, false));
+        assert_eq!(back.find("R"), Some(&[0.5, 2.0][..]));
+        assert_eq!(back.find("G"), Some(&[0.1, -0.0][..]));
+        assert_eq!(back.find("id"), Some(&[7.0, 16_777_216.0][..]));
+        assert_eq!(back.find("Z"), None);
+    }
+
     /// Mutation: `y as i64 + dy` to `y as i64 - dy` in `place` (seen red).
     #[test]
     fn row_63_a_cropped_data_window_lands_in_its_place() {

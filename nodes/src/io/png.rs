@@ -244,6 +244,7 @@ fn frame_control(sequence: u32, frame: &Raster, (numerator, denominator): (u16, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::exr;
     use crate::testing::row;
 
     pub(crate) fn raster(channels: usize, largest: u16) -> Raster {
@@ -281,17 +282,73 @@ mod tests {
         }
     }
 
+    /// Palettes and low depths are widened, a transparent colour is alpha, and what is said of gamma and profiles is passed
+    /// over and told.
+    /// Mutation: `Transformations::EXPAND` to `IDENTITY`, or `- 0.45455` to `- 1.0` (each seen red).
+    #[test]
+    fn row_64_palettes_low_depths_and_what_is_passed_over() {
+        let file = |color, depth, data: &[u8], change: &dyn Fn(&mut png::Info<'_>)| {
+            let mut info = png::Info::with_size(4, 1);
+            (info.color_type, info.bit_depth) = (color, depth);
+            change(&mut info);
+            let mut bytes = Vec::new();
+            let mut writer =
+                Encoder::with_info(&mut bytes, info).and_then(Encoder::write_header).expect("writes");
+            writer.write_image_data(data).expect("writes");
+            writer.finish().expect("writes");
+            read("a.png", &bytes).expect("reads")
+        };
+        let palette: Vec<u8> = vec![10, 20, 30, 40, 50, 60, 255, 0, 128];
+        let colours = [&palette[..], &palette[3..6]].concat();
+        let indexed = |info: &mut png::Info<'_>| info.palette = Some(palette.clone().into());
+        // Two bits each: 0, 1, 2, 1.
+        let plain = file(ColorType::Indexed, BitDepth::Two, &[0b0001_1001], &indexed);
+        let codes = |bytes: &[u8]| bytes.iter().map(|&v| u16::from(v)).collect::<Vec<_>>();
+        assert_eq!((plain.channels, plain.largest, &plain.codes), (3, 255, &codes(&colours)));
+        let clear = file(ColorType::Indexed, BitDepth::Two, &[0b0001_1001], &|info| {
+            indexed(info);
+            info.trns = Some(vec![0, 128].into());
+        });
+        let alphas: Vec<u16> = clear.codes.iter().skip(3).step_by(4).copied().collect();
+        assert_eq!((clear.channels, alphas), (4, vec![0, 128, 255, 128]));
+        let grey = file(ColorType::Grayscale, BitDepth::One, &[0b0101_0000], &|_| {});
+        assert_eq!(
+            (grey.channels, grey.codes, grey.ignored),
+            (1, vec![0, 255, 0, 255], Vec::<String>::new())
+        );
+        let ramp = [0, 85, 170, 255];
+        let gamma = |value: f32| {
+            file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
+                info.source_gamma = Some(png::ScaledFloat::new(value));
+                info.gama_chunk = info.source_gamma;
+            })
+        };
+        assert_eq!((gamma(1.0).codes, gamma(1.0).ignored), (codes(&ramp), vec!["a gamma of 1".to_owned()]));
+        assert_eq!(gamma(1.0 / 2.2).ignored, Vec::<String>::new());
+        let profile = file(ColorType::Grayscale, BitDepth::Eight, &ramp, &|info| {
+            info.icc_profile = Some(vec![1, 2, 3].into());
+        });
+        assert_eq!((profile.codes, profile.ignored), (codes(&ramp), vec!["an ICC profile".to_owned()]));
+    }
+
+    /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes of which width times
+    /// height times channels does not fit into 64 bits.
     /// Mutation: `checked_mul` to `wrapping_mul` in `believable` (seen red).
     #[test]
     fn row_65_sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());
         assert!(believable("a", 1 << 32, 1 << 32, 1, usize::MAX, 1).is_err());
-        for (width, height) in [(1, 1), (30_000, 1), (1, 30_011), (127, 61)] {
+        for (width, height) in [(1, 1), (30_000, 7), (3, 30_011), (127, 61)] {
             let codes = (0..width * height * 3).map(|i| (i % 251) as u16).collect();
             let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
             let bytes = write(&raster, true, &[]).unwrap_or_else(|e| panic!("{e}"));
             let same = read("a.png", &bytes).is_ok_and(|back| back == raster);
             row(65, "sizes that do not come back", f64::from(u8::from(!same)), 0.0);
+            let plane =
+                exr::Channel { name: "Y".into(), samples: raster.samples()[..width * height].to_vec() };
+            let file = exr::write(width, height, vec![(plane.clone(), exr::Depth::Float)], "", None);
+            let back = file.and_then(|(bytes, _)| exr::read("a.exr", &bytes)).expect("comes back");
+            assert_eq!((back.width, back.height, &back.channels), (width, height, &vec![plane]));
         }
         assert!(believable("a", 1 << 40, 1 << 40, 3, 1000, 10).is_err());
         assert!(believable("a", 0, 3, 3, 1000, 10).is_err());

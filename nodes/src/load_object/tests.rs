@@ -99,6 +99,30 @@ fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
     assert!(notes.iter().any(|n| n.id == "mirrored"));
 }
 
+/// A quaternion of any length turns and does not scale; a matrix may shear, and a normal stays upright on what it shears.
+/// Mutation: `normalize` left out of `rotation`, or `inverse_transpose` to the matrix itself (each seen red).
+#[test]
+fn row_68_quaternions_of_any_length_turn_and_normals_stay_upright_under_shear() {
+    for length in [1e-6, 1.0, 7.0] {
+        let turn = [0.0, 0.0, length * 0.5_f64.sqrt(), length * 0.5_f64.sqrt()];
+        let (object, _) = good(&triangle(json!({"mesh": 0, "rotation": turn})));
+        let corner = object.primitives[0].positions[1];
+        assert!(
+            corner.iter().zip([0.0, 1.0, 0.0]).all(|(a, b)| (a - b).abs() < 1e-6),
+            "{length}: {corner:?}"
+        );
+    }
+    // Column after column: z grows with x, so the triangle leans and its normal with it.
+    let shear = [1.0, 0.0, 2.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    let (object, _) = good(&triangle(json!({"mesh": 0, "matrix": shear})));
+    let p = &object.primitives[0];
+    let [a, b, c] = p.triangles[0].map(|i| glam::Vec3::from_array(p.positions[i as usize]));
+    let upright = (b - a).cross(c - a).normalize();
+    for normal in &p.normals {
+        assert!((glam::Vec3::from_array(*normal) - upright).length() < 1e-6, "{normal:?} {upright}");
+    }
+}
+
 #[test]
 fn modes_become_triangles() {
     for (mode, expected) in [(5, Some([0, 1, 2])), (6, Some([0, 1, 2])), (4, Some([0, 1, 2])), (1, None)] {

@@ -27,7 +27,7 @@ fn near(a: &[f32], b: &[f32], bar: f32) {
     }
 }
 
-/// Mutation: `largest == 0.0` to `largest < 0.0` in `Row::checked` (seen red).
+/// Mutation: `largest != 0.0` to `largest >= 0.0` in `unit` (seen red).
 #[test]
 fn row_01_zero_quaternions_are_dropped_and_counted() {
     let mut rows = vec![PlyRow::default(); 5];
@@ -39,7 +39,7 @@ fn row_01_zero_quaternions_are_dropped_and_counted() {
     assert_eq!(splats, others);
 }
 
-/// Mutation: `q / length` to `q` in `Row::checked` (seen red).
+/// Mutation: `q / length` to `q` in `unit`, or `q.abs()` to `q` (each seen red).
 #[test]
 fn row_02_quaternions_of_any_length_become_units() {
     let rows = [1e-20, 1e20, 3e38, 1e-44].map(|length| PlyRow {
@@ -51,6 +51,11 @@ fn row_02_quaternions_of_any_length_become_units() {
     for quat in splats.quats {
         near(&quat, &[0.5, -0.5, 0.5, 0.5], 1e-7);
     }
+    // No component need be above 0.
+    let (splats, _) =
+        read(&build::ply(&[PlyRow { rotation: [-2.0, 0.0, -2.0, 0.0], ..PlyRow::default() }], 0)).unwrap();
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    near(&splats.quats[0], &[-half, 0.0, -half, 0.0], 1e-7);
 }
 
 /// Every field of its own, dropped, or named when strict.

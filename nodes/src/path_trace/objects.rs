@@ -432,9 +432,10 @@ fn look(spot: &Spot<'_>, material: &Material) -> Look {
 mod tests {
     use super::*;
 
-    // Row 68: a mirror keeps the outside outside.
+    /// A mirror keeps the outside outside.
+    /// Mutation: `[a, c, b]` to `[a, b, c]` in `wound` (seen red).
     #[test]
-    fn mirrored_objects_keep_their_front() {
+    fn row_68_mirrored_objects_keep_their_front() {
         let object = Object {
             primitives: vec![Primitive {
                 positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],

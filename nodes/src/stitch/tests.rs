@@ -28,6 +28,7 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
 /// Mutation: `(1.0 - fx) * (1.0 - fy)` to `1.0 - fx * fy` in `Source::add` (seen red).
 #[test]
 fn row_18_constant_faces_stay_constant() {
+    let mut largest = 0.0_f64;
     for (size, guard) in [(1, 0.0), (2, 3.0), (7, 0.0), (33, 3.0), (64, 20.0)] {
         for alpha in [1.0_f32, 0.5] {
             let c = [0.25_f32, 0.6, 2.5];
@@ -38,16 +39,15 @@ fn row_18_constant_faces_stay_constant() {
                 66,
             );
             for (pixel, a) in pano.image.samples().as_chunks::<3>().0.iter().zip(&pano.alpha.samples) {
-                for i in 0..3 {
-                    assert!((pixel[i] - c[i]).abs() < 2e-6 * c[i].max(1.0), "{size} {guard}: {pixel:?}");
-                }
-                assert!((a - alpha).abs() < 1e-6);
+                let off = (0..3).map(|i| (pixel[i] - c[i]).abs() / c[i]).fold((a - alpha).abs(), f32::max);
+                largest = largest.max(f64::from(off));
             }
         }
     }
+    row(18, "off the colour and alpha of the faces, relative", largest, 1e-6);
 }
 
-/// The energy of a single lit pixel is its solid angle, also of faces at the poles and at the wrap: `Aligned` puts
+/// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the wrap: `Aligned` puts
 /// face centres there.
 /// Mutation: 2 pi to 6.28 in `equirect::pixel_solid_angle` (seen red).
 #[test]
@@ -55,7 +55,8 @@ fn row_19_a_single_pixel_keeps_its_energy() {
     let sphere: f64 = (0..128).map(|y| 256.0 * equirect::pixel_solid_angle(256, 128, y)).sum();
     row(19, "solid angles off 4 pi", (sphere - 4.0 * PI).abs(), 1e-5);
     let size = 24;
-    for (face, x, y) in [(0, 12, 12), (0, 5, 9), (2, 12, 3), (2, 11, 12), (4, 12, 12), (4, 11, 11), (5, 2, 3)]
+    for (face, x, y) in
+        (0..6).flat_map(|face| [(12, 12), (11, 11), (5, 9), (12, 3), (2, 3)].map(|(x, y)| (face, x, y)))
     {
         let rig = rig(size, 0.0, Turn::Aligned);
         let name = rig.cameras[face].name.clone();
@@ -75,7 +76,7 @@ fn row_19_a_single_pixel_keeps_its_energy() {
         let (dx, dy) = ((x as f64 + 0.5 - 12.0) / f, (y as f64 + 0.5 - 12.0) / f);
         let r2 = 1.0 + dx * dx + dy * dy;
         let expected = 1.0 / (f * f * r2 * r2.sqrt());
-        row(19, "energy of a texel off its solid angle", (energy / expected - 1.0).abs(), 0.015);
+        row(19, "energy of a texel off its solid angle", (energy / expected - 1.0).abs(), 0.01);
     }
 }
 
@@ -149,8 +150,8 @@ fn views_from_two_points_are_refused() {
     assert!(refused.is_err_and(|e| e.message().contains("apart")));
 }
 
-/// A strip of 4096 pixels, one of a single pixel, one of a single column: every direction of a
-/// fine grid is defined, those beyond the views as holes.
+/// A strip of 4096 pixels, one of a single pixel, one of a single column, and a face of 4096 x 4096 among such of one
+/// pixel: every direction of a fine grid is defined, those beyond the views as holes.
 /// Mutation: `.min(n - 1)` left out of `Source::add` (seen red).
 #[test]
 fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
@@ -162,6 +163,11 @@ fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
             (camera.width_px, camera.height_px) = (width, height);
             (camera.fx, camera.fy) = (focal, focal);
             (camera.cx, camera.cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
+        }
+        if width == 1 && height == 1 {
+            let large = &mut rig.cameras[0];
+            (large.width_px, large.height_px) = (4096, 4096);
+            (large.fx, large.fy, large.cx, large.cy) = (2048.0, 2048.0, 2048.0, 2048.0);
         }
         let pano = stitched(views(rig, |_, _, _| [0.5, 0.25, 2.0, 1.0]), 128);
         for (pixel, alpha) in pano.image.samples().as_chunks::<3>().0.iter().zip(&pano.alpha.samples) {

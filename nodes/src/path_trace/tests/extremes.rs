@@ -28,6 +28,27 @@ fn furnace_holds_in_the_scene() {
     }
 }
 
+/// However it is posed: mirrored, with two axes swapped, sheared, mirrored and sheared, flattened to a hundredth.
+/// Mutation: `.inverse().transpose()` left out in `Objects::new` (seen red).
+#[test]
+fn row_68_a_white_body_is_white_in_every_pose() {
+    let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
+    let body = ball(0.8, Material { double_sided: false, ..matte(1.0) }, DVec3::ZERO);
+    for columns in [
+        [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        [0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+        [1.0, 0.0, 0.0, 0.7, 1.0, 0.0, -0.4, 0.9, 1.0],
+        [-1.0, 0.2, 0.3, 0.7, 1.0, 0.0, -0.4, 0.9, -0.5],
+        [1.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0],
+    ] {
+        let world_from_object = DMat4::from_mat3(glam::DMat3::from_cols_array(&columns));
+        let posed = [Arc::new(Placed { object: body.object.clone(), world_from_object })];
+        let (out, _) = render(&params(16, EnvBlock::Solid), &Mesh::default(), &posed, &camera, &white());
+        let lost = (covered(&out.object) - 1.0).abs();
+        row(68, "light lost or made by a white body, mirrored, sheared or flat", lost, 0.01);
+    }
+}
+
 /// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
 /// as large as a million, and with coordinates of some ten thousand sizes.
 /// Mutation: `8.0` to `0.0` in `margin` (seen red).

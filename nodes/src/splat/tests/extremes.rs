@@ -128,15 +128,21 @@ fn row_07_an_empty_scene_is_background() {
 /// Mutation: `z <= near` to `z <= 0.0` in `Pinhole::is_behind` (seen red).
 #[test]
 fn row_09_the_near_plane_culls() {
-    let at_eye = one([0.0; 3], [0.5; 3], 0.9, [1.0; 3]);
-    let close = one([0.0, 0.0, 0.199], [0.5; 3], 0.9, [1.0; 3]);
+    let at = |z: f32| one([0.0, 0.0, z], [0.5; 3], 0.9, [1.0; 3]);
     let camera = camera(20, 20, 90.0);
-    let seen = draw(&join(&[&at_eye, &close]), &camera, F64);
-    assert!(seen.rgba.iter().all(|v| *v == 0.0) && seen.depth.iter().all(|d| *d == f32::INFINITY));
-    assert_eq!(seen.work.behind, 2);
     let splats = cloud(300, 8);
-    let seen = [0.01, 0.2, 1.0, 5.0].map(|near| draw(&splats, &camera, Settings { near, ..F64 }).work.behind);
-    assert!(seen.is_sorted());
+    for settings in [F64, FAST] {
+        let settings = Settings { near: 0.25, ..settings };
+        let behind = [-1.0, -0.0, 0.0, 1e-40, 1e-6, 0.1, 0.25_f32.next_down(), 0.25];
+        let seen = draw(&join(&behind.map(at).each_ref()), &camera, settings);
+        assert!(seen.rgba.iter().all(|v| *v == 0.0) && seen.depth.iter().all(|d| *d == f32::INFINITY));
+        assert_eq!(seen.work.behind, behind.len() as u64);
+        let first = draw(&at(0.25_f32.next_up()), &camera, settings);
+        assert!(first.work.behind == 0 && first.rgba.iter().all(|v| v.is_finite()));
+        assert!((first.rgba[(10 * 20 + 10) * 4 + 3] - 0.9).abs() < 1e-3);
+        let culled = [0.01, 0.2, 1.0, 5.0].map(|near| Settings { near, ..settings });
+        assert!(culled.map(|settings| draw(&splats, &camera, settings).work.behind).is_sorted());
+    }
 }
 
 /// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
@@ -160,7 +166,8 @@ fn row_10_needles_are_exact() {
     }
 }
 
-/// Stopping early changes a deep pile by less than what it leaves.
+/// Stopping early changes a deep pile by less than what it leaves: as in the renderers that captures are trained
+/// with, the splat that would take a pixel from above `stop` to below it is left out.
 /// Mutation: `after.simd_ge(stop)` to `after.simd_ge(zero)` in `blend32::tile` (seen red).
 #[test]
 fn row_11_stopping_early_costs_what_it_says() {
@@ -177,8 +184,7 @@ fn row_11_stopping_early_costs_what_it_says() {
     let settings = Settings { precision: Precision::F32, ..F64 };
     let stopped = draw(&pile, &camera, settings);
     let all = draw(&pile, &camera, Settings { stop: 0.0, ..settings });
-    // Colours reach 1, and a finished pixel may leave out a splat that takes it from above to below 1e-4:
-    // with the cap at 0.99 at most 1e-2 of the light is still to come.
+    // Colours reach 1; with the cap at 0.99 at most 1e-2 of the light is still to come.
     row(11, "with a cap of 0.99 (stop / (1 - cap))", largest_difference(&stopped, &all), 1e-2);
     assert!(stopped.work.blends * 10 < all.work.blends);
     let soft = Settings { alpha_cap: 0.5, ..settings };
@@ -221,7 +227,7 @@ fn row_12_ties_follow_the_file_and_nothing_else_does() {
 fn row_13_pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
     let here = camera(64, 48, 70.0);
-    let expected = draw(&splats, &here, FAST);
+    let [expected, exact] = [FAST, F64].map(|settings| draw(&splats, &here, settings));
     for far in [1e3, 1e6, 1e7] {
         let mut moved = splats.clone();
         let mut there = here.clone();
@@ -234,12 +240,9 @@ fn row_13_pictures_do_not_depend_on_where_the_world_is() {
             moved.means_low[i] = low.to_array().map(|v| v as f32);
         }
         there.world_from_camera = DMat4::from_translation(offset).to_cols_array();
-        row(
-            13,
-            &format!("moved by {far:e}"),
-            largest_difference(&draw(&moved, &there, FAST), &expected),
-            1e-3,
-        );
+        let off = largest_difference(&draw(&moved, &there, FAST), &expected);
+        let off = off.max(largest_difference(&draw(&moved, &there, F64), &exact));
+        row(13, &format!("moved by {far:e}"), off, 1e-3);
     }
 }
 
@@ -255,10 +258,7 @@ fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
         scaled.means.iter_mut().flatten().for_each(|v| *v *= factor);
         scaled.scales.iter_mut().flatten().for_each(|v| *v *= factor);
         let seen = draw(&scaled, &camera, Settings { near: FAST.near * f64::from(factor), ..FAST });
-        // Scales and centres are rounded again, so a splat at the cut may change sides at a pixel: 1/255 of it.
-        row(14, &format!("scaled by {factor:e}"), largest_difference(&seen, &expected), 5e-3);
-        let off = seen.rgba.iter().zip(&expected.rgba).filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
-        row(14, &format!("samples off by more than 1e-4, scaled by {factor:e}"), off as f64, 4.0);
+        row(14, &format!("scaled by {factor:e}"), largest_difference(&seen, &expected), 1e-4);
     }
 }
 
@@ -310,7 +310,8 @@ fn row_15_colours_that_overflow_are_held_and_told() {
 #[test]
 fn row_16_odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);
-    for camera in [camera(20, 15, 1.0), camera(20, 15, 179.0), camera(1, 1, 60.0), camera(300, 1, 100.0)] {
+    let mut largest = 0.0_f64;
+    for camera in [camera(20, 15, 1.0), camera(20, 15, 179.0), camera(1, 1, 60.0), camera(16_384, 1, 100.0)] {
         let seen = draw(&splats, &camera, F64);
         let width = camera.width_px as usize;
         let mut off = 0;
@@ -318,11 +319,12 @@ fn row_16_odd_cameras_are_the_textbook() {
             let expected = brute_force(&splats, &camera, i % width, i / width);
             let error = (0..4).map(|c| (f64::from(pixel[c]) - expected[c]).abs()).fold(0.0, f64::max);
             // The textbook's own inverse of a needle's covariance cancels; a pair may fall across the cut.
-            assert!(error < 8e-3, "{width} {i}: {pixel:?} against {expected:?}");
+            largest = largest.max(error);
             off += usize::from(error > 1e-5);
         }
         assert!(off * 50 <= seen.rgba.len() / 4, "{off}");
     }
+    row(16, "off the textbook", largest, 8e-3);
 }
 
 /// Mutation: 1.000_000_1 to 1.02 in `blend32::EXP2` (seen red).
@@ -333,7 +335,7 @@ fn row_16_odd_cameras_are_finite_and_match_f64() {
         let seen = draw(&splats, &camera, Settings { precision: Precision::F32, ..F64 });
         assert!(seen.rgba.iter().all(|v| v.is_finite()) && seen.depth.iter().all(|d| *d > 0.0));
         // One pair on the other side of the cut moves a pixel by 1/255 of a splat.
-        assert!(largest_difference(&seen, &draw(&splats, &camera, F64)) < 8e-3);
+        row(16, "F32 off F64", largest_difference(&seen, &draw(&splats, &camera, F64)), 8e-3);
     }
     let huge = Camera { width_px: u32::MAX, height_px: u32::MAX, ..camera(1, 1, 60.0) };
     assert!(render(&splats, &huge, None, &F64, &context()).is_err());
