@@ -24,10 +24,12 @@ pub struct Found {
 
 /// It is in none of the folders.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("Open Image Denoise 2 is not installed: there is no `{FILE}` in {}", listed(.looked))]
+#[error("Open Image Denoise 2 is not installed: there is no `{FILE}` in {}{}", listed(.looked), but(.others))]
 pub struct Missing {
     /// Where it was looked for, in order.
     pub looked: Vec<PathBuf>,
+    /// Files of its name that are something else, or another version.
+    pub others: Vec<PathBuf>,
 }
 
 impl Missing {
@@ -38,6 +40,10 @@ impl Missing {
 
 fn listed(folders: &[PathBuf]) -> String {
     folders.iter().map(|folder| format!("`{}`", folder.display())).collect::<Vec<_>>().join(", ")
+}
+
+fn but(others: &[PathBuf]) -> String {
+    if others.is_empty() { String::new() } else { format!(" of version 2; {} is none", listed(others)) }
 }
 
 /// Looks for the library in the folder that `LIGHTHARMONY_OIDN` names; where that is not set, in those of
@@ -64,7 +70,10 @@ fn find_in(looked: Vec<PathBuf>) -> Result<Found, Missing> {
         let path = folder.join(FILE);
         version_of(&path).map(|version| Found { path, version })
     };
-    looked.iter().find_map(found).ok_or(Missing { looked })
+    looked.iter().find_map(found).ok_or_else(|| {
+        let others = looked.iter().map(|folder| folder.join(FILE)).filter(|path| path.exists()).collect();
+        Missing { looked, others }
+    })
 }
 
 /// The version of the core that the file at `path` names among what it needs.
@@ -100,6 +109,10 @@ mod tests {
         assert_eq!(missing.looked, paths(&[&empty, &old]));
         let text = missing.to_string();
         assert!(text.contains(FILE) && text.contains(&empty.path().display().to_string()), "{text}");
+        assert!(
+            text.ends_with(&format!(" of version 2; `{}` is none", old.path().join(FILE).display())),
+            "{text}"
+        );
     }
 
     #[test]

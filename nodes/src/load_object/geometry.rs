@@ -112,7 +112,9 @@ impl<'a> Geometry<'a> {
             let why = match (t.without_area, t.points_and_lines) {
                 (0, 0) => String::new(),
                 (0, n) => format!(", but points or lines in {n} primitives"),
-                (n, _) => format!(" with an area, of {n}; are they smaller than the steps of its numbers?"),
+                (n, _) => format!(
+                    " with an area, of {n}; are they smaller than the steps of its numbers, or no numbers?"
+                ),
             };
             return Err(self.bad(format!("holds no triangles{why}")).into());
         }

@@ -61,8 +61,16 @@ impl<'a> Materials<'a> {
         Ok(materials)
     }
 
-    /// Names what the file uses, not in a material, and we do not know. Lamps are missed only where one hangs.
+    /// Names what the file holds or uses, not in a material, and we do not show. Lamps are missed only where one hangs.
     fn tell_others(&self, notes: &mut Notes) {
+        for (what, instead) in
+            [("animations", "all parts stand as their nodes say"), ("cameras", "the graph has its own")]
+        {
+            let held = self.json[what].as_array().map_or(0, Vec::len);
+            if held > 0 {
+                notes.decision("not-shown", format!("{held} {what} of the file are left out: {instead}"));
+            }
+        }
         let lamps = self.json["nodes"].as_array().into_iter().flatten();
         let lamps = lamps.filter(|node| node["extensions"].get("KHR_lights_punctual").is_some()).count();
         if lamps > 0 {
@@ -372,6 +380,19 @@ mod tests {
         assert!(told[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
         assert!(told[3].1.ends_with("the PNG or JPEG that stands beside"));
         assert_eq!(told.len(), 4);
+    }
+
+    #[test]
+    fn animations_and_cameras_are_named() {
+        let json = json!({"animations": [{}, {}], "cameras": [{}]});
+        let mut notes = Notes::none();
+        assert!(Materials::new("a", &json).read(&mut notes).is_ok());
+        let told: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
+        assert!(
+            told[0].starts_with("2 animations of the file") && told[1].starts_with("1 cameras"),
+            "{told:?}"
+        );
+        assert_eq!(told.len(), 2);
     }
 
     #[test]
