@@ -32,6 +32,24 @@ fn warm() -> Lab {
     lab
 }
 
+/// However a number is written it is one value, and -0 is 0; what is no number is a mistake at its place.
+#[test]
+fn row_67_equal_values_have_equal_keys_however_they_are_written() {
+    let lab = Lab::in_memory();
+    let nodes = |value: &str| format!("a: Number(value: {value}), b: Scale(value: \"a\", by: {value})");
+    for (first, others) in [("0.1", ["0.10", "1e-1", "10e-2"]), ("0.0", ["-0.0", "0", "-0e7"])] {
+        assert_eq!(lab.run(&nodes(first)).ran(), "a b");
+        for other in others {
+            assert_eq!(lab.run(&nodes(other)).ran(), "", "{other}");
+        }
+    }
+    assert_eq!(lab.run(&nodes("0.10000000000000002")).ran(), "a b");
+    for none in ["NaN", "-NaN", "inf", "-inf"] {
+        let told = lab.mistakes(&graph_text(&nodes(none)));
+        assert!(told.contains("graph.ron:2:") && told.contains("value"), "{none}: {told}");
+    }
+}
+
 #[test]
 fn everything_runs_once_and_then_nothing() {
     for lab in labs() {

@@ -71,6 +71,12 @@ fn diamonds(count: usize) -> String {
     std::iter::once("n0: Number(),\n".to_owned()).chain(below).collect()
 }
 
+/// A graph of nothing is a mistake, which is told; so nothing runs over no nodes.
+#[test]
+fn row_66_no_nodes_is_a_mistake() {
+    assert!(Lab::in_memory().mistakes(&graph_text("")).contains("the graph has no nodes"));
+}
+
 /// Mutation: `self.todo.push_back(Task::Resolve(below))` to `self.resolve(below)` in `Run` (seen red).
 #[test]
 fn row_66_a_chain_of_a_hundred_thousand_nodes() {

@@ -278,6 +278,33 @@ fn looking_finds_what_listening_would() {
     assert_eq!(ran(&watch.rest()), ["one", "save", "sum"]);
 }
 
+/// Clocks that jump, saves within one tick, files that are half there: what is shown in the end is what a plain run makes
+/// of what then lies there.
+#[test]
+fn row_69_clocks_that_jump_and_half_files_end_as_a_plain_run() {
+    let watch = Session::of(SUM);
+    watch.rest();
+    let file = watch.lab.path("five.txt");
+    let at = |seconds| std::time::UNIX_EPOCH + Duration::from_secs(seconds);
+    for round in 0..20 {
+        let (past, future) = (at(round), at(4_000_000_000 + round));
+        for (text, clock) in [("6", past), ("7", future), ("-", past), ("", past), ("8", past), ("2", past)] {
+            std::fs::write(&file, text).unwrap();
+            std::fs::File::options().write(true).open(&file).unwrap().set_modified(clock).unwrap();
+        }
+        let whole = graph_text(&SUM.replace("1.0", &format!("{round}.5")));
+        watch.lab.write("graph.ron", &whole[..whole.len() / 2]);
+        watch.lab.write("graph.ron", &whole);
+    }
+    while watch.lab.out("sum.txt") != "21.5\n" {
+        watch.rest();
+    }
+    let plain = Lab::in_memory();
+    plain.write("five.txt", "2");
+    plain.run(&SUM.replace("1.0", "19.5"));
+    assert_eq!(plain.out("sum.txt"), "21.5\n");
+}
+
 /// Mutation: a changed graph not taken in `Session::run` (seen red).
 #[test]
 fn row_69_a_storm_of_saves_ends_as_the_last_one_says() {
