@@ -131,10 +131,14 @@ impl Lines {
                 }
                 match state {
                     State::Ran => {
+                        // Every node has bytes; that many numbers are for those who ask.
+                        let shown = |name: &String| self.every || !name.starts_with("bytes_");
+                        let counts = counts.iter().filter(|(name, _)| shown(name));
+                        let counts = counts.map(|(name, n)| (name.clone(), *n)).collect();
                         let text = format!(
                             "{id:<12} {kind:<16} {:>8}{}",
                             seconds_text(*seconds),
-                            counts_text(counts)
+                            counts_text(&counts)
                         );
                         self.line("ran", "32", &text);
                     }

@@ -24,6 +24,11 @@ use crate::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::sink::Placed;
 use crate::trace::Tracer;
 
+/// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
+/// it lies in memory.
+const BYTES_READ: &str = "bytes_read";
+const BYTES_MADE: &str = "bytes_made";
+
 /// What the threads tell the scheduler.
 pub(crate) enum Message {
     Event(Event),
@@ -178,6 +183,10 @@ impl Job<'_> {
             })),
             ..Context::of_node(graph, self.node, &self.action)
         };
+        let ports = node.kind.inputs.iter().zip(&self.inputs);
+        let of_values =
+            bytes_of(ports.flat_map(|(port, values)| values.iter().map(|value| (port.artifact, value))));
+        let of_files = context.sources.iter().fold(0, |sum, source| sum + source.bytes);
         let start = Instant::now();
         let outcome = node.step.run(self.inputs, &context);
         let seconds = start.elapsed().as_secs_f64();
@@ -193,17 +202,24 @@ impl Job<'_> {
         let files = files
             .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
             .collect();
-        let counts: Counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
-        let made: usize =
-            node.kind.outputs.iter().zip(&values).map(|(port, value)| (port.artifact.bytes)(value)).sum();
-        let memory = self.memory.max(made as u64);
+        let mut counts: Counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        let made = bytes_of(node.kind.outputs.iter().map(|port| port.artifact).zip(&values));
+        let memory = self.memory.max(made);
         let mut whole = context.known.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // Not those of parts that were known, which are no inputs.
+        counts.insert(BYTES_READ.to_owned(), of_values + of_files);
+        counts.insert(BYTES_MADE.to_owned(), made);
         let effort = Effort { seconds, counts };
         whole.add(&effort);
         let spent = Spent { seconds: whole.seconds, work: self.work, memory, counts: whole.counts };
         let record = Record { outputs, files, notes, spent };
         Ok((Finished { record, values, effort, ran: true }, encoded))
     }
+}
+
+/// Bytes of values in memory.
+fn bytes_of<'v>(values: impl Iterator<Item = (ArtifactType, &'v AnyArtifact)>) -> u64 {
+    values.fold(0, |sum, (artifact, value)| sum + (artifact.bytes)(value) as u64)
 }
 
 /// The outputs of a node by digest, and the canonical bytes of those that are stored.

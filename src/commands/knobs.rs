@@ -5,7 +5,7 @@ use engine::{GraphKnob, PRESETS};
 use serde_json::json;
 
 use crate::session::{Error, GraphArgs};
-use crate::trade::bench::presets;
+use crate::trade::dials::presets;
 
 /// Lists what trades work for accuracy in a graph, and which outputs it reaches.
 ///
@@ -29,10 +29,13 @@ impl Knobs {
         let knobs = graph.knobs(&loaded.only);
         // A graph's own preset may set what the program's of that name does not.
         let laid = presets(graph, &nodes::registry())?.map(|laid| laid.knobs(&loaded.only));
+        // What varies under a preset, too, has no value there.
         let rungs = |knob: &GraphKnob| {
             let same = |other: &&GraphKnob| other.node == knob.node && other.parameter == knob.parameter;
-            laid.each_ref()
-                .map(|laid| laid.iter().find(same).map_or("", |knob| knob.value.as_str()).to_owned())
+            laid.each_ref().map(|laid| {
+                let knob = laid.iter().find(same).filter(|knob| !knob.varies);
+                knob.map(|knob| knob.value.clone())
+            })
         };
         let range = |knob: &GraphKnob| {
             let node = &graph.nodes[*graph.find_all(&knob.node).first()?];
@@ -63,8 +66,8 @@ impl Knobs {
             let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), now];
             // A dot: the preset leaves what the graph says.
             let left = knob.knob.ladder.map(str::is_empty);
-            let rung = |(value, left): (String, bool)| {
-                if left && value == knob.value { ".".to_owned() } else { value }
+            let rung = |(value, left): (Option<String>, bool)| {
+                value.filter(|value| !(left && *value == knob.value)).unwrap_or_else(|| ".".to_owned())
             };
             row.extend(rungs(knob).into_iter().zip(left).map(rung));
             row.push(range(knob).map(|(low, high)| format!("{low} to {high}")).unwrap_or_default());

@@ -71,6 +71,11 @@ fn describe(kind: &KindEntry) -> String {
         if !param.unit.is_empty() {
             facts.push(param.unit.to_owned());
         }
+        if let Some(knob) = &param.knob {
+            // Where a preset leaves it as it is, a dot, as in `knobs`.
+            let values = knob.ladder.map(|value| if value.is_empty() { "." } else { value });
+            facts.push(format!("knob ({}) {}", knob.kind.name(), values.join(" ")));
+        }
         // Writing to a string cannot fail.
         let _ = writeln!(text, "  {:<20} {}", param.name, facts.join(", "));
         lines(param.doc).for_each(|line| text.push_str(&format!("  {:<20}   {line}\n", "")));

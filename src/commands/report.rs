@@ -1,6 +1,6 @@
 //! `report`: one page on what a graph costs, how far it is off, and which node is to blame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -9,11 +9,12 @@ use engine::{Level, PRESETS};
 use nodes::types::{Cell, Images, Picture, Report, Table};
 use serde_json::{Value, json};
 
-use super::tune::tell_unjudged;
 use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
-use crate::trade::bench::{Bench, Miss, Point, Position};
+use crate::trade::bench::{Bench, Miss, Point};
 use crate::trade::blame::{Blame, blames};
+use crate::trade::dials::Position;
+use crate::trade::judge::Off;
 use crate::trade::left_out::{LeftOut, left_out};
 use crate::trade::page::Page;
 use crate::trade::plot::{self, Dot, tick_text};
@@ -97,7 +98,7 @@ fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<
             Miss::Stopped => Stop::Asked,
             Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
         })?;
-        tell_unjudged(bench);
+        bench.remarks().iter().for_each(|remark| report::remark(remark));
         let point = &bench.points[at];
         let error = metric.told(metric.error(&point.off));
         report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
@@ -151,7 +152,7 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
                        "counts": node.counts, "notes": node.notes})
             })
             .collect();
-        json!({"setting": bench.name(&point.position), "as_it_is": index == now, "work": point.work,
+        json!({"setting": bench.name(&point.position), "as_it_is": index == now, "work": point.work, "nodes_run": actions(point),
                "seconds": point.seconds, "error": error(metric.error(&point.off)), "off": off, "nodes": nodes})
     };
     let blame = |b: &Blame| {
@@ -169,7 +170,7 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
         "attribution": blames.iter().map(blame).collect::<Vec<_>>(),
         "reports": reports.iter().map(|(name, report)| (name.clone(), tables(report)))
             .collect::<serde_json::Map<_, _>>(),
-        "left_out": bench.unjudged.iter().map(|(name, _)| name).collect::<Vec<_>>(),
+        "left_out": bench.unjudged,
         "not_modelled": left_out(&bench.points[now].nodes, &reports).iter().map(skipped).collect::<Vec<_>>(),
     })
 }
@@ -223,6 +224,11 @@ fn page(
     Ok(page)
 }
 
+/// How many nodes a run has: those of equal keys are one.
+fn actions(point: &Point) -> usize {
+    point.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
+}
+
 /// What one asks first.
 fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
     let point = &bench.points[now];
@@ -238,6 +244,7 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames
         ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
         ("code ran", format!("{} s", tick_text(point.seconds))),
+        ("nodes", actions(point).to_string()),
         ("bottleneck", bottleneck),
         ("result", stands.to_owned()),
     ]);
@@ -313,6 +320,7 @@ fn notes(page: &mut Page, point: &Point) {
 fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize], now: usize) {
     let mut outputs: Vec<&str> = bench.points[now].off.iter().map(|row| row.output.as_str()).collect();
     outputs.dedup();
+    let mut plots = Vec::new();
     for output in outputs {
         let error = |point: &Point| {
             let rows: Vec<_> = point.off.iter().filter(|row| row.output == output).cloned().collect();
@@ -342,23 +350,23 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
                 named: presets.contains(index) || *index == now,
             })
             .collect();
-        page.heading(&format!("Error over work: {output}"));
         let axis = format!("error ({})", metric.name);
-        if let Some(svg) = plot::svg(&dots, "work (rays)", &axis, |error| metric.told(Some(error)), None) {
-            page.raw(&svg);
-        }
+        let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.told(Some(error)), None);
+        plots.extend(svg.map(|svg| (output, svg)));
     }
+    page.heading("Error over work");
+    page.plots(&plots);
 }
 
 fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     page.heading("Regions");
     page.words(
         "As it is, beside two baselines against the same reference: nothing inserted, and the reference's object without \
-         its shadow. `touched` is what the object covers, shades or lights in the reference.",
+         its shadow. `touched` is what the object covers, shades or lights in the reference, `object` the part that it \
+         covers by more than half, `shadow` the rest.",
     );
-    let cell = |row: &crate::trade::bench::Off, column: &str| {
-        row.values.get(column).map_or("not computed".to_owned(), |v| tick_text(*v))
-    };
+    let cell =
+        |row: &Off, column: &str| row.values.get(column).map_or("not computed".to_owned(), |v| tick_text(*v));
     let rows: Vec<Vec<String>> = bench.points[now]
         .off
         .iter()

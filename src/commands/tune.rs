@@ -41,7 +41,7 @@ pub struct Tune {
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
     /// Most settings to measure
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = at_least_one)]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
     /// The overlay to write
     #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
@@ -60,17 +60,17 @@ impl Tune {
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
-        let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
+        let steps = bench.steps();
         // The first one is what others are compared with.
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
         let (mut left, mut wrong) = (self.budget, None);
         let by_seconds = self.max_seconds.is_some();
-        let Found { tried, best, finished } = search(&starts, &sizes, goal, |position| {
+        let Found { tried, best, finished } = search(&starts, &steps, goal, |position| {
             left = left.checked_sub(1)?;
             let position = position.to_vec();
             match bench.measure(&position) {
                 Ok(at) => {
-                    tell_unjudged(&bench);
+                    bench.remarks().iter().for_each(|remark| report::remark(remark));
                     let point = &bench.points[at];
                     let error = metric.error(&point.off);
                     let cost = if by_seconds { point.seconds } else { point.work };
@@ -234,13 +234,6 @@ fn summary(metric: &Metric, goal: Goal, found: &Tried, naive: Option<(&str, &Tri
         }
     }
     text
-}
-
-/// Says which pictures are not judged, once the first setting was measured.
-pub fn tell_unjudged(bench: &Bench<'_>) {
-    if bench.points.len() == 1 {
-        bench.unjudged.iter().for_each(|(_, why)| report::remark(why));
-    }
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {

@@ -5,30 +5,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use engine::{
-    Artifact, Context, Counts, Digest, Engine, Event, Graph, Kind, Note, PRESETS, Registry, RunOptions,
-    Source, Wire, overlay_text,
+    Artifact, Counts, Digest, Engine, Event, Graph, Note, PRESETS, Registry, RunOptions, Source, Wire,
+    overlay_text,
 };
-use nodes::compare::{Compare, In, Space};
-use nodes::composite::{self, Composite};
-use nodes::layers::linear;
-use nodes::metrics::PIXELS_PER_DEGREE;
-use nodes::types::{Cell, Data, Image, Images, NamedImage, Picture, Report};
+use nodes::types::{Images, Report};
 
+use super::dials::{Dial, Position, dials};
+use super::judge::{Off, Output, Truth, holds_data, is_bright, outputs};
+use super::search::Steps;
 use super::work::work_of;
 use crate::session::Error;
-
-/// One knob of the graph with the values it may take, from the least work to the least error.
-pub struct Dial {
-    pub node: String,
-    pub parameter: &'static str,
-    pub values: Vec<String>,
-    /// Which of them the graph has, and each preset.
-    pub now: usize,
-    pub presets: [usize; 4],
-}
-
-/// For each dial the index of its value.
-pub type Position = Vec<usize>;
 
 /// What a node stands for, whatever of it was known.
 #[derive(Debug, Clone)]
@@ -47,19 +33,6 @@ pub struct NodeCost {
     pub key: Option<Digest>,
 }
 
-/// How far one view of a picture is off, in one region.
-#[derive(Debug, Clone)]
-pub struct Off {
-    pub output: String,
-    pub view: String,
-    pub region: String,
-    /// What was judged: `image`, or a baseline.
-    pub judged: String,
-    pub pixels: u64,
-    /// By column of `compare`.
-    pub values: BTreeMap<String, f64>,
-}
-
 /// The graph at one position.
 pub struct Point {
     pub position: Position,
@@ -70,28 +43,6 @@ pub struct Point {
     pub off: Vec<Off>,
 }
 
-/// A picture to judge, and where the background stands that an object was put into, and the object.
-struct Output {
-    name: String,
-    wire: Wire,
-    background: Option<Wire>,
-    object: Option<Wire>,
-}
-
-/// Pictures of the reference, and for those with an object put in what to see that beside.
-struct Truth {
-    pictures: Vec<Arc<Images>>,
-    inserted: Vec<Option<Inserted>>,
-}
-
-/// What an object changes in a picture, and the two pictures that miss all of it or its shadow.
-#[derive(Clone)]
-struct Inserted {
-    touched: Arc<Images>,
-    nothing: Arc<Images>,
-    no_shadow: Option<Arc<Images>>,
-}
-
 /// A graph whose knobs can be turned.
 pub struct Bench<'e> {
     engine: &'e Engine,
@@ -100,8 +51,9 @@ pub struct Bench<'e> {
     outputs: Vec<Output>,
     targets: Vec<usize>,
     pub dials: Vec<Dial>,
-    /// Pictures that are not judged, each with a sentence that says why.
-    pub unjudged: Vec<(String, String)>,
+    /// Pictures that are not judged.
+    pub unjudged: Vec<String>,
+    remarks: Vec<String>,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
     pub points: Vec<Point>,
@@ -128,7 +80,7 @@ impl<'e> Bench<'e> {
         let registry = nodes::registry();
         let base = Graph::parse(source, &registry, graph.root.clone()).map_err(Error::Graph)?;
         let asked = if only.is_empty() { base.targets() } else { only.to_vec() };
-        let outputs = outputs(&base, &asked);
+        let (outputs, layers) = outputs(&base, &asked);
         if outputs.is_empty() {
             return Err(Error::NoPicture);
         }
@@ -141,21 +93,24 @@ impl<'e> Bench<'e> {
         for (output, reached) in outputs.into_iter().zip(reached) {
             (if reached { &mut kept } else { &mut left }).push(output);
         }
-        let names = left.into_iter().map(|output| output.name);
+        let unjudged: Vec<String> = left.into_iter().map(|output| output.name).collect();
         if kept.is_empty() {
-            return Err(Error::NoKnob(names.collect::<Vec<_>>().join("`, `")));
+            return Err(Error::NoKnob(unjudged.join("`, `")));
         }
-        let unreached = |name: String| {
-            let why = format!("no knob reaches `{name}`, so it is left out");
-            (name, why)
-        };
-        let (outputs, unjudged) = (kept, names.map(unreached).collect());
+        let unreached = |name: &String| format!("no knob reaches `{name}`, so it is left out");
+        let remarks = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
+        let outputs = kept;
         let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
         targets.sort_unstable();
         targets.dedup();
         let dials = dials(&base, &targets, &registry)?;
         let (truth, points) = (None, Vec::new());
-        Ok(Self { engine, registry, base, outputs, targets, dials, unjudged, cancel, truth, points })
+        Ok(Self { engine, registry, base, outputs, targets, dials, unjudged, remarks, cancel, truth, points })
+    }
+
+    /// How far each knob can be turned.
+    pub fn steps(&self) -> Vec<Steps> {
+        self.dials.iter().map(|dial| Steps { values: dial.values.len(), step: dial.step }).collect()
     }
 
     /// The position of the graph as it is.
@@ -241,35 +196,56 @@ impl<'e> Bench<'e> {
             });
         }
         let mut pictures = self.pictures(&graph)?;
-        if self.truth.is_none() {
-            self.leave_out_data(&mut pictures);
-            self.truth = Some(self.truth_of(&graph, &pictures));
-        }
-        let off = self.off(&pictures).map_err(|error| Miss::Failed(error.to_string()))?;
+        let off = self.off(&graph, &mut pictures)?;
         let (work, seconds) = nodes.iter().fold((0.0, 0.0), |(w, s), n| (w + n.work, s + n.seconds));
         self.points.push(Point { position: position.clone(), work, seconds, nodes, off });
         Ok(self.points.len() - 1)
     }
 
-    /// Beside pictures of colours those of data are not judged, such as a depth: other measures hold for them.
-    fn leave_out_data(&mut self, pictures: &mut Vec<Arc<Images>>) {
-        let holds_data =
-            |images: &Arc<Images>| images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)));
-        if pictures.iter().all(holds_data) {
-            return;
-        }
-        let mut data = pictures.iter().map(holds_data).collect::<Vec<_>>().into_iter();
-        let unjudged = &mut self.unjudged;
-        self.outputs.retain(|output| {
-            let colours = data.next() == Some(false);
-            if !colours {
-                let why =
-                    format!("`{}` holds data, where others hold colours, so it is left out", output.name);
-                unjudged.push((output.name.clone(), why));
+    /// How far pictures are off the reference, which the first ones are. Beside pictures of colours those of data are
+    /// not judged, such as a depth: other measures hold for them. Nor are those whose size a knob sets.
+    fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
+        if self.truth.is_none() {
+            let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
+            if !data.iter().all(|data| *data) {
+                self.leave_out(pictures, &data, "holds data, where others hold colours");
             }
-            colours
-        });
-        pictures.retain(|images| !holds_data(images));
+            let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
+            self.truth = Some(Truth::of(&self.outputs, pictures, value));
+            let bright = self.outputs.iter().zip(&*pictures).filter(|(_, images)| is_bright(images));
+            self.remarks.extend(bright.map(|(output, _)| {
+                format!("`{}` holds light far above white, which is judged as white", output.name)
+            }));
+        }
+        let fits =
+            |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();
+        let resized: Vec<bool> = self.truth.as_ref().map(fits).unwrap_or_default();
+        self.leave_out(pictures, &resized, "is of another size at other settings");
+        if self.outputs.is_empty() {
+            let why = "a knob sets the size of every picture, so there is nothing to compare";
+            return Err(Miss::Failed(why.to_owned()));
+        }
+        let Some(truth) = &self.truth else { return Ok(Vec::new()) };
+        truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
+    }
+
+    /// Judges some pictures no more.
+    fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
+        for at in (0..which.len()).rev().filter(|at| which[*at]) {
+            let Output { name, .. } = self.outputs.remove(at);
+            pictures.remove(at);
+            if let Some(truth) = &mut self.truth {
+                truth.remove(at);
+            }
+            self.points.iter_mut().for_each(|point| point.off.retain(|row| row.output != name));
+            self.remarks.push(format!("`{name}` {why}, so it is left out"));
+            self.unjudged.push(name);
+        }
+    }
+
+    /// What is to be said of pictures and was not yet.
+    pub fn remarks(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.remarks)
     }
 
     /// The pictures of the last run of a graph.
@@ -313,37 +289,9 @@ impl<'e> Bench<'e> {
         reports
     }
 
-    fn truth_of(&self, graph: &Graph, pictures: &[Arc<Images>]) -> Truth {
-        let inserted = |(output, picture): (&Output, &Arc<Images>)| {
-            let value = |wire: Wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
-            let nothing = value(output.background?)?;
-            let no_shadow = output.object.and_then(value).and_then(|object| shadowless(&nothing, object));
-            Some(Inserted { touched: touched(picture, &nothing)?, nothing, no_shadow })
-        };
-        let inserted = self.outputs.iter().zip(pictures).map(inserted).collect();
-        Truth { pictures: pictures.to_vec(), inserted }
-    }
-
-    /// How far pictures are off the reference, by output, view and region.
-    fn off(&self, pictures: &[Arc<Images>]) -> Result<Vec<Off>, engine::NodeError> {
-        let Some(truth) = &self.truth else { return Ok(Vec::new()) };
-        let mut all = Vec::new();
-        for (index, (output, picture)) in self.outputs.iter().zip(pictures).enumerate() {
-            let (out, _) = compare(picture, &truth.pictures[index], truth.inserted[index].clone())?;
-            for table in &out.tables {
-                all.extend(table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row)));
-            }
-        }
-        Ok(all)
-    }
-
     /// FLIP of each pixel between pictures and those of the reference, by output.
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
-        let Some(truth) = &self.truth else { return Vec::new() };
-        let map = |((_, picture), truth): (&(String, Arc<Images>), &Arc<Images>)| {
-            compare(picture, truth, None).map(|(_, flip)| flip).unwrap_or_default()
-        };
-        pictures.iter().zip(&truth.pictures).map(map).collect()
+        self.truth.as_ref().map(|truth| truth.flip_maps(pictures)).unwrap_or_default()
     }
 
     /// The names of the nodes that have a dial with more than one value, in the order of the file.
@@ -351,203 +299,5 @@ impl<'e> Bench<'e> {
         let mut seen = BTreeSet::new();
         let names = self.dials.iter().filter(|dial| dial.values.len() > 1).map(|dial| dial.node.clone());
         names.filter(|name| seen.insert(name.clone())).collect()
-    }
-}
-
-/// `compare` as a library: its report and the map of FLIP.
-fn compare(
-    image: &Arc<Images>,
-    reference: &Arc<Images>,
-    inserted: Option<Inserted>,
-) -> Result<(Report, Arc<Images>), engine::NodeError> {
-    let (regions, background, no_shadow) = match inserted {
-        Some(Inserted { touched, nothing, no_shadow }) => (vec![touched], Some(nothing), no_shadow),
-        None => (Vec::new(), None, None),
-    };
-    let names = regions.iter().map(|_| "touched".to_owned()).collect();
-    let params = Compare {
-        space: Space::Display,
-        quantise: true,
-        names,
-        gain: 1.0,
-        pixels_per_degree: PIXELS_PER_DEGREE,
-        lpips: None,
-        scores: Vec::new(),
-        lpips_scaled: true,
-    };
-    let inputs =
-        In { image: image.clone(), reference: reference.clone(), mask: None, regions, background, no_shadow };
-    let (out, _) = Compare::run(&params, inputs, &detached())?;
-    Ok((Arc::unwrap_or_clone(out.report), out.flip))
-}
-
-fn detached() -> Context {
-    Context::detached(engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
-}
-
-/// The object over a background that it leaves as it is; none where the two do not fit.
-fn shadowless(background: &Arc<Images>, object: Arc<Images>) -> Option<Arc<Images>> {
-    let background = background.clone();
-    let layers = composite::In { background, object, shadow: None, added: None, front: None, variance: None };
-    let made = Composite::run(&Composite { backdrop: Some([0.0; 3]) }, layers, &detached());
-    made.ok().map(|(out, _)| out.image)
-}
-
-fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
-    let [Cell::Text(view), Cell::Text(judged), Cell::Text(region), Cell::Count(pixels), ..] = row else {
-        return None;
-    };
-    let number = |(column, cell): (&String, &Cell)| match cell {
-        Cell::Number(value) => Some((column.clone(), *value)),
-        Cell::Text(text) if text == "inf" => Some((column.clone(), f64::INFINITY)),
-        Cell::Text(text) if text == "-inf" => Some((column.clone(), f64::NEG_INFINITY)),
-        _ => None,
-    };
-    let values = columns.iter().zip(row).skip(4).filter_map(number).collect();
-    let [output, view, judged, region] = [output, view, judged, region].map(str::to_owned);
-    Some(Off { output, view, region, judged, pixels: *pixels, values })
-}
-
-/// Where a picture differs from its background by more than one and a half codes of 8 bits in linear light near
-/// white, or by a hundredth of the light: what an inserted object covers, shades or lights.
-fn touched(picture: &Images, background: &Images) -> Option<Arc<Images>> {
-    let mut masks = Vec::new();
-    for view in &picture.0 {
-        let behind = if background.0.len() == 1 {
-            background.0.first().map(|b| &b.picture)
-        } else {
-            background.view(&view.name)
-        };
-        let (a, b) = (linear(&view.picture, "image").ok()?, linear(behind?, "background").ok()?);
-        if (a.width, a.height) != (b.width, b.height) {
-            return None;
-        }
-        let differs = |(p, q): (&[f32], &[f32])| {
-            let far = |(p, q): (&f32, &f32)| (p - q).abs() > 0.002 + 0.01 * q.abs();
-            f32::from(p.iter().zip(q).take(3).any(far))
-        };
-        let pixels = a.samples.chunks_exact(a.channels).zip(b.samples.chunks_exact(b.channels));
-        let mask = Image::<Data>::from_samples(a.width, a.height, 1, pixels.map(differs).collect());
-        masks.push(NamedImage { name: view.name.clone(), picture: Picture::Data(mask) });
-    }
-    Some(Arc::new(Images(masks)))
-}
-
-/// The pictures that come to the targets, each once, under the name of the node that makes them.
-fn outputs(graph: &Graph, asked: &[usize]) -> Vec<Output> {
-    let is_picture =
-        |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
-    let mut wires: Vec<Wire> = Vec::new();
-    for &target in asked {
-        let node = &graph.nodes[target];
-        if node.sink_path.is_some() {
-            // Layers are for later work, each in numbers of its own; the picture is what is judged.
-            let picture = node.kind.inputs.iter().zip(&node.inputs).filter(|(port, _)| port.name == "image");
-            wires.extend(picture.flat_map(|(_, wires)| wires).filter(|wire| is_picture(wire)));
-        } else {
-            let first = Wire { node: target, port: 0 };
-            wires.extend(Some(first).filter(|_| !node.kind.outputs.is_empty()).filter(is_picture));
-        }
-    }
-    wires.sort_unstable();
-    wires.dedup();
-    let output = |wire: Wire| {
-        let node = &graph.nodes[wire.node];
-        let port = node.kind.outputs[wire.port].name;
-        let name = if wire.port == 0 { node.id.clone() } else { format!("{}.{port}", node.id) };
-        let read = |name: &str| {
-            let mut ports = node.kind.inputs.iter().zip(&node.inputs);
-            ports.find(|(port, _)| port.name == name).and_then(|(_, wires)| wires.first().copied())
-        };
-        Output { name, wire, background: read("background"), object: read("object") }
-    };
-    wires.into_iter().map(output).collect()
-}
-
-/// A graph at each of its presets.
-pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> {
-    let preset = |name: &str| {
-        let source = graph.source.clone().with_preset(name, registry);
-        Graph::parse(source, registry, graph.root.clone()).map_err(Error::Graph)
-    };
-    let [draft, preview, finer, reference] = PRESETS.map(preset);
-    Ok([draft?, preview?, finer?, reference?])
-}
-
-/// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
-/// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
-fn dials(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Dial>, Error> {
-    let laid = presets(graph, registry)?;
-    let knobs = laid.each_ref().map(|graph| graph.knobs(targets));
-    let mut dials: Vec<Dial> = Vec::new();
-    for knob in graph.knobs(targets).into_iter().filter(|knob| !knob.varies) {
-        let of = |rung: usize| {
-            let known = knobs[rung].iter().find(|k| k.node == knob.node && k.parameter == knob.parameter);
-            known.map_or(knob.value.as_str(), |k| k.value.as_str())
-        };
-        let mut values = knob.knob.values();
-        for value in [knob.value.as_str(), of(0), of(1), of(2), of(3)] {
-            insert(&mut values, value);
-        }
-        let at = |value: &str| values.iter().position(|known| equal(known, value)).unwrap_or(0);
-        let (now, presets) = (at(&knob.value), [0, 1, 2, 3].map(|rung| at(of(rung))));
-        dials.push(Dial { node: knob.node.clone(), parameter: knob.parameter, now, presets, values });
-    }
-    for (rung, form) in laid.iter().enumerate() {
-        for (node, parameter, [here, there]) in graph.fields_otherwise(form, targets) {
-            let known = dials.iter().position(|dial| dial.node == node && dial.parameter == parameter);
-            let at = known.unwrap_or_else(|| {
-                dials.push(Dial { node, parameter, now: 0, presets: [0; 4], values: vec![here] });
-                dials.len() - 1
-            });
-            let dial = &mut dials[at];
-            if !dial.values.contains(&there) {
-                dial.values.push(there.clone());
-            }
-            dial.presets[rung] = dial.values.iter().position(|known| *known == there).unwrap_or(0);
-        }
-    }
-    Ok(dials)
-}
-
-/// Canonical text may write a number otherwise than a ladder does.
-fn equal(a: &str, b: &str) -> bool {
-    a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
-}
-
-/// Puts a value where it belongs by size, which falls along some ladders; in front where it is no number.
-fn insert(values: &mut Vec<String>, value: &str) {
-    if values.iter().any(|known| equal(known, value)) {
-        return;
-    }
-    let number = |text: &str| text.parse::<f64>().ok();
-    let ends = values.first().and_then(|v| number(v)).zip(values.last().and_then(|v| number(v)));
-    let place = match (number(value), ends) {
-        (Some(new), Some((first, last))) if first != last => {
-            let before = |known: f64| if first < last { known < new } else { known > new };
-            values.iter().take_while(|known| number(known).is_some_and(before)).count()
-        }
-        _ => 0,
-    };
-    values.insert(place, value.to_owned());
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn values_are_put_where_they_belong_on_rising_and_falling_ladders() {
-        let with = |ladder: &[&str], value: &str| {
-            let mut values: Vec<String> = ladder.iter().map(|v| (*v).to_owned()).collect();
-            insert(&mut values, value);
-            values.join(" ")
-        };
-        assert_eq!(with(&["4", "16", "64"], "32"), "4 16 32 64");
-        assert_eq!(with(&["4", "16", "64"], "16.0"), "4 16 64");
-        assert_eq!(with(&["4", "16", "64"], "100"), "4 16 64 100");
-        assert_eq!(with(&["0.03", "0.01", "0.0"], "0.02"), "0.03 0.02 0.01 0.0");
-        assert_eq!(with(&["0.0"], "1.0"), "1.0 0.0", "a filter that only the reference turns off");
-        assert_eq!(with(&["F32", "F64"], "F16"), "F16 F32 F64");
     }
 }

@@ -1,7 +1,8 @@
 //! Which node is to blame: each set to the reference alone, and the reverse.
 
 use super::Metric;
-use super::bench::{Bench, Position};
+use super::bench::Bench;
+use super::dials::Position;
 
 /// What setting one node to the reference gains, and what leaving it as it is costs.
 #[derive(Debug)]

@@ -2,13 +2,15 @@
 
 pub mod bench;
 pub mod blame;
+pub mod dials;
+pub mod judge;
 pub mod left_out;
 pub mod page;
 pub mod plot;
 pub mod search;
 pub mod work;
 
-use bench::Off;
+use judge::Off;
 use serde_json::{Value, json};
 
 /// A measure of error, in which less is better, and the part of the picture that it is taken over.
@@ -30,6 +32,9 @@ enum Of {
     Psnr,
 }
 
+/// The parts of a picture that errors are taken over.
+const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
+
 /// Names of metrics, and what each takes.
 const METRICS: [(&str, Of); 7] = [
     ("flip", Of::Column("flip mean")),
@@ -44,12 +49,8 @@ const METRICS: [(&str, Of); 7] = [
 impl Metric {
     /// The metric of a name, such as `flip`, `touched.rmse`; `whole.` may stand in front.
     pub fn of(name: &str) -> Option<Self> {
-        let (region, metric) = match name.split_once('.') {
-            Some(("touched", metric)) => ("touched", metric),
-            Some(("whole", metric)) => ("whole", metric),
-            Some(_) => return None,
-            None => ("whole", name),
-        };
+        let (region, metric) = name.split_once('.').unwrap_or(("whole", name));
+        let region = REGIONS.into_iter().find(|known| *known == region)?;
         let (_, of) = METRICS.iter().find(|(known, _)| *known == metric)?;
         Some(Self { name: name.to_owned(), region, of: *of })
     }
@@ -80,7 +81,9 @@ impl Metric {
     /// What it takes to compute it, for messages.
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {
-            ("touched", _) => "a composite with a background, and an object that some view shows",
+            ("touched" | "object" | "shadow", _) => {
+                "a composite with a background, and an object that some view shows"
+            }
             (_, Of::Rmse | Of::Psnr) => "pictures whose values are finite",
             _ => "pictures of colours, not of data",
         }

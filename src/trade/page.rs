@@ -27,7 +27,8 @@ th,td{padding:.25em .7em;border-bottom:1px solid var(--line);text-align:right;ve
 .facts{display:flex;flex-wrap:wrap;gap:.6em;margin:1em 0;padding:0}\
 .facts div{flex:1 1 8em;background:var(--head);border-radius:6px;padding:.5em .9em}\
 .facts dt{font-size:.8em;color:var(--dim)}.facts dd{margin:0;font-size:1.25em;overflow-wrap:anywhere}\
-.row{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,240px),1fr));gap:.8em;margin:.8em 0}\
+.row{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(30%,240px),1fr));gap:.8em;margin:.8em 0}\
+.row.plots{grid-template-columns:repeat(auto-fit,minmax(min(100%,460px),1fr))}.small{image-rendering:pixelated}\
 figure{margin:0}figcaption{font-size:.85em;color:var(--dim)}img{width:100%;display:block;border-radius:3px}\
 svg{max-width:100%;height:auto}.frame{fill:none;stroke:var(--off)}.grid{stroke:var(--line)}\
 .tick{font-size:11px;fill:var(--dim)}.axis{font-size:12px;fill:var(--ink)}\
@@ -83,11 +84,6 @@ impl Page {
         self.body.push_str("</table></div>\n");
     }
 
-    /// What is already HTML or SVG of ours.
-    pub fn raw(&mut self, text: &str) {
-        self.body.push_str(text);
-    }
-
     /// The tables of a node's report.
     pub fn report(&mut self, name: &str, report: &Report) {
         for table in &report.tables {
@@ -105,13 +101,24 @@ impl Page {
         for (picture, caption) in pictures {
             let raster = if let Picture::Data(_) = picture { heat(picture) } else { shown(picture) };
             let Some(raster) = raster.map(|raster| halved(raster, widest)) else { continue };
+            // Shown larger than it is, a picture has pixels rather than a blur that is not in it.
+            let class = if raster.width < 240 { " class=\"small\"" } else { "" };
             let Ok(bytes) = png::write(&raster, true, &[]) else { continue };
             let _ = writeln!(
                 self.body,
-                "<figure><img alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption></figure>",
+                "<figure><img{class} alt=\"{0}\" src=\"data:image/png;base64,{1}\"><figcaption>{0}</figcaption></figure>",
                 escaped(caption),
                 base64(&bytes)
             );
+        }
+        self.body.push_str("</div>\n");
+    }
+
+    /// Plots beside each other, as far as there is room.
+    pub fn plots(&mut self, plots: &[(&str, String)]) {
+        self.body.push_str("<div class=\"row plots\">\n");
+        for (name, svg) in plots {
+            let _ = writeln!(self.body, "<figure><figcaption>{}</figcaption>{svg}</figure>", escaped(name));
         }
         self.body.push_str("</div>\n");
     }

@@ -88,6 +88,7 @@ pub fn svg(
     front.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let way: Vec<String> = front.iter().map(|d| format!("{:.1},{:.1}", x(d.cost), y(d.error))).collect();
     let _ = writeln!(text, "<polyline points=\"{}\" class=\"front\"/>", way.join(" "));
+    let mut names: Vec<[f64; 4]> = Vec::new();
     for dot in dots {
         let (cx, cy) = (x(dot.cost), y(dot.error));
         let class = if dot.front { "dot on" } else { "dot" };
@@ -99,11 +100,18 @@ pub fn svg(
         );
         if dot.named {
             let name = super::page::escaped(&dot.name);
+            // On the right of its dot, above or below it, where no other name stands; else above.
+            let at = |dy: f64| [cx + 7.0, cy + dy, 6.5 * dot.name.len() as f64, 11.0];
+            let apart = |a: [f64; 4], b: &[f64; 4]| {
+                a[0] + a[2] < b[0] || b[0] + b[2] < a[0] || (a[1] - b[1]).abs() > a[3]
+            };
+            let free = [-5.0, 13.0, -18.0].map(at).into_iter().find(|a| names.iter().all(|b| apart(*a, b)));
+            let place = free.unwrap_or(at(-5.0));
+            names.push(place);
             let _ = writeln!(
                 text,
                 "<text x=\"{:.1}\" y=\"{:.1}\" class=\"name\">{name}</text>",
-                cx + 7.0,
-                cy - 5.0
+                place[0], place[1]
             );
         }
     }

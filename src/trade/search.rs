@@ -65,30 +65,50 @@ pub struct Found {
     pub finished: bool,
 }
 
-/// Searches from the given positions. `sizes` has the number of values of each knob, `measure` gives cost and
+/// Searches from the given positions. `knobs` has the number of values of each knob, `measure` gives cost and
 /// error of a position, `None` once there is to be no more measuring; a position is measured once.
 ///
-/// From the best start that fits every knob is turned by one value, down where work is to be saved and up where error
+/// From the best start that fits every knob is turned by one step, down where work is to be saved and up where error
 /// is, and the turns are tried together in the order of what each gained for what it lost, each kept where the goal
-/// still holds; and so on until no turn helps. To save error the same is done from the cheapest start, keeping
-/// of a round the best turn alone: what a dear knob that does little has taken of the cost is not given back by
-/// turning others up. Each search ends in a local optimum; the better one is the result.
+/// still holds; and so on until no turn helps, half a step neither. A start may spend on knobs that do little, and
+/// turning others does not give that back. So the same is done from the start that misses the goal by the least, which
+/// is first brought to it by the turns that gain most for what they lose; and to save error from the cheapest start,
+/// keeping of a round the best turn alone. From the best of these local optima a knob is turned beyond the goal, and
+/// others bring it back, as long as that is better.
 pub fn search(
     starts: &[Vec<usize>],
-    sizes: &[usize],
+    knobs: &[Steps],
     goal: Goal,
     measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
 ) -> Found {
-    let mut search = Search { sizes, goal, measure, tried: Vec::new() };
+    let mut search = Search { knobs, goal, measure, tried: Vec::new() };
     let finished = search.whole(starts).is_some();
     Found { best: search.best(|a, b| a.beats(b, goal)), tried: search.tried, finished }
 }
 
+/// How far a knob can be turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Steps {
+    /// How many values it has.
+    pub values: usize,
+    /// How many values make a step.
+    pub step: usize,
+}
+
 struct Search<'s, M> {
-    sizes: &'s [usize],
+    knobs: &'s [Steps],
     goal: Goal,
     measure: M,
     tried: Vec<Tried>,
+}
+
+/// Which way knobs are turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    /// To less work.
+    Down,
+    /// To less error.
+    Up,
 }
 
 impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
@@ -98,15 +118,29 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
             self.look(start)?;
         }
         let goal = self.goal;
-        let saves_work = matches!(goal, Goal::Error(_));
         let cheapest = self.best(|a, b| a.cost < b.cost);
+        let missed = |t: &Tried| match goal {
+            Goal::Error(_) => t.error,
+            Goal::Cost(_) => t.cost,
+        };
+        let missing = (0..self.tried.len()).filter(|&index| !self.tried[index].fits(goal));
+        let nearest =
+            missing.reduce(|a, b| if missed(&self.tried[b]) < missed(&self.tried[a]) { b } else { a });
         if let Some(best) = self.best(|a, b| a.beats(b, goal)) {
             self.climb(best, usize::MAX)?;
         }
-        match cheapest {
-            Some(cheapest) if !saves_work => self.climb(cheapest, 1),
-            _ => Some(()),
+        if let (Goal::Cost(_), Some(cheapest)) = (goal, cheapest) {
+            self.climb(cheapest, 1)?;
         }
+        if let Some(nearest) = nearest
+            && let Some(reached) = self.reach(nearest, None)?
+        {
+            self.climb(reached, usize::MAX)?;
+        }
+        while let Some(better) = self.exchange()? {
+            self.climb(better, usize::MAX)?;
+        }
+        Some(())
     }
 
     /// The index of a position among what was tried.
@@ -125,24 +159,31 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         fitting.reduce(|best, index| if better(&self.tried[index], &self.tried[best]) { index } else { best })
     }
 
-    /// A position with one knob turned by one value.
-    fn turned(&self, position: &[usize], knob: usize) -> Option<Vec<usize>> {
-        let mut position = position.to_vec();
-        position[knob] = match self.goal {
-            Goal::Error(_) => position[knob].checked_sub(1)?,
-            Goal::Cost(_) => Some(position[knob] + 1).filter(|next| *next < self.sizes[knob])?,
+    /// A position with one knob turned by so many values, or to its end.
+    fn turned(&self, position: &[usize], knob: usize, way: Way, values: usize) -> Option<Vec<usize>> {
+        let (at, last) = (position[knob], self.knobs[knob].values - 1);
+        let to = match way {
+            Way::Down => at.saturating_sub(values),
+            Way::Up => (at + values).min(last),
         };
-        Some(position)
+        let mut position = position.to_vec();
+        position[knob] = to;
+        (to != at).then_some(position)
     }
 
-    /// Turns knobs, at most so many in a round, until none helps.
+    /// Turns knobs, at most so many in a round, until none helps. What did not help once is asked again only where
+    /// nothing else does.
     fn climb(&mut self, mut from: usize, most: usize) -> Option<()> {
         let goal = self.goal;
+        let way = if matches!(goal, Goal::Error(_)) { Way::Down } else { Way::Up };
+        let all: Vec<usize> = (0..self.knobs.len()).collect();
+        let (mut open, mut whole) = (all.clone(), true);
         loop {
             let here = self.tried[from].clone();
             let mut turns = Vec::new();
-            for knob in 0..self.sizes.len() {
-                let Some(position) = self.turned(&here.position, knob) else { continue };
+            for &knob in &open {
+                let values = if whole { self.knobs[knob].step } else { 1 };
+                let Some(position) = self.turned(&here.position, knob, way, values) else { continue };
                 let at = self.look(&position)?;
                 let there = &self.tried[at];
                 if there.fits(goal) && there.beats(&here, goal) {
@@ -151,23 +192,114 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
                         Goal::Cost(_) => (here.error - there.error, there.cost - here.cost),
                     };
                     // What gains and loses nothing comes first.
-                    turns.push((saved / lost.max(1e-12), knob));
+                    turns.push((saved / lost.max(1e-12), knob, values));
                 }
             }
             turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            let helped: Vec<usize> = turns.iter().map(|(_, knob, _)| *knob).collect();
             let mut at = from;
-            for (_, knob) in turns.into_iter().take(most) {
-                let Some(position) = self.turned(&self.tried[at].position, knob) else { continue };
+            for (_, knob, values) in turns.into_iter().take(most) {
+                let Some(position) = self.turned(&self.tried[at].position, knob, way, values) else {
+                    continue;
+                };
                 let next = self.look(&position)?;
                 if self.tried[next].fits(goal) && self.tried[next].beats(&self.tried[at], goal) {
                     at = next;
                 }
             }
-            if at == from {
-                return Some(());
+            match (at == from, open.len() == all.len()) {
+                (false, _) => open.retain(|knob| helped.contains(knob)),
+                (true, false) => open.clone_from(&all),
+                (true, true) if whole => whole = false,
+                (true, true) => return Some(()),
             }
             from = at;
         }
+    }
+
+    /// A better position than the best one, by one knob half a step beyond the goal, those that save most first, and
+    /// others back to it; the inner `None` where there is none.
+    fn exchange(&mut self) -> Option<Option<usize>> {
+        let goal = self.goal;
+        let Some(best) = self.best(|a, b| a.beats(b, goal)) else { return Some(None) };
+        let here = self.tried[best].clone();
+        let way = if matches!(goal, Goal::Error(_)) { Way::Down } else { Way::Up };
+        let mut beyond = Vec::new();
+        for knob in 0..self.knobs.len() {
+            let Some(position) = self.turned(&here.position, knob, way, 1) else { continue };
+            let at = self.look(&position)?;
+            let there = &self.tried[at];
+            let saved = match goal {
+                Goal::Error(_) => 1.0 - there.cost / here.cost,
+                Goal::Cost(_) => 1.0 - there.error / here.error,
+            };
+            // What saves less is not worth the measuring.
+            if saved > 0.02 {
+                beyond.push((saved, knob, at));
+            }
+        }
+        beyond.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        for (_, knob, at) in beyond {
+            let reached = self.reach(at, Some((knob, best)))?;
+            if let Some(reached) = reached.filter(|&at| self.tried[at].beats(&here, goal)) {
+                return Some(Some(reached));
+            }
+        }
+        Some(None)
+    }
+
+    /// Turns knobs until the goal holds; the inner `None` where that does not come about. `beside` has a knob to leave
+    /// as it is, and what is to be beaten.
+    fn reach(&mut self, mut from: usize, beside: Option<(usize, usize)>) -> Option<Option<usize>> {
+        let goal = self.goal;
+        let is_worse = |here: &Tried, best: &Tried| match goal {
+            Goal::Error(_) => here.cost >= best.cost,
+            Goal::Cost(_) => here.error >= best.error,
+        };
+        let way = if matches!(goal, Goal::Error(_)) { Way::Up } else { Way::Down };
+        // What a turn gains towards the goal, and what it loses.
+        let gained = |a: &Tried, b: &Tried| match goal {
+            Goal::Error(_) => (a.error - b.error, b.cost - a.cost),
+            Goal::Cost(_) => (a.cost - b.cost, b.error - a.error),
+        };
+        while !self.tried[from].fits(goal) {
+            let here = self.tried[from].clone();
+            if beside.is_some_and(|(_, best)| is_worse(&here, &self.tried[best])) {
+                return Some(None);
+            }
+            let mut turns = Vec::new();
+            let open = (0..self.knobs.len()).filter(|&knob| beside.is_none_or(|(fixed, _)| fixed != knob));
+            for knob in open {
+                let Some(position) = self.turned(&here.position, knob, way, self.knobs[knob].step) else {
+                    continue;
+                };
+                let at = self.look(&position)?;
+                let (gain, loss) = gained(&here, &self.tried[at]);
+                if gain > 0.0 {
+                    turns.push((gain / loss.max(1e-12), knob));
+                }
+            }
+            turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            let mut at = from;
+            for (_, knob) in turns {
+                let position = &self.tried[at].position;
+                let Some(position) = self.turned(position, knob, way, self.knobs[knob].step) else {
+                    continue;
+                };
+                let next = self.look(&position)?;
+                if gained(&self.tried[at], &self.tried[next]).0 > 0.0 {
+                    at = next;
+                }
+                if self.tried[at].fits(goal) {
+                    break;
+                }
+            }
+            if at == from {
+                return Some(None);
+            }
+            from = at;
+        }
+        Some(Some(from))
     }
 }
 
@@ -213,6 +345,10 @@ mod tests {
         fits.iter().fold(fits[0].clone(), |best, t| if t.beats(&best, goal) { t.clone() } else { best })
     }
 
+    fn steps<const N: usize>(values: [usize; N]) -> [Steps; N] {
+        values.map(|values| Steps { values, step: 1 })
+    }
+
     // One knob is dear and does little: a preset turns it up all the same.
     const BAD: &[(f64, f64)] = &[(1.0, 1.0), (100.0, 0.01), (3.0, 0.5)];
 
@@ -222,7 +358,7 @@ mod tests {
         for most in [0.5, 0.1, 0.02] {
             let goal = Goal::Error(most);
             let presets: Vec<Vec<usize>> = [0, 3, 6, 8].map(|at| vec![at; 3]).to_vec();
-            let Found { tried, best, finished } = search(&presets, &sizes, goal, model(BAD));
+            let Found { tried, best, finished } = search(&presets, &steps(sizes), goal, model(BAD));
             let best = &tried[best.unwrap()];
             assert!(finished);
             let ideal = exhaustive(&sizes, goal, model(BAD));
@@ -237,7 +373,7 @@ mod tests {
     #[test]
     fn the_least_error_within_a_cost() {
         let (sizes, goal) = ([9, 9, 9], Goal::Cost(900.0));
-        let Found { tried, best, .. } = search(&[vec![0; 3], vec![3; 3]], &sizes, goal, model(BAD));
+        let Found { tried, best, .. } = search(&[vec![0; 3], vec![3; 3]], &steps(sizes), goal, model(BAD));
         let (best, ideal) = (&tried[best.unwrap()], exhaustive(&sizes, goal, model(BAD)));
         assert!(best.cost <= 900.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
     }
@@ -251,20 +387,65 @@ mod tests {
             Some((1.0 + position.iter().sum::<usize>() as f64, error))
         };
         let Found { tried, best, finished } =
-            search(&[vec![0; 3], vec![1, 1, 0]], &[4; 3], Goal::Cost(5.0), measure);
+            search(&[vec![0; 3], vec![1, 1, 0]], &steps([4; 3]), Goal::Cost(5.0), measure);
         assert!(finished && tried[best.unwrap()].position == [1, 1, 2], "{tried:?}");
+    }
+
+    // The best start that fits has two dear knobs that err where they are not turned alike, so no turn down from it
+    // helps; from the start that misses the error what pays is turned up alone.
+    #[test]
+    fn the_start_that_misses_the_error_is_searched_from_as_well() {
+        let measure = |position: &[usize]| {
+            let [a, b, c] = [0, 1, 2].map(|knob| position[knob] as f64);
+            let error = if position[0] == position[1] { 8.0 - a - c } else { 9.0 - c };
+            Some((1.0 + 10.0 * (a + b) + c, error))
+        };
+        let (starts, goal) = ([vec![3, 3, 3], vec![2, 2, 1], vec![0; 3]], Goal::Error(5.0));
+        let Found { tried, best, .. } = search(&starts, &steps([5; 3]), goal, measure);
+        assert_eq!(tried[best.unwrap()].position, [0, 0, 3], "{tried:?}");
+    }
+
+    // No turn helps alone: the dear knob goes down where the cheap one goes up.
+    #[test]
+    fn a_dear_knob_is_exchanged_for_a_cheap_one() {
+        let measure = |position: &[usize]| {
+            let [a, b] = [0, 1].map(|knob| position[knob] as f64);
+            Some((1.0 + 10.0 * a + b, 12.0 - 2.0 * a - b))
+        };
+        let Found { tried, best, finished } =
+            search(&[vec![5, 0], vec![0, 0]], &steps([9, 9]), Goal::Error(2.0), measure);
+        assert!(finished && tried[best.unwrap()].position == [1, 8], "{tried:?}");
+    }
+
+    #[test]
+    fn a_cost_below_all_starts_is_gone_down_to() {
+        let (sizes, goal) = ([9, 9, 9], Goal::Cost(250.0));
+        let Found { tried, best, .. } = search(&[vec![8; 3], vec![3, 4, 3]], &steps(sizes), goal, model(BAD));
+        let (best, ideal) = (&tried[best.unwrap()], exhaustive(&sizes, goal, model(BAD)));
+        assert!(best.cost <= 250.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
+    }
+
+    // Two values make a step: one is tried where no step helps.
+    #[test]
+    fn halves_of_steps_come_last() {
+        let measure = |position: &[usize]| Some((position[0] as f64, 8.0 - position[0] as f64));
+        let one = [Steps { values: 9, step: 2 }];
+        let Found { tried, best, finished } = search(&[vec![8]], &one, Goal::Error(3.0), measure);
+        assert!(finished && tried[best.unwrap()].position == [5], "{tried:?}");
+        let order: Vec<usize> = tried.iter().map(|t| t.position[0]).collect();
+        assert_eq!(order, [8, 6, 4, 5]);
     }
 
     #[test]
     fn what_cannot_be_reached_is_no_result_and_a_stop_keeps_what_is_known() {
-        let found = search(&[vec![0, 0, 0]], &[1, 1, 1], Goal::Error(1e-9), model(BAD));
+        let found = search(&[vec![0, 0, 0]], &steps([1; 3]), Goal::Error(1e-9), model(BAD));
         assert_eq!((found.tried.len(), found.best, found.finished), (1, None, true));
         let (mut left, mut of) = (5, model(BAD));
         let limited = |position: &[usize]| {
             left -= 1;
             if left < 0 { None } else { of(position) }
         };
-        let found = search(&[vec![8; 3]], &[9; 3], Goal::Error(0.1), limited);
+        let found = search(&[vec![8; 3]], &steps([9; 3]), Goal::Error(0.1), limited);
         assert!(found.tried.len() == 5 && found.best.is_some() && !found.finished);
     }
 

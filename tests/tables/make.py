@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Makes the tables of the docs anew.
 
-usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all
+usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all for which all is there
+       make.py --list                                  what there is, what it takes and needs
 
 The program is that of target/release, or of LIGHTHARMONY.
 
@@ -100,6 +101,41 @@ def bad(work):
             print(f"{what}: `{worst['node']}` is named and not `{node}`", file=sys.stderr)
     return text
 
+# Graphs and the errors asked of them, which lie between those of their presets.
+TUNED = [("demo", ["flip=0.02", "flip=0.012", "flip=0.008", "touched.flip=0.05"]),
+         ("plaza", ["flip=0.012", "flip=0.008", "flip=0.0055", "touched.flip=0.05"]),
+         ("real", ["flip=0.02", "flip=0.012", "flip=0.008", "touched.flip=0.05"]),
+         ("bad", ["flip=0.03", "flip=0.02", "flip=0.012", "flip=0.008"])]
+
+def tune(work):
+    """What `tune` finds for an error, beside the cheapest preset that reaches it."""
+    text = ("| graph | error asked for | cheapest preset: work, error | tuned: work, error | of the preset's work | settings measured |\n"
+            "|---|---|---|---|---|---|\n")
+    for name, bounds in TUNED:
+        graph, cache, overlay = f"{HERE}/{name}.ron", os.path.join(work, f"tune-{name}"), os.path.join(work, "tuned.ron")
+        for bound in bounds:
+            told = json.loads(call(PROGRAM, "tune", graph, "--max-error", bound, "--cache", cache, "--json", "-o", overlay,
+                                   stderr=subprocess.DEVNULL))
+            if not told["finished"]:
+                print(f"{name} {bound}: {told['ended']}", file=sys.stderr)
+            best = next(p for p in told["measured"] if p["best"])
+            most = float(bound.split("=")[1])
+            naive = min((p for p in told["measured"] if p["setting"] in PRESETS and p["error"] <= most), key=lambda p: p["work"])
+            # The overlay gives these pictures in a cache that knows nothing, too.
+            pictures = []
+            for known in [cache, os.path.join(work, "fresh")]:
+                out = os.path.join(work, "pictures")
+                shutil.rmtree(out, ignore_errors=True)
+                call(PROGRAM, "run", graph, "--overlay", overlay, "--cache", known, "--out", out, stderr=subprocess.DEVNULL)
+                pictures.append([open(os.path.join(out, file), "rb").read() for file in sorted(os.listdir(out))])
+            shutil.rmtree(os.path.join(work, "fresh"))
+            if pictures[0] != pictures[1]:
+                sys.exit(f"{name} {bound}: the overlay gives other pictures when it is run afresh")
+            ratio = best["work"] / naive["work"]
+            text += (f"| {name} | {bound} | `{naive['setting']}`: {naive['work'] / 1e6:.2f} M, {naive['error']:.4f} | "
+                     f"{best['work'] / 1e6:.2f} M, {best['error']:.4f} | {ratio:.2f} | {len(told['measured'])} |\n")
+    return text
+
 # CPU-seconds and errors of other programs on the sunny plane, measured on a machine of the same sort.
 CYCLES = {"without": [(1.81, .0939), (1.37, .0199), (1.74, .00135), (3.33, .000232), (9.59, .000054)],
           "S": [(3.9, .0557), (4.0, .0223), (7.1, .0103)]}
@@ -153,21 +189,29 @@ def curves(text):
         file.write("\n".join(svg + ["</svg>", ""]))
     return text
 
-# Name, page, seed or None, and what makes its tables.
+# Name: page, seeds or None, CPU-minutes, what it needs beside the program (below the data, or a command), and what makes
+# its tables.
 def tables(data, work):
     bench = ["cargo", "bench", "-q", "-p", "lightharmony-nodes", "--bench"]
+    script = lambda name, *words: call("python3", f"{HERE}/{name}.py", PROGRAM, *words, os.path.join(work, name))
     return {
-        "presets": ("docs/trade.md", "7 and 1", lambda: presets(work)),
-        "bad": ("docs/trade.md", 3, lambda: bad(work)),
-        "coverage": ("docs/trade.md", "0 to 19", lambda: call(*bench, "coverage")),
-        "weights": ("docs/trade.md", 7, lambda: call("python3", f"{HERE}/weights.py", PROGRAM, os.path.join(work, "weights"))),
-        "errors": ("docs/trade.md", 7, lambda: call("python3", f"{HERE}/errors.py", PROGRAM, data, os.path.join(work, "errors"))),
-        "skips": ("docs/trade.md", 3, lambda: call("python3", f"{HERE}/skips.py", PROGRAM, os.path.join(work, "skips"))),
-        "extremes": (None, None, lambda: call("tests/extremes/page")),
-        "splats": ("docs/splats.md", None, lambda: call(*bench, "splat", "--", data)),
-        "trace": ("docs/trace.md", "7 and 1 to 3", lambda: curves(call(*bench, "trace", "--", data, "plane", "ratio"))),
-        "noop": ("docs/bench.md", None, lambda: call("python3", "tests/noop/ninja.py", PROGRAM, "ninja", os.path.join(work, "noop"))),
+        "presets": ("docs/trade.md", "7 and 1", 6, "bench-case", lambda: presets(work)),
+        "bad": ("docs/trade.md", 3, 1, None, lambda: bad(work)),
+        "tune": ("docs/trade.md", "7, 1, 7 and 3", 12, "splats/garden_sog", lambda: tune(work)),
+        "coverage": ("docs/trade.md", "0 to 19", 3, "bench-case", lambda: call(*bench, "coverage")),
+        "weights": ("docs/trade.md", 7, 3, None, lambda: script("weights")),
+        "errors": ("docs/trade.md", 7, 4, "render-refs", lambda: script("errors", data)),
+        "skips": ("docs/trade.md", 3, 1, None, lambda: script("skips")),
+        "extremes": (None, None, 2, None, lambda: call("tests/extremes/page")),
+        "splats": ("docs/splats.md", None, 5, "splats/garden_sog", lambda: call(*bench, "splat", "--", data)),
+        "trace": ("docs/trace.md", "7 and 1 to 3", 2, "render-refs", lambda: curves(call(*bench, "trace", "--", data, "plane", "ratio"))),
+        "noop": ("docs/bench.md", None, 4, "ninja", lambda: call("python3", "tests/noop/ninja.py", PROGRAM, "ninja", os.path.join(work, "noop"))),
     }
+
+def missing(data, needs):
+    """What a table needs and is not there; None where all is."""
+    there = needs is None or (shutil.which(needs) if needs == "ninja" else os.path.exists(os.path.join(data, needs)))
+    return None if there else needs
 
 def blocks(lines):
     """(first, last + 1) of every table."""
@@ -205,17 +249,27 @@ def main():
     parse = argparse.ArgumentParser(usage=__doc__)
     parse.add_argument("--data", default=os.path.join(ROOT, "../shared/data"))
     parse.add_argument("--work")
+    parse.add_argument("--list", action="store_true")
     parse.add_argument("names", nargs="*")
     asked = parse.parse_args()
-    work = asked.work or tempfile.mkdtemp()
+    data, work = os.path.abspath(asked.data), asked.work or tempfile.mkdtemp()
     os.makedirs(work, exist_ok=True)
-    known = tables(os.path.abspath(asked.data), work)
+    known = tables(data, work)
     unknown = [name for name in asked.names if name not in known]
     if unknown:
         sys.exit(f"there are no tables {unknown}; there are {', '.join(known)}")
+    if asked.list:
+        for name, (page, seed, minutes, needs, _) in known.items():
+            lacks = f", which is not here: {needs}" if missing(data, needs) else f", needs {needs}" if needs else ""
+            print(f"{name:9} {page or 'docs/extremes.md':16} about {minutes:2} CPU-min{lacks}")
+        return
     commit = call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if call("git", "status", "--short", "-uno") else "")
     for name in asked.names or known:
-        page, seed, make = known[name]
+        page, seed, _, needs, make = known[name]
+        lacks = missing(data, needs)
+        if lacks:
+            print(f"{name} is left out: there is no {lacks}", file=sys.stderr)
+            continue
         text = make()
         if page:
             seeded = f", seed{'s' * isinstance(seed, str)} {seed}" if seed is not None else ""

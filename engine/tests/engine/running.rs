@@ -35,7 +35,18 @@ fn what_a_node_took_does_not_depend_on_what_was_known() {
     lab.run(&nodes(64));
     assert_eq!(lab.run(&nodes(256)).outcome.totals.counts["samples"], 192);
     let graph = lab.parse(&graph_text(&nodes(256))).unwrap();
-    assert_eq!(lab.engine().spent(&graph, 1).unwrap().counts["samples"], 256);
+    let counts = lab.engine().spent(&graph, 1).unwrap().counts;
+    assert_eq!(counts["samples"], 256);
+    assert_eq!((counts["bytes_read"], counts["bytes_made"]), (8, 8), "those of the node, not of its parts");
+}
+
+#[test]
+fn bytes_are_those_of_inputs_files_and_outputs() {
+    let lab = Lab::on_disk();
+    lab.write("a.txt", "4.25\n");
+    let nodes = "a: LoadNumber(path: \"a.txt\"), sum: Add(terms: [\"a\", \"a\", \"a\"])";
+    let counts = &lab.run(nodes).outcome.totals.counts;
+    assert_eq!((counts["bytes_read"], counts["bytes_made"]), (5 + 3 * 8, 8 + 8));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -9,6 +10,7 @@ use engine::{Engine, Graph, Source, SourceRoot, Store};
 
 use super::*;
 use crate::trade::bench::Miss;
+use crate::trade::dials::Position;
 use crate::trade::search::{Found, Goal, search};
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
@@ -73,6 +75,51 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
         }
     }
     counts_are_known(bench(&engine, GRAPH));
+    holes_are_not_touched(&engine);
+    what_is_judged(&engine);
+}
+
+/// A backdrop in the holes of the background is there without the object, too; what the object changes is what it covers
+/// and the rest.
+fn holes_are_not_touched(engine: &Engine) {
+    let measure = |backdrop: &str| {
+        let with = format!("object: \"trace.object\", backdrop: {backdrop}");
+        let mut bench = bench(engine, &GRAPH.replace("object: \"trace.object\"", &with));
+        let reference = bench.preset(3);
+        let at = measured(&mut bench, reference).unwrap();
+        let row = |region: &str| {
+            let mut rows = bench.points[at].off.iter();
+            let row = rows.find(|row| row.region == region && row.judged == "nothing inserted").unwrap();
+            (row.pixels, row.values["flip mean"])
+        };
+        ["touched", "object", "shadow"].map(row)
+    };
+    let ([black, object, shadow], [white, ..]) =
+        (measure("Some((0.0, 0.0, 0.0))"), measure("Some((1.0, 1.0, 1.0))"));
+    assert!(object.0 > 0 && shadow.0 > 0 && object.0 + shadow.0 == black.0);
+    // What is half seen through it may lie on either side of the bound.
+    assert!(black.0.abs_diff(white.0) <= 3, "{black:?} {white:?}");
+    assert!((black.1 - white.1).abs() < 0.1 * black.1, "{black:?} {white:?}");
+}
+
+/// A picture whose size a knob sets is judged no more once it has another; layers are judged where nothing else is.
+fn what_is_judged(engine: &Engine) {
+    let save = "save:   WriteImage(image: \"final\", path: \"final.png\")";
+    let pano =
+        GRAPH.replace(save, &format!("{save}, wide: WriteImage(image: \"pano.image\", path: \"pano.png\")"));
+    let mut both = bench(engine, &pano);
+    for rung in [3, 0] {
+        let position = both.preset(rung);
+        measured(&mut both, position).unwrap();
+    }
+    assert_eq!(both.unjudged, ["pano.image"]);
+    assert!(both.remarks()[0].contains("another size at other settings") && both.remarks().is_empty());
+    assert!(both.points.iter().flat_map(|point| &point.off).all(|row| row.output == "final"));
+    let layers = GRAPH.replace(save, "save: WriteExr(layers: [\"final\"], path: \"final.exr\")");
+    let mut layers = bench(engine, &layers);
+    let position = layers.preset(3);
+    let at = measured(&mut layers, position).unwrap();
+    assert!(!layers.points[at].off.is_empty());
 }
 
 /// What every node does at each preset is the same on every machine, so a change of it is seen here; renewed with
@@ -86,6 +133,8 @@ fn counts_are_known(mut bench: Bench<'_>) {
             let counts: Vec<String> = node.counts.iter().map(|(name, n)| format!("{name} {n}")).collect();
             text.push_str(&format!("{name}\t{}\t{}\n", node.id, counts.join(", ")));
         }
+        let actions: BTreeSet<_> = bench.points[at].nodes.iter().filter_map(|node| node.key).collect();
+        text.push_str(&format!("{name}\t(all)\tnodes {}\n", actions.len()));
     }
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tables/counts.tsv");
     if std::env::var_os("UPDATE_GOLDEN").is_some() {
@@ -97,10 +146,10 @@ fn counts_are_known(mut bench: Bench<'_>) {
 /// `tune` to an error that `preview` reaches comfortably costs less than half of the cheapest preset that does.
 fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) {
     let goal = Goal::Error(0.02);
-    let sizes: Vec<usize> = bench.dials.iter().map(|dial| dial.values.len()).collect();
+    let steps = bench.steps();
     let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
     let mut left = 30_u32;
-    let Found { tried, best, .. } = search(&starts, &sizes, goal, |position| {
+    let Found { tried, best, .. } = search(&starts, &steps, goal, |position| {
         left = left.checked_sub(1)?;
         let at = measured(bench, position.to_vec()).unwrap();
         Some((bench.points[at].work, metric.error(&bench.points[at].off).unwrap()))
