@@ -55,9 +55,21 @@ pub fn ordered_sum(values: impl IntoIterator<Item = core::primitive::f32>) -> co
     values.into_iter().fold(0.0, |sum, v| sum + core::primitive::f64::from(v))
 }
 
+/// Whether numbers below the least normal one are kept. A library that was loaded may have told the processor to take them
+/// for 0, as `-ffast-math` does, for this thread and those that it starts.
+pub fn keeps_subnormals() -> bool {
+    std::hint::black_box(core::primitive::f32::MIN_POSITIVE) * std::hint::black_box(0.5) > 0.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// With a library loaded before the program that sets the flags by hand, `path-trace` is refused.
+    #[test]
+    fn row_48_the_smallest_numbers_are_kept() {
+        assert!(keeps_subnormals());
+    }
 
     #[test]
     fn f32_results_are_the_rounded_f64_results() {

@@ -241,6 +241,27 @@ mod tests {
         assert_eq!(unit(0), 0.0);
     }
 
+    /// Seeds that are equal but for what 32 bits do not hold, and pixels whose numbers row by row are.
+    #[test]
+    fn row_47_nothing_wraps_at_32_bits() {
+        let near =
+            |of: u64| [of, of ^ 1 << 32, of ^ 1 << 63, of.wrapping_add(u64::from(u32::MAX)), of.swap_bytes()];
+        let mut streams: Vec<u32> =
+            [1, 7, u64::MAX - 1].into_iter().flat_map(near).map(|s| stream(s, 3, 5)).collect();
+        let width = 1 << 20;
+        for k in 0..4 {
+            streams.extend([
+                stream(1, 9, 4096 * k + 6),
+                stream(1, width - 1, 4096 * k),
+                stream(1, u32::MAX, u32::MAX - k),
+            ]);
+        }
+        let all = streams.len();
+        streams.sort_unstable();
+        streams.dedup();
+        assert_eq!(streams.len(), all);
+    }
+
     /// In one dimension.
     /// Mutation: `sum += weight` after `cumulative.push(sum)` in `Discrete::new` (seen red).
     #[test]

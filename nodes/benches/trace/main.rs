@@ -1,6 +1,6 @@
 //! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|rays]`, where DATA holds `render-refs` and
-//! `gltf`. `rays` compares with Embree where that is installed.
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|rays] [SAMPLES ..]`, where DATA holds
+//! `render-refs` and `gltf`. `ratio` takes numbers of samples. `rays` compares with Embree where that is installed.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 mod case;
@@ -23,7 +23,8 @@ fn cpu_seconds() -> f64 {
 fn main() {
     let mut words = std::env::args().skip(1).filter(|arg| !arg.starts_with("--"));
     let data = PathBuf::from(words.next().expect("the folder of data"));
-    let wanted: Vec<String> = words.collect();
+    let (numbers, wanted): (Vec<String>, Vec<String>) = words.partition(|word| word.parse::<u32>().is_ok());
+    let samples: Vec<u32> = numbers.iter().map(|word| word.parse().unwrap()).collect();
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let asked = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
     one.install(|| {
@@ -31,7 +32,7 @@ fn main() {
             error::plane(&data);
         }
         if asked("ratio") {
-            ratio::table(&data);
+            ratio::table(&data, if samples.is_empty() { &[2, 4, 8, 16, 64] } else { &samples });
         }
         if asked("rooms") {
             error::rooms(&data);

@@ -50,7 +50,7 @@ fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
 
 /// Prints the table. A turn of the object keeps `without`, so it costs what the objects cost beside it and the
 /// filter; a step costs all.
-pub fn table(data: &Path) {
+pub fn table(data: &Path, numbers: &[u32]) {
     let case = Case::load(data, "sunny_plane");
     let reference = ["R0", "R1"].map(|layer| case.reference(&format!("ref-cycles/{layer}.exr")));
     let converged = rgb(&case.trace(99, 128, true, EnvBlock::Solid, Bounce::Solid).out.object);
@@ -59,7 +59,7 @@ pub fn table(data: &Path) {
     );
     println!("|---|---|---|---|---|---|---|---|");
     let mut more = Vec::new();
-    for samples in [2, 4, 8, 16, 64] {
+    for &samples in numbers {
         let (mut squares, mut seconds) = ([[0.0; 2]; 2], [const { Vec::new() }; 3]);
         let (mut objects, mut counts) = ([0.0; 2], BTreeMap::new());
         for seed in 1..=SEEDS {

@@ -6,10 +6,12 @@
 //! gives the same bits on every platform.
 
 mod build;
+mod steps;
 mod triangles;
 
 use glam::{Vec3, Vec4};
 
+pub use steps::Steps;
 use triangles::{Packet, Sheared};
 
 /// A half-line from `origin`, up to `t_max` lengths of `direction`.
@@ -106,10 +108,40 @@ impl Bvh {
 
     /// The nearest hit that `accept` takes.
     #[inline]
-    pub fn closest(&self, ray: Ray, mut accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+    pub fn closest(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+        match Steps::are_counted() {
+            false => self.nearest::<false>(ray, accept),
+            true => self.nearest_counted(ray, accept),
+        }
+    }
+
+    /// True when there is a hit that `accept` takes.
+    #[inline]
+    pub fn any(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> bool {
+        match Steps::are_counted() {
+            false => self.meets::<false>(ray, accept),
+            true => self.meets_counted(ray, accept),
+        }
+    }
+
+    // Out of the way of the walks that are not counted.
+    #[cold]
+    #[inline(never)]
+    fn nearest_counted(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+        self.nearest::<true>(ray, accept)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn meets_counted(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> bool {
+        self.meets::<true>(ray, accept)
+    }
+
+    #[inline(always)]
+    fn nearest<const COUNTED: bool>(&self, ray: Ray, mut accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
         let mut best: Option<Hit> = None;
         let mut limit = ray.t_max;
-        self.walk::<true>(ray, |packet, sheared, limit_out| {
+        self.walk::<true, COUNTED>(ray, |packet, sheared, limit_out| {
             packet.intersect(sheared, limit, |hit| {
                 let nearer = best.is_none_or(|b| hit.t < b.t || (hit.t == b.t && hit.triangle < b.triangle));
                 if nearer && accept(&hit) {
@@ -124,17 +156,16 @@ impl Bvh {
         best
     }
 
-    /// True when there is a hit that `accept` takes.
-    #[inline]
-    pub fn any(&self, ray: Ray, mut accept: impl FnMut(&Hit) -> bool) -> bool {
-        !self.walk::<false>(ray, |packet, sheared, _| {
+    #[inline(always)]
+    fn meets<const COUNTED: bool>(&self, ray: Ray, mut accept: impl FnMut(&Hit) -> bool) -> bool {
+        !self.walk::<false, COUNTED>(ray, |packet, sheared, _| {
             packet.intersect(sheared, ray.t_max, |hit| !accept(&hit))
         })
     }
 
     /// Visits leaves, `NEAR` ones first if asked, until `leaf` gives false; gives false then.
     #[inline(always)]
-    fn walk<const NEAR: bool>(
+    fn walk<const NEAR: bool, const COUNTED: bool>(
         &self,
         ray: Ray,
         mut leaf: impl FnMut(&Packet, &Sheared, &mut f32) -> bool,
@@ -173,11 +204,17 @@ impl Bvh {
                 let first = (child & LEAF_FIRST) as usize;
                 let count = ((child & !LEAF) >> LEAF_SHIFT) as usize;
                 for packet in &self.packets[first..first + count] {
+                    if COUNTED {
+                        Steps::add(0, 1);
+                    }
                     if !leaf(packet, &sheared, &mut limit) {
                         return false;
                     }
                 }
                 continue;
+            }
+            if COUNTED {
+                Steps::add(1, 0);
             }
             let node = &self.nodes[child as usize];
             let mut enter = Vec4::ZERO;

@@ -188,3 +188,22 @@ fn hits_do_not_depend_on_the_tree() {
         assert_eq!(quality.closest(ray, |_| true), fold.out.closest(ray, |_| true));
     }
 }
+
+// What misses the box around all takes no step; counting changes no hit and ends where it is asked to.
+#[test]
+fn steps_are_counted_where_asked() {
+    let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);
+    let ray = |x: f32| Ray::new(Vec3::new(x, 0.2, 1.0), Vec3::NEG_Z);
+    let steps = |x: f32| Steps::of(|| one.any(ray(x), |_| true));
+    assert_eq!(steps(0.2), (true, Steps { nodes: 1, packets: 1 }));
+    assert_eq!(steps(2.0), (false, Steps::default()));
+    let bvh = Bvh::build(&soup(2_000, 0.2, 3));
+    let mut random = Random(6);
+    let rays: Vec<Ray> = (0..500).map(|_| Ray::new(random.point(), random.point())).collect();
+    let hits = || rays.iter().map(|ray| bvh.closest(*ray, |_| true)).collect::<Vec<_>>();
+    let (counted, steps) = Steps::of(hits);
+    assert_eq!(counted, hits());
+    let ((_, inner), outer) = Steps::of(|| Steps::of(hits));
+    assert_eq!((inner, outer), (steps, Steps::default()), "walks count once");
+    assert!(steps.nodes > 500 && steps.packets > 250, "{steps:?}");
+}

@@ -83,15 +83,18 @@ pub struct Cell {
 /// Index of the first entry of a cumulative distribution above `u`, and where between its neighbours `u`
 /// lies, in [0, 1). The last entry is 1 and `u` less than that.
 #[inline]
-pub fn invert<T: Copy + Into<f64> + PartialOrd>(cumulative: &[T], u: f64) -> (usize, f64) {
+pub fn invert(cumulative: &[f32], u: f64) -> (usize, f64) {
+    // Entries up to `u` are those up to the largest single below it.
+    let nearest = u as f32;
+    let single = if f64::from(nearest) > u { nearest.next_down() } else { nearest };
     let below = match cumulative.len() {
         // Few are counted faster than halved.
-        0..=32 => cumulative.iter().map(|&c| u64::from(c.into() <= u)).sum::<u64>() as usize,
-        _ => cumulative.partition_point(|&c| c.into() <= u),
+        0..=64 => cumulative.iter().map(|&c| u32::from(c <= single)).sum::<u32>() as usize,
+        _ => cumulative.partition_point(|&c| c <= single),
     };
     let index = below.min(cumulative.len().saturating_sub(1));
-    let low = if index > 0 { cumulative[index - 1].into() } else { 0.0 };
-    let width = cumulative[index].into() - low;
+    let low = if index > 0 { f64::from(cumulative[index - 1]) } else { 0.0 };
+    let width = f64::from(cumulative[index]) - low;
     let within = if width > 0.0 { (u - low) / width } else { 0.5 };
     (index, within.clamp(0.0, 1.0 - f64::EPSILON))
 }
@@ -256,11 +259,13 @@ mod tests {
     fn inversion_skips_what_has_no_weight() {
         let mut cumulative = [0.0; 5];
         assert_eq!(accumulate(&[0.0, 1.0, 0.0, 3.0, 0.0], &mut cumulative), 4.0);
-        assert_eq!(invert(&cumulative, 0.0).0, 1);
-        assert_eq!(invert(&cumulative, 0.25), (3, 0.0));
-        assert_eq!(invert(&cumulative, 1.0 - f64::EPSILON).0, 3);
+        let single = cumulative.map(|c| c as f32);
+        assert_eq!(invert(&single, 0.0).0, 1);
+        assert_eq!(invert(&single, 0.25), (3, 0.0));
+        assert_eq!(invert(&single, 0.25 - f64::EPSILON).0, 1, "no rounding of where it is asked");
+        assert_eq!(invert(&single, 1.0 - f64::EPSILON).0, 3);
         assert_eq!(accumulate(&[0.0; 4], &mut cumulative[..4]), 0.0);
-        assert_eq!(invert(&cumulative[..4], 0.6).0, 2);
+        assert_eq!(invert(&cumulative.map(|c| c as f32)[..4], 0.6).0, 2);
     }
 
     // A normal lies within the radius of its bin, so the cone that the bound is made for holds it.

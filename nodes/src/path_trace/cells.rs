@@ -28,10 +28,11 @@ pub struct Cells {
 }
 
 /// The first half of a choice of a texel.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct InRow {
-    y: usize,
-    columns: Range<usize>,
+    y: u32,
+    /// First texel of the cell, and the one after its last.
+    columns: [u32; 2],
     place: [f64; 2],
     /// Probability of the cell.
     pub odds: f32,
@@ -106,14 +107,16 @@ impl Cells {
         let (row, column, [v, u]) = aim.choose(point);
         let (rows, columns) = self.texels_of(row, column);
         let (y, v) = invert(&self.down[column * self.height..][rows.clone()], v);
-        InRow { y: rows.start + y, columns, place: [u, v], odds: aim.odds(row, column) }
+        let columns = [columns.start as u32, columns.end as u32];
+        InRow { y: (rows.start + y) as u32, columns, place: [u, v], odds: aim.odds(row, column) }
     }
 
     /// The second half: column and row of a texel, and where in it the point lies.
     #[inline]
-    pub fn texel(&self, InRow { y, columns, place: [u, v], .. }: &InRow) -> ((usize, usize), [f64; 2]) {
-        let (x, u) = invert(&self.across[y * self.width..][columns.clone()], *u);
-        ((columns.start + x, *y), [u, *v])
+    pub fn texel(&self, &InRow { y, columns, place: [u, v], .. }: &InRow) -> ((usize, usize), [f64; 2]) {
+        let (y, [start, end]) = (y as usize, columns.map(|x| x as usize));
+        let (x, u) = invert(&self.across[y * self.width..][start..end], u);
+        ((start + x, y), [u, v])
     }
 
     /// Probability of the cell of a texel.

@@ -29,8 +29,10 @@ pub struct Reach<'a> {
     pub lights: [u32; TIERS],
     /// Odds that the sample asks for a change.
     pub odds: f32,
-    /// The directions of rays that can meet them.
-    pub cone: Cone,
+    /// Where rays to them start.
+    pub start: Vec3,
+    /// The box around them.
+    pub objects: [Vec3; 2],
     /// Added to the start of rays to them: see [`super::contact`].
     pub lift: Vec3,
 }
@@ -63,7 +65,8 @@ impl Walk<'_> {
             let look = if first { reach.look } else { sky.look(surface.bsdf.lit_side()) };
             let several = first.then_some(reach.lights);
             let mut taken = Vec3::ZERO;
-            for (number, drawn) in self.lights(look, pair, several).into_iter().flatten().enumerate() {
+            let lights = self.lights(look, pair, several);
+            for (number, drawn) in lights.iter().flatten().enumerate() {
                 taken += self.taken(&surface, lift, drawn, key.wrapping_add(number as u32));
             }
             light -= rules.clamped(bounce, weight * taken);
@@ -73,7 +76,10 @@ impl Walk<'_> {
             light += rules.clamped(bounce, weight * lamps);
 
             // and what they scatter, by rays to where they are
-            let cone = if first && self.world.objects.emitters.is_empty() { reach.cone } else { Cone::ALL };
+            let cone = match first && self.world.objects.emitters.is_empty() {
+                true => Cone::between([reach.start; 2], reach.objects),
+                false => Cone::ALL,
+            };
             let density = cone_density(&cone);
             if density > 0.0 && unit(self.points.bits(TOWARDS + 1)[0]) < density * cone.solid_angle() {
                 let ray = towards(&cone, self.points.pair(TOWARDS));
@@ -116,7 +122,7 @@ impl Walk<'_> {
 
     /// What the objects take of the light that a light sample brings. How much that is asked last, since most
     /// samples meet no object.
-    fn taken(&mut self, surface: &Surface, lift: Vec3, drawn: Drawn, key: u32) -> Vec3 {
+    fn taken(&mut self, surface: &Surface, lift: Vec3, drawn: &Drawn, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
             return Vec3::ZERO;

@@ -59,22 +59,22 @@ impl Place {
         receiver: &Receiver,
         pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,
     ) -> Self {
-        let surfaces = |hits: &'a [Option<Hit>]| hits.iter().flatten().map(|hit| receiver.surface(hit));
+        let normals =
+            pixels.clone().flat_map(|(_, hits)| hits.iter().flatten()).map(|hit| receiver.facing(hit));
         let mut place = Self::default();
-        let mut all = pixels.clone().flat_map(|(_, hits)| surfaces(hits)).map(|surface| surface.normal);
-        let Some(first) = all.next() else { return place };
-        place.normals = match all.clone().all(|normal| normal == first) {
+        let Some(first) = normals.clone().next() else { return place };
+        place.normals = match normals.clone().all(|normal| normal == first) {
             true => Cone { axis: first, cosine: 1.0 },
-            false => Cone::around(std::iter::once(first).chain(all)),
+            false => Cone::around(normals),
         };
+        let axis = place.normals.axis.as_dvec3();
         for (light, hits) in pixels {
             let mut albedo = Vec3::ZERO;
-            for surface in surfaces(hits) {
-                let start = surface.position + surface.normal * surface.margin;
+            for hit in hits.iter().flatten() {
+                let start = receiver.start(hit);
                 (place.low, place.high) = (place.low.min(start), place.high.max(start));
-                let height = start.as_dvec3().dot(place.normals.axis.as_dvec3());
-                place.height = place.height.min(height as f32);
-                albedo += surface.bsdf.matte_albedo().unwrap_or_default();
+                place.height = place.height.min(start.as_dvec3().dot(axis) as f32);
+                albedo += receiver.albedo_at(hit);
             }
             // What reflects nothing is not changed by anything.
             let share = Vec3::select(albedo.cmpgt(Vec3::ZERO), light / albedo, Vec3::MAX);

@@ -5,10 +5,13 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 use serde::Serialize;
 
 use super::crop::Place;
+use crate::bvh::Steps;
 use crate::types::{Camera, grouped};
 
 /// Side of the square tiles that are traced at once, in pixels.
 pub const TILE: u32 = 8;
+/// Triangles tested at once, of which some may be missing.
+const LANES: u64 = 4;
 
 /// A rectangle of pixels that begins where a tile of the picture does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -56,6 +59,11 @@ impl Area {
         steps(self.height).flat_map(|y| steps(self.width).map(move |x| piece(x, y))).collect()
     }
 
+    /// Whether the rays of it as a tile are followed: one tile in 16, in each row and in each column.
+    fn is_followed(&self) -> bool {
+        (self.left / TILE + 5 * (self.top / TILE)).is_multiple_of(16)
+    }
+
     /// Its pixels in the picture, row by row.
     pub fn each(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
         let Self { left, top, width, height } = *self;
@@ -72,12 +80,22 @@ pub struct Rays {
     pub shadow: u64,
     /// To see where scattered light comes from.
     pub scattered: u64,
+    /// Those of them that were followed: all of one tile in 16.
+    pub followed: u64,
+    /// What it took to follow them through the trees.
+    pub steps: Steps,
 }
 
 impl Rays {
     /// All of them.
     pub fn all(&self) -> u64 {
         self.camera + self.shadow + self.scattered
+    }
+
+    /// Nodes and triangles that one of them meets on the average, by those that were followed.
+    pub fn steps_each(&self) -> [f64; 2] {
+        let Steps { nodes, packets } = self.steps;
+        [nodes, LANES * packets].map(|n| n as f64 / self.followed.max(1) as f64)
     }
 }
 
@@ -86,6 +104,8 @@ impl std::ops::AddAssign for Rays {
         self.camera += other.camera;
         self.shadow += other.shadow;
         self.scattered += other.scattered;
+        self.followed += other.followed;
+        self.steps += other.steps;
     }
 }
 
@@ -131,6 +151,13 @@ pub struct TileSums {
 }
 
 impl TileSums {
+    /// What `trace` gives, its rays followed.
+    fn followed(trace: impl FnOnce() -> Self) -> Self {
+        let (mut done, steps) = Steps::of(trace);
+        (done.rays.followed, done.rays.steps) = (done.rays.all(), steps);
+        done
+    }
+
     /// Appends the sums of a pixel, those beyond single precision as its largest number. What is infinite, as depth
     /// beyond all surfaces, stays so.
     pub fn push(&mut self, sums: &[f64]) {
@@ -140,7 +167,8 @@ impl TileSums {
 }
 
 impl Sums {
-    /// Runs `tile` for every tile of an area, given its number and its pixels, and puts the tiles together. Counts rays.
+    /// Runs `tile` for every tile of an area, given its number and its pixels, and puts the tiles together. Counts rays, and
+    /// for one tile in 16 the steps of their walks.
     pub fn trace(
         cx: &Context,
         area: Area,
@@ -150,7 +178,9 @@ impl Sums {
     ) -> Result<Self, NodeError> {
         let pieces = area.pieces(TILE);
         let tiles = cx.for_each_tile(pieces.len(), |index| {
-            let done = tile(index, &pieces[index].each().collect::<Vec<_>>());
+            let piece = &pieces[index];
+            let trace = || tile(index, &piece.each().collect::<Vec<_>>());
+            let done = if piece.is_followed() { TileSums::followed(trace) } else { trace() };
             progress();
             done
         })?;
@@ -171,23 +201,27 @@ impl Sums {
                 all.sums[at..at + channels].copy_from_slice(sums);
             }
         }
-        let Rays { camera, shadow, scattered } = all.rays;
+        let Rays { camera, shadow, scattered, followed, steps } = all.rays;
         cx.count("rays", all.rays.all());
         cx.count("camera_rays", camera);
         cx.count("shadow_rays", shadow);
         cx.count("scattered_rays", scattered);
+        cx.count("followed_rays", followed);
+        cx.count("bvh_nodes", steps.nodes);
+        cx.count("triangle_tests", LANES * steps.packets);
         Ok(all)
     }
 }
 
 impl Artifact for Sums {
     const TYPE: &'static str = "path-sums";
-    const FORMAT: u32 = 3;
+    const FORMAT: u32 = 4;
 
     fn encode(&self, to: &mut Encoder) {
         to.u32(self.channels);
         to.f32s(&self.sums);
-        for n in [self.rays.camera, self.rays.shadow, self.rays.scattered] {
+        let Rays { camera, shadow, scattered, followed, steps: Steps { nodes, packets } } = self.rays;
+        for n in [camera, shadow, scattered, followed, nodes, packets] {
             to.u64(n);
         }
         to.u64(self.broken);
@@ -202,7 +236,13 @@ impl Artifact for Sums {
         let mut all = Self {
             channels: from.u32()?,
             sums: from.f32s()?,
-            rays: Rays { camera: from.u64()?, shadow: from.u64()?, scattered: from.u64()? },
+            rays: Rays {
+                camera: from.u64()?,
+                shadow: from.u64()?,
+                scattered: from.u64()?,
+                followed: from.u64()?,
+                steps: Steps { nodes: from.u64()?, packets: from.u64()? },
+            },
             broken: from.u64()?,
             cut: from.u64()?,
             untouched: from.u64()?,
@@ -218,7 +258,7 @@ impl Artifact for Sums {
     }
 
     fn bytes(&self) -> usize {
-        self.sums.len() * 4 + self.places.len() * size_of::<Place>() + 96
+        self.sums.len() * 4 + self.places.len() * size_of::<Place>() + 120
     }
 
     fn difference(&self, other: &Self) -> Difference {

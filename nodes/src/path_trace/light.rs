@@ -25,7 +25,7 @@ pub struct FromSky {
 pub struct Drawn {
     /// Unit direction towards the light, in the world.
     pub direction: Vec3,
-    texel: usize,
+    texel: u32,
     /// Light samples to be expected in its cell.
     expected: f32,
 }
@@ -114,36 +114,40 @@ impl Sky {
 
     /// The greatest radiance, and the greatest irradiance of any surface, for each channel; neither is more.
     pub fn bounds(&self) -> ([f64; 3], [f64; 3]) {
-        let (mut brightest, mut irradiance) = ([0.0_f64; 3], [0.0; 3]);
-        for k in 0..3 {
-            let (mut towards, mut squares) = (DVec3::ZERO, DMat3::ZERO);
-            for (y, row) in self.texels.chunks_exact(self.globe.width).enumerate() {
-                // Sums over the row of the light, times its sine and cosine, and products of these.
-                let mut sums = [0.0; 5];
-                for (texel, (sin, cos)) in row.iter().zip(&self.globe.edges) {
-                    let light = f64::from(texel[k]);
-                    let (x, y) = (light * sin, light * cos);
-                    for (sum, v) in sums.iter_mut().zip([light, x, y, x * sin, x * cos]) {
-                        *sum += v;
-                    }
-                    brightest[k] = brightest[k].max(light);
+        let mut brightest = [0.0_f32; 4];
+        let (mut towards, mut squares) = ([DVec3::ZERO; 3], [DMat3::ZERO; 3]);
+        // For each column 1, its sine and cosine, and products of these.
+        let columns: Vec<_> = self.globe.edges.iter().map(|(s, c)| [1.0, *s, *c, s * s, s * c]).collect();
+        for (y, row) in self.texels.chunks_exact(self.globe.width).enumerate() {
+            // Sums over the row of the light times these: of all channels at once, the fourth is none.
+            let mut sums = [[0.0_f64; 4]; 5];
+            for (texel, column) in row.iter().zip(&columns) {
+                let light = texel.map(f64::from);
+                for (sums, factor) in sums.iter_mut().zip(column) {
+                    (0..4).for_each(|k| sums[k] += light[k] * factor);
                 }
-                let above = 0.5 * (self.globe.cosines[y] + self.globe.cosines[y + 1]);
-                let (radius, solid_angle) = ((1.0 - above * above).sqrt(), self.globe.solid_angle(y));
-                let [light, x, y, xx, xy] = sums.map(|sum| sum * solid_angle);
+                (0..4).for_each(|k| brightest[k] = brightest[k].max(texel[k]));
+            }
+            let above = 0.5 * (self.globe.cosines[y] + self.globe.cosines[y + 1]);
+            let (radius, solid_angle) = ((1.0 - above * above).sqrt(), self.globe.solid_angle(y));
+            let square = radius * radius;
+            for k in 0..3 {
+                let [light, x, y, xx, xy] = sums.map(|sum| sum[k] * solid_angle);
                 let (xz, yz) = (x * radius * above, y * radius * above);
-                let square = radius * radius;
-                towards += DVec3::new(x * radius, y * radius, light * above);
-                squares += DMat3::from_cols(
+                towards[k] += DVec3::new(x * radius, y * radius, light * above);
+                squares[k] += DMat3::from_cols(
                     DVec3::new(xx * square, xy * square, xz),
                     DVec3::new(xy * square, (light - xx) * square, yz),
                     DVec3::new(xz, yz, light * above * above),
                 );
             }
-            // Each texel counts as if all of its light came from one point of it.
-            irradiance[k] = greatest_irradiance(self.power[k], towards, squares)
-                + 2.0 * self.globe.radius() * self.power[k];
         }
+        // Each texel counts as if all of its light came from one point of it.
+        let irradiance = std::array::from_fn(|k| {
+            greatest_irradiance(self.power[k], towards[k], squares[k])
+                + 2.0 * self.globe.radius() * self.power[k]
+        });
+        let brightest = [0, 1, 2].map(|k| f64::from(brightest[k]));
         (brightest, irradiance)
     }
 
@@ -200,20 +204,16 @@ impl Sky {
         numbers: [f32; TIERS],
         draws: &[(usize, [u32; 2])],
     ) -> [Option<Drawn>; N] {
-        let mut rows: [_; N] = std::array::from_fn(|_| InRow::default());
+        // In halves, so that all wait for memory together.
+        let mut rows = [InRow::default(); N];
         for (row, (tier, point)) in rows.iter_mut().zip(draws) {
             *row = self.tiers[*tier].row(look[*tier], point.map(|p| f64::from(p) * SCALE));
         }
-        let mut places = [((0, 0), [0.0; 2]); N];
-        for (place, (row, (tier, _))) in places.iter_mut().zip(rows.iter().zip(draws)) {
-            *place = self.tiers[*tier].texel(row);
-        }
         let mut found = [None; N];
-        for (slot, ((texel, place), (row, (tier, _)))) in
-            found.iter_mut().zip(places.iter().zip(rows.iter().zip(draws)))
-        {
-            let direction = self.globe.within(*texel, *place);
-            let texel = texel.1 * self.globe.width + texel.0;
+        for (slot, (row, (tier, _))) in found.iter_mut().zip(rows.iter().zip(draws)) {
+            let (texel, place) = self.tiers[*tier].texel(row);
+            let direction = self.globe.within(texel, place);
+            let texel = (texel.1 * self.globe.width + texel.0) as u32;
             *slot = Some(Drawn { direction, texel, expected: numbers[*tier] * row.odds });
         }
         found
@@ -221,8 +221,8 @@ impl Sky {
 
     /// The light of a direction that was drawn.
     #[inline]
-    pub fn light(&self, Drawn { direction, texel, expected }: Drawn) -> FromSky {
-        let [r, g, b, density] = self.texels[texel];
+    pub fn light(&self, &Drawn { direction, texel, expected }: &Drawn) -> FromSky {
+        let [r, g, b, density] = self.texels[texel as usize];
         FromSky { direction, radiance: Vec3::new(r, g, b), density: expected * density }
     }
 
@@ -234,7 +234,7 @@ impl Sky {
         numbers: [f32; TIERS],
         draws: &[(usize, [u32; 2])],
     ) -> [Option<FromSky>; N] {
-        self.draw(look, numbers, draws).map(|drawn| drawn.map(|drawn| self.light(drawn)))
+        self.draw(look, numbers, draws).map(|drawn| drawn.map(|drawn| self.light(&drawn)))
     }
 
     /// A light sample that is alone, for a surface whose light comes from one side, or from all; none where no

@@ -65,7 +65,7 @@ engine::params! {
         /// Paths a pixel, or with `max_error` the most of them, which is 4 at least.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
         /// Standard error that is asked for, of the ratio `with / without` where it is seen (relative to it where it
-        /// is above 1, and none where `without` is below a thousandth of its mean) and of `object` relative to its
+        /// is above 1, and none where `without` is below a thousandth of its median) and of `object` relative to its
         /// mean: in every tile of 8 by 8 pixels, root mean square over those that have one. 4 samples of the
         /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until its error
         /// is reached or `samples` is, which is told. None takes `samples` everywhere.
@@ -224,6 +224,11 @@ impl Kind for PathTrace {
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
+        if !crate::num::keeps_subnormals() {
+            let hint = "start the program without the library that asks for it, perhaps one in LD_PRELOAD";
+            let text = "this process takes the smallest numbers for 0, so that its pictures would be those of no other";
+            return Err(NodeError::new(text).hint(hint));
+        }
         if inputs.rig.cameras.is_empty() {
             return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
         }
@@ -294,7 +299,7 @@ impl Kind for PathTrace {
                 crop: objects.and_then(|(_, crop)| crop),
             };
             let take = |running: &mut Running, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 7, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 8, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
                     let world = world();
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(world, &lens, tile, range))

@@ -2,7 +2,6 @@
 
 use glam::Vec3;
 
-use super::aim::Cone;
 use super::change::Reach;
 use super::crop::{Crop, Place};
 use super::film::{Area, Rays, Sums, TileSums};
@@ -120,8 +119,8 @@ pub(super) fn trace_pair(
             let Some((start, hit, shift)) = landed else { continue };
             let mut walk = Walk::new(world, sample.points, sample.key, true);
             let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
-            let cone = Cone::between([start; 2], [low, high]);
-            let reach = Reach { look, lights, odds, cone, lift: ray.direction * shift };
+            let lift = ray.direction * shift;
+            let reach = Reach { look, lights, odds, start, objects: [low, high], lift };
             let light = walk.change(hit, ray.direction, &reach);
             sums_of_tile.rays += walk.rays;
             touched |= light != Vec3::ZERO;

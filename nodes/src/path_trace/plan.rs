@@ -13,7 +13,7 @@ use super::shot::Running;
 
 /// Side of the blocks of pixels that take more samples together, in tiles.
 const BLOCK: u32 = 4;
-/// A receiver with less than this share of the mean light of `without` counts nothing: `shadow-ratio` leaves it as
+/// A receiver with less than this share of the median light of `without` counts nothing: `shadow-ratio` leaves it as
 /// it is, by default.
 const DARK: f64 = 1e-3;
 /// What stratified samples gain at most over independent ones, in variance, that is believed.

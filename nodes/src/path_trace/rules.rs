@@ -234,6 +234,7 @@ impl Rules {
     /// The row of the table for rays of a lobe. Rows: diffuse rays of the receiver and of objects, and
     /// specular rays of objects that see the environment or the receiver. The receiver has no specular
     /// lobe, and the objects are solid to every ray.
+    #[inline]
     pub fn sight(&self, lobe: Lobe) -> Sight {
         let alike = |block, lands| Sight { block, shadow: block, lands };
         match lobe {

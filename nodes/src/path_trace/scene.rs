@@ -33,6 +33,7 @@ pub struct Surface {
 
 impl Surface {
     /// A ray that leaves the surface.
+    #[inline]
     pub fn leave(&self, direction: Vec3) -> Ray {
         let side = self.margin.copysign(direction.dot(self.normal));
         Ray::new(self.position + self.normal * side, direction)
@@ -68,6 +69,7 @@ impl Face {
         Self { corners, normal, margin: margin(&corners) }
     }
 
+    #[inline]
     fn at(&self, hit: &Hit) -> Vec3 {
         let [a, b, c] = self.corners;
         a * (1.0 - hit.b1 - hit.b2) + b * hit.b1 + c * hit.b2
@@ -134,26 +136,46 @@ impl Receiver {
     }
 
     /// Unit normal of a triangle, by its winding.
+    #[inline]
     pub fn normal(&self, triangle: u32) -> Vec3 {
         self.faces[triangle as usize].normal
     }
 
     /// Unit normal at a hit, on the side that the ray came from.
+    #[inline]
     pub fn facing(&self, hit: &Hit) -> Vec3 {
         let normal = self.normal(hit.triangle);
         if hit.back { -normal } else { normal }
     }
 
+    /// The albedo at a hit.
+    #[inline]
+    pub fn albedo_at(&self, hit: &Hit) -> Vec3 {
+        match self.colours.get(hit.triangle as usize) {
+            Some([a, b, c]) => *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2,
+            None => Vec3::splat(GREY),
+        }
+    }
+
+    /// Where rays start from a hit to the side that it was seen from.
+    #[inline]
+    pub fn start(&self, hit: &Hit) -> Vec3 {
+        let face = &self.faces[hit.triangle as usize];
+        face.at(hit) + self.facing(hit) * face.margin
+    }
+
     /// The surface at a hit, seen from where the ray came.
+    #[inline]
     pub fn surface(&self, hit: &Hit) -> Surface {
         let face = &self.faces[hit.triangle as usize];
         let normal = self.facing(hit);
-        let albedo = match self.colours.get(hit.triangle as usize) {
-            Some([a, b, c]) => *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2,
-            None => Vec3::splat(GREY),
-        };
-        let bsdf = Bsdf::matte(normal, albedo);
-        let (position, margin) = (face.at(hit), face.margin);
-        Surface { position, normal, margin, bsdf, emission: Vec3::ZERO, way: Vec3::ONE }
+        Surface {
+            position: face.at(hit),
+            normal,
+            margin: face.margin,
+            bsdf: Bsdf::matte(normal, self.albedo_at(hit)),
+            emission: Vec3::ZERO,
+            way: Vec3::ONE,
+        }
     }
 }

@@ -109,10 +109,12 @@ impl Running {
         [0, R0, R0 + 4].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
     }
 
-    /// Mean luminance of R0.
+    /// Median luminance of R0 where it is lit, as `shadow-ratio` takes it: a mean would be that of a sun in the picture.
     pub(super) fn light(&self) -> f64 {
-        let pixels = self.samples.len();
-        (0..pixels).map(|index| self.lights(index)[0]).sum::<f64>() / pixels.max(1) as f64
+        let all = (0..self.samples.len()).map(|index| self.lights(index)[0]);
+        let mut lit: Vec<f64> = all.filter(|light| *light > 0.0).collect();
+        let middle = lit.len() / 2;
+        if lit.is_empty() { 0.0 } else { *lit.select_nth_unstable_by(middle, f64::total_cmp).1 }
     }
 
     /// Mean luminance of the objects over what they cover.

@@ -155,7 +155,8 @@ pub(super) fn tell_plan(view: &str, reached: &Reached, most: u32, notes: &mut No
 pub(super) fn tell_cut(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
-            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and over half of              their light is lost: glass behind glass, and mirrors in mirrors, are too dark",
+            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and over half of \
+             their light is lost: glass behind glass, and mirrors in mirrors, are too dark",
             100.0 * share,
             max_bounces + 1
         );
@@ -212,6 +213,7 @@ pub(super) fn assemble(
         }
         rays += shot.rays;
     }
+    let [nodes, triangles] = rays.steps_each();
     let text = |value: String| Cell::Text(value);
     let mut decisions = vec![
         vec![text("env_block".to_owned()), text(block_text(&rules.block))],
@@ -227,6 +229,8 @@ pub(super) fn assemble(
         vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
         vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],
         vec![text("rays".to_owned()), Cell::Count(rays.all())],
+        vec![text("nodes of trees that a ray meets".to_owned()), Cell::Number(nodes)],
+        vec![text("triangles that a ray is tested with".to_owned()), Cell::Number(triangles)],
         vec![text("lobes that no material has".to_owned()), text(lobes::absent(&inputs.objects))],
     ];
     if let Some(twice) = twice {

@@ -377,10 +377,10 @@ impl<'a> Walk<'a> {
             } else {
                 // Looked up together, they wait for memory together.
                 let drawn = self.lights(look, pair, several);
-                let lights = drawn.map(|drawn| drawn.map(|drawn| sky.light(drawn)));
-                for (number, from_sky) in lights.into_iter().flatten().enumerate() {
+                let lights = drawn.each_ref().map(|drawn| drawn.as_ref().map(|drawn| sky.light(drawn)));
+                for (number, from_sky) in lights.iter().flatten().enumerate() {
                     let key = key.wrapping_add(number as u32);
-                    lit += self.light_sample(&surface, lift, &(from_sky, None), None, key);
+                    lit += self.light_sample(&surface, lift, &(*from_sky, None), None, key);
                 }
             }
             light += rules.clamped(bounce, weight * lit);

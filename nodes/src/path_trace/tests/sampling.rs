@@ -71,16 +71,22 @@ fn more_samples_only_add_chunks() {
     assert!(four.iter().zip(&sixteen).all(|(a, b)| *b >= a - 1e-4));
 }
 
-// Same bytes with one thread and with several.
+// Same bytes and the same work with one thread and with several.
 #[test]
 fn threads_do_not_change_a_bit() {
     let (plane, objects, rig) = shadowed();
     let go = |threads: usize| {
         let pool = rayon_pool(threads);
         pool.install(|| {
-            let (out, _) = render(&params(8, EnvBlock::Auto), &plane, &objects, &rig, &sunny());
-            [samples(&out.with).to_vec(), samples(&out.object).to_vec(), samples(&out.depth).to_vec()]
+            let cx = context();
+            let (out, _) = render_in(&cx, &params(8, EnvBlock::Auto), &plane, &objects, &rig, &sunny());
+            let pictures = [&out.with, &out.object, &out.depth].map(|images| samples(images).to_vec());
+            (pictures, cx.counts())
         })
     };
-    assert_eq!(go(1), go(3));
+    let (pictures, counts) = go(1);
+    // Of one tile in 16 of each chunk.
+    assert!(counts["followed_rays"] > counts["rays"] / 64 && counts["followed_rays"] < counts["rays"] / 4);
+    assert!(counts["bvh_nodes"] > counts["followed_rays"] / 4 && counts["triangle_tests"] > 0);
+    assert_eq!((pictures, counts), go(3));
 }
