@@ -247,9 +247,9 @@ fn over_cosines<const N: usize>(f: impl Fn(f32) -> [f32; N]) -> [f32; N] {
 /// Albedo of a white sheen; its formula has more than 1 at grazing angles.
 pub fn sheen(cosine: f32, roughness: f32) -> f32 {
     static TABLE: LazyLock<Table<2, 1>> = LazyLock::new(|| {
-        const SIDE: usize = 48;
+        const SIDE: usize = 32;
         let middle = |i: usize| (i as f32 + 0.5) / SIDE as f32;
-        Table::new([32, 32], |[place, roughness]| {
+        Table::new([24, 24], |[place, roughness]| {
             let out = viewer(place);
             let weight = |i: usize| {
                 // By the root of the height, since smooth fibres shine where all is seen aslant.
