@@ -29,7 +29,8 @@ engine::params! {
         /// Takes linear light as a camera of 8 bits would, so many stops above EV 0: the median of the picture, raised
         /// to 1 / 2.4, is half of white there, but at most 15 % of the sphere are above white. None: as it is.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
-        /// Turns it about the up axis, counter-clockwise seen from above. Between pixels codes are interpolated.
+        /// Turns it about the up axis, counter-clockwise seen from above: light to a part of a pixel, display colours by
+        /// the nearest whole number of columns, since a clipped lamp of one pixel would be mixed with what is beside it.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
         /// Where it was taken.
         origin: [f64; 3] = [0.0; 3], other("(0.5, 0.0, 1.0)"), unit("world units");
@@ -82,7 +83,8 @@ impl Kind for LoadPanorama {
         let linear = matches!(picture, Picture::Linear(_));
         let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
         drop(picture);
-        let (samples, alpha) = straight(turn(&pixels, width, p.rotation_deg, cx)?);
+        let turned = if linear { p.rotation_deg } else { whole_columns(p.rotation_deg, width, &mut notes) };
+        let (samples, alpha) = straight(turn(&pixels, width, turned, cx)?);
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
                 let error = NodeError::new("the file holds display colours, which are a photograph already");
@@ -112,6 +114,17 @@ impl Kind for LoadPanorama {
         };
         Ok((out, notes))
     }
+}
+
+/// The turn by a whole number of columns that is nearest to `degrees`, in degrees.
+fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
+    let column = 360.0 / width as f64;
+    let whole = (degrees / column).round() * column;
+    if (whole - degrees).abs() > 1e-6 * column {
+        let text = format!("display colours turn by whole columns: by {whole:.4} degrees for {degrees}");
+        notes.decision("turned-by-columns", text);
+    }
+    whole
 }
 
 /// Premultiplied colours of at least 0 with alpha from 0 to 1.
@@ -197,6 +210,31 @@ mod tests {
         LoadPanorama::run(&p, In {}, &cx)
     }
 
+    // A clipped lamp of one pixel stays one, whatever the turn; light itself turns to a part of a pixel, and keeps its sum.
+    // Mutation: `whole_columns` not asked (seen red).
+    #[test]
+    fn a_turned_photograph_keeps_its_lights() {
+        let mut codes = vec![40_u16; 16 * 8 * 3];
+        codes[3 * 40..3 * 41].fill(255);
+        let raster = Raster { width: 16, height: 8, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let bytes = png::write(&raster, false, &[]).expect("writes");
+        let light = |out: &Out| out.env.image.samples.iter().map(|v| f64::from(*v)).sum::<f64>();
+        let (still, _) = turned(&bytes, None, 0.0).expect("loads");
+        for (degrees, told) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
+            let (out, notes) = turned(&bytes, None, degrees).expect("loads");
+            let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
+            assert_eq!(image.samples.iter().filter(|v| **v == 1.0).count(), 3, "{degrees}");
+            assert_eq!(light(&out), light(&still));
+            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), told, "{degrees}");
+        }
+        let mut rgb = vec![0.2_f32; 8 * 4 * 3];
+        rgb[3 * 9..3 * 10].fill(900.0);
+        let (out, notes) = turned(&hdr(rgb), None, 10.0).expect("loads");
+        assert!(notes.iter().all(|note| note.id != "turned-by-columns"));
+        let most = out.env.image.samples.iter().copied().fold(0.0, f32::max);
+        assert!(most < 800.0 && (light(&out) / (31.0 * 0.6 + 2700.0) - 1.0).abs() < 1e-6, "{most}");
+    }
+
     fn hdr(rgb: Vec<f32>) -> Vec<u8> {
         let mut planes: Vec<Vec<f32>> = vec![Vec::new(); 3];
         rgb.iter().enumerate().for_each(|(i, v)| planes[i % 3].push(*v));
@@ -229,18 +267,14 @@ mod tests {
     /// Mutation: `straight` before `turn`.
     #[test]
     fn a_turn_mixes_what_is_seen() {
-        let (seen, hole) = ([200, 100, 50, 255], [0, 0, 0, 0]);
-        let codes = (0..32).flat_map(|i| if i == 11 { hole } else { seen }).collect();
-        let raster = Raster { width: 8, height: 4, channels: 4, largest: 255, codes, ignored: Vec::new() };
-        let file = png::write(&raster, false, &[]).expect("writes");
-        let (out, _) = turned(&file, None, 15.0).expect("loads");
-        let alphas: Vec<f32> = out.pano.alpha.samples.iter().copied().filter(|a| *a < 1.0).collect();
+        let (seen, hole) = ([0.8, 0.4, 0.2, 1.0], [0.0; 4]);
+        let pixels: Vec<[f32; 4]> = (0..32).map(|i| if i == 11 { hole } else { seen }).collect();
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, "");
+        let (colours, alpha) = straight(turn(&pixels, 8, 15.0, &cx).expect("turns"));
+        let alphas: Vec<f32> = alpha.into_iter().filter(|a| *a < 1.0).collect();
         assert!(alphas.len() == 2 && (alphas[0] + alphas[1] - 1.0).abs() < 1e-6, "{alphas:?}");
-        for pixel in out.pano.image.samples().chunks_exact(3) {
-            assert!(
-                pixel.iter().zip([200.0, 100.0, 50.0]).all(|(v, code)| (v - code / 255.0).abs() < 1e-6),
-                "{pixel:?}"
-            );
+        for pixel in colours.chunks_exact(3) {
+            assert!(pixel.iter().zip(seen).all(|(v, c)| (v - c).abs() < 1e-6), "{pixel:?}");
         }
     }
 

@@ -54,6 +54,8 @@ pub(crate) fn turn<const N: usize>(
     cx: &Context,
 ) -> Result<Vec<[f32; N]>, NodeError> {
     let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
+    // What is whole but for rounding mixes nothing.
+    let shift = if (shift - shift.round()).abs() < 1e-9 * width as f64 { shift.round() } else { shift };
     let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
     if whole == 0 && part == 0.0 {
         return Ok(pixels.to_vec());
