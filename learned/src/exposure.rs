@@ -148,13 +148,13 @@ fn unit(x: &Tensor) -> Result<Tensor> {
 }
 
 impl Weights {
-    fn new(columns: (usize, usize), units: usize, random: &mut Random) -> Result<Self> {
+    fn new(columns: (usize, usize), units: usize, random: &mut Random, device: &Device) -> Result<Self> {
         let (overview, cell) = columns;
         let mut var = |rows: usize, columns: usize, size: f64| {
             // Even numbers of the same variance as normal ones of spread `size`.
             let values: Vec<f32> =
                 (0..rows * columns).map(|_| random.even() * (size * 1.732_050_8) as f32).collect();
-            Var::from_vec(values, (rows, columns), &Device::Cpu)
+            Var::from_vec(values, (rows, columns), device)
         };
         Ok(Self {
             linear: var(cell, 1, 0.0)?,
@@ -229,20 +229,20 @@ struct Batch {
 }
 
 impl Batch {
-    fn new(examples: &Examples, chosen: &[usize]) -> Result<Self> {
+    fn new(examples: &Examples, chosen: &[usize], device: &Device) -> Result<Self> {
         let (n, cells) = (chosen.len(), examples.cells);
         let gather = |values: &[f32]| {
             let width = values.len() / examples.count;
             let rows: Vec<f32> =
                 chosen.iter().flat_map(|&i| &values[i * width..(i + 1) * width]).copied().collect();
-            Tensor::from_vec(rows, (n, width), &Device::Cpu)
+            Tensor::from_vec(rows, (n, width), device)
         };
         let features = gather(&examples.features)?;
         let columns = features.dim(1)? / cells;
         let mut fluxes = Vec::with_capacity(8);
         for k in 0..8 {
             let column: Vec<f32> = chosen.iter().map(|&i| examples.fluxes[i][k]).collect();
-            fluxes.push(Tensor::from_vec(column, n, &Device::Cpu)?);
+            fluxes.push(Tensor::from_vec(column, n, device)?);
         }
         let fluxes = fluxes.try_into().map_err(|_| candle_core::Error::Msg("eight fluxes".to_owned()))?;
         Ok(Self {
@@ -306,7 +306,7 @@ impl Adam {
     }
 }
 
-/// Trains one network on the `chosen` examples, whose numbers are scaled. `tell` hears of each step the loss
+/// Trains one network on the `chosen` examples, whose numbers are scaled, on a GPU where the build knows one and there is one. `tell` hears of each step the loss
 /// and says whether to go on; a training that is stopped gives `None`.
 pub fn train(
     examples: &Examples,
@@ -320,14 +320,15 @@ pub fn train(
         examples.features.len() / (examples.count * examples.cells).max(1),
     );
     let mut random = Random(seed);
-    let weights = Weights::new(columns, recipe.units, &mut random)?;
+    let device = Device::cuda_if_available(0)?;
+    let weights = Weights::new(columns, recipe.units, &mut random, &device)?;
     let vars = weights.vars();
     let zeros = || vars.iter().map(|var| var.zeros_like()).collect::<Result<Vec<_>>>();
     let mut adam = Adam { first: zeros()?, second: zeros()? };
     for step in 0..recipe.steps {
         let batch: Vec<usize> =
             (0..recipe.batch.min(chosen.len())).map(|_| chosen[random.below(chosen.len())]).collect();
-        let loss = Batch::new(examples, &batch)?.loss(&weights, recipe)?;
+        let loss = Batch::new(examples, &batch, &device)?.loss(&weights, recipe)?;
         let done = step as f64 / recipe.steps as f64;
         let rate = recipe.rate * (1.0 - done) * f64::min(1.0, (step + 1) as f64 / 20.0);
         adam.step(&vars, &loss, rate, step + 1)?;
