@@ -38,6 +38,9 @@ pub struct TrainExposure {
     /// A folder for what each network of the cross-validation recovers of the panoramas it never saw
     #[arg(long)]
     recovered: Option<PathBuf>,
+    /// A file for the numbers that the amount of hidden light was fitted to, as comma-separated values
+    #[arg(long)]
+    numbers: Option<PathBuf>,
     /// What is trained
     #[arg(long, value_enum, default_value_t = Backend::Networks)]
     backend: Backend,
@@ -103,6 +106,9 @@ impl TrainExposure {
             for (name, bytes) in &trained.recovered {
                 cache::publish_file(&folder.join(format!("{name}.exr")), bytes).map_err(|e| e.to_string())?;
             }
+        }
+        if let Some(path) = &self.numbers {
+            cache::publish_file(path, trained.numbers.as_bytes()).map_err(|e| e.to_string())?;
         }
         let text =
             format!("{}{}: {} bytes\n", table(&trained.scores), self.out.display(), trained.weights.len());

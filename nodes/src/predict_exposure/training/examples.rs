@@ -29,6 +29,8 @@ pub(super) struct Course {
     held: Vec<(String, usize, Example)>,
     /// The place of each example; `None` for what is made by formula.
     places: Vec<Option<usize>>,
+    /// Which photograph of its panorama each example is; the first is plain.
+    shots: Vec<u32>,
     /// Visible flux of each example that is not clipped.
     open: Vec<f64>,
     raw: Examples,
@@ -61,6 +63,7 @@ impl Course {
         let mut course = Self {
             held: Vec::new(),
             places: Vec::new(),
+            shots: Vec::new(),
             open: Vec::new(),
             raw: Examples {
                 count: 0,
@@ -86,6 +89,7 @@ impl Course {
                 let Some(example) = truth.example(shot) else { continue };
                 course.add(&example, 1.0, key);
                 course.places.push(Some(place));
+                course.shots.push(n);
                 if n == 0 {
                     course.held.push((name.clone(), place, example));
                 }
@@ -102,6 +106,7 @@ impl Course {
             if let Some(example) = example {
                 course.add(&example, PROCEDURAL, key);
                 course.places.push(None);
+                course.shots.push(0);
             }
             if !tell(Progress::Examples(total - plan.procedural as usize + index as usize + 1, total)) {
                 return Ok(None);
@@ -147,6 +152,23 @@ impl Course {
         raw.fluxes.push([a, b, c, d, e, f, hidden, 0.0].map(|v| v as f32));
         self.open.push(example.scene.open_flux);
         raw.weight.push(weight);
+    }
+
+    /// A line for each example: its place (none for what is made by formula), which photograph of the panorama it
+    /// is, its weight, visible flux, that of what is not clipped, hidden flux, and the numbers about the whole.
+    pub fn numbers(&self) -> String {
+        let mut text = "place,photograph,weight,visible,open,hidden".to_owned();
+        (0..OVERVIEW).for_each(|k| text += &format!(",n{k}"));
+        text.push('\n');
+        for (i, numbers) in self.raw.overview.chunks_exact(OVERVIEW).enumerate() {
+            let place = self.places[i].map_or(String::new(), |place| place.to_string());
+            let ([visible, .., hidden, _], open) = (self.raw.fluxes[i], self.open[i]);
+            let (shot, weight) = (self.shots[i], self.raw.weight[i]);
+            text += &format!("{place},{shot},{weight},{visible},{open},{hidden}");
+            numbers.iter().for_each(|v| text += &format!(",{v}"));
+            text.push('\n');
+        }
+        text
     }
 
     /// Digest of what there is to learn.

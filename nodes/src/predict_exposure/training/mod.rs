@@ -78,6 +78,8 @@ pub struct Trained {
     pub scores: Vec<Score>,
     /// The light recovered from each panorama by networks that never saw its place, as EXR, by name.
     pub recovered: Vec<(String, Vec<u8>)>,
+    /// What the amount was fitted to, as comma-separated values, a line for each photograph.
+    pub numbers: String,
 }
 
 /// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`WIDTH`] columns.
@@ -156,7 +158,7 @@ pub fn train(
     let residual = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
     let weights = team(None, residual)?;
     let recovered = pictures.into_iter().collect::<Result<_, _>>()?;
-    Ok(weights.map(|weights| Trained { weights, scores, recovered }))
+    Ok(weights.map(|weights| Trained { weights, scores, recovered, numbers: course.numbers() }))
 }
 
 /// Regions count for the uncertainty that hold at least this share of the hidden light.
