@@ -14,7 +14,7 @@ use crate::types::{Cell, Report, Table};
 
 /// Lights listed one by one; the rest are summed in a last row.
 const LISTED: usize = 32;
-/// Less than this share of the predicted light may be left out without a word.
+/// Less than this share of the predicted light may be left out, and of all light taken, without a word.
 const UNUSED: f64 = 0.01;
 /// The ramp may be made up for by at most this factor within a light.
 const LARGEST_COMPENSATION: f64 = 8.0;
@@ -22,7 +22,9 @@ const LARGEST_COMPENSATION: f64 = 8.0;
 /// Connected regions of pixels that fusion made brighter, and what each step of the fusion made of them.
 pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
-    /// Name of a step, and luminance after it of each pixel of each light.
+    /// Pixels that fusion made darker, which are no lights.
+    darker: Vec<usize>,
+    /// Name of a step, and luminance after it of each pixel of each light, and of those made darker.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
 }
 
@@ -41,7 +43,9 @@ impl Lights {
                 members[*region as usize].push(at);
             }
         }
-        let mut lights = Self { members, steps: Vec::new() };
+        let darkened = |&at: &usize| fused[at].luminance < luminance_of(pixels, at);
+        let darker = (0..fused.len()).filter(darkened).collect();
+        let mut lights = Self { members, darker, steps: Vec::new() };
         lights.enter("panorama", |at| luminance_of(pixels, at));
         lights
     }
@@ -49,7 +53,24 @@ impl Lights {
     /// Enters a step into the books.
     pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
-        self.steps.push((step, self.members.iter().map(of_light).collect()));
+        let groups = self.members.iter().chain([&self.darker]);
+        self.steps.push((step, groups.map(of_light).collect()));
+    }
+
+    /// Warns where exposures that are darker than the panorama took light from it.
+    pub(super) fn tell_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
+        let size = |at: usize| pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
+        let own = |at: usize| luminance_of(pixels, at) * size(at);
+        let lost: f64 = self.darker.iter().map(|&at| own(at) - fused[at].luminance * size(at)).sum();
+        let all: f64 = (0..pixels.rgb.len()).map(own).sum();
+        if lost > UNUSED * all {
+            let text = format!(
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which takes {:.1} % of its power; `blend: Ramp` takes none",
+                self.darker.len(),
+                100.0 * lost / all
+            );
+            notes.warning("made-darker", text);
+        }
     }
 
     /// Warns where light was predicted for what does not count as clipped here.
@@ -149,10 +170,10 @@ impl Lights {
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// The whole after a step. What is no light is as it was.
+    /// The whole after a step. What is no light and was not made darker is as it was.
     fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
         let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
-        for (members, values) in self.members.iter().zip(&self.steps[step].1) {
+        for (members, values) in self.members.iter().chain([&self.darker]).zip(&self.steps[step].1) {
             members.iter().zip(values).for_each(|(&at, value)| luminance[at] = *value);
         }
         Energy::of(up, pixels.width, &luminance)

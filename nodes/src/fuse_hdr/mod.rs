@@ -108,7 +108,7 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -132,12 +132,21 @@ impl Kind for FuseHdr {
             (y * width..(y + 1) * width).map(|at| fuse(params, &pixels, &brackets, at)).collect::<Vec<_>>()
         })?;
         cx.count("pixels", pixels.rgb.len() as u64);
-        let (mut fused, predicted): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
+        let (mut fused, shown): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
         let mut lights = Lights::find(&pixels, &fused);
-        lights.enter("predicted", |at| predicted[at]);
-        lights.tell_unused(&pixels, &brackets.log2_gain.samples, &mut notes);
+        lights.enter("predicted", |at| direct(&pixels, &brackets, at).luminance);
+        if params.gain == Gain::Brackets {
+            lights.enter("exposures", |at| shown[at]);
+        }
+        if params.gain == Gain::Brackets && brackets.evs.is_empty() {
+            let text = "there is no exposure to fuse, since the prediction's `evs` is empty: the panorama is kept; `gain: Direct` needs none";
+            notes.warning("no-exposures", text);
+        } else {
+            lights.tell_unused(&pixels, &brackets.log2_gain.samples, &mut notes);
+        }
+        lights.tell_darker(&pixels, &fused, &mut notes);
         lights.enter("blended", |at| fused[at].luminance);
-        drop(predicted);
+        drop(shown);
         if params.gain == Gain::Direct && params.blend == Blend::Ramp {
             lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
             lights.enter("flux kept", |at| fused[at].luminance);
@@ -203,8 +212,15 @@ fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
     notes.count("below-zero", pixels.negative, "samples below 0 count as black");
 }
 
+/// What the gain map says of a pixel.
+fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
+    let held = f64::from(luminance(pixels.rgb[at].map(|v| v.min(1.0))));
+    let gain = if pixels.ceiling { f64::from(brackets.log2_gain.samples[at]) } else { 0.0 };
+    Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
+}
+
 /// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number is
-/// the luminance that was predicted for it, before the panorama itself came in.
+/// what the gain map or the exposures say of it, before the panorama itself came in.
 fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
     let base = pixels.rgb[at];
     let n = brackets.evs.len();
@@ -212,11 +228,7 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
     let kept = |saturated| (Fused { saturated, ..own }, own.luminance);
     let darkest = match params.gain {
         _ if !pixels.ceiling => return kept(false),
-        Gain::Direct => {
-            let held = base.map(|v| v.min(1.0));
-            let gain = num::f64::exp2(f64::from(brackets.log2_gain.samples[at]));
-            Fused { luminance: f64::from(luminance(held)) * gain, source: 0, saturated: false }
-        }
+        Gain::Direct => direct(pixels, brackets, at),
         // The panorama itself is then the darkest exposure.
         Gain::Brackets if n == 0 => return kept(max3(base) >= WHITE),
         Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {

@@ -367,6 +367,52 @@ fn every_step_is_in_the_books() {
     assert_eq!(out.report.tables[0].rows[0][4], steps.rows[3][6]);
 }
 
+/// The numbers of a row of the table `steps`, by name of the step.
+fn steps(report: &Report, row: usize) -> Vec<(&str, f64)> {
+    let table = &report.tables[2];
+    let number = |cell: &Cell| if let Cell::Number(v) = cell { *v } else { panic!("a number") };
+    table.columns[1..].iter().map(String::as_str).zip(table.rows[row][1..].iter().map(number)).collect()
+}
+
+// What the paper's equation makes darker is in the books, and told.
+// Mutation: `chain([&self.darker])` dropped in `energy`, or in `enter`.
+#[test]
+fn what_gets_darker_is_in_the_books() {
+    let lit = |at: usize| if at == 500 { [40.0; 3] } else { [0.95; 3] };
+    let (base, brackets) = photograph(&lit, &[-3.0], Transfer::Srgb, None);
+    let mut brackets = (*brackets).clone();
+    brackets.exposures[0].samples[3000..3900].fill(0.0);
+    for (blend, fell) in [(Blend::Hard, true), (Blend::Ramp, false)] {
+        let params = FuseHdr { blend, gain: Gain::Brackets, ..params() };
+        let (out, notes) = run(&params, (base.clone(), Arc::new(brackets.clone())));
+        let light: Vec<f64> =
+            (0..W * H).map(|at| luminance(out.env.image.rgb(at % W, at / W)).into()).collect();
+        let stored = crate::light::energy::Energy::of(Up::PlusZ, W, &light).power;
+        let told = steps(&out.report, 0).last().map_or(0.0, |step| step.1);
+        assert!((told / stored - 1.0).abs() < 1e-6, "{told} {stored}");
+        assert_eq!(notes.iter().any(|note| note.id == "made-darker"), fell);
+    }
+}
+
+// What the white of the darkest exposure cuts off is a step of its own; without exposures the reason is told.
+// Mutation: `direct` entered after the exposures; `no-exposures` told for `Direct`.
+#[test]
+fn what_exposures_cut_off_is_in_the_books() {
+    let lit = |at: usize| if at == 500 { [4000.0; 3] } else { [0.2; 3] };
+    let params = FuseHdr { gain: Gain::Brackets, ..params() };
+    let (out, _) = run(&params, photograph(&lit, &[-6.0, -3.0], Transfer::Srgb, None));
+    let facing = steps(&out.report, 3);
+    let of = |name: &str| facing.iter().find(|(step, _)| *step == name).map_or(0.0, |step| step.1);
+    assert!((of("predicted") / of("panorama") / 4000.0 - 1.0).abs() < 1e-3, "{facing:?}");
+    assert!((of("exposures") / of("panorama") / 64.0 - 1.0).abs() < 1e-3, "{facing:?}");
+    for (gain, told) in [(Gain::Brackets, true), (Gain::Direct, false)] {
+        let params = FuseHdr { gain, ..params.clone() };
+        let (_, notes) = run(&params, photograph(&lit, &[], Transfer::Srgb, None));
+        assert_eq!(notes.iter().any(|note| note.id == "no-exposures"), told);
+        assert!(notes.iter().all(|note| note.id != "prediction-unused"));
+    }
+}
+
 // A light whose pixels are barely clipped still gets all that was predicted for it.
 #[test]
 fn the_ramp_keeps_the_flux_of_a_light() {

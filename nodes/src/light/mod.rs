@@ -1,6 +1,7 @@
 //! What the kinds about recovered light share: connected regions of a panorama, distances in them, and
 //! the measures light is judged by.
 
+pub mod books;
 pub mod energy;
 pub mod exposure;
 pub mod linear;

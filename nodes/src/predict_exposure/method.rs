@@ -121,10 +121,6 @@ impl ParamType for Method {
             .to_owned()
     }
 
-    fn within(&self, _low: f64, _high: f64) -> bool {
-        self.kontext().is_none_or(|kontext| kontext.within())
-    }
-
     /// Files count by their content, which the engine adds. What the tensor library computes is not the same on
     /// every machine, so its name is part of the method.
     fn key_text(&self) -> Result<Option<String>, NotCanonical> {

@@ -8,9 +8,10 @@ use glam::DVec3;
 use self::grid::Grid;
 use self::spread::{Given, Spread};
 
-use crate::color::srgb_from_linear;
+use crate::color::{luminance, srgb_from_linear};
 use crate::equirect::axes;
 use crate::error::Error;
+use crate::light::books::Books;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::light::measure;
 use crate::light::regions::{self, Regions};
@@ -64,7 +65,7 @@ engine::outputs! {
         brackets: Arc<Brackets>,
         /// The exposures as pictures, one view each: `ev_-6`.
         exposures: Arc<Images>,
-        /// The regions, as a table.
+        /// The regions, and the light of the panorama before and after, in all and of each light.
         report: Arc<Report>,
     }
 }
@@ -74,12 +75,14 @@ engine::outputs! {
 const CLIPPED: f32 = 0.95;
 /// Exposures cost memory, and beyond a few say nothing new.
 const MOST_EXPOSURES: usize = 64;
+/// A light is spread by at most this, in radians: two cells of the grid.
+const SPREAD: f64 = 0.05;
 /// Pixels seen less than this were filled in, so they say nothing about clipping.
 const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     const DATA: &'static [u8] = learned::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -88,7 +91,7 @@ impl Kind for PredictExposure {
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pano = &inputs.pano.alpha;
-        let own = pano.samples.len() * (120 + 12 * params.evs.len());
+        let own = pano.samples.len() * (136 + 12 * params.evs.len());
         let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
         Cost { bytes: own as u64 + model }
     }
@@ -108,7 +111,10 @@ impl Kind for PredictExposure {
         if let Method::Photographs { files } = &params.method {
             photographs::check(files, &params.evs)?;
         }
-        params.method.kontext().map_or(Ok(()), |kontext| kontext.check())
+        match params.method.kontext() {
+            Some(kontext) => kontext.check().and_then(|()| kontext.check_numbers()),
+            None => Ok(()),
+        }
     }
 
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
@@ -136,6 +142,9 @@ impl Kind for PredictExposure {
             nothing()
         };
         let on_grid = || Clipped::new(pano, &pixels, &mask);
+        let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
+        let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
+        books.enter_panorama("panorama", pixels.width, &own, cx)?;
         let (log2_gain, regions) = match &params.method {
             _ if clipped == 0 && !params.force => {
                 let brightest = pixels.rgb.iter().map(|rgb| max3(*rgb)).fold(0.0, f32::max);
@@ -151,7 +160,7 @@ impl Kind for PredictExposure {
             }
             Method::Learned | Method::Region => match on_grid() {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
-                clipped if params.method == Method::Learned => learned::predict(&clipped, cx)?,
+                clipped if params.method == Method::Learned => learned::predict(&clipped, &mut books, cx)?,
                 clipped => region::predict(&clipped, cx)?,
             },
             Method::Manual { emitters } => manual::predict(emitters, &on_grid(), &mut notes, cx)?,
@@ -165,16 +174,28 @@ impl Kind for PredictExposure {
             Method::FluxKontext { .. } => {
                 let darkest = params.evs.iter().copied().fold(0.0, f64::min);
                 let kontext = params.method.kontext();
-                let gain = kontext.map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut notes, cx));
+                let gain = kontext
+                    .map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut books, &mut notes, cx));
                 (gain.transpose()?.unwrap_or_default(), Vec::new())
             }
         };
+        let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
+        let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
+        books.enter_panorama("predicted", pixels.width, &predicted, cx)?;
+        drop(predicted);
+        if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
+            let text = "the panorama holds linear light and none above white, so what is white counts as clipped; if that is all the light there is, use `method: Skip`";
+            notes.warning("linear-white", text);
+        }
         let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
         if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
             notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
         }
         if regions.iter().any(|region| region.sun) {
-            notes.decision("sun", "a small clipped region in a blue sky is taken for the sun");
+            notes.decision(
+                "sun",
+                "a small clipped region above the horizon, amid more blue than red, is taken for the sun",
+            );
         }
         notes.count("clipped-regions", regions.len() as u64, "clipped regions");
         let (width, height) = (pixels.width, pixels.height);
@@ -188,7 +209,8 @@ impl Kind for PredictExposure {
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
         let chosen = if clipped == 0 { &Method::Skip } else { &params.method };
-        let report = report(chosen, clipped, mask.len() as u64, &regions);
+        let mut report = report(chosen, clipped, mask.len() as u64, &regions);
+        report.tables.extend(books.tables());
         let named = evs
             .iter()
             .zip(&exposures)

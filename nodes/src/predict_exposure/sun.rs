@@ -37,10 +37,10 @@ pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<bool> {
     regions.iter().map(sun).collect()
 }
 
-/// Whether what surrounds a region is at least as blue as it is red.
+/// Whether what surrounds a region is more blue than red: a grey room has no sky.
 fn in_blue(grid: &Grid, cells: &[usize]) -> bool {
     let around = surroundings(grid, cells);
-    around.map(|cell| grid.rgb[cell][2] - grid.rgb[cell][0]).sum::<f64>() >= 0.0
+    around.map(|cell| grid.rgb[cell][2] - grid.rgb[cell][0]).sum::<f64>() > 0.0
 }
 
 /// The open cells around a region, in order.

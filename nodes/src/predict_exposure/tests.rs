@@ -55,6 +55,23 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     }
 }
 
+// Neither the grid nor sharing out what is found on it changes the light of the whole or of a lamp by more than rounding
+// and the edges of pixels. Mutation: hidden light entered without `/ grid.solid_angle(..)`.
+#[test]
+fn the_books_of_a_prediction_agree() {
+    let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, force: false };
+    let (out, _) = PredictExposure::run(&params, In { pano: room(512) }, &cx()).expect("runs");
+    let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has books");
+    assert_eq!(steps.columns, ["", "panorama", "on the grid", "predicted on the grid", "predicted"]);
+    assert_eq!(steps.rows.len(), 3 + 2, "a window and a lamp");
+    for (i, within) in [(0, 1e-3), (3, 0.03), (4, 0.03)] {
+        let number = |cell: &Cell| if let Cell::Number(v) = cell { *v } else { panic!("a number") };
+        let row: Vec<f64> = steps.rows[i][1..].iter().map(number).collect();
+        assert!((row[1] / row[0] - 1.0).abs() < within, "{row:?}");
+        assert!((row[2] / row[3] - 1.0).abs() < within && row[3] > row[0], "{row:?}");
+    }
+}
+
 /// A room with a window that lies across the seam and a lamp of a few pixels.
 fn room(width: usize) -> Arc<Panorama> {
     pano(width, move |x, y| {
@@ -70,7 +87,7 @@ fn flux(brackets: &Brackets, pano: &Panorama, of: impl Fn(usize) -> bool) -> f64
     let pixels = linear_pixels(&pano.image, Transfer::Srgb);
     let light = |at: usize| {
         let gain = num::f64::exp2(brackets.log2_gain.samples[at].into());
-        gain * f64::from(crate::color::luminance(pixels.rgb[at])) * pixel_solid_angle(w, h, at / w)
+        gain * f64::from(luminance(pixels.rgb[at])) * pixel_solid_angle(w, h, at / w)
     };
     (0..w * h).filter(|&at| of(at)).map(light).sum()
 }
@@ -394,7 +411,10 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     assert_eq!(key(&method), key(&flux_kontext(["z.gguf", "b", "c", "d"], 4, 0)));
     assert_ne!(key(&method), key(&flux_kontext(["a.gguf", "b", "c", "d"], 4, 1)));
     assert_eq!(key(&Method::Region), "Region");
-    assert!(method.within(0.0, 0.0) && !flux_kontext(["a", "b", "c", "d"], 0, 0).within(0.0, 0.0));
+    let numbers = |method: &Method| method.kontext().expect("is it").check_numbers();
+    assert!(numbers(&method).is_ok());
+    let error = numbers(&flux_kontext(["a", "b", "c", "d"], 0, 0)).expect_err("takes no steps").to_string();
+    assert!(error.contains("`steps` of `FluxKontext` is 0; it lies between 1 and 200"), "{error}");
     let checked = PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, force: false });
     if cfg!(feature = "learned") {
         assert!(checked.is_ok());

@@ -10,7 +10,9 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
 
-use crate::types::{Data, Image, Images, Linear, Panorama, Picture, Srgb, View, Views};
+use crate::light::books::Books;
+use crate::light::linear::{Transfer, linear_pixels};
+use crate::types::{Data, Image, Images, Linear, Panorama, Picture, Report, Srgb, View, Views};
 use crate::{color, equirect, num};
 
 engine::choices! {
@@ -55,6 +57,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// How much of each pixel was seen, 0 to 1.
         alpha: Arc<Images>,
+        /// The light of the views, of the panorama, and with its holes filled: of the whole and of each light.
+        report: Arc<Report>,
     }
 }
 
@@ -102,21 +106,27 @@ impl Source {
         })
     }
 
-    /// Adds what the view shows in `direction`, times its weight there; gives the weight.
+    /// Where the view shows `direction`, in pixels, and what it counts there; `None` where it shows nothing of it.
     #[inline]
-    fn add(&self, direction: DVec3, sum: &mut [f64; 4]) -> f64 {
+    fn place(&self, direction: DVec3) -> Option<([f64; 2], f64)> {
         let z = self.axes[2].dot(direction);
         if z <= 0.0 {
-            return 0.0;
+            return None;
         }
         let x = self.axes[0].dot(direction) / z * self.focal[0] + self.centre[0];
         let y = self.axes[1].dot(direction) / z * self.focal[1] + self.centre[1];
         let border = x.min(self.size[0] - x).min(y).min(self.size[1] - y);
         if border < 0.0 {
-            return 0.0;
+            return None;
         }
         let t = (border / (FADE * self.size[0].min(self.size[1]))).min(1.0);
-        let weight = (t * t * (3.0 - 2.0 * t)).max(LEAST);
+        Some(([x, y], (t * t * (3.0 - 2.0 * t)).max(LEAST)))
+    }
+
+    /// Adds what the view shows in `direction`, times its weight there; gives the weight.
+    #[inline]
+    fn add(&self, direction: DVec3, sum: &mut [f64; 4]) -> f64 {
+        let Some(([x, y], weight)) = self.place(direction) else { return 0.0 };
         // Bilinear between pixel centres, held at the outermost ones.
         let place = |p: f64, n: usize| {
             let at = (p - 0.5).clamp(0.0, (n - 1) as f64);
@@ -138,6 +148,19 @@ impl Source {
             }
         }
         weight
+    }
+
+    /// Direction, solid angle and luminance of each pixel of a row.
+    fn row(&self, y: usize) -> impl Iterator<Item = (DVec3, f64, f64)> {
+        let [right, down, forward] = self.axes;
+        let rise = (y as f64 + 0.5 - self.centre[1]) / self.focal[1];
+        self.rgba[y * self.width..][..self.width].iter().enumerate().map(move |(x, [r, g, b, _])| {
+            let aside = (x as f64 + 0.5 - self.centre[0]) / self.focal[0];
+            let toward = forward + right * aside + down * rise;
+            let length = toward.length();
+            let size = 1.0 / (self.focal[0] * self.focal[1] * length * length * length);
+            (toward / length, size, f64::from(color::luminance([*r, *g, *b])))
+        })
     }
 }
 
@@ -184,6 +207,36 @@ fn resample(sources: &[Source], up: Up, width: usize, cx: &Context) -> Result<Ve
             .collect::<Vec<_>>()
     })?;
     Ok(rows.concat())
+}
+
+/// A light is spread by so many pixels of a view and of the panorama.
+const MARGIN: f64 = 2.0;
+
+/// The light in the views, where each direction counts as the panorama blends them, after they were resampled, and
+/// with holes filled; both are luminance, row by row, the first as seen.
+fn books(
+    sources: &[Source],
+    (up, width): (Up, usize),
+    resampled: &[f64],
+    filled: &[f64],
+    cx: &Context,
+) -> Result<Report, NodeError> {
+    let coarsest = sources.iter().flat_map(|source| source.focal).fold(f64::INFINITY, f64::min);
+    let margin = MARGIN * (2.0 * PI / width as f64 + 1.0 / coarsest);
+    let mut books = Books::new(up, width, resampled, margin);
+    let rows: Vec<(&Source, usize)> =
+        sources.iter().flat_map(|source| (0..source.height).map(move |y| (source, y))).collect();
+    books.enter("views", rows.len(), cx, |i| {
+        let (source, y) = rows[i];
+        source.row(y).map(move |(toward, size, luminance)| {
+            let weight = |source: &Source| source.place(toward).map_or(0.0, |(_, weight)| weight);
+            let all: f64 = sources.iter().map(weight).sum();
+            (toward, size * weight(source) / all.max(f64::MIN_POSITIVE), luminance)
+        })
+    })?;
+    books.enter_panorama("resampled", width, resampled, cx)?;
+    books.enter_panorama("holes filled", width, filled, cx)?;
+    Ok(Report { title: "Light of a panorama".to_owned(), tables: books.tables().into() })
 }
 
 /// What was found out about a panorama before its holes are filled.
@@ -289,7 +342,7 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
 
 impl Kind for Stitch {
     const NAME: &'static str = "stitch";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up];
     type Params = Self;
     type In = In;
@@ -298,7 +351,7 @@ impl Kind for Stitch {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let faces: usize = inputs.views.0.iter().map(|view| view.colour.samples().len()).sum();
-        Cost { bytes: pixels * 64 + faces as u64 * 4 }
+        Cost { bytes: pixels * 80 + faces as u64 * 4 }
     }
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {
@@ -337,15 +390,21 @@ impl Kind for Stitch {
         cx.progress(0.2);
         let width = params.width_px as usize;
         let premultiplied = resample(&sources, up, width, cx)?;
-        drop(sources);
-        cx.progress(0.8);
+        cx.progress(0.7);
+        let light = |rgb: [f32; 3]| f64::from(color::luminance(rgb));
+        let resampled: Vec<f64> = premultiplied.iter().map(|&[r, g, b, _]| light([r, g, b])).collect();
 
         let found = Found { premultiplied, width, encoded, up, origin };
         let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
+        cx.progress(0.8);
+        let filled: Vec<f64> =
+            linear_pixels(&pano.image, Transfer::Srgb).rgb.into_iter().map(light).collect();
+        let report = books(&sources, (up, width), &resampled, &filled, cx)?;
         let out = Out {
             image: Arc::new(Images::single("pano", pano.image.clone())),
             alpha: Arc::new(Images::single("pano", pano.alpha.clone())),
             pano: Arc::new(pano),
+            report: Arc::new(report),
         };
         Ok((out, notes))
     }

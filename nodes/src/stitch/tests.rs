@@ -3,7 +3,7 @@ use glam::DVec3;
 use super::*;
 use crate::cube_rig::{Turn, cube};
 use crate::testing::{context, row};
-use crate::types::{Camera, Rig};
+use crate::types::{Camera, Cell, Rig};
 
 fn views(rig: Rig, colour: impl Fn(&Camera, usize, usize) -> [f32; 4]) -> Arc<Views> {
     let view = |camera: Camera| {
@@ -224,5 +224,55 @@ fn row_22_directions_are_never_degenerate() {
             let (u, v) = equirect::uv(up, d);
             assert!((0.0..1.0).contains(&u) && (0.0..=1.0).contains(&v), "{d}: ({u}, {v})");
         }
+    }
+}
+
+/// The books of a row of the table `steps`: in the views, resampled, with holes filled.
+fn steps(report: &Report, row: usize) -> [f64; 3] {
+    let table = report.tables.iter().find(|table| table.name == "steps").expect("is there");
+    [1, 2, 3].map(|column| match table.rows[row][column] {
+        Cell::Number(v) => v,
+        ref other => panic!("{other:?}"),
+    })
+}
+
+// Where views overlap each direction counts once, and a light has the same irradiance before and after, however the
+// faces stand and however wide they overlap. Mutation: `/ all` dropped, `length` twice instead of thrice, or a margin of 0.
+#[test]
+fn the_books_of_a_light_agree() {
+    let sun = DVec3::new(0.6, 0.5, 0.62).normalize();
+    let sky = |d: DVec3| if d.dot(sun) > 0.996 { 1.0 } else { 0.25 + 0.1 * d.z };
+    let code = |d: DVec3| color::srgb_from_linear(sky(d) as f32);
+    for (guard, turn) in [(0.0, Turn::Aligned), (3.0, Turn::OffAxis), (20.0, Turn::Aligned)] {
+        let seen = views(rig(96, guard, turn), |camera, x, y| {
+            let c = code(camera.direction(x as f64 + 0.5, y as f64 + 0.5));
+            [c, c, c, 1.0]
+        });
+        let params = Stitch { width_px: 256, holes: Holes::PushPull, hole_alpha: 0.25 };
+        let report = Stitch::run(&params, In { views: seen }, &context()).expect("stitches").0.report;
+        // The sky, its mirror image below, and the cap of the sun.
+        let power = PI + 2.0 * PI * (1.0 - 0.996) * (0.75 - 0.1 * sun.z);
+        let [views, resampled, filled] = steps(&report, 0);
+        assert!((views / power - 1.0).abs() < 2e-3, "{guard}: {views} {power}");
+        assert!((resampled / views - 1.0).abs() < 2e-3 && (filled / resampled - 1.0).abs() < 1e-5);
+        let [views, resampled, _] = steps(&report, 3);
+        assert!((resampled / views - 1.0).abs() < 0.02, "{guard}: {views} {resampled}");
+        assert_eq!(report.tables[0].rows.len(), 1, "one light");
+    }
+}
+
+// What fills a hole is light that no view holds; black adds none. Mutation: `filled` from before the holes.
+#[test]
+fn the_books_tell_what_fills_holes() {
+    for (holes, more) in [(Holes::PushPull, 2.0), (Holes::Black, 1.0)] {
+        let seen = views(rig(64, 0.0, Turn::Aligned), |camera, x, y| {
+            let above = camera.direction(x as f64 + 0.5, y as f64 + 0.5).z > 0.0;
+            if above { [0.5, 0.5, 0.5, 1.0] } else { [0.0; 4] }
+        });
+        let params = Stitch { width_px: 128, holes, hole_alpha: 0.25 };
+        let report = Stitch::run(&params, In { views: seen }, &context()).expect("stitches").0.report;
+        let [views, resampled, filled] = steps(&report, 0);
+        assert!((resampled / views - 1.0).abs() < 0.01, "{views} {resampled}");
+        assert!((filled / resampled - more).abs() < 0.03, "{filled} {resampled}");
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! What is computed is in the crate `learned`; here a panorama is handed to it, and what it shows becomes a gain.
 
-use engine::InputFile;
+use engine::{InputFile, NodeError};
 
 #[cfg(not(feature = "learned"))]
 mod absent;
@@ -37,10 +37,20 @@ impl<'a> Kontext<'a> {
         [self.transformer, self.vae, self.prompt, self.lora]
     }
 
-    pub(super) fn within(&self) -> bool {
-        (0.0..=4.0).contains(&self.strength)
-            && (1..=200).contains(&self.steps)
-            && (0.0..=20.0).contains(&self.guidance)
-            && (64..=4096).contains(&self.width_px)
+    /// Refuses numbers out of range.
+    pub(super) fn check_numbers(&self) -> Result<(), NodeError> {
+        let numbers = [
+            ("strength", self.strength, 0.0, 4.0),
+            ("steps", f64::from(self.steps), 1.0, 200.0),
+            ("guidance", self.guidance, 0.0, 20.0),
+            ("width_px", f64::from(self.width_px), 64.0, 4096.0),
+        ];
+        match numbers.into_iter().find(|(_, value, low, high)| !(*low..=*high).contains(value)) {
+            Some((name, value, low, high)) => {
+                let what = format!("`{name}` of `FluxKontext` is {value}; it lies between {low} and {high}");
+                Err(NodeError::new(what).at("method"))
+            }
+            None => Ok(()),
+        }
     }
 }

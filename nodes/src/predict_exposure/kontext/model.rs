@@ -6,7 +6,10 @@ use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
 use super::super::photographs::tell_still;
 use super::Kontext;
 use super::picture::{STOPS, gains, shrunk};
+use crate::color::{linear_from_srgb, luminance};
+use crate::light::books::Books;
 use crate::light::linear::LinearPixels;
+use crate::num;
 
 /// The most passes: from EV 0 to EV -24, the darkest exposure that can be asked for.
 const MAX_PASSES: f64 = 8.0;
@@ -58,6 +61,7 @@ impl Kontext<'_> {
         pixels: &LinearPixels,
         mask: &[bool],
         darkest: f64,
+        books: &mut Books,
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {
@@ -96,6 +100,9 @@ impl Kontext<'_> {
         let exposures =
             made.iter().map(learned::flux::samples).collect::<Result<Vec<_>, _>>().map_err(error)?;
         let gains = gains(&small, &exposures);
+        if mask.contains(&true) {
+            enter(books, (width, height), &small, &gains, pixels, mask, cx)?;
+        }
         let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0);
         for (at, gain) in log2_gain.iter_mut().enumerate().filter(|(at, _)| mask[*at]) {
             let (x, y) =
@@ -107,6 +114,33 @@ impl Kontext<'_> {
         tell_still(still, -STOPS * passes as f64, notes);
         Ok(log2_gain)
     }
+}
+
+/// Enters the light of the picture `small` as the model sees it, and with its gains in the part of each pixel that is
+/// clipped in the panorama.
+fn enter(
+    books: &mut Books,
+    (width, height): (usize, usize),
+    small: &[f32],
+    gains: &[(f32, bool)],
+    pixels: &LinearPixels,
+    mask: &[bool],
+    cx: &Context,
+) -> Result<(), NodeError> {
+    let plane = width * height;
+    let shown = |at: usize| f64::from(luminance([0, 1, 2].map(|c| linear_from_srgb(small[c * plane + at]))));
+    let mut light: Vec<f64> = (0..plane).map(shown).collect();
+    books.enter_panorama("as the model sees it", width, &light, cx)?;
+    let mut clipped = vec![[0.0; 2]; plane];
+    for (at, is) in mask.iter().enumerate() {
+        let (x, y) = (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
+        let [part, all] = &mut clipped[y * width + x];
+        (*part, *all) = (*part + f64::from(u8::from(*is)), *all + 1.0);
+    }
+    for ((light, (gain, _)), [part, all]) in light.iter_mut().zip(gains).zip(clipped) {
+        *light *= 1.0 + part / f64::max(all, 1.0) * (num::f64::exp2(f64::from(*gain)) - 1.0);
+    }
+    books.enter_panorama("as the model shows it", width, &light, cx)
 }
 
 fn error(error: Error) -> NodeError {

@@ -9,6 +9,8 @@ use engine::{Context, NodeError};
 
 use super::spread::Spread;
 use super::{Clipped, Found, sun};
+use crate::light::books::Books;
+use crate::light::measure::luminance;
 use crate::num;
 
 pub(super) use self::net::Network;
@@ -70,7 +72,11 @@ impl Hidden {
 }
 
 /// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
-pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
+pub(super) fn predict(
+    clipped: &Clipped<'_>,
+    books: &mut Books,
+    cx: &Context,
+) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
     let Clipped { up, pixels, mask, ref grid, ref labels, .. } = *clipped;
     let network = Network::parse(FILE, WEIGHTS, OVERVIEW, CELL)?;
     let scene = Scene::new(grid, up, labels);
@@ -78,6 +84,18 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
     cx.progress(0.4);
     let mut log2_gain = vec![0.0_f32; mask.len()];
     let hidden = hidden(&network, &scene, labels.count).with_suns(&scene);
+    let mut light: Vec<f64> = grid.rgb.iter().map(|rgb| luminance(*rgb)).collect();
+    let mut enter = |step: &'static str, light: &[f64]| {
+        let cell = |c: usize| (grid.direction(up, c), grid.solid_angle(c), light[c]);
+        books.enter(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
+    };
+    if !scene.cells.is_empty() {
+        enter("on the grid", &light)?;
+        for (cell, hidden) in scene.cells.iter().zip(&hidden.cells) {
+            light[cell.index] += hidden / grid.solid_angle(cell.index);
+        }
+        enter("predicted on the grid", &light)?;
+    }
     // Log of hidden over visible light of each clipped cell; neighbours in a region are interpolated between.
     let mut log_ratio = vec![None; grid.rgb.len()];
     let mut excess = vec![0.0; labels.count];
