@@ -1,5 +1,6 @@
 //! `load-panorama`: what is seen around a point, from a file.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use engine::{
@@ -10,10 +11,12 @@ use glam::DVec3;
 
 use crate::Error;
 use crate::color::{code8, linear_from_srgb, luminance, srgb_from_linear};
+use crate::equirect::pixel_solid_angle;
 use crate::light::energy::Energy;
 use crate::light::exposure::ev0_scale;
 use crate::load_image::floats_of;
 use crate::num;
+use crate::stitch::holes;
 use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
 use crate::whole_sphere::{self, turn};
 
@@ -52,6 +55,9 @@ engine::outputs! {
     }
 }
 
+/// Below this alpha, half a code of 8 bits, a pixel is a hole. What shows at all has its colour.
+const HOLE_ALPHA: f32 = 0.5 / 255.0;
+
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
     const VERSION: u32 = 2;
@@ -66,8 +72,8 @@ impl Kind for LoadPanorama {
     }
 
     fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
-        // Premultiplied colours as they were and turned, rows while they turn, what they become, and for a photograph
-        // its luminance.
+        // Premultiplied colours as they were and turned, rows while they turn or the levels that holes are filled from,
+        // what they become, and for a photograph its luminance.
         let copies = 4 + u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
@@ -84,7 +90,8 @@ impl Kind for LoadPanorama {
         let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
         drop(picture);
         let turned = if linear { p.rotation_deg } else { whole_columns(p.rotation_deg, width, &mut notes) };
-        let (samples, alpha) = straight(turn(&pixels, width, turned, cx)?);
+        let (mut samples, alpha) = straight(turn(&pixels, width, turned, cx)?);
+        fill_holes(&mut samples, &alpha, width, linear, &mut notes, cx)?;
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
                 let error = NodeError::new("the file holds display colours, which are a photograph already");
@@ -109,6 +116,7 @@ impl Kind for LoadPanorama {
                 alpha: Image::from_samples(width, height, 1, alpha),
                 up: cx.up(),
                 origin,
+                turned_deg: turned,
             }),
             env: Arc::new(Environment { image: light, up: cx.up(), origin: Some(origin) }),
         };
@@ -128,7 +136,7 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
 }
 
 /// Premultiplied colours of at least 0 with alpha from 0 to 1.
-fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, Error> {
+pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, Error> {
     let (width, height, channels) = picture.size();
     let mut pixels = Vec::with_capacity(width * height);
     for pixel in picture.samples().chunks_exact(channels) {
@@ -148,11 +156,46 @@ fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, 
 }
 
 /// Colours as they are where they are seen, and how much of each is.
-fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
+pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     let alpha = pixels.iter().map(|pixel| pixel[3]).collect();
     let colour =
         |[r, g, b, a]: [f32; 4]| [r, g, b].map(|v| if a > 0.0 { (v / a).min(f32::MAX) } else { 0.0 });
     (pixels.into_iter().flat_map(colour).collect(), alpha)
+}
+
+/// Fills what is transparent from around it, as `stitch` does.
+fn fill_holes(
+    samples: &mut [f32],
+    alpha: &[f32],
+    width: usize,
+    linear: bool,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<(), NodeError> {
+    let rgb = samples.as_chunks_mut::<3>().0;
+    let open: Vec<usize> = (0..alpha.len()).filter(|&at| alpha[at] < HOLE_ALPHA).collect();
+    if open.is_empty() {
+        return Ok(());
+    }
+    let height = alpha.len() / width;
+    let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
+    notes.decision(
+        "holes",
+        format!("{:.2} % of the sphere is transparent; filled from around it", 100.0 * share),
+    );
+    let light = |v: f32| if linear { v } else { linear_from_srgb(v) };
+    let premultiplied: Vec<[f32; 4]> = rgb
+        .iter()
+        .zip(alpha)
+        .map(|(rgb, a)| {
+            let [r, g, b] = rgb.map(|v| light(v) * a);
+            [r, g, b, *a]
+        })
+        .collect();
+    let filled = holes::fill(&premultiplied, width, HOLE_ALPHA, cx)?;
+    let code = |v: f32| if linear { v } else { srgb_from_linear(v) };
+    open.into_iter().for_each(|at| rgb[at] = filled[at].map(code));
+    Ok(())
 }
 
 /// What a camera takes of the light, and the light at the camera's exposure.
@@ -276,6 +319,22 @@ mod tests {
         for pixel in colours.chunks_exact(3) {
             assert!(pixel.iter().zip(seen).all(|(v, c)| (v - c).abs() < 1e-6), "{pixel:?}");
         }
+    }
+
+    // Mutation: `fill_holes` not called (seen red).
+    #[test]
+    fn holes_of_a_file_are_filled_and_told() {
+        let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);
+        let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let (out, notes) = load(&png::write(&raster, false, &[]).expect("writes"), None).expect("loads");
+        let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
+        for x in 0..4 {
+            let found = image.rgb(x, 1).map(|v| v * 255.0);
+            assert!(found.iter().zip([90.0, 128.0, 0.0]).all(|(a, b)| (a - b).abs() < 0.1), "{x}: {found:?}");
+        }
+        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still tells of it");
+        let told = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
+        assert!(told.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{told:?}");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::color::luminance;
 use crate::error::Error;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::num;
+use crate::predict_exposure::{Shown, measured};
 use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report};
 
 mod feather;
@@ -123,6 +124,7 @@ impl Kind for FuseHdr {
         check_sizes(&base, &brackets)?;
         let mut notes = Notes::none();
         let pixels = linear_pixels(&base.image, params.transfer);
+        let brackets = by_own_curve(params, &pixels, brackets, cx)?;
         tell_broken(&pixels, &mut notes);
         if matches!(base.image, Picture::Linear(_)) && params.transfer == Transfer::Gamma24 {
             notes.decision("already-linear", "the panorama is linear, so `transfer` has no effect on it");
@@ -205,6 +207,31 @@ fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
     Ok(())
 }
 
+/// The gain of photographs is measured by the sRGB curve; here it is measured again where theirs is another.
+fn by_own_curve(
+    params: &FuseHdr,
+    pixels: &LinearPixels,
+    brackets: Arc<Brackets>,
+    cx: &Context,
+) -> Result<Arc<Brackets>, NodeError> {
+    if !brackets.photographed || params.transfer == Transfer::Srgb {
+        return Ok(brackets);
+    }
+    let rows = cx.for_each_tile(pixels.height, |y| {
+        let gain = |at: usize| {
+            let own = pixels.rgb[at].map(|v| v.min(1.0));
+            let shown = |i: usize| Shown::display(brackets.evs[i], exposure(params, &brackets, i, at).0);
+            match brackets.log2_gain.samples[at] {
+                0.0 => 0.0,
+                _ => measured(own, (0..brackets.evs.len()).rev().map(shown)).map_or(0.0, |(gain, _)| gain),
+            }
+        };
+        (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<f32>>()
+    })?;
+    let log2_gain = Image::from_samples(pixels.width, pixels.height, 1, rows.concat());
+    Ok(Arc::new(Brackets { log2_gain, ..(*brackets).clone() }))
+}
+
 fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
         notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
@@ -240,16 +267,20 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
     (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
 }
 
-/// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i.
+/// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i. Only a photograph of linear light
+/// holds more than 1, and is not clipped there.
 fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32; 3], Fused) {
     let encoded = brackets.exposures[i].samples[3 * at..3 * at + 3].iter();
     let transfer = if brackets.photographed { params.transfer } else { Transfer::Srgb };
     let mut linear = [0.0; 3];
     for (to, value) in linear.iter_mut().zip(encoded) {
-        *to = transfer.linear(value.min(1.0));
+        *to = transfer.linear(*value);
     }
     let scaled = f64::from(luminance(linear)) * num::f64::exp2(-brackets.evs[i]);
-    (linear, Fused { luminance: scaled, source: i, saturated: i == 0 && max3(linear) >= WHITE })
+    (
+        linear,
+        Fused { luminance: scaled, source: i, saturated: i == 0 && (WHITE..=1.0).contains(&max3(linear)) },
+    )
 }
 
 /// How far a picture is clipped, by its brightest channel: 0 at the threshold, 1 at white.
@@ -298,7 +329,9 @@ fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 
         return fused;
     }
     let seen = (0..brackets.evs.len()).rev().map(|i| exposure(params, brackets, i, at).0);
-    let Some(colour) = seen.into_iter().find(|rgb| max3(*rgb) <= params.threshold) else { return fused };
+    let Some(colour) = seen.into_iter().find(|rgb| max3(*rgb) <= params.threshold || max3(*rgb) > 1.0) else {
+        return fused;
+    };
     let (own, wanted) = (f64::from(luminance(colour)), f64::from(luminance(fused)));
     if own <= 0.0 {
         return fused;

@@ -58,6 +58,7 @@ fn photograph(
         alpha: Image::from_samples(W, H, 1, vec![1.0; W * H]),
         up: Up::PlusZ,
         origin: DVec3::new(1.0, 2.0, 3.0),
+        turned_deg: 0.0,
     };
     let brackets = Brackets {
         log2_gain: Image::<Data>::from_samples(W, H, 1, (0..W * H).map(gain).collect()),
@@ -316,6 +317,42 @@ fn derived_exposures_are_decoded_as_they_were_encoded() {
     assert!(
         (peak(Gain::Direct) / 40.0 - 1.0).abs() < 1e-3 && (peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3
     );
+}
+
+// The gain of photographs is measured by the sRGB curve, and again by their own.
+// Mutation: `by_own_curve` not asked (seen red).
+#[test]
+fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
+    let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Gamma24, None);
+    let mut by_srgb = (*brackets).clone();
+    by_srgb.log2_gain.samples.iter_mut().for_each(|gain| *gain *= 1.2);
+    let peak = |gain| {
+        let params = FuseHdr { gain, transfer: Transfer::Gamma24, ..params() };
+        run(&params, (base.clone(), Arc::new(by_srgb.clone()))).0.env.image.samples[63 * 3]
+    };
+    assert!((peak(Gain::Direct) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Direct));
+    assert!((peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Brackets));
+}
+
+// A photograph of linear light holds a lamp above white, and its colour.
+// Mutation: codes above 1 taken for 1 in `exposure`, or for clipped in `recolour` (each seen red).
+#[test]
+fn a_photograph_of_linear_light_shows_what_is_above_white() {
+    let lamp = |at: usize| if at % W == 63 { [24.0, 15.0, 6.0] } else { [0.2; 3] };
+    let (base, brackets) = photograph(&lamp, &[-3.0], Transfer::Srgb, None);
+    let codes = (0..W * H).flat_map(|at| lamp(at).map(|v| srgb_from_linear(v / 8.0))).collect();
+    let linear = Brackets {
+        exposures: vec![Image::from_samples(W, H, 3, codes)],
+        photographed: false,
+        ..(*brackets).clone()
+    };
+    for gain in [Gain::Direct, Gain::Brackets] {
+        let params = FuseHdr { gain, hue: Hue::Exposures, ..params() };
+        let (out, notes) = run(&params, (base.clone(), Arc::new(linear.clone())));
+        let found = out.env.image.rgb(63, 2);
+        assert!(found.iter().zip([24.0, 15.0, 6.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-3), "{found:?}");
+        assert!(notes.iter().all(|note| note.id != "saturated-at-darkest"), "{notes:?}");
+    }
 }
 
 // Linear light that goes on above white has no ceiling, so it is kept to the bit, whatever was predicted for it.

@@ -41,7 +41,11 @@ impl Grid {
             for x in 0..w {
                 let at = y * w + x;
                 let from_start = (x + w - start) % w;
-                let cell = (2 * y + 1) * height / (2 * h) * width + (2 * from_start + 1) * width / (2 * w);
+                // Counted from the nearer end, so that a mirrored panorama has mirrored cells.
+                let from_end = from_start.min(w - 1 - from_start);
+                let column = (2 * from_end + 1) * width / (2 * w);
+                let column = if from_end == from_start { column } else { width - 1 - column };
+                let cell = (2 * y + 1) * height / (2 * h) * width + column;
                 cell_of.push(cell as u32);
                 sums[cell] += solid_angle;
                 for (sum, value) in rgb[cell].iter_mut().zip(pixels.rgb[at]) {
@@ -81,8 +85,8 @@ impl Grid {
     }
 }
 
-/// The column at which the sums of columns, read to the right and round, come last in order. Cells that begin there lie
-/// the same on a panorama that was turned by any number of pixels.
+/// The edge at which the sums of columns, read to the right or to the left and round, come last in order, as the column to
+/// the right of it. Cells that begin there lie the same on a panorama that was turned by any number of pixels or mirrored.
 fn first_column(pixels: &LinearPixels) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];
@@ -91,13 +95,16 @@ fn first_column(pixels: &LinearPixels) -> usize {
             *sum += f64::from(rgb[0]) + f64::from(rgb[1]) + f64::from(rgb[2]);
         }
     }
-    let mut left: Vec<usize> = (0..width).collect();
+    let mut edges: Vec<(usize, bool)> =
+        [true, false].into_iter().flat_map(|r| (0..width).map(move |x| (x, r))).collect();
     for step in 0..width {
-        let most = left.iter().map(|x| sums[(x + step) % width]).fold(f64::NEG_INFINITY, f64::max);
-        left.retain(|x| sums[(x + step) % width].total_cmp(&most).is_eq());
-        if left.len() == 1 {
+        let read =
+            |&(x, right): &(usize, bool)| sums[(if right { x + step } else { x + width - 1 - step }) % width];
+        let most = edges.iter().map(read).fold(f64::NEG_INFINITY, f64::max);
+        edges.retain(|edge| read(edge).total_cmp(&most).is_eq());
+        if edges.len() == 1 {
             break;
         }
     }
-    left.first().copied().unwrap_or(0)
+    edges.first().map_or(0, |(x, _)| *x)
 }

@@ -1,10 +1,9 @@
 //! Lights that the user states.
 
-use engine::{Context, NodeError, Notes};
+use engine::{Context, NodeError, Notes, Up};
 
-use super::{Clipped, Found};
-use crate::equirect::{direction, pixel_solid_angle};
-use crate::light::measure;
+use crate::equirect::direction;
+use crate::light::linear::LinearPixels;
 use crate::num;
 
 /// Largest gain that may be stated, in stops.
@@ -13,33 +12,33 @@ const STOPS: f64 = 24.0;
 /// Refuses what is no light.
 pub(super) fn check(emitters: &[[f64; 4]]) -> Result<(), NodeError> {
     for (i, &[azimuth, elevation, radius, stops]) in emitters.iter().enumerate() {
-        let sound = azimuth.abs() <= 360.0
-            && elevation.abs() <= 90.0
-            && radius > 0.0
-            && radius <= 180.0
-            && (0.0..=STOPS).contains(&stops);
-        if !sound {
-            let text = format!(
-                "emitter {} is no light: azimuth is within +-360, elevation within +-90, radius above 0 up to 180, stops 0 to {STOPS}",
-                i + 1
-            );
-            return Err(NodeError::new(text)
-                .at("emitters")
-                .hint("write (azimuth, elevation, radius, stops)"));
-        }
+        let wrong = if azimuth.abs() > 360.0 {
+            format!("an azimuth of {azimuth}; it lies between -360 and 360 degrees, clockwise from forward")
+        } else if elevation.abs() > 90.0 {
+            format!("an elevation of {elevation}; it lies between -90 and 90 degrees above the horizon")
+        } else if radius <= 0.0 || radius > 180.0 {
+            format!("a radius of {radius}; it lies above 0 and up to 180 degrees")
+        } else if !(0.0..=STOPS).contains(&stops) {
+            format!("a gain of {stops}; it lies between 0 and {STOPS} stops brighter than what shows")
+        } else {
+            continue;
+        };
+        return Err(NodeError::new(format!("emitter {} has {wrong}", i + 1))
+            .at("method")
+            .hint("write (azimuth, elevation, radius, stops)"));
     }
     Ok(())
 }
 
 /// The log2 gain of every pixel: that of the narrowest emitter that reaches it (of equal ones the nearest), 0
-/// elsewhere; and the emitters.
+/// elsewhere.
 pub(super) fn predict(
     emitters: &[[f64; 4]],
-    clipped: &Clipped<'_>,
+    (pixels, mask): (&LinearPixels, &[bool]),
+    up: Up,
     notes: &mut Notes,
     cx: &Context,
-) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
-    let Clipped { up, pixels, mask, .. } = *clipped;
+) -> Result<Vec<f32>, NodeError> {
     let (width, height) = (pixels.width, pixels.height);
     let toward = |&[azimuth, elevation, ..]: &[f64; 4]| {
         direction(up, (azimuth / 360.0 + 0.5).rem_euclid(1.0), 0.5 - elevation / 180.0)
@@ -57,33 +56,21 @@ pub(super) fn predict(
         (0..width).map(|x| if mask[y * width + x] { nearest(x) } else { None }).collect::<Vec<_>>()
     })?;
     let mut log2_gain = vec![0.0_f32; mask.len()];
-    let mut solid_angle = vec![0.0; emitters.len()];
-    for (at, light) in rows.into_iter().flatten().enumerate() {
+    let mut used = vec![false; emitters.len()];
+    for (gain, light) in log2_gain.iter_mut().zip(rows.into_iter().flatten()) {
         if let Some(i) = light {
-            log2_gain[at] = emitters[i][3] as f32;
-            solid_angle[i] += pixel_solid_angle(width, height, at / width);
+            *gain = emitters[i][3] as f32;
+            used[i] = true;
         }
     }
-    let dark = solid_angle.iter().filter(|size| **size == 0.0).count() as u64;
-    if dark > 0 {
-        notes.warning(
-            "nothing-to-light",
-            format!("{dark} of the emitters reach no clipped pixel and do nothing"),
+    let idle: Vec<String> =
+        (1..).zip(&used).filter(|(_, used)| !**used).map(|(i, _)| i.to_string()).collect();
+    if !idle.is_empty() {
+        let text = format!(
+            "emitters that reach no clipped pixel, or only what narrower ones reach, and do nothing: {}",
+            idle.join(", ")
         );
+        notes.warning("nothing-to-light", text);
     }
-    let found = |((light, _), (emitter, &solid_angle)): ((_, _), (&[f64; 4], &f64))| {
-        let (azimuth_deg, elevation_deg) = measure::angles_deg(up, light);
-        let stops = if solid_angle > 0.0 { emitter[3] } else { 0.0 };
-        Found {
-            sun: false,
-            azimuth_deg,
-            elevation_deg,
-            solid_angle,
-            mean_log2_gain: stops,
-            peak_log2_gain: stops,
-            uncertainty: None,
-        }
-    };
-    let found = lights.into_iter().zip(emitters.iter().zip(&solid_angle)).map(found).collect();
-    Ok((log2_gain, found))
+    Ok(log2_gain)
 }

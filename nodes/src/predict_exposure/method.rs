@@ -1,9 +1,14 @@
 //! How hidden light is estimated, as a graph file says it.
 
-use engine::{InputFile, NotCanonical, ParamType, Role, canonical};
-use serde::{Deserialize, Serialize};
+use std::fmt::Formatter;
+
+use engine::{Context, InputFile, NodeError, NotCanonical, Notes, ParamType, Role, canonical};
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::kontext::Kontext;
+use super::photographs::Photographs;
+use crate::types::Panorama;
 
 /// How hidden light is estimated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -16,13 +21,16 @@ pub enum Method {
     Region,
     /// As the user says; what is clipped elsewhere stays clipped.
     Manual {
-        /// Lights, each by azimuth (clockwise from forward), elevation, and radius of the clipped pixels it acts
-        /// on, in degrees, and how many stops brighter than white these are. The narrowest that reaches a pixel counts.
+        /// Lights, each by azimuth (clockwise from forward, seen from above, -360 to 360), elevation (above the horizon,
+        /// -90 to 90) and radius of the disc of clipped pixels it acts on (above 0 to 180), in degrees, and how many
+        /// stops brighter these are than they show (0 to 24). The narrowest that reaches a pixel counts.
+        #[serde(deserialize_with = "emitters")]
         emitters: Vec<[f64; 4]>,
     },
     /// As darker photographs of the same panorama show it; `evs` then says at which exposures they were taken.
     Photographs {
-        /// The files, one for each of `evs` in the same order, of the panorama's size.
+        /// The files, one for each of `evs` in the same order, of the panorama's size; turned with it. What OpenEXR and
+        /// Radiance files hold is never clipped.
         files: Vec<InputFile>,
     },
     /// Not at all: what is clipped stays clipped.
@@ -59,6 +67,43 @@ pub enum Method {
     },
 }
 
+/// Lists of four numbers; of another list it is said what is wrong with it.
+fn emitters<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<[f64; 4]>, D::Error> {
+    let emitters = Vec::<Emitter>::deserialize(from)?;
+    Ok(emitters.into_iter().map(|Emitter(numbers)| numbers).collect())
+}
+
+struct Emitter([f64; 4]);
+
+impl<'de> Deserialize<'de> for Emitter {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        struct Numbers;
+        impl<'de> Visitor<'de> for Numbers {
+            type Value = Emitter;
+
+            fn expecting(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+                f.write_str("an emitter (azimuth, elevation, radius, stops)")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Emitter, A::Error> {
+                let (mut numbers, mut count) = ([0.0; 4], 0);
+                while let Some(number) = list.next_element::<f64>().map_err(|_| {
+                    let which =
+                        ["azimuth", "elevation", "radius", "stops"].get(count).unwrap_or(&"fifth value");
+                    A::Error::custom(format_args!("the {which} of an emitter is no number"))
+                })? {
+                    if let Some(place) = numbers.get_mut(count) {
+                        *place = number;
+                    }
+                    count += 1;
+                }
+                if count == 4 { Ok(Emitter(numbers)) } else { Err(A::Error::invalid_length(count, &self)) }
+            }
+        }
+        from.deserialize_tuple(4, Numbers)
+    }
+}
+
 fn strength() -> f64 {
     1.0
 }
@@ -80,6 +125,18 @@ fn seamless() -> bool {
 }
 
 impl Method {
+    /// The photographs, if it is by these.
+    pub(super) fn photographs(
+        &self,
+        evs: &[f64],
+        pano: &Panorama,
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<Option<Photographs>, NodeError> {
+        let Self::Photographs { files } = self else { return Ok(None) };
+        Photographs::read(files, evs, pano, notes, cx).map(Some)
+    }
+
     /// The diffusion model, if it is that.
     pub(super) fn kontext(&self) -> Option<Kontext<'_>> {
         let Self::FluxKontext {
@@ -140,5 +197,29 @@ impl ParamType for Method {
             (_, Some(kontext)) => kontext.files().map(|file| file.0.as_str()).to_vec(),
             _ => Vec::new(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::de::IntoDeserializer;
+    use serde::de::value::{Error, SeqDeserializer};
+
+    // Mutation: the length not asked, or the name of the wrong number.
+    #[test]
+    fn a_list_that_is_no_emitter_is_told_what_it_lacks() {
+        fn read<T: IntoDeserializer<'static, Error>>(list: Vec<T>) -> Result<[f64; 4], String> {
+            let list = SeqDeserializer::<_, Error>::new(list.into_iter());
+            Emitter::deserialize(list).map(|Emitter(numbers)| numbers).map_err(|error| error.to_string())
+        }
+        assert_eq!(read(vec![1.0, 2.0, 3.5, 4.0]), Ok([1.0, 2.0, 3.5, 4.0]));
+        for count in [0, 3, 5] {
+            let why = read(vec![1.0; count]).expect_err("is none");
+            let wanted =
+                format!("invalid length {count}, expected an emitter (azimuth, elevation, radius, stops)");
+            assert_eq!(why, wanted);
+        }
+        assert_eq!(read(vec!["nan"]).expect_err("is none"), "the azimuth of an emitter is no number");
     }
 }

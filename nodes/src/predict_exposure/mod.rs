@@ -6,10 +6,11 @@ use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
 use glam::DVec3;
 
 use self::grid::Grid;
-use self::spread::{Given, Spread};
+use self::photographs::Photographs;
+use self::spread::Given;
 
 use crate::color::{luminance, srgb_from_linear};
-use crate::equirect::axes;
+use crate::equirect::{axes, pixel_solid_angle};
 use crate::error::Error;
 use crate::light::books::Books;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
@@ -32,6 +33,7 @@ mod sun;
 #[cfg(feature = "learned")]
 pub mod training;
 pub use method::Method;
+pub(crate) use photographs::{Shown, measured};
 
 engine::params! {
     /// Predicts how bright the clipped parts of a panorama really are.
@@ -39,10 +41,21 @@ engine::params! {
     /// that clipping hid, as a gain for every pixel, and from it what a camera would have taken at any
     /// darker exposure. Where nothing is clipped nothing is changed.
     pub struct PredictExposure {
-        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; those of `Photographs`
-        /// are derived from nothing, and listed in the order of the files.
+        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`
+        /// those at which the files were taken, in the order of the files.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
         /// How hidden light is estimated.
+        /// `Learned`: how much in all by a regression on what is visible, and where by small networks.
+        /// `Region`: for each connected clipped region by a regression on nine numbers.
+        /// `Manual`: as stated, each light by azimuth (degrees clockwise from forward, seen from above; -360 to 360),
+        /// elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels that it acts on
+        /// (degrees; above 0 to 180), and stops that these are brighter than they show (0 to 24). Of lights that reach a
+        /// pixel the narrowest counts; what none reaches stays clipped.
+        /// `Photographs`: as darker photographs show it, one file for each of `evs`, of the panorama's place and size. They
+        /// are turned with it. OpenEXR and Radiance have no ceiling.
+        /// `Skip`: what is clipped stays clipped.
+        /// `FluxKontext`: by a diffusion model and weights of your own (feature `learned`): `strength` of the LoRA 0 to 4,
+        /// `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at which it works at most 64 to 4096.
         method: Method = Method::Learned, other("Skip");
         /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
         /// light: it shows that what is left out there is nothing, and what that saves.
@@ -93,14 +106,20 @@ impl Kind for PredictExposure {
         let pano = &inputs.pano.alpha;
         let own = pano.samples.len() * (136 + 12 * params.evs.len());
         let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
-        Cost { bytes: own as u64 + model }
+        let read = match &params.method {
+            Method::Photographs { files } => pano.samples.len() * (48 + 16 * files.len()),
+            _ => 0,
+        };
+        Cost { bytes: (own + read) as u64 + model }
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {
         let evs = sorted(&params.evs);
         if evs.len() > MOST_EXPOSURES {
             let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
-            return Err(NodeError::new(text).at("evs").hint("the gain map holds all of them"));
+            return Err(NodeError::new(text)
+                .at("evs")
+                .hint("list fewer; the gain map holds the light of all"));
         }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
@@ -133,8 +152,14 @@ impl Kind for PredictExposure {
         let clipped = mask.iter().filter(|&&m| m).count() as u64;
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
+        if clipped == 0 {
+            tell_nothing_clipped(&pixels, params.force, &mut notes);
+        }
         let nothing = || (vec![0.0; mask.len()], Vec::new());
-        let mut taken = None;
+        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
+        if let Some(photographs) = &photographs {
+            photographs.compare((&pixels, &pano.alpha.samples), &mut notes, cx)?;
+        }
         let unseen = |notes: &mut Notes| {
             let text =
                 "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
@@ -146,29 +171,18 @@ impl Kind for PredictExposure {
         let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
         books.enter_panorama("panorama", pixels.width, &own, cx)?;
         let (log2_gain, regions) = match &params.method {
-            _ if clipped == 0 && !params.force => {
-                let brightest = pixels.rgb.iter().map(|rgb| max3(*rgb)).fold(0.0, f32::max);
-                let why = if pixels.ceiling {
-                    format!(
-                        "no pixel is clipped: the brightest reaches {brightest:.3} of white, clipping is told from {CLIPPED} on"
-                    )
-                } else {
-                    "the panorama holds light above white, so nothing in it is clipped".to_owned()
-                };
-                notes.decision("nothing-clipped", format!("{why}; nothing is predicted"));
-                nothing()
-            }
+            _ if clipped == 0 && !params.force => nothing(),
             Method::Learned | Method::Region => match on_grid() {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
                 clipped if params.method == Method::Learned => learned::predict(&clipped, &mut books, cx)?,
                 clipped => region::predict(&clipped, cx)?,
             },
-            Method::Manual { emitters } => manual::predict(emitters, &on_grid(), &mut notes, cx)?,
-            Method::Photographs { files } => {
-                let (gain, pictures) =
-                    photographs::predict(files, &params.evs, (&pixels, &mask), &mut notes, cx)?;
-                taken = Some(pictures);
-                (gain, Vec::new())
+            Method::Manual { emitters } => {
+                (manual::predict(emitters, (&pixels, &mask), pano.up, &mut notes, cx)?, Vec::new())
+            }
+            Method::Photographs { .. } => {
+                let gain = photographs.as_ref().map(|taken| taken.gains((&pixels, &mask), &mut notes, cx));
+                (gain.transpose()?.unwrap_or_default(), Vec::new())
             }
             Method::Skip => nothing(),
             Method::FluxKontext { .. } => {
@@ -191,6 +205,8 @@ impl Kind for PredictExposure {
         if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
             notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
         }
+        // Whatever the method, the report is of the regions that are there.
+        let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
         if regions.iter().any(|region| region.sun) {
             notes.decision(
                 "sun",
@@ -200,15 +216,15 @@ impl Kind for PredictExposure {
         notes.count("clipped-regions", regions.len() as u64, "clipped regions");
         let (width, height) = (pixels.width, pixels.height);
         let evs = sorted(&params.evs);
-        let photographed = taken.is_some();
-        let exposures = match taken {
-            Some(pictures) => pictures,
+        let photographed = photographs.as_ref().is_some_and(Photographs::display);
+        let exposures = match &photographs {
+            Some(taken) => taken.pictures(&pixels, &log2_gain, cx)?,
             None => cx.for_each_tile(evs.len(), |i| {
                 Image::from_samples(width, height, 3, expose(&pixels, &log2_gain, evs[i]))
             })?,
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let chosen = if clipped == 0 { &Method::Skip } else { &params.method };
+        let chosen = if clipped == 0 && !params.force { &Method::Skip } else { &params.method };
         let mut report = report(chosen, clipped, mask.len() as u64, &regions);
         report.tables.extend(books.tables());
         let named = evs
@@ -258,8 +274,28 @@ impl<'a> Clipped<'a> {
         Self { up: pano.up, pixels, mask, grid, labels, members }
     }
 
-    /// Region `i`, whose light was shared out by `spread`.
-    fn found(&self, i: usize, spread: &Spread, given: Given) -> Found {
+    /// The regions, with the gain that was predicted pixel by pixel.
+    fn told(&self, log2_gain: &[f32]) -> Vec<Found> {
+        let n = self.labels.count;
+        let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        let mut peak = vec![0.0_f64; n];
+        for at in (0..self.mask.len()).filter(|&at| self.mask[at]) {
+            let Some(i) = self.labels.of[self.grid.cell_of[at] as usize] else { continue };
+            let (i, gain) = (i as usize, f64::from(log2_gain[at]));
+            let own = pixel_solid_angle(self.pixels.width, self.pixels.height, at / self.pixels.width);
+            let flux = own * f64::from(luminance(self.pixels.rgb[at]));
+            size[i] += own;
+            before[i] += flux;
+            after[i] += flux * num::f64::exp2(gain);
+            peak[i] = peak[i].max(gain);
+        }
+        let mean = |i: usize| if before[i] > 0.0 { num::f64::log2(after[i] / before[i]) } else { 0.0 };
+        let given = |i: usize| Given { mean_log2_gain: mean(i), peak_log2_gain: peak[i] };
+        (0..n).map(|i| self.found(i, size[i], given(i))).collect()
+    }
+
+    /// Region `i`, whose clipped pixels have this solid angle.
+    fn found(&self, i: usize, solid_angle: f64, given: Given) -> Found {
         let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.solid_angle(c);
         let centre: DVec3 = self.members[i].iter().map(toward).sum();
         let centre = centre.try_normalize().unwrap_or(axes(self.up)[2]);
@@ -268,7 +304,7 @@ impl<'a> Clipped<'a> {
             sun: false,
             azimuth_deg,
             elevation_deg,
-            solid_angle: spread.solid_angle[i],
+            solid_angle,
             mean_log2_gain: given.mean_log2_gain,
             peak_log2_gain: given.peak_log2_gain,
             uncertainty: None,
@@ -308,14 +344,28 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
+fn tell_nothing_clipped(pixels: &LinearPixels, force: bool, notes: &mut Notes) {
+    let brightest = pixels.rgb.iter().map(|rgb| max3(*rgb)).fold(0.0, f32::max);
+    let why = if pixels.ceiling {
+        format!(
+            "no pixel is clipped: the brightest reaches {brightest:.3} of white, clipping is told from {CLIPPED} on"
+        )
+    } else {
+        "the panorama holds light above white, so nothing in it is clipped".to_owned()
+    };
+    let then = if force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+    notes.decision("nothing-clipped", format!("{why}; {then}"));
+}
+
 /// What a camera would take at `ev`: display-encoded, no more than white.
 fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
-    let mut samples = Vec::with_capacity(pixels.rgb.len() * 3);
-    for (rgb, gain) in pixels.rgb.iter().zip(log2_gain) {
-        let scale = num::f64::exp2(f64::from(*gain) + ev);
-        samples.extend(rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(1.0))));
-    }
-    samples
+    pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev)).collect()
+}
+
+/// The same of one pixel.
+fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64) -> [f32; 3] {
+    let scale = num::f64::exp2(f64::from(log2_gain) + ev);
+    rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(1.0)))
 }
 
 fn report(method: &Method, clipped: u64, pixels: u64, regions: &[Found]) -> Report {

@@ -2,18 +2,27 @@
 
 use engine::{Context, InputFile, NodeError, Notes};
 
+use super::{CLIPPED, SEEN};
 use crate::color::{luminance, srgb_from_linear};
 use crate::error::Error;
 use crate::io::stretch::Stretch;
-use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use crate::light::linear::{LinearPixels, Transfer, max3};
 use crate::load_image::{FileEncoding, decode};
+use crate::load_panorama::{premultiplied, straight};
 use crate::num;
-use crate::types::{Image, Picture, Srgb};
+use crate::types::{Image, Panorama, Picture, Srgb};
+use crate::whole_sphere::turn;
 
-/// A channel above this, in linear light, is clipped as far as anybody can tell.
-const CLIPPED: f32 = 0.9;
+/// A channel of display colours above this, in linear light, is clipped as far as anybody can tell.
+const WHITE: f32 = 0.9;
 /// Codes of what is darker say little, so light is compared with no less than this.
 const DARKEST: f64 = 1e-4;
+/// A photograph is judged by pixels that it should show at this luminance or more, the fourth code of 8 bits.
+const SHOWN: f64 = 1.2e-3;
+/// It is judged by no fewer pixels.
+const FEWEST: usize = 16;
+/// Stops that the light of a photograph may be off by, in the middle, and that half of its pixels may lie apart from that.
+const APART: [f32; 2] = [0.5, 1.0];
 
 /// Refuses files that are not one for each exposure.
 pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
@@ -24,59 +33,226 @@ pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
     Err(NodeError::new(text).at("method").hint("list in `evs` the exposure of each file, in the same order"))
 }
 
-/// The log2 gain of every clipped pixel, and the photographs, darkest first.
-pub(super) fn predict(
-    files: &[InputFile],
-    evs: &[f64],
-    (pixels, mask): (&LinearPixels, &[bool]),
-    notes: &mut Notes,
-    cx: &Context,
-) -> Result<(Vec<f32>, Vec<Image<Srgb>>), NodeError> {
-    let (width, height) = (pixels.width, pixels.height);
-    let mut taken = Vec::with_capacity(files.len());
-    for (file, &ev) in files.iter().zip(evs) {
-        let failed = |error: Error| NodeError::from(error).at("method");
-        let bytes = cx.read(file).map_err(|error| error.at("method"))?;
-        let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, Stretch::of(cx, 0.0, 0.0))
-            .map_err(failed)?;
-        let (w, h, channels) = picture.size();
-        if (w, h) != (width, height) || channels < 3 || matches!(picture, Picture::Data(_)) {
-            let what = format!("is {w}x{h} of {channels} channels; the panorama is {width}x{height} of 3");
-            return Err(failed(Error::format(&file.0, what)));
-        }
-        taken.push((ev, linear_pixels(&picture, Transfer::Srgb).rgb));
-        cx.check()?;
-    }
-    taken.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let rows = cx.for_each_tile(height, |y| {
-        let gain = |at: usize| {
-            let shown = taken.iter().rev().map(|(ev, rgb)| (*ev, rgb[at]));
-            if mask[at] { measured(pixels.rgb[at], shown) } else { (0.0, false) }
-        };
-        (y * width..(y + 1) * width).map(gain).collect::<Vec<_>>()
-    })?;
-    let still = rows.iter().flatten().filter(|(_, clipped)| *clipped).count();
-    tell_still(still, taken.first().map_or(0.0, |(ev, _)| *ev), notes);
-    let codes =
-        |rgb: &Vec<[f32; 3]>| rgb.as_flattened().iter().map(|v| srgb_from_linear(v.min(1.0))).collect();
-    let pictures = taken.iter().map(|(_, rgb)| Image::from_samples(width, height, 3, codes(rgb))).collect();
-    Ok((rows.into_iter().flatten().map(|(gain, _)| gain).collect(), pictures))
+/// What a photograph shows of a pixel.
+#[derive(Clone, Copy)]
+pub(crate) struct Shown {
+    /// Its exposure.
+    pub ev: f64,
+    /// Linear light, as the photograph has it.
+    pub rgb: [f32; 3],
+    /// There is more light than it can hold.
+    pub clipped: bool,
 }
 
-/// For a pixel the log2 of its luminance over that of the panorama, at least 0, as the first of `exposures` (EV and
-/// linear light, brightest first) has it that shows it unclipped, else the last; and whether none shows it so.
-pub(super) fn measured(own: [f32; 3], exposures: impl Iterator<Item = (f64, [f32; 3])>) -> (f32, bool) {
+impl Shown {
+    /// Of a picture that ends at white.
+    pub fn display(ev: f64, rgb: [f32; 3]) -> Self {
+        Self { ev, rgb, clipped: max3(rgb) > WHITE }
+    }
+
+    /// Luminance at EV 0.
+    fn light(&self) -> f64 {
+        f64::from(luminance(self.rgb)) * num::f64::exp2(-self.ev)
+    }
+}
+
+struct Photograph {
+    ev: f64,
+    name: String,
+    /// Linear light.
+    rgb: Vec<[f32; 3]>,
+    alpha: Vec<f32>,
+    /// Linear light has no ceiling: what a file holds above white it holds.
+    linear: bool,
+}
+
+impl Photograph {
+    /// What it shows of a pixel; `None` of a hole.
+    fn shown(&self, at: usize) -> Option<Shown> {
+        let (ev, rgb) = (self.ev, self.rgb[at]);
+        let shown = if self.linear { Shown { ev, rgb, clipped: false } } else { Shown::display(ev, rgb) };
+        (self.alpha[at] >= SEEN).then_some(shown)
+    }
+}
+
+/// The photographs of a panorama, darkest first, turned as it was.
+pub(super) struct Photographs(Vec<Photograph>);
+
+impl Photographs {
+    /// Reads them as `load-panorama` reads theirs.
+    pub fn read(
+        files: &[InputFile],
+        evs: &[f64],
+        pano: &Panorama,
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        let mut taken = Vec::with_capacity(files.len());
+        for (i, (file, &ev)) in files.iter().zip(evs).enumerate() {
+            let stretch = Stretch::of(cx, 0.0, 0.5).piece(i, files.len());
+            taken.push(read(file, ev, pano, notes, stretch, cx).map_err(|error| error.at("method"))?);
+        }
+        if let Some(other) = taken.iter().find(|other| other.linear != taken[0].linear) {
+            let kind = |linear| if linear { "linear light" } else { "display colours" };
+            let (this, that) = (kind(taken[0].linear), kind(other.linear));
+            let text = format!("`{}` holds {this}, `{}` {that}", taken[0].name, other.name);
+            return Err(NodeError::new(text)
+                .at("method")
+                .hint("give all photographs as PNG and JPEG, or all as OpenEXR and Radiance"));
+        }
+        let columns = pano.turned_deg / 360.0 * pano.alpha.width as f64;
+        if (columns - columns.round()).abs() > 1e-6 {
+            let text = "the panorama was turned by part of a column and its photographs by whole ones, so they lie up to half a pixel apart";
+            notes.warning("photographs-between-pixels", text);
+        }
+        taken.sort_by(|a, b| a.ev.total_cmp(&b.ev));
+        Ok(Self(taken))
+    }
+
+    /// Whether they hold display colours, which follow the curve of the panorama's own.
+    pub fn display(&self) -> bool {
+        self.0.iter().all(|photograph| !photograph.linear)
+    }
+
+    /// Warns of photographs whose light is not that of the panorama, or of a brighter photograph, where these show it.
+    pub fn compare(
+        &self,
+        (pixels, alpha): (&LinearPixels, &[f32]),
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
+        let known = |at: usize| {
+            let (rgb, clipped) = (pixels.rgb[at], pixels.ceiling && max3(pixels.rgb[at]) > CLIPPED);
+            (alpha[at] >= SEEN).then_some(Shown { ev: 0.0, rgb, clipped })
+        };
+        for (i, photograph) in self.0.iter().enumerate().rev() {
+            let brighter = || self.0[i + 1..].iter().rev();
+            let rows = cx.for_each_tile(pixels.height, |y| {
+                let off = |at: usize| {
+                    let mut shown =
+                        known(at).into_iter().chain(brighter().filter_map(|other| other.shown(at)));
+                    let light = shown.find(|other| !other.clipped)?.light();
+                    let wanted = light * num::f64::exp2(photograph.ev);
+                    if wanted < SHOWN || (wanted > f64::from(WHITE) && !photograph.linear) {
+                        return None;
+                    }
+                    Some(num::f64::log2(photograph.shown(at)?.light().max(light * DARKEST) / light) as f32)
+                };
+                (y * pixels.width..(y + 1) * pixels.width).filter_map(off).collect::<Vec<f32>>()
+            })?;
+            let mut off = rows.concat();
+            let (name, ev, count) = (&photograph.name, photograph.ev, off.len());
+            if count < FEWEST {
+                let text = format!(
+                    "`{name}`, taken at EV {ev}, shows too little of what the panorama and brighter photographs show to be checked by it"
+                );
+                notes.decision("photograph-unchecked", text);
+                continue;
+            }
+            let middle = median(&mut off);
+            off.iter_mut().for_each(|stops| *stops = (*stops - middle).abs());
+            let apart = median(&mut off);
+            if middle.abs() > APART[0] || apart > APART[1] {
+                let than = if middle > 0.0 { "more" } else { "less" };
+                let text = format!(
+                    "`{name}`, taken at EV {ev}, shows {:.1} stops {than} light than the panorama or a brighter photograph does of the same {count} pixels (the median; half of them lie within {apart:.1} stops of it): is it of another exposure or place?",
+                    middle.abs()
+                );
+                notes.warning("photograph-disagrees", text);
+            }
+        }
+        Ok(())
+    }
+
+    /// The log2 gain of every clipped pixel.
+    pub fn gains(
+        &self,
+        (pixels, mask): (&LinearPixels, &[bool]),
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<Vec<f32>, NodeError> {
+        let rows = cx.for_each_tile(pixels.height, |y| {
+            let gain = |at: usize| match mask[at] {
+                true => measured(pixels.rgb[at], self.0.iter().rev().filter_map(|taken| taken.shown(at))),
+                false => Some((0.0, false)),
+            };
+            (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<_>>()
+        })?;
+        let still = rows.iter().flatten().filter(|gain| matches!(gain, Some((_, true)))).count();
+        tell_still(still, self.0.first().map_or(0.0, |darkest| darkest.ev), notes);
+        let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
+        if unseen > 0 {
+            let text = format!("{unseen} clipped pixels are holes in every photograph and stay as they are");
+            notes.warning("photographs-have-holes", text);
+        }
+        Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
+    }
+
+    /// Their codes; above 1 where linear light is above white. A hole shows what the gain says.
+    pub fn pictures(
+        &self,
+        pixels: &LinearPixels,
+        log2_gain: &[f32],
+        cx: &Context,
+    ) -> Result<Vec<Image<Srgb>>, NodeError> {
+        cx.for_each_tile(self.0.len(), |i| {
+            let photograph = &self.0[i];
+            let codes = |at: usize| match photograph.shown(at) {
+                Some(shown) => shown.rgb.map(srgb_from_linear),
+                None => super::exposed(pixels.rgb[at], log2_gain[at], photograph.ev),
+            };
+            let samples = (0..pixels.rgb.len()).flat_map(codes).collect();
+            Image::from_samples(pixels.width, pixels.height, 3, samples)
+        })
+    }
+}
+
+fn read(
+    file: &InputFile,
+    ev: f64,
+    pano: &Panorama,
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+    cx: &Context,
+) -> Result<Photograph, NodeError> {
+    let bytes = cx.read(file)?;
+    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, stretch)?;
+    let (width, height, _) = picture.size();
+    let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
+    if (width, height) != (wanted, tall) {
+        let what = format!("is {width}x{height}; the panorama is {wanted}x{tall}");
+        return Err(Error::format(&file.0, what).into());
+    }
+    let linear = matches!(picture, Picture::Linear(_));
+    let pixels = premultiplied(&picture, notes)?;
+    drop(picture);
+    // By whole columns, so that what is white stays white.
+    let column = 360.0 / width as f64;
+    let turned_deg = (pano.turned_deg / column).round() * column;
+    let (samples, alpha) = straight(turn(&pixels, width, turned_deg, cx)?);
+    let light = |v: f32| if linear { v } else { Transfer::Srgb.linear(v).min(1.0) };
+    let rgb = samples.as_chunks::<3>().0.iter().map(|rgb| rgb.map(light)).collect();
+    Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
+}
+
+/// The lower of the two in the middle; of at least one number.
+fn median(of: &mut [f32]) -> f32 {
+    let middle = (of.len() - 1) / 2;
+    *of.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// For a pixel the log2 of its luminance over that of the panorama, at least 0, as the first of `exposures` (brightest
+/// first) has it that shows it unclipped, else the last; and whether none shows it so. `None` without any.
+pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
     let own = f64::from(luminance(own)).max(DARKEST);
-    let (mut gain, mut clipped) = (0.0, true);
-    for (ev, rgb) in exposures {
-        let light = f64::from(luminance(rgb)) * num::f64::exp2(-ev);
-        gain = num::f64::log2((light / own).max(1.0)) as f32;
-        clipped = max3(rgb) > CLIPPED;
-        if !clipped {
+    let mut last = None;
+    for shown in exposures {
+        last = Some((num::f64::log2((shown.light() / own).max(1.0)) as f32, shown.clipped));
+        if !shown.clipped {
             break;
         }
     }
-    (gain, clipped)
+    last
 }
 
 /// Warns of pixels that even the darkest exposure does not show.
@@ -88,3 +264,6 @@ pub(super) fn tell_still(pixels: usize, ev: f64, notes: &mut Notes) {
         );
     }
 }
+
+#[cfg(test)]
+mod tests;

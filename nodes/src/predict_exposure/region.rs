@@ -59,7 +59,7 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
         let least = if sun && flux > 0.0 { num::f64::log2(sun::FLUX * unclipped / flux) } else { 0.0 };
         let stops = stops.max(least).clamp(STOPS.0, STOPS.1);
         let given = spread.apply(i, (num::f64::exp2(stops) - 1.0) * flux, pixels, &mut log2_gain);
-        found.push(Found { sun, ..clipped.found(i, &spread, given) });
+        found.push(Found { sun, ..clipped.found(i, spread.solid_angle[i], given) });
     }
     Ok((log2_gain, found))
 }

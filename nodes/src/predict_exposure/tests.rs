@@ -1,5 +1,4 @@
 use super::*;
-use crate::color::srgb_from_linear;
 use crate::equirect::pixel_solid_angle;
 use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
@@ -17,6 +16,7 @@ fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama
         alpha: Image::from_samples(width, height, 1, vec![1.0; width * height]),
         up: Up::PlusZ,
         origin: DVec3::ZERO,
+        turned_deg: 0.0,
     })
 }
 
@@ -47,10 +47,15 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
                 let params = PredictExposure { evs: vec![-3.0, -6.0], method: method.clone(), force };
                 let (out, notes) =
                     PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
-                (out.brackets, notes.iter().any(|note| note.id == "nothing-clipped"))
+                let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
+                (out.brackets, note.unwrap_or_default())
             };
-            let ((left, told), (forced, silent)) = (run(false), run(true));
-            assert!(told && !silent && left == forced, "{method:?}");
+            let ((left, told), (forced, why)) = (run(false), run(true));
+            assert!(left.log2_gain == forced.log2_gain && left.exposures == forced.exposures, "{method:?}");
+            assert!(told.ends_with("nothing is predicted") && why.ends_with("by `force`"), "{told}; {why}");
+            let name = |brackets: &Brackets| brackets.report.tables[0].rows[0][0].clone();
+            assert_eq!(name(&left), Cell::Text("skip".to_owned()));
+            assert_ne!(name(&forced), name(&left), "the report says what was asked");
         }
     }
 }
@@ -199,6 +204,32 @@ fn row_24_turning_by_part_of_a_cell_turns_the_gain() {
     }
 }
 
+/// A mirrored panorama has the mirrored light, finer than the grid too. Mutation: `from_start` for `from_end` in
+/// `Grid::new`, or edges read to the right alone (each seen red).
+#[test]
+fn a_mirrored_panorama_gives_mirrored_light() {
+    let scene = |width: usize| {
+        move |x: usize, y: usize| {
+            let at = (x * 300 / width, y * 300 / width);
+            match at {
+                (299 | 0, 50) | (201, 20..=22) => [1.0; 3],
+                (100..=130, 30..=45) => [1.0, 1.0, 0.98],
+                (_, 75..) => [0.3, 0.28, 0.2],
+                _ => [0.4, 0.5, 0.5 + at.0 as f32 * 8e-4],
+            }
+        }
+    };
+    for (method, width) in METHODS.into_iter().flat_map(|m| [(m.clone(), 300), (m, 512)]) {
+        let scene = scene(width);
+        let plain = run_by(method.clone(), pano(width, scene), &[-3.0]).0;
+        let mirrored = run_by(method, pano(width, |x, y| scene(width - 1 - x, y)), &[-3.0]).0;
+        for (at, gain) in mirrored.log2_gain.samples.iter().enumerate() {
+            let from = plain.log2_gain.pixel(width - 1 - at % width, at / width)[0];
+            assert!((gain - from).abs() < 2e-4, "{width}: {at} {gain} {from}");
+        }
+    }
+}
+
 #[test]
 fn recovered_light_does_not_depend_on_the_resolution() {
     let small = room(256);
@@ -263,52 +294,6 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     }
 }
 
-/// What was photographed is measured: each clipped pixel by the brightest file that shows it, in any order of files.
-/// Mutation: `.rev()` dropped in `photographs::predict`.
-#[test]
-fn photographs_tell_the_gain_and_are_the_exposures() {
-    use crate::io::png::{self, Raster};
-    let folder = tempfile::tempdir().expect("a folder");
-    let light = |at: usize| [3.0_f32, 30.0, 900.0, 0.3][at % 4];
-    let take = |name: &str, ev: f32, (width, height): (usize, usize)| {
-        let code =
-            |v: f32| u16::from(crate::color::code8(srgb_from_linear((v * num::f32::exp2(ev)).min(1.0))));
-        let codes = (0..width * height).flat_map(|at| [code(light(at)); 3]).collect();
-        let raster = Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() };
-        let bytes = png::write(&raster, false, &[]).expect("writes");
-        std::fs::write(folder.path().join(name), bytes).expect("writes");
-    };
-    take("a.png", -3.0, (64, 32));
-    take("b.png", -6.0, (64, 32));
-    take("small.png", -6.0, (32, 16));
-    let pano = pano(64, |x, _| [srgb_from_linear(light(x).min(1.0)); 3]);
-    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, folder.path());
-    let by = |files: &[&str], evs: &[f64]| {
-        let files = files.iter().map(|file| engine::InputFile((*file).to_owned())).collect();
-        let params =
-            PredictExposure { evs: evs.to_vec(), method: Method::Photographs { files }, force: false };
-        PredictExposure::check(&params)?;
-        PredictExposure::run(&params, In { pano: pano.clone() }, &cx)
-    };
-    let (out, notes) = by(&["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
-    let gains = &out.brackets.log2_gain.samples;
-    for (at, wanted) in [1.585, 4.907, 6.0, 0.0].into_iter().enumerate() {
-        assert!((gains[at] - wanted).abs() < 0.02, "{at}: {}", gains[at]);
-    }
-    // The sun is white at EV -6 too.
-    assert!(
-        notes.iter().any(|note| note.id == "still-clipped" && note.text.starts_with("512 ")),
-        "{notes:?}"
-    );
-    assert_eq!(out.brackets.evs, [-6.0, -3.0]);
-    assert!((out.brackets.exposures[0].rgb(0, 0)[0] - srgb_from_linear(3.0 / 64.0)).abs() < 0.003);
-    let (other, _) = by(&["b.png", "a.png"], &[-6.0, -3.0]).expect("runs");
-    assert_eq!(other.brackets, out.brackets);
-    assert!(by(&["a.png"], &[-3.0, -6.0]).is_err() && by(&[], &[]).is_err());
-    let error = by(&["a.png", "small.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("is too small");
-    assert!(error.to_string().contains("small.png") && error.to_string().contains("32x16"), "{error}");
-}
-
 /// Mutation: `sort_by` dropped in `sorted` (seen red).
 #[test]
 fn row_35_exposures_are_sorted_and_listed_once() {
@@ -371,8 +356,15 @@ fn emitters_act_where_the_user_states_them() {
         assert!(lamp == 8.0 && out.brackets.log2_gain.pixel(0, 50)[0] == 2.0, "{lamp}");
         assert!(notes.iter().all(|note| note.id != "nothing-to-light"));
     }
-    let (_, notes) = stated(vec![[azimuth + 180.0, -80.0, 3.0, 5.0]]).expect("runs");
-    assert!(notes.iter().any(|note| note.id == "nothing-to-light"));
+    let (out, notes) =
+        stated(vec![[azimuth, elevation, 4.0, 3.0], [azimuth + 180.0, -80.0, 3.0, 5.0]]).expect("runs");
+    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("is told");
+    assert!(idle.text.ends_with("do nothing: 2"), "{}", idle.text);
+    // The report is of the window and the lamp that are there, whatever was stated.
+    let report = &out.brackets.report;
+    assert_eq!(report.tables[0].rows[0][3], Cell::Count(2));
+    let gains: Vec<_> = report.tables[1].rows.iter().map(|row| [row[3].clone(), row[4].clone()]).collect();
+    assert!(gains.contains(&[3.0, 3.0].map(Cell::Number)) && gains.contains(&[0.0, 0.0].map(Cell::Number)));
     // What no emitter reaches is told, as it is of `Skip`. Mutation: `Method::Manual` left out there.
     let mask = clip_mask(&source, &linear_pixels(&source.image, Transfer::Srgb));
     let all = mask.iter().filter(|clipped| **clipped).count();

@@ -54,7 +54,7 @@ impl Level {
 
 /// Un-premultiplied colours without holes. A pixel of alpha `hole_alpha` or more keeps its colour; below,
 /// it takes the more from its surroundings the less was seen.
-pub(super) fn fill(
+pub(crate) fn fill(
     premultiplied: &[[f32; 4]],
     width: usize,
     hole_alpha: f32,

@@ -1,6 +1,6 @@
 //! `stitch`: a panorama from views around a point.
 
-mod holes;
+pub(crate) mod holes;
 #[cfg(test)]
 mod tests;
 
@@ -313,7 +313,7 @@ pub(crate) fn finish(
         Image::<Linear>::from_samples(width, height, 3, samples).into()
     };
     let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
-    Ok(Panorama { image, alpha, up, origin })
+    Ok(Panorama { image, alpha, up, origin, turned_deg: 0.0 })
 }
 
 /// Linear light, premultiplied, of one row of premultiplied RGBA.

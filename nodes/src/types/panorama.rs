@@ -19,6 +19,9 @@ pub struct Panorama {
     pub up: Up,
     /// Where it was seen from, in world units.
     pub origin: DVec3,
+    /// How far it was turned about the up axis when it was loaded, counter-clockwise seen from above, in degrees: other
+    /// photographs of the same place lie as far off.
+    pub turned_deg: f64,
 }
 
 /// A panorama with the light that its clipped pixels hide.
@@ -29,10 +32,11 @@ pub struct Brackets {
     pub log2_gain: Image<Data>,
     /// Exposure values, ascending (darkest first), of the pictures in `exposures`.
     pub evs: Vec<f64>,
-    /// What a camera would have taken at each of `evs`: display-encoded, clipped to 1, one view each.
+    /// What a camera would have taken at each of `evs`: display-encoded, one view each; clipped to 1, but for photographs
+    /// of linear light, which hold more.
     pub exposures: Vec<Image<Srgb>>,
-    /// Whether a camera did take them. Their codes then follow the curve of the panorama's own, whatever that is; those
-    /// that were derived follow the sRGB curve.
+    /// Whether a camera took them, as display colours. Their codes then follow the curve of the panorama's own, whatever
+    /// that is; those that were derived, or photographed in linear light, follow the sRGB curve.
     pub photographed: bool,
     /// Which method made it, and each region it found.
     pub report: Report,
@@ -73,13 +77,14 @@ fn decode_picture(from: &mut Decoder<'_>) -> Result<Picture, Corrupt> {
 
 impl Artifact for Panorama {
     const TYPE: &'static str = "pano";
-    const FORMAT: u32 = 1;
+    const FORMAT: u32 = 2;
 
     fn encode(&self, to: &mut Encoder) {
         encode_picture(&self.image, to);
         encode_picture(&Picture::Data(self.alpha.clone()), to);
         encode_up(self.up, to);
         encode_vec(self.origin, to);
+        to.f64(self.turned_deg);
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
@@ -92,7 +97,8 @@ impl Artifact for Panorama {
         {
             return Err(Corrupt("panorama and alpha differ in size".to_owned()));
         }
-        Ok(Self { image, alpha, up: decode_up(from)?, origin: decode_vec(from)? })
+        let (up, origin) = (decode_up(from)?, decode_vec(from)?);
+        Ok(Self { image, alpha, up, origin, turned_deg: from.f64()? })
     }
 
     fn bytes(&self) -> usize {
@@ -102,6 +108,9 @@ impl Artifact for Panorama {
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
             return Difference::of(format!("seen from {} against {}", self.origin, other.origin));
+        }
+        if self.turned_deg != other.turned_deg {
+            return Difference::of(format!("turned by {} against {}", self.turned_deg, other.turned_deg));
         }
         samples_difference(
             "panorama",

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Kind, Scene, Up};
+use engine::{Context, InputFile, Kind, Scene, Up};
 use glam::DVec3;
 use nodes::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
 use nodes::light::linear::Transfer;
+use nodes::load_panorama::{self, LoadPanorama};
 use nodes::predict_exposure::{self, Method, PredictExposure};
+use nodes::score_env::{self, ScoreEnv};
 use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 fn cx() -> Context {
@@ -26,7 +28,18 @@ fn picture(name: &str) -> Image<Srgb> {
 fn pano() -> Arc<Panorama> {
     let image = picture("truth_equirect_ev0.png");
     let alpha = Image::from_samples(image.width, image.height, 1, vec![1.0; image.width * image.height]);
-    Arc::new(Panorama { image: image.into(), alpha, up: Up::PlusZ, origin: DVec3::ZERO })
+    Arc::new(Panorama { image: image.into(), alpha, up: Up::PlusZ, origin: DVec3::ZERO, turned_deg: 0.0 })
+}
+
+fn fusion(gain: Gain) -> FuseHdr {
+    FuseHdr {
+        threshold: 0.9,
+        blend: Blend::Ramp,
+        transfer: Transfer::Srgb,
+        gain,
+        hue: Hue::Base,
+        feather_deg: 0.0,
+    }
 }
 
 fn number(cell: &Cell) -> f64 {
@@ -41,14 +54,7 @@ fn the_sun_of_the_bench_case_is_the_strongest_light() {
     let params = PredictExposure { evs: vec![-6.0, -3.0], method: Method::Region, force: false };
     let inputs = predict_exposure::In { pano: base.clone() };
     let (predicted, _) = PredictExposure::run(&params, inputs, &cx()).unwrap();
-    let params = FuseHdr {
-        threshold: 0.9,
-        blend: Blend::Ramp,
-        transfer: Transfer::Srgb,
-        gain: Gain::Direct,
-        hue: Hue::Base,
-        feather_deg: 0.0,
-    };
+    let params = fusion(Gain::Direct);
     let inputs = fuse_hdr::In { base, brackets: predicted.brackets };
     let (fused, _) = FuseHdr::run(&params, inputs, &cx()).unwrap();
     let first = &fused.report.tables[0].rows[0];
@@ -71,14 +77,7 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
         photographed: true,
         report: nodes::types::Report::default(),
     };
-    let params = FuseHdr {
-        threshold: 0.9,
-        blend: Blend::Ramp,
-        transfer: Transfer::Srgb,
-        gain: Gain::Brackets,
-        hue: Hue::Base,
-        feather_deg: 0.0,
-    };
+    let params = fusion(Gain::Brackets);
     let inputs = fuse_hdr::In { base: pano(), brackets: Arc::new(brackets) };
     let (fused, notes) = FuseHdr::run(&params, inputs, &cx()).unwrap();
     assert!(notes.iter().any(|note| note.id == "saturated-at-darkest"));
@@ -94,4 +93,53 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
         off += u64::from((found - want).abs() > 0.03 * want + 0.003);
     }
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
+}
+
+/// Of every second panorama that the weights were trained on, photographed at EV 0, the mean errors of irradiance and of
+/// contrast, in stops, as photographed and with the light that a method recovers.
+fn errors(method: &Method) -> [[f64; 2]; 2] {
+    let mut files: Vec<_> =
+        std::fs::read_dir(crate::data("hdri-train")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|ending| ending == "exr"));
+    files.sort();
+    let mut sums = [[0.0; 2]; 2];
+    let count = files.iter().step_by(2).count() as f64;
+    for file in files.iter().step_by(2) {
+        let params = LoadPanorama {
+            path: InputFile(file.to_str().unwrap().to_owned()),
+            photograph_ev: Some(0.0),
+            rotation_deg: 0.0,
+            origin: [0.0; 3],
+        };
+        let (loaded, _) = LoadPanorama::run(&params, load_panorama::In {}, &cx()).unwrap();
+        for (sums, method) in sums.iter_mut().zip([&Method::Skip, method]) {
+            let params = PredictExposure { evs: Vec::new(), method: method.clone(), force: false };
+            let inputs = predict_exposure::In { pano: loaded.pano.clone() };
+            let brackets = PredictExposure::run(&params, inputs, &cx()).unwrap().0.brackets;
+            let inputs = fuse_hdr::In { base: loaded.pano.clone(), brackets };
+            let env = FuseHdr::run(&fusion(Gain::Direct), inputs, &cx()).unwrap().0.env;
+            let inputs = score_env::In { env, truth: loaded.env.clone() };
+            let (scored, _) = ScoreEnv::run(&ScoreEnv { normals: 512 }, inputs, &cx()).unwrap();
+            let row = |name: &str| {
+                let rows = &scored.report.tables[0].rows;
+                let row =
+                    rows.iter().find(|row| matches!(&row[0], Cell::Text(text) if text.starts_with(name)));
+                number(&row.unwrap()[1]).abs()
+            };
+            sums[0] += row("mean irradiance") / count;
+            sums[1] += row("dominant light against the rest") / count;
+        }
+    }
+    sums
+}
+
+// As docs/light.md says of places that the shipped weights have seen: 0.51 and 1.05 stops over all 74, 0.49 and 1.02 over
+// these 37. A number that is read wrongly costs more than the rest to the bounds.
+// Mutation: two numbers of `OVERVIEW` exchanged, or of `CELL`.
+#[test]
+fn learned_light_is_as_good_as_the_docs_say() {
+    let [plain, learned] = errors(&Method::Learned);
+    println!("as photographed {plain:.3?}, learned {learned:.3?} stops of irradiance and contrast");
+    assert!(plain[0] > 1.2 && plain[1] > 2.5, "{plain:?}: there is light to be recovered");
+    assert!(learned[0] < 0.60 && learned[1] < 1.25, "{learned:?}");
 }

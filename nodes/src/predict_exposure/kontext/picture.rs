@@ -1,6 +1,6 @@
 //! A panorama as the model takes it, and a gain from what the model shows.
 
-use super::super::photographs::measured;
+use super::super::photographs::{Shown, measured};
 use crate::color::{linear_from_srgb, srgb_from_linear};
 use crate::light::linear::LinearPixels;
 
@@ -45,9 +45,9 @@ pub fn gains(base: &[f32], exposures: &[Vec<f32>]) -> Vec<(f32, bool)> {
     let pixel = |planes: &[f32], at: usize| [0, 1, 2].map(|c| linear_from_srgb(planes[c * count + at]));
     let shown = |at: usize| {
         let made = exposures.iter().enumerate();
-        made.map(move |(i, planes)| (-STOPS * (i + 1) as f64, pixel(planes, at)))
+        made.map(move |(i, planes)| Shown::display(-STOPS * (i + 1) as f64, pixel(planes, at)))
     };
-    (0..count).map(|at| measured(pixel(base, at), shown(at))).collect()
+    (0..count).map(|at| measured(pixel(base, at), shown(at)).unwrap_or((0.0, true))).collect()
 }
 
 #[cfg(test)]

@@ -134,7 +134,11 @@ pub(super) fn predict(
         let error = (network.residual * network.residual + disagreement * disagreement).sqrt();
         let ratio = (num::f64::exp2(given.mean_log2_gain) - 1.0) * num::f64::exp2(error);
         let uncertainty = Some(num::f64::log2(1.0 + ratio) - given.mean_log2_gain);
-        found.push(Found { sun: scene.suns[i], uncertainty, ..clipped.found(i, &spread, given) });
+        found.push(Found {
+            sun: scene.suns[i],
+            uncertainty,
+            ..clipped.found(i, spread.solid_angle[i], given)
+        });
     }
     cx.progress(0.8);
     Ok((log2_gain, found))

@@ -117,6 +117,7 @@ impl Truth {
             alpha: Image::from_samples(width, height, 1, (0..width * height).map(seen).collect()),
             up: Up::PlusZ,
             origin: DVec3::ZERO,
+            turned_deg: 0.0,
         }
     }
 
