@@ -99,6 +99,22 @@ fn a_white_room_is_half_lit() {
     }
 }
 
+// In the open too, where the receiver holds the ground; not where it is a patch of it, nor where nothing says that the
+// panorama shows it.
+#[test]
+fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
+    let decided = |floor: f32, origin| {
+        let env = Environment { origin, ..white() };
+        let (_, notes) = render(&params(1, EnvBlock::Auto), &plane(floor), &[], &inside(), &env);
+        notes.iter().find(|note| note.id == "near-field").map(|note| note.text.clone()).unwrap_or_default()
+    };
+    let told = decided(400.0, Some(DVec3::Z));
+    assert!(told.starts_with("On: the environment was captured in this place"), "{told}");
+    let told = decided(0.5, Some(DVec3::Z));
+    assert!(told.starts_with("Off: the scene is open, and the receiver is"), "{told}");
+    assert!(decided(400.0, None).starts_with("Off: the environment has no point of capture"));
+}
+
 // The density of light samples, per steradian of a point that sees all that the point of capture sees,
 // integrates to 1, and samples follow it: the share that falls on a side of the room is its integral there.
 #[test]
