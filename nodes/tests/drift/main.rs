@@ -6,6 +6,8 @@
 //! there is a change of a picture: look at it, then renew the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+mod lights;
+mod means;
 mod moved;
 mod references;
 
@@ -13,7 +15,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
-use nodes::types::{Brackets, Images, Panorama, Report, Views};
+use nodes::types::{Brackets, Environment, Images, Panorama, Report, Views};
 
 /// How far metrics may be off what the publications have, since ours take the rounded matrices, white and curves of
 /// published tools.
@@ -86,6 +88,17 @@ fn cases(run: &Run) -> Vec<Case> {
     let shown = references::shown(&finished, &view);
     let scores = references::scores(&shown, 64);
     let told = references::scores_of(&run.value::<Report>("score.report"));
+    let layers = means::Layers {
+        width: 64,
+        without: without.clone(),
+        with: with.clone(),
+        object: object.clone(),
+        depth: run.picture("trace.depth"),
+        normal: run.picture("trace.normal"),
+        variance: run.picture("trace.variance"),
+    };
+    let cleaned = ["clean.without", "clean.with", "clean.object"].map(|name| run.picture(name)).concat();
+    let lights = [run.value::<Environment>("env.env"), run.value("demo.truth_env")];
     let exact = |name, bound, errors| Case { name, against: "float64", bound, errors };
     let finer = |name, against, bound, errors| Case { name, against, bound, errors };
     vec![
@@ -116,6 +129,12 @@ fn cases(run: &Run) -> Vec<Case> {
             CONSTANTS,
             apart(&run.picture("score.flip"), &references::flip(&shown[0], &shown[1], 64)),
         ),
+        exact(
+            "score-env",
+            1e-9,
+            apart(&lights::told(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
+        ),
+        exact("denoise, relative", 1e-4, relative(&cleaned, &layers.averaged(), 0.01)),
         finer("splat-render, arithmetic", "F64", 1e-4, apart(&view, &run.picture("double.colour"))),
         finer(
             "splat-panorama, arithmetic",
@@ -154,6 +173,15 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
+/// Three digits; below 1e-12 stands what the order of a sum leaves of float64.
+fn told(error: f64) -> String {
+    match error {
+        0.0 => "0".to_owned(),
+        _ if error < 1e-12 => "<1e-12".to_owned(),
+        _ => format!("{error:.3e}"),
+    }
+}
+
 #[test]
 fn no_error_drifts() {
     let (mut text, mut wrong) = ("node\treference\tvalues\tlargest\t99.9 %\n".to_owned(), String::new());
@@ -162,7 +190,8 @@ fn no_error_drifts() {
         if largest.is_nan() || largest > bound {
             writeln!(wrong, "{name} is off by {largest}, which may be {bound}").unwrap();
         }
-        writeln!(text, "{name}\t{against}\t{}\t{largest:.3e}\t{most:.3e}", errors.len()).unwrap();
+        let [largest, most] = [largest, most].map(told);
+        writeln!(text, "{name}\t{against}\t{}\t{largest}\t{most}", errors.len()).unwrap();
     }
     assert!(wrong.is_empty(), "{wrong}\n{text}");
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/drift/errors.tsv");

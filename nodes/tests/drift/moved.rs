@@ -5,12 +5,14 @@ use std::sync::Arc;
 use engine::{Context, Kind, Params, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::composite::{self, Composite};
+use nodes::crop_mesh::{self, CropMesh};
 use nodes::cube_rig::{self, CubeRig};
 use nodes::fuse_hdr::{self, FuseHdr};
 use nodes::path_trace::{self, PathTrace};
 use nodes::place::{self, Place};
 use nodes::predict_exposure::{self, Method, PredictExposure};
 use nodes::shadow_ratio::{self, ShadowRatio};
+use nodes::snap::{self, Snap};
 use nodes::splat::Drawing;
 use nodes::splat_render::{self, SplatRender};
 use nodes::stitch::{self, Stitch};
@@ -32,7 +34,10 @@ struct World {
     pose: Pose,
     rig: Rig,
     near: f64,
+    /// What of the mesh lies below this height is the receiver.
+    below: f64,
     metres_per_unit: f64,
+    origin: DVec3,
 }
 
 /// A number and what f32 loses of it, of each coordinate.
@@ -60,8 +65,17 @@ impl World {
         }
         let mut pose = self.pose.clone();
         pose.world_from_local.w_axis = to(pose.world_from_local.w_axis.truncate()).extend(1.0);
-        let (near, metres_per_unit) = (self.near * scale, self.metres_per_unit / scale);
-        Self { splats, mesh, object: self.object.clone(), pose, rig, near, metres_per_unit }
+        Self {
+            splats,
+            mesh,
+            object: self.object.clone(),
+            pose,
+            rig,
+            near: self.near * scale,
+            below: self.below * scale + by.z,
+            metres_per_unit: self.metres_per_unit / scale,
+            origin: by,
+        }
     }
 
     /// The pictures of every step, by name.
@@ -85,16 +99,23 @@ impl World {
         let dark = PredictExposure::run(&dark, clipped, &cx).unwrap().0.brackets;
         let light = fuse_hdr::In { base: joined.pano, brackets: dark };
         let light = FuseHdr::run(&FuseHdr::defaults().unwrap(), light, &cx).unwrap().0;
-        let placed = place::In { object: self.object.clone(), pose };
+        let cropped = CropMesh { below_height: Some(self.below), ..CropMesh::defaults().unwrap() };
+        let receiver = crop_mesh::In { mesh: Arc::new(self.mesh.clone()) };
+        let receiver = CropMesh::run(&cropped, receiver, &cx).unwrap().0.mesh;
+        let object = self.object.clone();
+        let ground = snap::In {
+            object: object.clone(),
+            pose: pose.clone(),
+            mesh: Some(receiver.clone()),
+            splats: None,
+        };
+        let ground = Snap::run(&Snap::defaults().unwrap(), ground, &cx).unwrap().0.pose;
+        let ground = (ground.world_from_local.w_axis.truncate() - self.origin) * self.metres_per_unit;
+        let placed = place::In { object, pose };
         let placed = Place::run(&Place {}, placed, &cx).unwrap().0.placed;
         let background = draw(&rig).colour;
         let trace = PathTrace { samples: 4, ..PathTrace::defaults().unwrap() };
-        let inputs = path_trace::In {
-            receiver: Arc::new(self.mesh.clone()),
-            objects: vec![placed],
-            rig,
-            env: light.env,
-        };
+        let inputs = path_trace::In { receiver, objects: vec![placed], rig, env: light.env };
         let trace = PathTrace::run(&trace, inputs, &cx).unwrap().0;
         let pair = shadow_ratio::In { without: trace.without.clone(), with: trace.with.clone() };
         let shadow = ShadowRatio::run(&ShadowRatio::defaults().unwrap(), pair, &cx).unwrap().0.shadow;
@@ -110,6 +131,7 @@ impl World {
         vec![
             ("background", samples(&background)),
             ("environment", samples(&light.image)),
+            ("ground", ground.as_vec3().to_array().to_vec()),
             ("R0", samples(&trace.without)),
             ("R1", samples(&trace.with)),
             ("object", samples(&trace.object)),
@@ -129,7 +151,7 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
     world.inserted().iter().zip(here).map(worst).collect()
 }
 
-/// Splats, mesh, cameras, probe and object moved by a million units, or made a million times larger or smaller, with
+/// Splats, mesh, cropped and stood upon, cameras, probe and object, moved by a million units, or made a million times larger or smaller, with
 /// all that is told in world units: no step gives another picture. It does where the mesh has lost what f32 loses.
 #[test]
 fn row_13_14_42_the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
@@ -141,7 +163,9 @@ fn row_13_14_42_the_whole_insertion_does_not_depend_on_where_or_how_large_the_wo
         pose: run.value("pose.pose"),
         rig: run.value("demo.rig"),
         near: 0.2,
+        below: 2.037,
         metres_per_unit: 1.0,
+        origin: DVec3::ZERO,
     };
     let here = world.inserted();
     let million = 1_048_576.0;

@@ -17,7 +17,7 @@ fn encoded(v: f64) -> f64 {
     if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * num::pow(v, 1.0 / 2.4) - 0.055 }
 }
 
-fn luminance(rgb: &[f64]) -> f64 {
+pub fn luminance(rgb: &[f64]) -> f64 {
     0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
 }
 
