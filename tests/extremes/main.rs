@@ -5,7 +5,7 @@
 //! `tests/extremes/page`; here is checked that it tells of the tests that there are, and that each was tried.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
