@@ -18,20 +18,25 @@ pub struct Tried {
 }
 
 impl Tried {
+    /// What the goal bounds.
+    fn bounded(&self, goal: Goal) -> f64 {
+        if matches!(goal, Goal::Error(_)) { self.error } else { self.cost }
+    }
+
+    /// What is to be least.
+    fn paid(&self, goal: Goal) -> f64 {
+        if matches!(goal, Goal::Error(_)) { self.cost } else { self.error }
+    }
+
     fn fits(&self, goal: Goal) -> bool {
-        match goal {
-            Goal::Error(most) => self.error <= most,
-            Goal::Cost(most) => self.cost <= most,
-        }
+        let (Goal::Error(most) | Goal::Cost(most)) = goal;
+        self.bounded(goal) <= most
     }
 
     /// Whether it serves the goal better than another that fits, too.
     fn beats(&self, other: &Self, goal: Goal) -> bool {
-        let (mine, theirs) = match goal {
-            Goal::Error(_) => ((self.cost, self.error), (other.cost, other.error)),
-            Goal::Cost(_) => ((self.error, self.cost), (other.error, other.cost)),
-        };
-        mine.0 < theirs.0 || (mine.0 == theirs.0 && mine.1 < theirs.1)
+        let key = |t: &Self| [t.paid(goal), t.bounded(goal)];
+        key(self) < key(other)
     }
 }
 
@@ -119,14 +124,14 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         }
         let goal = self.goal;
         let cheapest = self.best(|a, b| a.cost < b.cost);
-        let missed = |t: &Tried| match goal {
-            Goal::Error(_) => t.error,
-            Goal::Cost(_) => t.cost,
-        };
-        let missing = (0..self.tried.len()).filter(|&index| !self.tried[index].fits(goal));
-        let nearest =
-            missing.reduce(|a, b| if missed(&self.tried[b]) < missed(&self.tried[a]) { b } else { a });
-        if let Some(best) = self.best(|a, b| a.beats(b, goal)) {
+        let best = self.best(|a, b| a.beats(b, goal));
+        // What costs more than the best already would not come to beat it.
+        let bar = best.map_or(f64::INFINITY, |best| self.tried[best].paid(goal));
+        let missing = (0..self.tried.len())
+            .filter(|&index| !self.tried[index].fits(goal) && self.tried[index].paid(goal) < bar);
+        let nearest = missing
+            .reduce(|a, b| if self.tried[b].bounded(goal) < self.tried[a].bounded(goal) { b } else { a });
+        if let Some(best) = best {
             self.climb(best, usize::MAX)?;
         }
         if let (Goal::Cost(_), Some(cheapest)) = (goal, cheapest) {
@@ -187,10 +192,8 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
                 let at = self.look(&position)?;
                 let there = &self.tried[at];
                 if there.fits(goal) && there.beats(&here, goal) {
-                    let (saved, lost) = match goal {
-                        Goal::Error(_) => (here.cost - there.cost, there.error - here.error),
-                        Goal::Cost(_) => (here.error - there.error, there.cost - here.cost),
-                    };
+                    let saved = here.paid(goal) - there.paid(goal);
+                    let lost = there.bounded(goal) - here.bounded(goal);
                     // What gains and loses nothing comes first.
                     turns.push((saved / lost.max(1e-12), knob, values));
                 }
@@ -228,11 +231,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         for knob in 0..self.knobs.len() {
             let Some(position) = self.turned(&here.position, knob, way, 1) else { continue };
             let at = self.look(&position)?;
-            let there = &self.tried[at];
-            let saved = match goal {
-                Goal::Error(_) => 1.0 - there.cost / here.cost,
-                Goal::Cost(_) => 1.0 - there.error / here.error,
-            };
+            let saved = 1.0 - self.tried[at].paid(goal) / here.paid(goal);
             // What saves less is not worth the measuring.
             if saved > 0.02 {
                 beyond.push((saved, knob, at));
@@ -252,19 +251,12 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
     /// as it is, and what is to be beaten.
     fn reach(&mut self, mut from: usize, beside: Option<(usize, usize)>) -> Option<Option<usize>> {
         let goal = self.goal;
-        let is_worse = |here: &Tried, best: &Tried| match goal {
-            Goal::Error(_) => here.cost >= best.cost,
-            Goal::Cost(_) => here.error >= best.error,
-        };
         let way = if matches!(goal, Goal::Error(_)) { Way::Up } else { Way::Down };
         // What a turn gains towards the goal, and what it loses.
-        let gained = |a: &Tried, b: &Tried| match goal {
-            Goal::Error(_) => (a.error - b.error, b.cost - a.cost),
-            Goal::Cost(_) => (a.cost - b.cost, b.error - a.error),
-        };
+        let gained = |a: &Tried, b: &Tried| (a.bounded(goal) - b.bounded(goal), b.paid(goal) - a.paid(goal));
         while !self.tried[from].fits(goal) {
             let here = self.tried[from].clone();
-            if beside.is_some_and(|(_, best)| is_worse(&here, &self.tried[best])) {
+            if beside.is_some_and(|(_, best)| here.paid(goal) >= self.tried[best].paid(goal)) {
                 return Some(None);
             }
             let mut turns = Vec::new();

@@ -77,6 +77,7 @@ fn the_bad_node_is_named_and_cheap_settings_are_found_all_the_same() {
     counts_are_known(bench(&engine, GRAPH));
     holes_are_not_touched(&engine);
     what_is_judged(&engine);
+    what_varies_stays(&engine);
 }
 
 /// A backdrop in the holes of the background is there without the object, too; what the object changes is what it covers
@@ -120,6 +121,24 @@ fn what_is_judged(engine: &Engine) {
     let position = layers.preset(3);
     let at = measured(&mut layers, position).unwrap();
     assert!(!layers.points[at].off.is_empty());
+}
+
+/// A field that varies along an axis is not turned, also where one instance alone is asked for.
+fn what_varies_stays(engine: &Engine) {
+    let mut text = GRAPH
+        .replace("seed: 3),", "seed: 3), axes: (q: List([4, 16])),")
+        .replace("final.png", "final_{q}.png");
+    for samples in [2, 6, 16, 32] {
+        text = text.replace(&format!("trace: (samples: {samples}, "), "trace: (");
+    }
+    let text = text.replace("env: \"env\", samples: 16", "env: \"env\", samples: Axis(\"q\")");
+    let graph =
+        Graph::parse(Source::new("graph.ron", text), &nodes::registry(), SourceRoot::new(".")).unwrap();
+    for only in [Vec::new(), graph.find_all("final/q=4")] {
+        let bench = Bench::new(engine, &graph, &only, Arc::new(AtomicBool::new(false))).unwrap();
+        let turned = |parameter: &str| bench.dials.iter().any(|dial| dial.parameter == parameter);
+        assert!(turned("max_bounces") && !turned("samples"), "{only:?}");
+    }
 }
 
 /// What every node does at each preset is the same on every machine, so a change of it is seen here; renewed with
