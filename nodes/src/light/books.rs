@@ -84,8 +84,10 @@ impl Books {
         tile: impl Fn(usize) -> I + Send + Sync,
     ) -> Result<(), NodeError> {
         let above = axes(self.up)[2];
+        // No angle is beyond the opposite point, where cosines would rise again.
+        let cosines = |angles: [f64; 2]| angles.map(|angle| num::f64::cos(angle.min(PI)));
         let cones: Vec<(DVec3, [f64; 2])> =
-            self.lights.iter().map(|light| (light.centre, light.angles.map(num::f64::cos))).collect();
+            self.lights.iter().map(|light| (light.centre, cosines(light.angles))).collect();
         let tiles = cx.for_each_tile(count, |i| {
             let (mut whole, mut facing) = (Energy::default(), vec![0.0; cones.len()]);
             for (toward, size, luminance) in tile(i).filter(|(_, _, luminance)| *luminance > 0.0) {
@@ -171,7 +173,18 @@ mod tests {
     use super::*;
     use crate::testing::context;
 
-    // One bright pixel of 8 by 4 degrees: its irradiance, and that of the whole, at another resolution.
+    // A sphere that is all light gives any plane pi. Mutation: `min(PI)` dropped.
+    #[test]
+    fn a_light_may_be_all_there_is() {
+        let white = vec![2.0; 64 * 32];
+        let mut books = Books::new(Up::PlusY, 64, &white, 0.05);
+        books.enter_panorama("white", 64, &white, &context()).expect("enters");
+        let [_, steps] = books.tables();
+        let Cell::Number(facing) = steps.rows[3][1] else { panic!("a number") };
+        assert!((facing / TAU - 1.0).abs() < 0.02, "{facing}");
+    }
+
+    // One bright pixel of 8 by 8 degrees: its irradiance, and that of the whole, at another resolution.
     // Mutation: the cone without its margin, `size` left out, or `turn` off by half a pixel.
     #[test]
     fn a_light_has_the_same_irradiance_on_a_finer_panorama() {
