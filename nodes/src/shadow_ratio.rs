@@ -6,6 +6,7 @@ use engine::{Context, Kind, NodeError, Notes, ViewCount};
 
 use crate::color::luminance;
 use crate::layers::{linear, matching};
+use crate::light::level::level;
 use crate::num;
 use crate::types::{Data, Image, Images, Linear, NamedImage};
 
@@ -125,7 +126,13 @@ impl ShadowRatio {
         let (width, height) = (without.width, without.height);
         let unit = match self.form {
             RatioForm::Paper => 1.0,
-            _ => level(without),
+            _ => level(
+                without
+                    .samples
+                    .chunks_exact(without.channels)
+                    .flat_map(|pixel| &pixel[..3])
+                    .map(|v| f64::from(*v)),
+            ),
         };
         let rows = cx.for_each_tile(height, |y| {
             let (mut shadow, mut added) = (Vec::with_capacity(3 * width), Vec::with_capacity(3 * width));
@@ -218,16 +225,6 @@ impl ShadowRatio {
         }
         sum / f64::max(count, 1.0)
     }
-}
-
-/// The level that fractions refer to: the median over the channels of all samples that are lit. A mean would be that of
-/// the sun where the camera sees it.
-fn level(without: &Image<Linear>) -> f64 {
-    let pixels = without.samples.chunks_exact(without.channels);
-    let mut lit: Vec<f32> =
-        pixels.flat_map(|pixel| &pixel[..3]).copied().filter(|v| v.is_finite() && *v > 0.0).collect();
-    let middle = lit.len() / 2;
-    if lit.is_empty() { 0.0 } else { f64::from(*lit.select_nth_unstable_by(middle, f32::total_cmp).1) }
 }
 
 impl Kind for ShadowRatio {

@@ -4,6 +4,7 @@
 pub mod books;
 pub mod energy;
 pub mod exposure;
+pub mod level;
 pub mod linear;
 pub mod measure;
 pub mod regions;

@@ -4,6 +4,7 @@ use super::film::{Area, Rays, Sums};
 use super::plan::Reached;
 use super::{CROSS, FRONT, PAIR, R0};
 use crate::color::luminance;
+use crate::light::level::level;
 use crate::types::{Camera, Cell, Data, Image, Linear};
 
 /// Which of the sums of a pixel are of squares.
@@ -111,10 +112,7 @@ impl Running {
 
     /// Median luminance of R0 where it is lit, as `shadow-ratio` takes it: a mean would be that of a sun in the picture.
     pub(super) fn light(&self) -> f64 {
-        let all = (0..self.samples.len()).map(|index| self.lights(index)[0]);
-        let mut lit: Vec<f64> = all.filter(|light| *light > 0.0).collect();
-        let middle = lit.len() / 2;
-        if lit.is_empty() { 0.0 } else { *lit.select_nth_unstable_by(middle, f64::total_cmp).1 }
+        level((0..self.samples.len()).map(|index| self.lights(index)[0]))
     }
 
     /// Mean luminance of the objects over what they cover.

@@ -1,0 +1,39 @@
+//! The level of light in a picture, which bounds of what is too dark refer to.
+
+/// Samples darker than this share of the bright ones are what rounding and noise leave of none.
+const DARKEST: f64 = 1e-6;
+
+/// The median of samples that are lit, 0 if none is. A mean would be that of a sun in the picture. Lit is what is finite
+/// and has at least a millionth of the ninetieth percentile of what is above 0, so that a picture that is mostly
+/// black is judged by the rest.
+pub fn level(samples: impl Iterator<Item = f64>) -> f64 {
+    let mut lit: Vec<f64> = samples.filter(|v| v.is_finite() && *v > 0.0).collect();
+    if lit.is_empty() {
+        return 0.0;
+    }
+    let bright = lit.len() * 9 / 10;
+    let bright = *lit.select_nth_unstable_by(bright, f64::total_cmp).1;
+    lit.retain(|v| *v >= DARKEST * bright);
+    let middle = lit.len() / 2;
+    *lit.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Neither a sun nor blackness in most of the picture decides; exposure does not matter.
+    // Mutation: `lit.retain` left out, or the last of the sorted in place of the middle.
+    #[test]
+    fn suns_and_blackness_do_not_decide() {
+        let floor = [0.8, 0.9, 1.0, 1.1, 1.2];
+        let all = |more: &[f64]| floor.iter().chain(more).copied().collect::<Vec<_>>();
+        let of = |samples: Vec<f64>| level(samples.into_iter());
+        assert_eq!(of(all(&[])), 1.0);
+        assert_eq!(of(all(&[2e5])), 1.1);
+        assert_eq!(of(all(&[1e-9; 20])), 1.0);
+        assert_eq!(of(all(&[0.0, f64::NAN, f64::INFINITY])), 1.0);
+        assert_eq!(of(floor.map(|v| v * 1e-30).to_vec()), 1e-30);
+        assert_eq!(of(vec![0.0; 4]), 0.0);
+    }
+}
