@@ -38,11 +38,10 @@ pub struct Reach<'a> {
 }
 
 impl Walk<'_> {
-    /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera of the
-    /// given unit direction.
-    pub fn change(&mut self, hit: Hit, direction: Vec3, reach: &Reach<'_>) -> Vec3 {
+    /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
+    pub fn change(&mut self, hit: Hit, ray: Ray, reach: &Reach<'_>) -> Vec3 {
         if self.world.rules.near.is_some() {
-            self.both(hit, direction, reach.lift)
+            self.both(hit, ray, reach.lift)
         } else if reach.odds >= 1.0 || unit(self.points.bits(TOWARDS + 2)[0]) < reach.odds {
             self.apart(hit, reach) / reach.odds
         } else {
@@ -57,6 +56,7 @@ impl Walk<'_> {
         let mut lift = reach.lift;
         for bounce in 0..=rules.max_bounces {
             let surface = self.world.receiver.surface(&hit);
+            let surface = Surface { media: [self.around(surface.upright(lift)); 2], ..surface };
             let pair = 1 + bounce * PAIRS;
             let key = hash(self.key, pair);
             let first = bounce == 0;
@@ -110,14 +110,14 @@ impl Walk<'_> {
 
     /// The same by whole paths with and without the objects, which share their random numbers: where the
     /// receiver is the light, objects also take from what its places give.
-    fn both(&mut self, hit: Hit, direction: Vec3, lift: Vec3) -> Vec3 {
+    fn both(&mut self, hit: Hit, ray: Ray, lift: Vec3) -> Vec3 {
         self.lift = lift;
-        let with = self.radiance(Vertex::Receiver(hit), direction);
+        let with = self.radiance(Vertex::Receiver(hit), ray);
         if !self.touched {
             return Vec3::ZERO;
         }
         self.objects = false;
-        with - self.radiance(Vertex::Receiver(hit), direction)
+        with - self.radiance(Vertex::Receiver(hit), ray)
     }
 
     /// What the objects take of the light that a light sample brings. How much that is asked last, since most
@@ -128,7 +128,8 @@ impl Walk<'_> {
             return Vec3::ZERO;
         }
         let ray = surface.leave(drawn.direction);
-        let [straight, _] = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
+        let to_objects = Ray { origin: ray.origin + lift, ..ray };
+        let [straight, _] = self.unshaded(to_objects, key, None, surface.medium(ray.direction));
         if straight == Vec3::ONE || !self.passes(self.world.rules.sight(Lobe::Diffuse).shadow, ray) {
             return Vec3::ZERO;
         }
@@ -153,13 +154,16 @@ impl Walk<'_> {
         let lands = bounce < rules.max_bounces && rules.sight(Lobe::Diffuse).lands;
         let landed = if lands { self.landing(ray) } else { None };
         let to_objects = Ray { origin: ray.origin + lift, t_max: landed.map_or(ray.t_max, |l| l.t), ..ray };
-        let (object, _, passed) = self.object(to_objects, key, Lobe::Diffuse);
+        let object = self.object(to_objects, key, Lobe::Diffuse);
+        let found = object.or(landed.map(Vertex::Receiver));
+        let start = surface.medium(direction);
+        let (passed, media) = self.along(to_objects, key, Lobe::Diffuse, found.as_ref(), start);
         if object.is_none() && passed == Vec3::ONE {
             return (Vec3::ZERO, landed);
         }
-        let way = Way { direction, bounce: bounce + 1, weight, glow: 1.0 };
+        let way = Way { direction, bounce: bounce + 1, weight, glow: 1.0, media };
         let mut change = Vec3::ZERO;
-        if let Some(vertex) = object.or(landed.map(Vertex::Receiver)) {
+        if let Some(vertex) = found {
             let glow = match vertex {
                 Vertex::Object(hit) | Vertex::Straight(hit) => self.glow(&hit, ray, density),
                 Vertex::Receiver(_) => 1.0,

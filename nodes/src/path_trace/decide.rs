@@ -146,7 +146,7 @@ fn counted_twice(stage: &Stage<'_>, from: Vec3, rules: &Rules) -> f64 {
         let seen = Probe::rays(from).zip(0..).filter_map(|(ray, i)| {
             let hit = world.receiver.bvh.closest(ray, |_| true)?;
             let mut walk = Walk::new(world, Points::new(1, i), i, false);
-            Some(luminance(walk.radiance(Vertex::Receiver(hit), ray.direction).to_array()))
+            Some(luminance(walk.radiance(Vertex::Receiver(hit), ray).to_array()))
         });
         num::ordered_sum(seen)
     };

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::film::TileSums;
 use super::lens::Lens;
+use super::media::Media;
 use super::pair::shift;
 use super::walk::World;
 use crate::sampling::{hash, stream};
@@ -21,7 +22,7 @@ pub(super) fn trace_front(world: World<'_>, lens: &Lens<'_>, pixels: &[(u32, u32
         let out = -ray.direction;
         let (t, normal) = match (object, landed) {
             (Some(hit), landed) if landed.is_none_or(|l| hit.t <= l.t + shift(&world, lens, &l, ray)) => {
-                (hit.t, world.objects.surface(&hit, out, false, 0.0).normal)
+                (hit.t, world.objects.surface(&hit, out, false, 0.0, Media::default()).normal)
             }
             (_, Some(hit)) => (hit.t, world.receiver.surface(&hit).normal),
             _ => (f32::INFINITY, Vec3::ZERO),

@@ -17,6 +17,7 @@ mod lens;
 pub mod light;
 mod lobes;
 pub mod lookup;
+pub mod media;
 pub mod near;
 pub mod objects;
 mod pair;

@@ -12,9 +12,10 @@ use glam::{DMat3, DVec3, Vec3};
 use super::bsdf::{Bsdf, Frame, Layers, Look, straight};
 use super::emitters::{Emitters, Lamp, mean_luminance};
 use super::lookup::Spot;
+use super::media::{Body, Media};
 use super::pyramid::Pyramid;
-use super::scene::{Surface, geometry};
-use crate::bvh::{Bvh, Hit, Ray};
+use super::scene::{Surface, geometry, margin};
+use crate::bvh::{Bvh, Hit};
 use crate::color::linear_from_srgb8;
 use crate::error::Error;
 use crate::num;
@@ -23,7 +24,7 @@ use crate::types::{AlphaMode, Material, NormalMap, Object, Placed, Primitive};
 
 /// One primitive of one placed object.
 #[derive(Debug)]
-struct Part {
+pub(super) struct Part {
     placed: usize,
     primitive: usize,
     /// Index of its first triangle in the tree.
@@ -34,8 +35,10 @@ struct Part {
     tangents: [Vec3; 3],
     mirrored: bool,
     opaque: bool,
-    /// Absorption inside for a unit of the scene. It grows with the object, which keeps its looks.
-    absorption: Vec3,
+    /// Whether light passes it straight.
+    pub(super) clear: bool,
+    /// The body that it bounds, if light comes into it.
+    pub(super) body: Option<u32>,
 }
 
 /// The inserted objects.
@@ -52,6 +55,9 @@ pub struct Objects {
     opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
+    /// The insides that light can be in, and the box around them.
+    pub(super) bodies: Vec<Body>,
+    pub(super) held: Option<(Vec3, Vec3)>,
     /// What shines on them.
     pub emitters: Emitters,
 }
@@ -62,10 +68,6 @@ fn columns(m: DMat3) -> [Vec3; 3] {
 
 fn apply(m: &[Vec3; 3], v: Vec3) -> Vec3 {
     m[0] * v.x + m[1] * v.y + m[2] * v.z
-}
-
-fn exp(v: Vec3) -> Vec3 {
-    Vec3::from_array(v.to_array().map(num::f32::exp))
 }
 
 /// Corners in the order that keeps the outside in front after a mirroring transform.
@@ -88,6 +90,8 @@ impl Objects {
                 .collect(),
             opaque: true,
             clear: false,
+            bodies: Vec::new(),
+            held: None,
             emitters: Emitters::new(&[], |_| 0.0),
         };
         for (index, one) in placed.iter().enumerate() {
@@ -103,8 +107,15 @@ impl Objects {
                 };
                 let opaque = material.alpha_mode == AlphaMode::Opaque;
                 objects.opaque &= opaque && material.double_sided;
-                objects.clear |= material.transmission.factor > 0.0;
-                let absorption = Vec3::from_array(material.volume.unwrap_or_default()) / size as f32;
+                let clear = material.transmission.factor > 0.0;
+                objects.clear |= clear;
+                let lets_in = clear || material.diffuse_transmission.strength.factor > 0.0;
+                let body = material.volume.filter(|_| lets_in).map(|volume| {
+                    // It grows with the object, which keeps its looks.
+                    let absorption = Vec3::from_array(volume) / size as f32;
+                    let absorption = if absorption.is_finite() { absorption } else { Vec3::ZERO };
+                    objects.body(Body { placed: index, absorption, ior: material.ior })
+                });
                 objects.parts.push(Part {
                     placed: index,
                     primitive: number,
@@ -113,13 +124,20 @@ impl Objects {
                     tangents: columns(linear),
                     mirrored,
                     opaque,
-                    absorption: if absorption.is_finite() { absorption } else { Vec3::ZERO },
+                    clear,
+                    body,
                 });
                 let place = |i: u32| {
                     let local = DVec3::from_array(primitive.positions[i as usize].map(f64::from));
                     (matrix.transform_point3(local) - origin).as_vec3()
                 };
+                let first = objects.corners.len();
                 objects.corners.extend(primitive.triangles.iter().map(|&t| wound(t, mirrored).map(place)));
+                if body.is_some() {
+                    let held = objects.corners[first..].iter().flatten().filter(|p| p.is_finite());
+                    let held = held.map(|&p| (p, p)).chain(objects.held);
+                    objects.held = held.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+                }
             }
         }
         objects.bvh = Bvh::build(&objects.corners);
@@ -129,6 +147,15 @@ impl Objects {
             objects.emitters = Emitters::new(&objects.corners, mean);
         }
         Ok(objects)
+    }
+
+    /// The number of a body; surfaces of one object around the same stuff share it.
+    fn body(&mut self, body: Body) -> u32 {
+        let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
+        if at == self.bodies.len() {
+            self.bodies.push(body);
+        }
+        at as u32
     }
 
     /// The box around each placed object, as far as its corners are finite: lower corner, upper corner.
@@ -153,7 +180,7 @@ impl Objects {
         self.bvh.bounds().is_none()
     }
 
-    fn part(&self, triangle: u32) -> (&Part, &Object, &Primitive, &Material) {
+    pub(super) fn part(&self, triangle: u32) -> (&Part, &Object, &Primitive, &Material) {
         let at = self.parts.partition_point(|part| part.first <= triangle).saturating_sub(1);
         let part = &self.parts[at];
         let object = &*self.placed[part.placed].object;
@@ -191,59 +218,36 @@ impl Objects {
         }
     }
 
-    /// What passes straight through the surface at a hit, which the ray of the given direction meets.
-    fn straight(&self, hit: &Hit, direction: Vec3) -> Vec3 {
+    /// What passes straight through the surface at a hit, which the ray of the given direction meets; that of a
+    /// body between the media on its sides, or in the air.
+    pub(super) fn straight(&self, hit: &Hit, direction: Vec3, sides: Option<[Media; 2]>) -> Vec3 {
         let (_, material, spot) = self.spot(hit);
         if material.transmission.factor == 0.0 {
             return Vec3::ZERO;
         }
+        let mut look = look(&spot, material);
+        if let Some([near, far]) = sides.map(|sides| self.indices(sides)) {
+            look.ior = (near / far).max(far / near);
+        }
         let (_, normal, _) = geometry(&self.corners[hit.triangle as usize], hit);
-        straight(&look(&spot, material), normal.dot(direction).abs())
+        straight(&look, normal.dot(direction).abs())
     }
 
-    /// The share of light that comes straight along a ray, apart from what one triangle does.
-    pub fn transmittance(&self, ray: Ray, key: u32, except: Option<u32>) -> Vec3 {
-        let (mut light, mut body) = (Vec3::ONE, Body::default());
-        let blocked = self.bvh.any(ray, |hit| {
-            if Some(hit.triangle) == except || !self.accepts(hit, key, false) {
-                return false;
-            }
-            light *= self.straight(hit, ray.direction);
-            body.cross(hit, self.part(hit.triangle).0.absorption);
-            light == Vec3::ZERO
-        });
-        if blocked { Vec3::ZERO } else { light * body.left(ray.t_max) }
-    }
-
-    /// The nearest surface along a ray that goes straight, which some surfaces let pass at random, and the
-    /// weight of what is found. The surface found is one that reflects.
-    pub fn closest_straight(&self, ray: Ray, key: u32) -> (Option<Hit>, Vec3) {
-        let there = |hit: &Hit| self.accepts(hit, key, false);
-        let passing = |hit: &Hit| self.straight(hit, ray.direction);
-        let found = self
-            .bvh
-            .closest(ray, |hit| there(hit) && unit(hash(!key, hit.triangle)) >= passing(hit).max_element());
-        let (mut weight, mut body) = (Vec3::ONE, Body::default());
-        let reach = found.map_or(ray.t_max, |hit| hit.t);
-        self.bvh.any(Ray { t_max: reach, ..ray }, |hit| {
-            let (mine, share) = (found.is_some_and(|f| f.triangle == hit.triangle), passing(hit));
-            if !there(hit) || (!mine && (share == Vec3::ZERO || hit.t >= reach)) {
-                return false;
-            }
-            weight *=
-                if mine { Vec3::ONE / (1.0 - share.max_element()) } else { share / share.max_element() };
-            if !mine || hit.back {
-                body.cross(hit, self.part(hit.triangle).0.absorption);
-            }
-            false
-        });
-        (found, weight * body.left(reach))
+    /// How far along its ray the receiver counts as met before an object: where a body stands on it, the two are in
+    /// one place, and what leaves the body is the receiver's.
+    pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
+        if !hit.back || self.part(hit.triangle).0.body.is_none() {
+            return hit.t;
+        }
+        let slant = self.normal(hit.triangle).dot(direction).abs().max(0.01);
+        hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
     }
 
     /// The surface at a hit, seen from the unit direction `out` by a ray of some width there; without what passes
-    /// it where `straight`.
-    pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32) -> Surface {
+    /// it where `straight`. The ray came through `media`.
+    pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32, media: Media) -> Surface {
         let (part, material, spot) = self.spot(hit);
+        let media = self.sides(part, hit.back, media);
         let [a, b, c] = self.corners[hit.triangle as usize];
         let area = (b - a).cross(c - a);
         // Seen aslant a ray is wider one way; the mean of both ways blurs no more than it must.
@@ -268,6 +272,12 @@ impl Objects {
             |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &spot, &map, smooth)));
         let mut look = look(&filtered, material);
         look.inside = look.thick && hit.back && !straight;
+        if part.body.is_some() {
+            let [near, far] = self.indices(media);
+            // From the denser side there is a critical angle, on whichever side of the body that is.
+            look.inside |= near > far && !straight;
+            look.ior = if look.inside { near / far } else { (far / near).max(near / far) };
+        }
         look.blocked = straight;
         let normal = bent(material.normal);
         let frame = match look.anisotropy > 0.0 {
@@ -282,13 +292,12 @@ impl Objects {
             (true, map) => Frame::around(bent(map)),
             (false, _) => frame,
         };
-        let way = if look.inside { exp(part.absorption * -hit.t) } else { Vec3::ONE };
         let bsdf = match material.unlit {
             true => Bsdf::matte(geometric, Vec3::ZERO),
             false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &look)),
         };
         let emission = emission(&filtered, material);
-        Surface { position, normal: geometric, margin, bsdf, emission, way }
+        Surface { position, normal: geometric, margin, bsdf, emission, media }
     }
 
     /// Unit normal of a triangle, by its winding.
@@ -354,31 +363,6 @@ impl Objects {
     }
 }
 
-/// The inside of bodies along a straight ray. Entries take off what lies before them and exits add it, so
-/// that no order matters; a ray that starts or ends inside is right too.
-#[derive(Default)]
-struct Body {
-    depth: Vec3,
-    open: Vec3,
-}
-
-impl Body {
-    fn cross(&mut self, hit: &Hit, absorption: Vec3) {
-        let turn = if hit.back { absorption } else { -absorption };
-        self.depth += turn * hit.t;
-        self.open -= turn;
-    }
-
-    /// What is left of the light of a ray that ends at a distance.
-    fn left(&self, reach: f32) -> Vec3 {
-        if self.depth == Vec3::ZERO && self.open == Vec3::ZERO {
-            return Vec3::ONE;
-        }
-        let rest = if reach.is_finite() { self.open.max(Vec3::ZERO) * reach } else { Vec3::ZERO };
-        exp(-(self.depth + rest).max(Vec3::ZERO))
-    }
-}
-
 /// What a material emits at a point.
 fn emission(spot: &Spot<'_>, material: &Material) -> Vec3 {
     if material.unlit {
@@ -431,6 +415,7 @@ fn look(spot: &Spot<'_>, material: &Material) -> Look {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bvh::Ray;
 
     /// A mirror keeps the outside outside.
     /// Mutation: `[a, c, b]` to `[a, b, c]` in `wound` (seen red).
@@ -452,7 +437,7 @@ mod tests {
         let ray = Ray::new(Vec3::new(-0.2, 0.2, 1.0), Vec3::NEG_Z);
         let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, 0, true)).expect("front");
         assert!(!hit.back);
-        let surface = objects.surface(&hit, Vec3::Z, false, 0.0);
+        let surface = objects.surface(&hit, Vec3::Z, false, 0.0, Media::default());
         assert!((surface.normal - Vec3::Z).length() < 1e-6);
         let behind = Ray::new(Vec3::new(-0.2, 0.2, -1.0), Vec3::Z);
         assert!(objects.bvh.closest(behind, |hit| objects.accepts(hit, 0, true)).is_none());

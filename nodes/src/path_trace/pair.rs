@@ -47,7 +47,7 @@ pub(super) fn trace_r0(
         for sample in samples {
             let mut walk = Walk { look, ..Walk::new(world, sample.points, sample.key, false) };
             let light = match sample.hit {
-                Some(hit) => walk.radiance(Vertex::Receiver(hit), sample.ray.direction),
+                Some(hit) => walk.radiance(Vertex::Receiver(hit), sample.ray),
                 None => world.sky.seen(sample.ray.direction),
             };
             sums_of_tile.rays += walk.rays;
@@ -121,7 +121,7 @@ pub(super) fn trace_pair(
             let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
             let lift = ray.direction * shift;
             let reach = Reach { look, lights, odds, start, objects: [low, high], lift };
-            let light = walk.change(hit, ray.direction, &reach);
+            let light = walk.change(hit, ray, &reach);
             sums_of_tile.rays += walk.rays;
             touched |= light != Vec3::ZERO;
             if add(&mut change, light, &mut sums_of_tile.broken) {
@@ -184,7 +184,7 @@ fn show(
     let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
     let Some(front) = front.filter(|front| front.t <= reach(&mut of_tile.rays)) else { return };
     let mut walk = Walk { spread: lens.spread, ..Walk::new(world, sample.points, sample.key, true) };
-    let light = walk.radiance(Vertex::Object(front), ray.direction);
+    let light = walk.radiance(Vertex::Object(front), ray);
     of_tile.rays += walk.rays;
     of_tile.cut += u64::from(walk.cut);
     if add(&mut sums[4..], light, &mut of_tile.broken) {

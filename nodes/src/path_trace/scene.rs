@@ -4,6 +4,7 @@ use glam::{DVec3, Vec3};
 
 use super::bsdf::Bsdf;
 use super::grade::{Corner, Grade};
+use super::media::Media;
 use crate::bvh::{Bvh, Hit, Ray};
 use crate::types::Mesh;
 
@@ -27,8 +28,8 @@ pub struct Surface {
     pub bsdf: Bsdf,
     /// What it emits towards the viewer.
     pub emission: Vec3,
-    /// What the body that the viewer looks through leaves of the light from here; 1 outside of any.
-    pub way: Vec3,
+    /// What is on the side of the viewer, and on the other.
+    pub media: [Media; 2],
 }
 
 impl Surface {
@@ -37,6 +38,17 @@ impl Surface {
     pub fn leave(&self, direction: Vec3) -> Ray {
         let side = self.margin.copysign(direction.dot(self.normal));
         Ray::new(self.position + self.normal * side, direction)
+    }
+
+    /// A ray that leaves along the normal from a start that is lifted.
+    pub fn upright(&self, lift: Vec3) -> Ray {
+        let ray = self.leave(self.normal);
+        Ray { origin: ray.origin + lift, ..ray }
+    }
+
+    /// What a ray is in that leaves the surface.
+    pub fn medium(&self, direction: Vec3) -> Media {
+        self.media[usize::from(direction.dot(self.normal) < 0.0)]
     }
 }
 
@@ -164,7 +176,7 @@ impl Receiver {
         face.at(hit) + self.facing(hit) * face.margin
     }
 
-    /// The surface at a hit, seen from where the ray came.
+    /// The surface at a hit, seen from where the ray came, in no body.
     #[inline]
     pub fn surface(&self, hit: &Hit) -> Surface {
         let face = &self.faces[hit.triangle as usize];
@@ -175,7 +187,7 @@ impl Receiver {
             margin: face.margin,
             bsdf: Bsdf::matte(normal, self.albedo_at(hit)),
             emission: Vec3::ZERO,
-            way: Vec3::ONE,
+            media: Default::default(),
         }
     }
 }

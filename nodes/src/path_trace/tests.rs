@@ -17,6 +17,7 @@ mod enough;
 mod extremes;
 mod insertion;
 mod materials;
+mod media;
 mod near;
 mod sampling;
 mod visibility;

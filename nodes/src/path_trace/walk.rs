@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::bsdf::{Lobe, Scatter};
 use super::film::Rays;
 use super::light::{Drawn, Look, Sky, TIERS};
+use super::media::Media;
 use super::near::{Near, Seen};
 use super::objects::Objects;
 use super::rules::{Block, Rules};
@@ -60,6 +61,14 @@ impl Vertex {
             Self::Receiver(hit) | Self::Object(hit) | Self::Straight(hit) => hit.t,
         }
     }
+
+    /// Where it is on an object.
+    fn on_object(&self) -> Option<&Hit> {
+        match self {
+            Self::Receiver(_) => None,
+            Self::Object(hit) | Self::Straight(hit) => Some(hit),
+        }
+    }
 }
 
 /// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
@@ -96,6 +105,8 @@ pub(super) struct Way {
     pub weight: Vec3,
     /// Weight of what the vertex emits, beside light samples of the one before.
     pub glow: f32,
+    /// What the ray was in at the vertex.
+    pub media: Media,
 }
 
 /// Balance of two strategies by the squares of their densities (Veach 1997, power heuristic).
@@ -138,44 +149,88 @@ impl<'a> Walk<'a> {
         }
     }
 
-    fn surface(&self, vertex: &Vertex, out: Vec3, width: f32) -> Surface {
-        match vertex {
-            Vertex::Receiver(hit) => self.world.receiver.surface(hit),
-            Vertex::Object(hit) => self.world.objects.surface(hit, out, false, width),
-            Vertex::Straight(hit) => self.world.objects.surface(hit, out, true, width),
+    fn surface(&mut self, vertex: &Vertex, out: Vec3, width: f32, media: Media) -> Surface {
+        let (hit, straight) = match vertex {
+            Vertex::Receiver(hit) => {
+                return Surface { media: [media; 2], ..self.world.receiver.surface(hit) };
+            }
+            Vertex::Object(hit) => (hit, false),
+            Vertex::Straight(hit) => (hit, true),
+        };
+        let mut surface = self.world.objects.surface(hit, out, straight, width, media);
+        let [near, far] = surface.media;
+        if !near.is_empty() && far.is_deeper(&near) {
+            // Where two bodies touch, the path sees one of the two surfaces, and may be out of the first body.
+            surface.media[1] = self.around(surface.leave(-surface.normal));
         }
+        surface
     }
 
-    /// The nearest object along a ray that left by a lobe, and the weight of what the ray finds.
-    pub(super) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> (Option<Vertex>, f32, Vec3) {
+    /// The bodies around the start of a ray of which nothing is known.
+    pub(super) fn around(&mut self, ray: Ray) -> Media {
+        if !self.objects || !self.world.objects.may_hold(ray.origin) {
+            return Media::default();
+        }
+        self.rays.shadow += 1;
+        self.world.objects.around(ray, self.key, false)
+    }
+
+    /// Whether a ray that left by a lobe goes straight through what it meets.
+    fn straight(&self, lobe: Lobe) -> bool {
+        self.world.objects.clear && lobe == Lobe::Diffuse
+    }
+
+    /// The nearest object along a ray that left by a lobe.
+    pub(super) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> Option<Vertex> {
         if !self.objects {
-            return (None, f32::INFINITY, Vec3::ONE);
+            return None;
         }
         self.rays.scattered += 1;
         let objects = self.world.objects;
-        let straight = objects.clear && lobe == Lobe::Diffuse;
-        let (hit, weight) = match straight {
-            true => objects.closest_straight(ray, key),
-            false => (objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)), Vec3::ONE),
+        if self.straight(lobe) {
+            return objects.closest_straight(ray, key).map(Vertex::Straight);
+        }
+        objects.bvh.closest(ray, |hit| objects.accepts(hit, key, false)).map(Vertex::Object)
+    }
+
+    /// The weight of what is found at the end of such a ray, which is a vertex or nothing, and the media there.
+    pub(super) fn along(
+        &mut self,
+        mut ray: Ray,
+        key: u32,
+        lobe: Lobe,
+        end: Option<&Vertex>,
+        media: Media,
+    ) -> (Vec3, Media) {
+        if !self.objects {
+            return (Vec3::ONE, media);
+        }
+        ray.t_max = end.map_or(ray.t_max, Vertex::distance);
+        let hit = end.and_then(Vertex::on_object);
+        let (weight, media) = match self.straight(lobe) {
+            true => self.world.objects.along_straight(ray, key, hit, media),
+            false => self.world.objects.within(media, hit, ray.t_max),
         };
         self.touched |= hit.is_some() || weight != Vec3::ONE;
-        let vertex = if straight { Vertex::Straight } else { Vertex::Object };
-        (hit.map(vertex), hit.map_or(f32::INFINITY, |hit| hit.t), weight)
+        (weight, media)
     }
 
     /// What the objects let through along a ray, by the lobe that it serves.
-    /// One triangle may be excepted: the one that shines at the end.
-    pub(super) fn unshaded(&mut self, ray: Ray, key: u32, except: Option<u32>) -> [Vec3; 2] {
+    /// The ray starts in `media`. One triangle may be excepted: the one that shines at the end.
+    pub(super) fn unshaded(&mut self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> [Vec3; 2] {
         if !self.objects {
             return [Vec3::ONE; 2];
         }
         self.rays.shadow += 1;
         let objects = self.world.objects;
         if !objects.bvh.any(ray, |hit| Some(hit.triangle) != except && objects.accepts(hit, key, false)) {
-            return [Vec3::ONE; 2];
+            let (left, _) = objects.within(media, None, ray.t_max);
+            self.touched |= left != Vec3::ONE;
+            return [left; 2];
         }
         self.touched = true;
-        let straight = if objects.clear { objects.transmittance(ray, key, except) } else { Vec3::ZERO };
+        let straight =
+            if objects.clear { objects.transmittance(ray, key, except, media) } else { Vec3::ZERO };
         [straight, Vec3::ZERO]
     }
 
@@ -201,7 +256,7 @@ impl<'a> Walk<'a> {
             return Vec3::ZERO;
         }
         self.touched = true;
-        let unshaded = self.unshaded(ray, key, Some(lamp.hit.triangle));
+        let unshaded = self.unshaded(ray, key, Some(lamp.hit.triangle), surface.medium(direction));
         let weighed = |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power(pdf, s.pdf);
         let arrived: Vec3 = lobes.iter().zip(unshaded).map(weighed).sum();
         arrived * objects.emission(&lamp.hit) / pdf
@@ -271,7 +326,8 @@ impl<'a> Walk<'a> {
             return Vec3::ONE;
         };
         let ray = Ray::new(place.position + place.normal * place.margin, light.direction);
-        self.unshaded(ray, key ^ 4, None)[0]
+        let media = self.around(ray);
+        self.unshaded(ray, key ^ 4, None, media)[0]
     }
 
     /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points
@@ -291,7 +347,8 @@ impl<'a> Walk<'a> {
             return Vec3::ZERO;
         }
         let ray = Near::towards(surface.leave(from_sky.direction), place.as_ref());
-        let mut unshaded = self.unshaded(Ray { origin: ray.origin + lift, ..ray }, key, None);
+        let to_objects = Ray { origin: ray.origin + lift, ..ray };
+        let mut unshaded = self.unshaded(to_objects, key, None, surface.medium(from_sky.direction));
         if let Some((near, points)) = near {
             let dimming = self.dimming(near, seen, points, key);
             unshaded = unshaded.map(|passes| passes * dimming);
@@ -329,23 +386,38 @@ impl<'a> Walk<'a> {
         arrived * from_sky.radiance / from_sky.density
     }
 
-    /// Radiance that leaves a vertex against the unit direction of the ray of the camera that found it.
-    pub fn radiance(&mut self, first: Vertex, direction: Vec3) -> Vec3 {
-        self.onward(first, Way { direction, bounce: 0, weight: Vec3::ONE, glow: 1.0 })
+    /// Radiance that comes back along a ray of the camera, of unit direction, from the vertex that it found. What
+    /// is before the receiver is left out, be it a body around it.
+    pub fn radiance(&mut self, first: Vertex, ray: Ray) -> Vec3 {
+        let (mut weight, mut media) = (Vec3::ONE, Media::default());
+        let objects = self.world.objects;
+        match &first {
+            _ if !self.objects || objects.bodies.is_empty() => {}
+            Vertex::Receiver(hit) => {
+                let surface = self.world.receiver.surface(hit);
+                media = self.around(surface.upright(self.lift));
+            }
+            Vertex::Object(hit) | Vertex::Straight(hit) => {
+                if objects.may_hold(ray.origin) {
+                    media = objects.around(ray, self.key, true);
+                }
+                (weight, media) = objects.within(media, Some(hit), hit.t);
+            }
+        }
+        self.onward(first, Way { direction: ray.direction, bounce: 0, weight, glow: 1.0, media })
     }
 
     /// What a vertex gives to the eye, seen on some way.
     pub(super) fn onward(&mut self, mut vertex: Vertex, way: Way) -> Vec3 {
         let World { sky, rules, .. } = self.world;
         let near = self.world.near();
-        let Way { bounce: start, mut weight, mut glow, .. } = way;
+        let Way { bounce: start, mut weight, mut glow, mut media, .. } = way;
         // How wide the ray is at the vertex, and how fast it widens.
         let (mut width, mut spread) = (0.0, if start == 0 { self.spread } else { BLUR });
         let (mut out, mut light) = (-way.direction, Vec3::ZERO);
         for bounce in start..=rules.max_bounces + 1 {
             width += spread * vertex.distance();
-            let surface = self.surface(&vertex, out, width);
-            weight *= surface.way;
+            let surface = self.surface(&vertex, out, width, media);
             light += rules.clamped(bounce, weight * surface.emission * glow);
             if bounce > rules.max_bounces {
                 self.cut |= !matches!(vertex, Vertex::Receiver(_)) && weight.max_element() > 0.5;
@@ -398,16 +470,22 @@ impl<'a> Walk<'a> {
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let sight = rules.sight(lobe);
             let ray = surface.leave(direction);
-            let (object, reach, passed) =
-                self.object(Ray { origin: ray.origin + lift, ..ray }, key ^ 1, lobe);
-            let throughput = passed * scatter.value / scatter.pdf;
+            let to_objects = Ray { origin: ray.origin + lift, ..ray };
+            let object = self.object(to_objects, key ^ 1, lobe);
             let to_sky = near.is_some() || !matte;
             let landed = if sight.lands && (go_on || (to_sky && sight.block == Block::Solid)) {
                 self.rays.scattered += 1;
+                let on_object = object.as_ref().and_then(Vertex::on_object);
+                let reach = on_object.map_or(f32::INFINITY, |hit| self.world.objects.reach(hit, direction));
                 self.world.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
             } else {
                 None
             };
+            let found = landed.map(Vertex::Receiver).or(object);
+            let passed;
+            (passed, media) =
+                self.along(to_objects, key ^ 1, lobe, found.as_ref(), surface.medium(direction));
+            let throughput = passed * scatter.value / scatter.pdf;
             if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
                 self.rays.scattered += 1;
                 if let Some(seen) = near.found(ray, side, landed.as_ref()) {
@@ -429,11 +507,8 @@ impl<'a> Walk<'a> {
                     }
                 }
             }
-            vertex = match (landed, object) {
-                (Some(hit), _) => Vertex::Receiver(hit),
-                (None, Some(object)) => object,
-                (None, None) => break,
-            };
+            let Some(next) = found else { break };
+            vertex = next;
             glow = match vertex {
                 Vertex::Object(hit) | Vertex::Straight(hit) => self.glow(&hit, ray, scatter.pdf),
                 Vertex::Receiver(_) => 1.0,

@@ -4,7 +4,7 @@ use super::*;
 use crate::path_trace::bsdf::{Look, straight};
 use crate::types::Map;
 
-fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
+pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
     Material {
         base_colour: [base, base, base, 1.0],
         metallic: 0.0,
@@ -49,7 +49,7 @@ fn layers_of_no_strength_cost_nothing() {
 }
 
 /// Mean over the hemisphere, weighted by the cosine.
-fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
+pub(super) fn over_cosines(f: impl Fn(f32) -> f32) -> f64 {
     let n = 2_000;
     let cosines = (0..n).map(|i| (f64::from(i) + 0.5) / f64::from(n));
     cosines.map(|c| 2.0 * c * f64::from(f(c as f32))).sum::<f64>() / f64::from(n)

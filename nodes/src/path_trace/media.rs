@@ -1,0 +1,270 @@
+//! The bodies that light is in, and what they leave of it.
+//!
+//! A path carries the bodies that it has entered and not yet left. The one that it entered last absorbs, alone:
+//! what stands in a body takes the place of its stuff, as ice does in water, so a part of the same stuff changes
+//! nothing. The indices on the two sides of a surface follow from the same list. A body that is left without
+//! having been entered was around all of the ray, inside of what the path knows of; what escapes from an open
+//! mesh was in none.
+
+use std::cmp::Ordering;
+
+use glam::Vec3;
+
+use super::objects::{Objects, Part};
+use crate::bvh::{Hit, Ray};
+use crate::num;
+use crate::sampling::{hash, unit};
+
+/// Bodies inside of one another that a path knows. Where there are more, it forgets the outermost until it
+/// leaves that.
+const MOST: usize = 4;
+
+/// What is inside of the surfaces of one placed object that bound the same stuff.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body {
+    /// The object.
+    pub placed: usize,
+    /// Absorption for a unit of the scene.
+    pub absorption: Vec3,
+    /// Index of refraction.
+    pub ior: f32,
+}
+
+/// The bodies around a point, from the outermost to the innermost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Media {
+    bodies: [u32; MOST],
+    depth: u32,
+}
+
+impl Media {
+    fn all(&self) -> &[u32] {
+        &self.bodies[..self.depth as usize]
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.depth == 0
+    }
+
+    /// Whether these are others than those, and no fewer.
+    pub fn is_deeper(&self, those: &Self) -> bool {
+        self != those && self.depth >= those.depth
+    }
+
+    /// Past the front of a body.
+    fn enter(mut self, body: u32) -> Self {
+        if self.depth as usize == MOST {
+            self.bodies.rotate_left(1);
+            self.depth -= 1;
+        }
+        self.bodies[self.depth as usize] = body;
+        self.depth += 1;
+        self
+    }
+
+    /// Past the back of a body.
+    fn leave(mut self, body: u32) -> Self {
+        if let Some(at) = self.all().iter().rposition(|&b| b == body) {
+            self.bodies.copy_within(at + 1.., at);
+            self.depth -= 1;
+        }
+        self
+    }
+
+    /// With a body around all others, unless it is one of them.
+    fn amid(mut self, body: u32) -> Self {
+        if !self.all().contains(&body) && (self.depth as usize) < MOST {
+            self.bodies.rotate_right(1);
+            self.bodies[0] = body;
+            self.depth += 1;
+        }
+        self
+    }
+}
+
+/// In the order in which a ray meets them.
+fn nearer(a: &Hit, b: &Hit) -> Ordering {
+    a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle))
+}
+
+impl Objects {
+    /// What is on the side of a surface that a ray of some media meets, and what on the other.
+    pub(super) fn sides(&self, part: &Part, back: bool, media: Media) -> [Media; 2] {
+        match (part.body, back) {
+            (None, _) => [media; 2],
+            (Some(body), false) => [media, media.enter(body)],
+            (Some(body), true) => [media.amid(body), media.leave(body)],
+        }
+    }
+
+    /// The indices of the media on the two sides of a surface.
+    pub(super) fn indices(&self, sides: [Media; 2]) -> [f32; 2] {
+        sides.map(|media| media.all().last().map_or(1.0, |&body| self.bodies[body as usize].ior))
+    }
+
+    /// Absorption over a unit of a way.
+    fn absorption(&self, media: Media) -> Vec3 {
+        media.all().last().map_or(Vec3::ZERO, |&body| self.bodies[body as usize].absorption)
+    }
+
+    /// Whether a point may be in a body.
+    pub fn may_hold(&self, point: Vec3) -> bool {
+        self.held.is_some_and(|(low, high)| point.cmpge(low).all() && point.cmple(high).all())
+    }
+
+    /// The bodies around the start of a ray: those that the ray leaves and has not entered.
+    pub fn around(&self, ray: Ray, key: u32, camera: bool) -> Media {
+        let mut crossed = Vec::new();
+        self.bvh.any(ray, |hit| {
+            if self.part(hit.triangle).0.body.is_some() && self.accepts(hit, key, camera) {
+                crossed.push(*hit);
+            }
+            false
+        });
+        let (mut around, mut entered) = (Media::default(), Media::default());
+        self.in_order(&mut crossed);
+        for hit in crossed {
+            let Some(body) = self.part(hit.triangle).0.body else { continue };
+            match (hit.back, entered.all().contains(&body)) {
+                (false, _) => entered = entered.enter(body),
+                (true, true) => entered = entered.leave(body),
+                // What is left first was entered last.
+                (true, false) => around = around.amid(body),
+            }
+        }
+        around
+    }
+
+    /// Hits of the surfaces of bodies in the order of the ray. An edge is met by both of its triangles, in
+    /// one place, and crossed once.
+    fn in_order(&self, crossed: &mut Vec<Hit>) {
+        crossed.sort_unstable_by(nearer);
+        let of = |hit: &Hit| (hit.t.to_bits(), hit.back, self.part(hit.triangle).0.body);
+        crossed.dedup_by_key(|hit| of(hit));
+    }
+
+    /// What is left of the light of a ray that starts in some media and crosses the surfaces of bodies, each
+    /// of which lets a share pass that depends on what is on its sides; and the media where it ends, on the
+    /// surface `end` or at its reach.
+    fn through(
+        &self,
+        mut media: Media,
+        mut crossed: Vec<Hit>,
+        (end, reach): (Option<&Hit>, f32),
+        share: impl Fn(&Hit, [Media; 2]) -> Vec3,
+    ) -> (Vec3, Media) {
+        self.in_order(&mut crossed);
+        let (mut light, mut depth, mut from) = (Vec3::ONE, Vec3::ZERO, 0.0);
+        for hit in &crossed {
+            let sides = self.sides(self.part(hit.triangle).0, hit.back, media);
+            light *= share(hit, sides);
+            depth += self.absorption(sides[0]) * (hit.t - from);
+            (media, from) = (sides[1], hit.t);
+        }
+        if let Some(hit) = end {
+            [media, _] = self.sides(self.part(hit.triangle).0, hit.back, media);
+        }
+        if reach.is_finite() {
+            depth += self.absorption(media) * (reach - from);
+        } else {
+            media = Media::default();
+        }
+        let left =
+            if depth == Vec3::ZERO { Vec3::ONE } else { depth.to_array().map(|d| num::f32::exp(-d)).into() };
+        (light * left, media)
+    }
+
+    /// What is left of the light of a ray that crosses nothing up to its end, and the media there.
+    pub fn within(&self, media: Media, end: Option<&Hit>, reach: f32) -> (Vec3, Media) {
+        match self.bodies.is_empty() {
+            true => (Vec3::ONE, media),
+            false => self.through(media, Vec::new(), (end, reach), |_, _| Vec3::ONE),
+        }
+    }
+
+    /// The share of light that comes straight along a ray, apart from what one triangle does.
+    pub fn transmittance(&self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> Vec3 {
+        let (mut light, mut crossed) = (Vec3::ONE, Vec::new());
+        let blocked = self.bvh.any(ray, |hit| {
+            if Some(hit.triangle) == except || !self.accepts(hit, key, false) {
+                return false;
+            }
+            match self.part(hit.triangle).0 {
+                part if !part.clear => light = Vec3::ZERO,
+                part if part.body.is_some() => crossed.push(*hit),
+                _ => light *= self.straight(hit, ray.direction, None),
+            }
+            light == Vec3::ZERO
+        });
+        if blocked {
+            return Vec3::ZERO;
+        }
+        let share = |hit: &Hit, sides| self.straight(hit, ray.direction, Some(sides));
+        light * self.through(media, crossed, (None, ray.t_max), share).0
+    }
+
+    /// How often a ray that goes straight passes a surface: as much of the light does in the air.
+    fn odds(&self, hit: &Hit, direction: Vec3) -> f32 {
+        self.straight(hit, direction, None).max_element()
+    }
+
+    /// The nearest surface along a ray that goes straight, which some surfaces let pass at random. The
+    /// surface found is one that reflects.
+    pub fn closest_straight(&self, ray: Ray, key: u32) -> Option<Hit> {
+        self.bvh.closest(ray, |hit| {
+            self.accepts(hit, key, false) && unit(hash(!key, hit.triangle)) >= self.odds(hit, ray.direction)
+        })
+    }
+
+    /// The weight of what is found at the end of a ray that goes straight, on a surface that
+    /// [`closest_straight`](Self::closest_straight) has found or at its reach, and the media there.
+    pub fn along_straight(&self, ray: Ray, key: u32, end: Option<&Hit>, media: Media) -> (Vec3, Media) {
+        let (mut weight, mut crossed) = (Vec3::ONE, Vec::new());
+        self.bvh.any(ray, |hit| {
+            let mine = end.is_some_and(|end| end.triangle == hit.triangle);
+            if !self.accepts(hit, key, false) || (!mine && hit.t >= ray.t_max) {
+                return false;
+            }
+            let odds = self.odds(hit, ray.direction);
+            match self.part(hit.triangle).0.body {
+                _ if mine => weight /= 1.0 - odds,
+                _ if odds == 0.0 => {}
+                Some(_) => crossed.push(*hit),
+                None => weight *= self.straight(hit, ray.direction, None) / odds,
+            }
+            false
+        });
+        let share =
+            |hit: &Hit, sides| self.straight(hit, ray.direction, Some(sides)) / self.odds(hit, ray.direction);
+        let (left, media) = self.through(media, crossed, (end, ray.t_max), share);
+        (weight * left, media)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn media(bodies: &[u32]) -> Media {
+        bodies.iter().fold(Media::default(), |media, &body| media.enter(body))
+    }
+
+    #[test]
+    fn bodies_are_entered_and_left() {
+        assert_eq!(media(&[3, 7]).leave(7).all(), [3]);
+        assert_eq!(media(&[3, 7]).leave(3).all(), [7], "overlapping ones in any order");
+        assert_eq!(media(&[3, 7, 3]).leave(3).all(), [3, 7], "the last of several of the same stuff");
+        assert_eq!(media(&[3]).leave(7).all(), [3], "one that was not entered");
+        assert_eq!(media(&[3]).amid(7).all(), [7, 3], "one that was not entered is around");
+        assert_eq!(media(&[3, 7]).amid(7).all(), [3, 7]);
+    }
+
+    #[test]
+    fn the_outermost_of_many_is_forgotten() {
+        let full = media(&[0, 1, 2, 3, 4]);
+        assert_eq!(full.all(), [1, 2, 3, 4]);
+        assert_eq!(full.amid(0), full);
+        assert_eq!(full.leave(4).amid(0).all(), [0, 1, 2, 3], "until it is left");
+    }
+}
