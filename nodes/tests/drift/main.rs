@@ -10,12 +10,13 @@ mod lights;
 mod means;
 mod moved;
 mod references;
+mod scenes;
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
-use nodes::types::{Brackets, Environment, Images, Panorama, Report, Views};
+use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
 /// How far metrics may be off what the publications have, since ours take the rounded matrices, white and curves of
 /// published tools.
@@ -88,6 +89,10 @@ fn cases(run: &Run) -> Vec<Case> {
     let shown = references::shown(&finished, &view);
     let scores = references::scores(&shown, 64);
     let told = references::scores_of(&run.value::<Report>("score.report"));
+    let camera = &run.value::<Rig>("demo.rig").cameras[0];
+    let splatted = scenes::splatted(&run.value::<Splats>("demo.splats"), camera);
+    let nearest =
+        scenes::nearest(&run.value::<Mesh>("demo.proxy"), &run.value::<Placed>("placed.placed"), camera);
     let layers = means::Layers {
         width: 64,
         without: without.clone(),
@@ -133,6 +138,13 @@ fn cases(run: &Run) -> Vec<Case> {
             "score-env",
             1e-9,
             apart(&lights::told(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
+        ),
+        exact("splat-render, EWA as published", 1e-5, apart(&view, &splatted)),
+        // Where nothing is met both are infinite.
+        exact(
+            "path-trace depth, relative",
+            1e-5,
+            relative(&layers.depth, &nearest, 0.0).into_iter().filter(|off| !off.is_nan()).collect(),
         ),
         exact("denoise, relative", 1e-4, relative(&cleaned, &layers.averaged(), 0.01)),
         finer("splat-render, arithmetic", "F64", 1e-4, apart(&view, &run.picture("double.colour"))),

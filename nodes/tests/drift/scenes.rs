@@ -1,0 +1,142 @@
+//! What a camera sees of splats and of triangles, in float64 and by looking at all of them for each pixel.
+
+use std::f64::consts::PI;
+
+use glam::{DMat3, DQuat, DVec3};
+use nodes::num;
+use nodes::types::{Camera, Mesh, Placed, Splats};
+
+/// Real spherical harmonics in a unit direction, degree after degree and -l to l within one, by the recurrence of the
+/// associated Legendre functions, with the sign (-1)^m of Condon and Shortley.
+fn harmonics(degree: u32, d: DVec3) -> Vec<f64> {
+    let factorial = |n: i32| (1..=n).map(f64::from).product::<f64>();
+    // sin(theta)^m cos(m phi) and the same with the sine.
+    let turns: Vec<(f64, f64)> =
+        std::iter::successors(Some((1.0, 0.0)), |(c, s)| Some((c * d.x - s * d.y, c * d.y + s * d.x)))
+            .take(degree as usize + 1)
+            .collect();
+    let legendre = |l: i32, m: i32| {
+        let first = (1..=m).map(|k| f64::from(2 * k - 1)).product::<f64>();
+        let (mut before, mut last) = (0.0, first);
+        for k in m + 1..=l {
+            let next = (f64::from(2 * k - 1) * d.z * last - f64::from(k + m - 1) * before) / f64::from(k - m);
+            (before, last) = (last, next);
+        }
+        last
+    };
+    let value = |l: i32, m: i32| {
+        let n = m.abs();
+        let scale = (f64::from(2 * l + 1) / (4.0 * PI) * factorial(l - n) / factorial(l + n)).sqrt();
+        let (cosine, sine) = turns[n as usize];
+        let turned = if m < 0 { sine } else { cosine } * if n % 2 == 1 { -1.0 } else { 1.0 };
+        scale * legendre(l, n) * if m == 0 { 1.0 } else { 2.0_f64.sqrt() * turned }
+    };
+    (0..=degree as i32).flat_map(|l| (-l..=l).map(move |m| (l, m))).map(|(l, m)| value(l, m)).collect()
+}
+
+/// A splat on the picture.
+struct Footprint {
+    depth: f64,
+    centre: [f64; 2],
+    /// Inverse of the covariance: xx, xy, yy.
+    shape: [f64; 3],
+    opacity: f64,
+    rgb: [f64; 3],
+}
+
+/// Premultiplied colour and alpha of each pixel: EWA splatting as Zwicker et al.
+/// 2001 and Kerbl et al. 2023 have it, with the constants of the latter.
+pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
+    let world = camera.world_from_camera();
+    let turn = DMat3::from_mat4(world).transpose();
+    let eye = world.w_axis.truncate();
+    let size = [camera.width_px, camera.height_px].map(f64::from);
+    let focal = [camera.fx, camera.fy];
+    let footprint = |i: usize| {
+        let p = turn * (splats.mean(i) - eye);
+        if p.z <= 0.2 {
+            return None;
+        }
+        let [w, x, y, z] = splats.quats[i].map(f64::from);
+        let axes = turn * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let axes = axes * DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)));
+        // Far outside of the picture the slope of the projection is held.
+        let held = |k: usize| (p[k] / p.z).clamp(-0.65 * size[k] / focal[k], 0.65 * size[k] / focal[k]);
+        let rows = [0, 1].map(|k| {
+            let mut row = DVec3::ZERO;
+            row[k] = focal[k] / p.z;
+            row.z = -focal[k] * held(k) / p.z;
+            axes.transpose() * row
+        });
+        let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
+        let determinant = xx * yy - xy * xy;
+        let basis = harmonics(splats.sh_degree, (splats.mean(i) - eye).normalize());
+        let triples = &splats.sh[i * basis.len()..][..basis.len()];
+        let channel = |c: usize| basis.iter().zip(triples).map(|(b, sh)| b * f64::from(sh[c])).sum::<f64>();
+        Some(Footprint {
+            depth: p.z,
+            centre: [focal[0] * p.x / p.z + camera.cx, focal[1] * p.y / p.z + camera.cy],
+            shape: [yy / determinant, -xy / determinant, xx / determinant],
+            opacity: f64::from(splats.opacities[i]),
+            rgb: [0, 1, 2].map(|c| (channel(c) + 0.5).max(0.0)),
+        })
+    };
+    let mut footprints: Vec<Footprint> = (0..splats.len()).filter_map(footprint).collect();
+    footprints.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    let mut colours = Vec::new();
+    for pixel in 0..camera.width_px * camera.height_px {
+        let at = [pixel % camera.width_px, pixel / camera.width_px].map(|k| f64::from(k) + 0.5);
+        let (mut rgb, mut clear) = ([0.0; 3], 1.0);
+        for Footprint { centre, shape: [xx, xy, yy], opacity, rgb: colour, .. } in &footprints {
+            let [dx, dy] = [at[0] - centre[0], at[1] - centre[1]];
+            let power = -0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy);
+            // Nothing that is cut is worth an exponential.
+            let alpha = if power < -6.0 { 0.0 } else { (opacity * num::f64::exp(power)).min(0.99) };
+            if alpha < 1.0 / 255.0 {
+                continue;
+            }
+            if clear * (1.0 - alpha) < 1e-4 {
+                break;
+            }
+            rgb.iter_mut().zip(colour).for_each(|(sum, c)| *sum += clear * alpha * c);
+            clear *= 1.0 - alpha;
+        }
+        colours.extend(rgb.into_iter().chain([1.0 - clear]));
+    }
+    colours
+}
+
+/// Planar depth at the centre of each pixel of the nearest of all triangles, +inf where there is none.
+pub fn nearest(mesh: &Mesh, placed: &Placed, camera: &Camera) -> Vec<f64> {
+    let of_mesh = mesh.triangles.iter().map(|t| t.map(|i| mesh.position(i)));
+    let of_object = placed.object.primitives.iter().flat_map(|primitive| {
+        let place = |i: u32| {
+            let corner = DVec3::from(primitive.positions[i as usize].map(f64::from));
+            placed.world_from_object.transform_point3(corner)
+        };
+        primitive.triangles.iter().map(move |t| t.map(place))
+    });
+    let triangles: Vec<[DVec3; 3]> = of_mesh.chain(of_object).collect();
+    let world = camera.world_from_camera();
+    let (eye, forward) = (world.w_axis.truncate(), world.z_axis.truncate());
+    let mut depths = Vec::new();
+    for pixel in 0..camera.width_px * camera.height_px {
+        let [x, y] = [pixel % camera.width_px, pixel / camera.width_px].map(|k| f64::from(k) + 0.5);
+        let ray = camera.direction(x, y);
+        let mut best = f64::INFINITY;
+        for [a, b, c] in &triangles {
+            // Moeller and Trumbore 1997.
+            let (ab, ac) = (*b - *a, *c - *a);
+            let across = ray.cross(ac);
+            let volume = ab.dot(across);
+            let from = eye - *a;
+            let (u, v) = (from.dot(across) / volume, ray.dot(from.cross(ab)) / volume);
+            let t = ac.dot(from.cross(ab)) / volume;
+            if volume != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < best {
+                best = t;
+            }
+        }
+        depths.push(best * ray.dot(forward));
+    }
+    depths
+}
