@@ -443,16 +443,6 @@ pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(cancel)
 }
 
-/// Bytes as a person reads them.
-pub fn size_text(bytes: u64) -> String {
-    match bytes {
-        0..=9_999 => format!("{bytes} B"),
-        10_000..=9_999_999 => format!("{:.1} kB", bytes as f64 / 1e3),
-        10_000_000..=9_999_999_999 => format!("{:.1} MB", bytes as f64 / 1e6),
-        _ => format!("{:.1} GB", bytes as f64 / 1e9),
-    }
-}
-
 /// The folder of the cache: the one that was named, else that of the environment, else the user's.
 pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
     match (named, std::env::var_os("LIGHTHARMONY_CACHE")) {
@@ -468,16 +458,5 @@ pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
 
 /// Bytes, from a number with or without K, M, G or T.
 pub fn size(text: &str) -> Result<u64, Error> {
-    let wrong = || Error::Size(text.to_owned());
-    let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
-    let unit = match text[digits.len()..].to_uppercase().trim_end_matches('B').trim_end_matches('I') {
-        "" => 0,
-        "K" => 10,
-        "M" => 20,
-        "G" => 30,
-        "T" => 40,
-        _ => return Err(wrong()),
-    };
-    let number: f64 = digits.parse().map_err(|_| wrong())?;
-    if (0.0..1e9).contains(&number) { Ok((number * (1_u64 << unit) as f64) as u64) } else { Err(wrong()) }
+    engine::parse_bytes(text).ok_or_else(|| Error::Size(text.to_owned()))
 }

@@ -14,6 +14,7 @@ use crate::record::Output;
 use crate::root::FileHead;
 use crate::run::{Parked, Run};
 use crate::slot::Life;
+use crate::units::bytes_text;
 
 /// How long a node waits before it asks again for a key that another computes, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
@@ -65,9 +66,9 @@ impl<'a> Run<'a> {
             let beside = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
-                format!(" beside the {} of its inputs", size_text(held))
+                format!(" beside the {} of its inputs", bytes_text(held))
             };
-            let (needs, budget) = (size_text(bytes), size_text(budget));
+            let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
                 "needs about {needs} of memory{beside}, the budget is {budget}"
             ))
@@ -171,15 +172,5 @@ impl<'a> Run<'a> {
             }
             self.enqueue(node);
         }
-    }
-}
-
-/// A size in the unit that a person would use.
-fn size_text(bytes: u64) -> String {
-    let of = |unit: u32| bytes as f64 / (1_u64 << unit) as f64;
-    match bytes {
-        0x4000_0000.. => format!("{:.1} GiB", of(30)),
-        0x10_0000.. => format!("{:.1} MiB", of(20)),
-        _ => format!("{:.1} KiB", of(10)),
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use ::cache::{Digest, Limits, Options, Store};
 use clap::{Args, Subcommand};
-use engine::{Engine, Fate, blobs_of};
+use engine::{Engine, Fate, blobs_of, bytes_text};
 
 use crate::commands::print;
 use crate::report;
@@ -101,20 +101,23 @@ fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
     let stat = store.stat()?;
     let rows = [
         ("folder", folder.display().to_string()),
-        ("size", bytes(stat.bytes)),
+        ("size", bytes_text(stat.bytes)),
         ("results", format!("{} records", stat.records)),
         (
             "values",
             format!(
                 "{} in files, {}; {} small ones",
                 stat.large_blobs,
-                bytes(stat.large_bytes),
+                bytes_text(stat.large_bytes),
                 stat.small_blobs
             ),
         ),
-        ("logs", format!("{}, of which {} are dead", bytes(stat.log_bytes), bytes(stat.dead_bytes))),
+        (
+            "logs",
+            format!("{}, of which {} are dead", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes)),
+        ),
         ("files", format!("{} digests remembered", stat.memos)),
-        ("aside", bytes(stat.quarantine_bytes)),
+        ("aside", bytes_text(stat.quarantine_bytes)),
     ];
     let mut text: String = rows.iter().map(|(name, value)| format!("{name:<8} {value}\n")).collect();
     for (name, records) in store.pins() {
@@ -126,9 +129,10 @@ fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
 
 fn check(store: &Store, repair: bool) -> Result<u8, Error> {
     let found = store.check(repair, &blobs_of, &mut |_| true)?;
-    let mut text = format!("{} records and {} values, {}\n", found.records, found.blobs, bytes(found.bytes));
+    let mut text =
+        format!("{} records and {} values, {}\n", found.records, found.blobs, bytes_text(found.bytes));
     if found.damaged_bytes > 0 {
-        text.push_str(&format!("damaged: {} in the logs\n", bytes(found.damaged_bytes)));
+        text.push_str(&format!("damaged: {} in the logs\n", bytes_text(found.damaged_bytes)));
     }
     found.bad.iter().for_each(|digest| text.push_str(&format!("damaged: value {digest}\n")));
     found.incomplete.iter().for_each(|key| text.push_str(&format!("incomplete: result {key}\n")));
@@ -156,8 +160,8 @@ impl Gc {
             "{done} {} results and {} values: {} before, {} after\n",
             gone.records,
             gone.blobs,
-            bytes(gone.before),
-            bytes(gone.after)
+            bytes_text(gone.before),
+            bytes_text(gone.after)
         );
         if gone.pinned > 0 {
             text.push_str(&format!("{} results are pinned and stay\n", gone.pinned));
@@ -239,13 +243,4 @@ pub fn time(text: &str) -> Result<Duration, Error> {
     };
     let number: f64 = digits.parse().map_err(|_| wrong())?;
     Duration::try_from_secs_f64(number * unit).map_err(|_| wrong())
-}
-
-fn bytes(count: u64) -> String {
-    match count {
-        0..1024 => format!("{count} B"),
-        1024..0x10_0000 => format!("{:.1} KiB", count as f64 / 1024.0),
-        0x10_0000..0x4000_0000 => format!("{:.1} MiB", count as f64 / 1_048_576.0),
-        _ => format!("{:.2} GiB", count as f64 / 1_073_741_824.0),
-    }
 }

@@ -1,12 +1,12 @@
 //! `explain`: what a node's result is made of, and why it would run again.
 
 use clap::Args;
-use engine::Graph;
+use engine::{Graph, bytes_text};
 
 use super::plan::{changes_json, planned_json};
 use crate::causes::trail;
 use crate::report::{self, counts_text, seconds_text};
-use crate::session::{EngineArgs, Error, GraphArgs, find, size_text};
+use crate::session::{EngineArgs, Error, GraphArgs, find};
 
 /// Tells why a node would run again, or did when it last ran, back to where it begins.
 #[derive(Debug, Args)]
@@ -60,7 +60,7 @@ impl Explain {
             text.push_str(&format!("{line}\n"));
         }
         if let Some(last) = past.spent {
-            let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
+            let (seconds, memory) = (seconds_text(last.seconds), bytes_text(last.memory));
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
                 "\nits code took {seconds} the last time, admitted with about {memory} of memory{counts}\n"

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use engine::Results;
+use engine::{Results, bytes_text};
 
 use crate::report::remark;
-use crate::session::{EngineArgs, Error, GraphArgs, size_text};
+use crate::session::{EngineArgs, Error, GraphArgs};
 
 /// Packs a graph, the files it reads, its lock and chosen results into one file, to hand on.
 #[derive(Debug, Args)]
@@ -54,7 +54,7 @@ impl Pack {
         super::print(&format!(
             "{}: {}, {} inputs, results of {} nodes, values of {}\n",
             self.bundle.display(),
-            size_text(bytes),
+            bytes_text(bytes),
             packed.inputs,
             packed.known,
             packed.values

@@ -1,12 +1,12 @@
 //! `plan`: what a run would do and why.
 
 use clap::Args;
-use engine::{Change, Engine, Event, Fate, Forecast, Graph, Planned, Why};
+use engine::{Change, Engine, Event, Fate, Forecast, Graph, Planned, Why, bytes_text};
 use serde_json::{Value, json};
 
 use crate::causes::reason;
 use crate::report::{self, counts_text, forecast_text, seconds_text};
-use crate::session::{EngineArgs, Error, GraphArgs, size_text};
+use crate::session::{EngineArgs, Error, GraphArgs};
 
 /// Tells what a run would compute, why, and about how long it takes.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ impl Plan {
             text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
             let past = self.verbose.then(|| engine.past(graph, index, node));
             if let Some(last) = past.and_then(|past| past.spent) {
-                let (seconds, memory) = (seconds_text(last.seconds), size_text(last.memory));
+                let (seconds, memory) = (seconds_text(last.seconds), bytes_text(last.memory));
                 let counts = counts_text(&last.counts);
                 text.push_str(&format!("{:<29} last time {seconds}, admitted with {memory}{counts}\n", ""));
             }

@@ -4,9 +4,9 @@ use std::fs::File;
 use std::path::PathBuf;
 
 use clap::Args;
-use engine::Bundle;
+use engine::{Bundle, bytes_text};
 
-use crate::session::{EngineArgs, Error, size_text};
+use crate::session::{EngineArgs, Error};
 
 /// Unpacks a bundle into a new folder: all of it, or nothing where anything is wrong.
 #[derive(Debug, Args)]
@@ -36,7 +36,7 @@ impl Unpack {
         if self.list {
             let mut text = String::new();
             for (name, length, digest) in bundle.files() {
-                text.push_str(&format!("{} {:>10} {name}\n", digest.short(), size_text(length)));
+                text.push_str(&format!("{} {:>10} {name}\n", digest.short(), bytes_text(length)));
             }
             text.push_str(&format!("{records} distinct results, {values} values\n"));
             super::print(&text)?;
