@@ -18,7 +18,7 @@ use crate::sampling::{circle, hash, unit};
 /// sample asks for a change at all.
 const TOWARDS: u32 = 1 << 17;
 /// Rays to the objects for each steradian in which they are seen.
-const RAYS: f32 = 0.5;
+const RAYS: f32 = 1.0;
 
 /// Where the objects are for the first vertex.
 #[derive(Debug, Clone, Copy)]

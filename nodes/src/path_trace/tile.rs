@@ -14,9 +14,9 @@ const ALIKE: f32 = 0.99;
 
 /// Light samples, and samples at all, for what the objects change where they can hide all light; in proportion
 /// where they can hide less.
-const STAKES: f64 = 25.0;
+const STAKES: f64 = 40.0;
 /// Odds of a sample where next to nothing is at stake.
-const LEAST: f32 = 0.25;
+const LEAST: f32 = 0.5;
 
 /// One sample of one pixel.
 pub(super) struct Sample {
