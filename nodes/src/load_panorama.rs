@@ -254,7 +254,7 @@ mod tests {
     }
 
     // A clipped lamp of one pixel stays one, whatever the turn; light itself turns to a part of a pixel, and keeps its sum.
-    // Mutation: `whole_columns` not asked (seen red).
+    // Mutation: `whole_columns` not asked.
     #[test]
     fn a_turned_photograph_keeps_its_lights() {
         let mut codes = vec![40_u16; 16 * 8 * 3];

@@ -323,8 +323,11 @@ mod tests {
     // What the camera sees of the sun says nothing of how dark a shadow is, and what is held back of a ratio is counted.
     #[test]
     fn the_sun_in_the_picture_puts_no_shadow_out() {
-        let with_sun =
-            |radiance| ratios(&plain(), &[0.05, 0.05, 0.05, radiance], &[0.02, 0.05, 0.05, radiance]);
+        let with_sun = |radiance: f32| {
+            let (mut r0, mut r1) = ([0.05; 12], [0.05; 12]);
+            (r0[11], r1[0], r1[11]) = (radiance, 0.02, radiance);
+            ratios(&plain(), &r0, &r1)
+        };
         assert_eq!(with_sun(1e6), with_sun(0.05));
         assert!((with_sun(1e6)[0] - 0.4).abs() < 1e-3);
         let p = ShadowRatio { min_energy: 0.8, ..plain() };
