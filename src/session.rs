@@ -292,7 +292,7 @@ impl GraphArgs {
         if path.parent() != Some(known.root.folder()) {
             return None;
         }
-        known.edited(text, nodes::registry)
+        known.reparse(text, nodes::registry)
     }
 
     /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong

@@ -9,11 +9,11 @@ use crate::action::last_keys;
 use crate::event::{Event, State, Totals};
 use crate::graph::Graph;
 use crate::job::Message;
-use crate::known::Known;
+use crate::lookup_memo::LookupMemo;
 use crate::plan::wanted;
+use crate::previous_run::{Cone, PreviousRun};
 use crate::run::{Run, Task};
 use crate::schedule::{Engine, RunOptions};
-use crate::settled::{Cone, Settled};
 use crate::slot::{Life, Slot};
 use crate::trace::Tracer;
 
@@ -33,10 +33,10 @@ impl<'a> Run<'a> {
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let settled = engine.settled().take();
-        let cone = settled
-            .as_ref()
-            .and_then(|settled| settled.cone(graph, &options.only, &wanted, &options.out, &engine.store));
+        let previous_run = engine.previous_run().take();
+        let cone = previous_run.as_ref().and_then(|previous_run| {
+            previous_run.cone(graph, &options.only, &wanted, &options.out, &engine.store)
+        });
         let whole = cone.is_none();
         let all = || Cone { of: vec![true; graph.nodes.len()], kept: Vec::new() };
         let Cone { of: cone, kept } = cone.unwrap_or_else(all);
@@ -45,9 +45,9 @@ impl<'a> Run<'a> {
             Slot::new(life, graph.reads(node).iter().filter(|&&above| cone[above]).count())
         };
         let mut totals = Totals::default();
-        let mut slots = match settled.filter(|_| !whole) {
+        let mut slots = match previous_run.filter(|_| !whole) {
             None => (0..graph.nodes.len()).map(slot).collect(),
-            Some(Settled { mut slots, .. }) => {
+            Some(PreviousRun { mut slots, .. }) => {
                 for (index, known) in slots.iter_mut().enumerate() {
                     if cone[index] {
                         *known = slot(index);
@@ -75,8 +75,11 @@ impl<'a> Run<'a> {
         let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
         let last_keys = last_keys(graph);
-        let known =
-            if whole { Known::read(&engine.store, &last_keys, graph.nodes.len()) } else { Known::default() };
+        let known = if whole {
+            LookupMemo::read(&engine.store, &last_keys, graph.nodes.len())
+        } else {
+            LookupMemo::default()
+        };
         Self {
             engine,
             graph,

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::axis::{Axis, at_point, axes_read};
-use crate::compiled::Places;
+use crate::compiled_graph::Places;
 use crate::context::{Scene, Up};
 use crate::diag::{Code, Diagnostic, Source, shown};
 use crate::document::{Document, RawField, RawNode, RawScene};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::check::Check;
-use crate::compiled::{LazyStep, Parts, Places};
+use crate::compiled_graph::{LazyStep, Parts, Places};
 use crate::context::{Point, Scene};
 use crate::diag::{Code, Diagnostic, Diagnostics, Source};
 use crate::document::RawField;

@@ -19,7 +19,7 @@ use crate::value::parse_value;
 
 /// What a part of a joined text is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Role {
+pub(crate) enum PieceRole {
     /// The graph itself, which comes first.
     Graph,
     /// A file that it includes.
@@ -37,7 +37,7 @@ pub(crate) enum Role {
 /// Where a file stands in a joined text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Piece<'t> {
-    pub role: Role,
+    pub role: PieceRole,
     pub name: &'t str,
     pub span: Range<usize>,
 }
@@ -59,7 +59,7 @@ impl Source {
     /// The graph with all that is laid over it but presets.
     pub fn without_presets(&self) -> Self {
         let is_preset =
-            |piece: &Piece<'_>| piece.role == Role::Preset || piece.name.starts_with(BUILT_IN_PRESET);
+            |piece: &Piece<'_>| piece.role == PieceRole::Preset || piece.name.starts_with(BUILT_IN_PRESET);
         let (mut text, mut from) = (String::new(), 0);
         for piece in self.pieces() {
             // With the line that says what it is, which stands before it.
@@ -97,13 +97,14 @@ impl Source {
     pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
         let mut paths = Vec::new();
         let known = |piece: Piece<'_>| {
-            matches!(piece.role, Role::Include | Role::Subgraph).then(|| (piece.role, piece.name.to_owned()))
+            matches!(piece.role, PieceRole::Include | PieceRole::Subgraph)
+                .then(|| (piece.role, piece.name.to_owned()))
         };
-        let mut seen: BTreeSet<(Role, String)> = self.pieces().into_iter().filter_map(known).collect();
+        let mut seen: BTreeSet<(PieceRole, String)> = self.pieces().into_iter().filter_map(known).collect();
         let own = Path::new(&self.name).canonicalize().ok();
         let mut bytes = 0;
         loop {
-            let wanted: Vec<(Role, String)> =
+            let wanted: Vec<(PieceRole, String)> =
                 named(&self).into_iter().filter(|name| seen.insert(name.clone())).collect();
             if wanted.is_empty() || seen.len() > MOST_FILES {
                 return (self, paths);
@@ -111,7 +112,7 @@ impl Source {
             for (role, name) in wanted {
                 let file = root.file(&InputFile(name));
                 // Around a circle back to the graph itself, whose nodes are there already.
-                if role == Role::Include && own.is_some() && file.path.canonicalize().ok() == own {
+                if role == PieceRole::Include && own.is_some() && file.path.canonicalize().ok() == own {
                     self = self.joined("include", &file.name, "Graph()");
                     continue;
                 }
@@ -121,7 +122,7 @@ impl Source {
                     if bytes > MOST_BYTES {
                         return (self, paths);
                     }
-                    let role = if role == Role::Include { "include" } else { "subgraph" };
+                    let role = if role == PieceRole::Include { "include" } else { "subgraph" };
                     self = self.joined(role, &file.name, &text);
                 }
                 paths.push(file.path);
@@ -131,7 +132,7 @@ impl Source {
 
     /// The files of the text, in order.
     pub(crate) fn pieces(&self) -> Vec<Piece<'_>> {
-        let mut pieces = vec![Piece { role: Role::Graph, name: &self.name, span: 0..self.text.len() }];
+        let mut pieces = vec![Piece { role: PieceRole::Graph, name: &self.name, span: 0..self.text.len() }];
         let mut at = 0;
         while let Some(found) = self.text[at..].find(MARK) {
             let mark = at + found;
@@ -139,11 +140,11 @@ impl Source {
             let line = &line[..line.find('\n').unwrap_or(line.len())];
             at = mark + MARK.len() + line.len();
             let role = match line.split_once(' ') {
-                Some(("include", name)) => (Role::Include, name),
-                Some(("subgraph", name)) => (Role::Subgraph, name),
-                Some(("set", name)) => (Role::Setting, name),
-                Some(("overlay", name)) => (Role::Overlay, name),
-                Some(("preset", name)) => (Role::Preset, name),
+                Some(("include", name)) => (PieceRole::Include, name),
+                Some(("subgraph", name)) => (PieceRole::Subgraph, name),
+                Some(("set", name)) => (PieceRole::Setting, name),
+                Some(("overlay", name)) => (PieceRole::Overlay, name),
+                Some(("preset", name)) => (PieceRole::Preset, name),
                 // A comment that only looks alike.
                 _ => continue,
             };
@@ -165,7 +166,7 @@ impl Source {
 }
 
 /// The names of the files that the pieces name, relative to the folder of the graph.
-fn named(source: &Source) -> BTreeSet<(Role, String)> {
+fn named(source: &Source) -> BTreeSet<(PieceRole, String)> {
     let mut names = BTreeSet::new();
     // Most graphs are one file, and a large one takes long to look through.
     if !["include", SUBGRAPH, FILE].iter().any(|word| source.text.contains(word)) {
@@ -178,13 +179,13 @@ fn named(source: &Source) -> BTreeSet<(Role, String)> {
                 .include
                 .iter()
                 .flat_map(|field| files(field, &piece))
-                .map(|(name, _)| (Role::Include, name)),
+                .map(|(name, _)| (PieceRole::Include, name)),
         );
-        let laid_over = matches!(piece.role, Role::Overlay | Role::Setting);
+        let laid_over = matches!(piece.role, PieceRole::Overlay | PieceRole::Setting);
         let uses = document.nodes.iter().filter(|node| node.kind == SUBGRAPH || laid_over);
         let fields = uses.flat_map(|node| &node.fields).filter(|field| field.name == FILE);
         let paths = fields.filter_map(|field| parse_value::<String>(field.text).ok());
-        names.extend(paths.map(|path| (Role::Subgraph, plain(folder_of(&piece), &path))));
+        names.extend(paths.map(|path| (PieceRole::Subgraph, plain(folder_of(&piece), &path))));
     }
     names
 }
@@ -192,12 +193,12 @@ fn named(source: &Source) -> BTreeSet<(Role, String)> {
 /// The document in one piece of the text; none for a preset, which is a name.
 fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
     match piece.role {
-        Role::Graph | Role::Include | Role::Subgraph => {
+        PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {
             parse_part(&source.text, piece.span.clone(), Sort::Graph, diagnostics)
         }
-        Role::Overlay => parse_part(&source.text, piece.span.clone(), Sort::Overlay, diagnostics),
-        Role::Setting => parse_setting(&source.text, piece.span.clone(), diagnostics),
-        Role::Preset => Document::default(),
+        PieceRole::Overlay => parse_part(&source.text, piece.span.clone(), Sort::Overlay, diagnostics),
+        PieceRole::Setting => parse_setting(&source.text, piece.span.clone(), diagnostics),
+        PieceRole::Preset => Document::default(),
     }
 }
 
@@ -217,7 +218,9 @@ fn files(field: &RawField<'_>, piece: &Piece<'_>) -> Vec<(String, Range<usize>)>
 /// The folder of an included file or subgraph, relative to that of the graph; empty or with a `/` at its end.
 pub(crate) fn folder_of<'t>(piece: &Piece<'t>) -> &'t str {
     match piece.role {
-        Role::Include | Role::Subgraph => piece.name.rfind('/').map_or("", |end| &piece.name[..=end]),
+        PieceRole::Include | PieceRole::Subgraph => {
+            piece.name.rfind('/').map_or("", |end| &piece.name[..=end])
+        }
         _ => "",
     }
 }
@@ -257,7 +260,7 @@ pub(crate) fn parse_all<'t>(
             );
         }
         for (name, place) in names {
-            if !pieces.iter().any(|known| known.role == Role::Include && known.name == name) {
+            if !pieces.iter().any(|known| known.role == PieceRole::Include && known.name == name) {
                 diagnostics.push(not_joined(root, &name, place));
             }
         }
@@ -265,12 +268,12 @@ pub(crate) fn parse_all<'t>(
     let others = pieces
         .iter()
         .zip(&documents)
-        .filter(|(piece, _)| matches!(piece.role, Role::Include | Role::Subgraph));
+        .filter(|(piece, _)| matches!(piece.role, PieceRole::Include | PieceRole::Subgraph));
     let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
     let included = |role| pieces.iter().enumerate().filter(move |(_, piece)| piece.role == role);
     let includes: BTreeMap<&str, usize> =
-        included(Role::Include).map(|(at, piece)| (piece.name, at)).collect();
-    let subgraphs: SubgraphFiles<'t> = included(Role::Subgraph)
+        included(PieceRole::Include).map(|(at, piece)| (piece.name, at)).collect();
+    let subgraphs: SubgraphFiles<'t> = included(PieceRole::Subgraph)
         .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
         .collect();
     let mut document = with_includes(0, &pieces, &includes, &mut documents);
@@ -279,13 +282,13 @@ pub(crate) fn parse_all<'t>(
     let mut overlays = Overlays::default();
     for (piece, other) in pieces.iter().zip(documents) {
         match piece.role {
-            Role::Preset => {
+            PieceRole::Preset => {
                 for over in preset(&document, source, piece, diagnostics) {
                     overlays.push(over, diagnostics);
                 }
             }
-            Role::Overlay | Role::Setting => overlays.push(other, diagnostics),
-            Role::Graph | Role::Include | Role::Subgraph => {}
+            PieceRole::Overlay | PieceRole::Setting => overlays.push(other, diagnostics),
+            PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {}
         }
     }
     let folder_at = |offset: usize| {

@@ -65,14 +65,14 @@ impl Knob {
     /// one rung to the next.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
-        for rung in self.ladder.iter().filter(|rung| !rung.is_empty()) {
+        for level in self.ladder.iter().filter(|level| !level.is_empty()) {
             let last = values.last().and_then(|text| text.parse::<u64>().ok());
-            if let (Some(last @ 1..), Ok(next)) = (last, rung.parse::<u64>()) {
+            if let (Some(last @ 1..), Ok(next)) = (last, level.parse::<u64>()) {
                 let doubled = std::iter::successors(last.checked_mul(2), |n| n.checked_mul(2));
                 values.extend(doubled.take_while(|n| *n < next).map(|n| n.to_string()));
             }
-            if values.last().is_none_or(|last| last != rung) {
-                values.push((*rung).to_owned());
+            if values.last().is_none_or(|last| last != level) {
+                values.push((*level).to_owned());
             }
         }
         values
@@ -206,8 +206,8 @@ impl Source {
     pub fn with_preset(self, preset: &str, registry: &Registry) -> Self {
         // What is wrong with the text is told when it is checked.
         let document = parse_all(&self, &SourceRoot::new(""), &mut Vec::new());
-        let rung = PRESETS.iter().position(|name| *name == preset);
-        let (Some(rung), false) = (rung, document.presets.iter().any(|own| own.name == preset)) else {
+        let level = PRESETS.iter().position(|name| *name == preset);
+        let (Some(level), false) = (level, document.presets.iter().any(|own| own.name == preset)) else {
             return self.with_own_preset(preset);
         };
         let mut fields = Vec::new();
@@ -215,7 +215,7 @@ impl Source {
             let specs = registry.get(node.kind).map_or(&[][..], |kind| kind.params.as_slice());
             for spec in specs {
                 let own = node.fields.iter().find(|field| field.name == spec.name);
-                let value = spec.knob.map_or("", |knob| knob.ladder[rung]);
+                let value = spec.knob.map_or("", |knob| knob.ladder[level]);
                 if !value.is_empty() && !own.is_some_and(varies) {
                     fields.push((&*node.id, spec.name, value));
                 }

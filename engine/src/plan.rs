@@ -17,10 +17,10 @@ use crate::error::NodeError;
 use crate::forecast::Pace;
 use crate::graph::{Graph, Wire};
 use crate::job::{encode, guarded, stored_value};
-use crate::known::Known;
+use crate::lookup_memo::LookupMemo;
+use crate::previous_run::Cone;
 use crate::record::{Output, Record, Spent};
 use crate::schedule::Engine;
-use crate::settled::Cone;
 use crate::value::parse_value;
 
 /// What a run would do with a node.
@@ -111,11 +111,15 @@ impl Engine {
     /// The same for a run into `out` that the last one of this process left the rest of: what that knows is known.
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = wanted(graph, only);
-        let settled = self.settled();
-        let cone = settled.as_ref().and_then(|settled| settled.cone(graph, only, &wanted, out, &self.store));
-        let (Some(settled), Some(Cone { of, .. })) = (&*settled, cone) else { return self.plan(graph, only) };
-        let mut outlook = Outlook::empty(self, graph, Known::default());
-        for (index, slot) in settled.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
+        let previous_run = self.previous_run();
+        let cone = previous_run
+            .as_ref()
+            .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));
+        let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
+            return self.plan(graph, only);
+        };
+        let mut outlook = Outlook::empty(self, graph, LookupMemo::default());
+        for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
             if graph.nodes[index].kind.reads_files {
                 outlook.actions[index].sources.clone_from(&slot.action.sources);
             }
@@ -184,17 +188,17 @@ pub(crate) struct Outlook<'a> {
     pub records: Vec<Option<Record>>,
     pub actions: Vec<Action>,
     /// What the last run looked up.
-    known: Known,
+    known: LookupMemo,
     /// Values of instant nodes that were found out.
     values: Vec<Option<Vec<AnyArtifact>>>,
 }
 
 impl<'a> Outlook<'a> {
     pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
-        Self::empty(engine, graph, Known::read(engine.store(), &last_keys(graph), graph.nodes.len()))
+        Self::empty(engine, graph, LookupMemo::read(engine.store(), &last_keys(graph), graph.nodes.len()))
     }
 
-    fn empty(engine: &'a Engine, graph: &'a Graph, known: Known) -> Self {
+    fn empty(engine: &'a Engine, graph: &'a Graph, known: LookupMemo) -> Self {
         Self {
             engine,
             graph,

@@ -139,7 +139,7 @@ impl Record {
         }
         let mut outputs = Vec::with_capacity(ports.len());
         for ArtifactType { name, format, .. } in ports.iter().map(|port| port.artifact) {
-            let Stored { type_name, number, digest, size, stored } = Stored::read(&mut from)?;
+            let StoredOutput { type_name, number, digest, size, stored } = StoredOutput::read(&mut from)?;
             if type_name != name.as_bytes() || number != format {
                 return Err(Corrupt(format!("holds another type than {name} {format}")));
             }
@@ -160,7 +160,7 @@ impl Record {
         let mut from = Decoder::new(Decoder::new(bytes).raw()?);
         let mut blobs = Vec::new();
         for _ in 0..from.length(53)? {
-            let output = Stored::read(&mut from)?;
+            let output = StoredOutput::read(&mut from)?;
             if output.stored {
                 blobs.push(output.digest);
             }
@@ -178,7 +178,7 @@ impl Record {
         let mut outputs = Decoder::new(&bytes[body.clone()]);
         let mut whole = bytes.to_vec();
         for _ in 0..outputs.length(53)? {
-            let output = Stored::read(&mut outputs)?;
+            let output = StoredOutput::read(&mut outputs)?;
             // The last byte of an output says whether its value was stored.
             whole[body.end - outputs.left() - 1] = u8::from(output.stored && kept(&output.digest));
         }
@@ -194,7 +194,7 @@ impl Record {
 }
 
 /// One output as it is stored, of whatever type.
-struct Stored<'a> {
+struct StoredOutput<'a> {
     type_name: &'a [u8],
     number: u32,
     digest: Digest,
@@ -202,7 +202,7 @@ struct Stored<'a> {
     stored: bool,
 }
 
-impl<'a> Stored<'a> {
+impl<'a> StoredOutput<'a> {
     fn read(from: &mut Decoder<'a>) -> Result<Self, Corrupt> {
         let (type_name, number, digest) = (from.raw()?, from.u32()?, read_digest(from)?);
         Ok(Self { type_name, number, digest, size: from.u64()?, stored: from.bool()? })

@@ -22,13 +22,13 @@ use crate::error::NodeError;
 use crate::event::{Event, State, Totals};
 use crate::graph::{Graph, Wire};
 use crate::job::{Finished, Message, guarded};
-use crate::known::Known;
+use crate::lookup_memo::LookupMemo;
+use crate::noop_check;
 use crate::reads::ReadFiles;
 use crate::record::{Output, Record};
 use crate::schedule::{Engine, Outcome, RunOptions};
 use crate::slot::{Life, Slot};
 use crate::trace::Tracer;
-use crate::unchanged;
 
 /// What the deciding thread has yet to do.
 pub(crate) enum Task {
@@ -79,7 +79,7 @@ pub(crate) struct Run<'a> {
     /// Name of the book in which keys are remembered.
     pub last_keys: String,
     /// What the last run looked up, and whether this one comes to something else.
-    pub known: Known,
+    pub known: LookupMemo,
     pub news: bool,
     /// Whether every node is looked at, and not only what changed since the last run of this process.
     pub whole: bool,
@@ -412,7 +412,7 @@ impl<'a> Run<'a> {
         }
         self.totals.stopped = self.stopped();
         if quiet && self.all_is_known() {
-            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
+            noop_check::keep(store, self.graph, &self.options.out, &self.slots);
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         (self.tell)(Event::Done(self.totals.clone()));

@@ -12,9 +12,9 @@ use crate::action::last_keys;
 use crate::diag::Diagnostics;
 use crate::event::{Event, Totals};
 use crate::graph::Graph;
-use crate::memory::{Memory, free_memory};
+use crate::previous_run::PreviousRun;
 use crate::run::Run;
-use crate::settled::Settled;
+use crate::value_cache::{ValueCache, free_memory};
 
 /// The threads, the memory and the store that runs share.
 pub struct Engine {
@@ -23,9 +23,9 @@ pub struct Engine {
     memory: u64,
     limits: OnceLock<Limits>,
     pool: OnceLock<rayon::ThreadPool>,
-    pub(crate) kept: Memory,
+    pub(crate) kept: ValueCache,
     /// How the last run ended, where [`keeping`](Self::keeping).
-    pub(crate) settled: Mutex<Option<Settled>>,
+    pub(crate) previous_run: Mutex<Option<PreviousRun>>,
     keeps: bool,
 }
 
@@ -79,15 +79,15 @@ impl Engine {
     /// has something to do.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, pool) = (OnceLock::new(), OnceLock::new());
-        let settled = Mutex::new(None);
+        let previous_run = Mutex::new(None);
         Self {
             store: Arc::new(store),
             jobs,
             memory,
             limits,
             pool,
-            kept: Memory::new(0),
-            settled,
+            kept: ValueCache::new(0),
+            previous_run,
             keeps: false,
         }
     }
@@ -122,7 +122,7 @@ impl Engine {
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
-        Self { kept: Memory::new(memory / 3), limits, keeps: true, ..self }
+        Self { kept: ValueCache::new(memory / 3), limits, keeps: true, ..self }
     }
 
     /// The store of this engine.
@@ -139,13 +139,13 @@ impl Engine {
         run.run(&receiver);
         let (outcome, slots) = run.finish();
         if self.keeps {
-            *self.settled() = Settled::of(graph, &options.only, slots);
+            *self.previous_run() = PreviousRun::of(graph, &options.only, slots);
         }
         outcome
     }
 
     /// How the last run ended.
-    pub(crate) fn settled(&self) -> MutexGuard<'_, Option<Settled>> {
-        self.settled.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(crate) fn previous_run(&self) -> MutexGuard<'_, Option<PreviousRun>> {
+        self.previous_run.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

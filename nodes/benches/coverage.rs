@@ -11,7 +11,7 @@ use engine::{
 };
 use nodes::color::luminance;
 use nodes::composite::{self, Composite};
-use nodes::path_trace::rules::EnvBlock;
+use nodes::path_trace::visibility::EnvBlock;
 use nodes::path_trace::{self, PathTrace};
 use nodes::shadow_ratio::{self, ShadowRatio};
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};

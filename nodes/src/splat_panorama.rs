@@ -5,7 +5,7 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
 
 use crate::equirect;
-use crate::splat::{self, Around, Drawing, MAX_PIXELS, Rendered, Sort, Surface, most_bytes};
+use crate::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
 use crate::stitch::{self, Found, Holes};
 use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
 
@@ -148,7 +148,7 @@ impl Kind for SplatPanorama {
             return Err(NodeError::new("the point of the panorama is not finite").at("at"));
         }
         let settings = drawing.settings(Sort::Distance, &splats, &mut notes);
-        let around = Around { eye: origin, up, width_px: params.width_px * params.supersample };
+        let around = PanoramaCamera { eye: origin, up, width_px: params.width_px * params.supersample };
         let limit = limit.map(|mesh| Surface::new(&mesh, origin));
         let seen = splat::panorama(&splats, &around, limit.as_ref(), &settings, cx)?;
         cx.progress(0.8);

@@ -5,7 +5,7 @@ use engine::{GraphKnob, PRESETS};
 use serde_json::json;
 
 use crate::session::{Error, GraphArgs};
-use crate::trade::dials::presets;
+use crate::trade::tunables::presets;
 
 /// Lists what trades work for accuracy in a graph, and which outputs it reaches.
 ///
@@ -30,7 +30,7 @@ impl Knobs {
         // A graph's own preset may set what the program's of that name does not.
         let laid = presets(graph, &nodes::registry())?.map(|laid| laid.knobs(&loaded.only));
         // What varies under a preset, too, has no value there.
-        let rungs = |knob: &GraphKnob| {
+        let levels = |knob: &GraphKnob| {
             let same = |other: &&GraphKnob| other.node == knob.node && other.parameter == knob.parameter;
             laid.each_ref().map(|laid| {
                 let knob = laid.iter().find(same).filter(|knob| !knob.varies);
@@ -44,7 +44,7 @@ impl Knobs {
         if self.json {
             let told = |knob: &GraphKnob| {
                 let mut told = json!(knob);
-                (told["presets"], told["range"]) = (json!(rungs(knob)), json!(range(knob)));
+                (told["presets"], told["range"]) = (json!(levels(knob)), json!(range(knob)));
                 // From the least work to the least error.
                 told["values"] = json!(knob.knob.values());
                 told
@@ -66,10 +66,10 @@ impl Knobs {
             let mut row = vec![name(knob), knob.knob.kind.name().to_owned(), now];
             // A dot: the preset leaves what the graph says.
             let left = knob.knob.ladder.map(str::is_empty);
-            let rung = |(value, left): (Option<String>, bool)| {
+            let level = |(value, left): (Option<String>, bool)| {
                 value.filter(|value| !(left && *value == knob.value)).unwrap_or_else(|| ".".to_owned())
             };
-            row.extend(rungs(knob).into_iter().zip(left).map(rung));
+            row.extend(levels(knob).into_iter().zip(left).map(level));
             row.push(range(knob).map(|(low, high)| format!("{low} to {high}")).unwrap_or_default());
             row.push(knob.reaches.join(", "));
             rows.push(row);

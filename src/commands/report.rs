@@ -11,14 +11,14 @@ use serde_json::{Value, json};
 
 use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::trade::attribution::{Attribution, attributions};
 use crate::trade::bench::{Bench, Miss, Point};
-use crate::trade::blame::{Blame, blames};
-use crate::trade::dials::Position;
 use crate::trade::judge::Off;
 use crate::trade::left_out::{LeftOut, left_out};
 use crate::trade::page::Page;
 use crate::trade::plot::{self, Dot, tick_text};
 use crate::trade::search::{Tried, pareto};
+use crate::trade::tunables::Assignment;
 use crate::trade::{Metric, number};
 
 /// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame.
@@ -57,19 +57,19 @@ impl MakeReport {
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);
-        let Measured { presets, now, blames } = match measured {
+        let Measured { presets, now, attributions } = match measured {
             Ok(measured) => measured,
             Err(Stop::Asked) => return Ok(130),
             Err(Stop::Wrong(error)) => return Err(error),
         };
         let name = loaded.graph.source.name.clone();
-        let page = page(&bench, &metric, &presets, now, &blames).map_err(|miss| match miss {
+        let page = page(&bench, &metric, &presets, now, &attributions).map_err(|miss| match miss {
             Miss::Stopped => Error::Output(std::io::ErrorKind::Interrupted.into()),
             Miss::Failed(why) => Error::Setting { setting: "as it is".to_owned(), why },
         })?;
         cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
         if self.json {
-            super::print(&format!("{}\n", told(&bench, &metric, now, &blames)))?;
+            super::print(&format!("{}\n", told(&bench, &metric, now, &attributions)))?;
         } else {
             super::print(&format!("{}\n", self.out.display()))?;
         }
@@ -88,13 +88,13 @@ enum Stop {
 struct Measured {
     presets: Vec<usize>,
     now: usize,
-    blames: Vec<Blame>,
+    attributions: Vec<Attribution>,
 }
 
 fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<Measured, Stop> {
-    let measure = |bench: &mut Bench<'_>, position: Position| -> Result<usize, Stop> {
-        let name = bench.name(&position);
-        let at = bench.measure(&position).map_err(|miss| match miss {
+    let measure = |bench: &mut Bench<'_>, assignment: Assignment| -> Result<usize, Stop> {
+        let name = bench.name(&assignment);
+        let at = bench.measure(&assignment).map_err(|miss| match miss {
             Miss::Stopped => Stop::Asked,
             Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
         })?;
@@ -106,12 +106,12 @@ fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<
     };
     let mut presets = Vec::new();
     // The first one is what others are compared with.
-    for rung in (0..PRESETS.len()).rev() {
-        presets.insert(0, measure(bench, bench.preset(rung))?);
+    for level in (0..PRESETS.len()).rev() {
+        presets.insert(0, measure(bench, bench.preset(level))?);
     }
     let now = measure(bench, bench.now())?;
-    let blames = blames(bench, metric, reverse, measure)?;
-    Ok(Measured { presets, now, blames })
+    let attributions = attributions(bench, metric, reverse, measure)?;
+    Ok(Measured { presets, now, attributions })
 }
 
 /// The tables of a node's report.
@@ -130,7 +130,7 @@ fn tables(report: &Report) -> Value {
 }
 
 /// Everything that was measured, for programs.
-fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Value {
+fn told(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) -> Value {
     let error = |error: Option<f64>| error.map(|error| metric.value(error));
     let values = |values: &BTreeMap<String, f64>| -> BTreeMap<String, Value> {
         values.iter().map(|(name, value)| (name.clone(), number(*value))).collect()
@@ -152,10 +152,10 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
                        "counts": node.counts, "notes": node.notes})
             })
             .collect();
-        json!({"setting": bench.name(&point.position), "as_it_is": index == now, "work": point.work, "nodes_run": actions(point),
+        json!({"setting": bench.name(&point.assignment), "as_it_is": index == now, "work": point.work, "nodes_run": actions(point),
                "seconds": point.seconds, "error": error(metric.error(&point.off)), "off": off, "nodes": nodes})
     };
-    let blame = |b: &Blame| {
+    let attribution = |b: &Attribution| {
         json!({"node": b.node, "error_with_it_alone_at_the_reference": error(b.alone),
                "error_with_all_else_at_the_reference": error(b.all_but), "work": b.work_alone})
     };
@@ -167,7 +167,7 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) -> Val
     json!({
         "metric": metric.name,
         "points": bench.points.iter().enumerate().map(point).collect::<Vec<_>>(),
-        "attribution": blames.iter().map(blame).collect::<Vec<_>>(),
+        "attribution": attributions.iter().map(attribution).collect::<Vec<_>>(),
         "reports": reports.iter().map(|(name, report)| (name.clone(), tables(report)))
             .collect::<serde_json::Map<_, _>>(),
         "left_out": bench.unjudged,
@@ -180,10 +180,10 @@ fn page(
     metric: &Metric,
     presets: &[usize],
     now: usize,
-    blames: &[Blame],
+    attributions: &[Attribution],
 ) -> Result<Page, Miss> {
     let mut page = Page::default();
-    facts(&mut page, bench, metric, now, blames);
+    facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
         "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
          weighed as rays. Work and errors are the same in every run; seconds are wall times of the nodes' code when \
@@ -208,7 +208,7 @@ fn page(
     let columns =
         ["preset", "work", "seconds", "FLIP, whole", "RMSE, whole", "FLIP, touched", "RMSE, touched"];
     page.table(&columns, &rows);
-    blame(&mut page, bench, metric, now, blames);
+    attribution(&mut page, bench, metric, now, attributions);
     baselines(&mut page, bench, now);
     let reports = bench.reports_at(now);
     unmodelled(&mut page, &left_out(&bench.points[now].nodes, &reports));
@@ -220,7 +220,7 @@ fn page(
     }
     page.heading("Settings");
     page.words("The graph as it is, as an overlay: `run --overlay` takes it, `tune` writes one like it.");
-    page.code(&bench.overlay(&bench.points[now].position));
+    page.code(&bench.overlay(&bench.points[now].assignment));
     Ok(page)
 }
 
@@ -230,7 +230,7 @@ fn actions(point: &Point) -> usize {
 }
 
 /// What one asks first.
-fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
+fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) {
     let point = &bench.points[now];
     let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();
     let stands = match worst {
@@ -238,8 +238,9 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames
         Some(Level::Warning) => "with warnings",
         _ => "as asked",
     };
-    let known = blames.first().filter(|blame| blame.all_but.or(blame.alone).is_some());
-    let bottleneck = known.map_or("not known".to_owned(), |blame| blame.node.clone());
+    let known =
+        attributions.first().filter(|attribution| attribution.all_but.or(attribution.alone).is_some());
+    let bottleneck = known.map_or("not known".to_owned(), |attribution| attribution.node.clone());
     page.facts(&[
         ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
@@ -329,8 +330,8 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
         let points = bench.points.iter().enumerate().filter(|(_, point)| error(point).is_some());
         let tried: Vec<(usize, Tried)> = points
             .map(|(index, point)| {
-                let position = point.position.clone();
-                (index, Tried { position, cost: point.work, error: error(point).unwrap_or_default() })
+                let assignment = point.assignment.clone();
+                (index, Tried { assignment, cost: point.work, error: error(point).unwrap_or_default() })
             })
             .collect();
         let plain: Vec<Tried> = tried.iter().map(|(_, t)| t.clone()).collect();
@@ -344,7 +345,7 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
                 name: if *index == now && !presets.contains(index) {
                     "as it is".to_owned()
                 } else {
-                    bench.name(&t.position)
+                    bench.name(&t.assignment)
                 },
                 front: front.contains(&at),
                 named: presets.contains(index) || *index == now,
@@ -383,10 +384,16 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
     page.table(&columns, &rows);
 }
 
-fn blame(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames: &[Blame]) {
+fn attribution(
+    page: &mut Page,
+    bench: &Bench<'_>,
+    metric: &Metric,
+    now: usize,
+    attributions: &[Attribution],
+) {
     page.heading("Which node is to blame");
     let error = metric.error(&bench.points[now].off);
-    let both = blames.iter().any(|b| b.all_but.is_some());
+    let both = attributions.iter().any(|b| b.all_but.is_some());
     let mut text = format!("As it is the error is {}. ", metric.told(error));
     text.push_str("First column: what it falls to when this node alone is set to the reference");
     text.push_str(if both {
@@ -395,19 +402,21 @@ fn blame(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, blames
         "."
     });
     page.words(&text);
-    page.words(&match blames {
-        [Blame { node, all_but: Some(own), .. }, ..] => {
+    page.words(&match attributions {
+        [Attribution { node, all_but: Some(own), .. }, ..] => {
             let own = metric.told(Some(*own));
             format!("`{node}` is the bottleneck: by itself it makes an error of {own}.")
         }
-        [Blame { node, alone: Some(_), .. }, ..] => format!("Setting `{node}` to the reference helps most."),
+        [Attribution { node, alone: Some(_), .. }, ..] => {
+            format!("Setting `{node}` to the reference helps most.")
+        }
         _ => format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs()),
     });
-    let row = |b: &Blame| {
+    let row = |b: &Attribution| {
         let all_but = both.then(|| metric.told(b.all_but));
         [b.node.clone(), metric.told(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
     };
-    let rows: Vec<Vec<String>> = blames.iter().map(|b| row(b).collect()).collect();
+    let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
     let mut columns = vec!["node", "it alone at the reference", "work with it alone"];
     if both {
         columns.insert(2, "all but it at the reference");

@@ -13,7 +13,7 @@ use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trade::Metric;
 use crate::trade::bench::{Bench, Miss};
 use crate::trade::plot::tick_text;
-use crate::trade::search::{Found, Goal, Tried, pareto, search};
+use crate::trade::search::{Goal, SearchResult, Tried, pareto, search};
 
 /// Looks for settings of the knobs that reach an error with little work, by measuring.
 ///
@@ -65,10 +65,10 @@ impl Tune {
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
         let (mut left, mut wrong) = (self.budget, None);
         let by_seconds = self.max_seconds.is_some();
-        let Found { tried, best, finished } = search(&starts, &steps, goal, |position| {
+        let SearchResult { tried, best, finished } = search(&starts, &steps, goal, |assignment| {
             left = left.checked_sub(1)?;
-            let position = position.to_vec();
-            match bench.measure(&position) {
+            let assignment = assignment.to_vec();
+            match bench.measure(&assignment) {
                 Ok(at) => {
                     bench.remarks().iter().for_each(|remark| report::remark(remark));
                     let point = &bench.points[at];
@@ -76,7 +76,7 @@ impl Tune {
                     let cost = if by_seconds { point.seconds } else { point.work };
                     if !self.json {
                         let (work, seconds) = (tick_text(point.work), tick_text(point.seconds));
-                        let (error, name) = (metric.told(error), bench.name(&position));
+                        let (error, name) = (metric.told(error), bench.name(&assignment));
                         report::remark(&format!(
                             "measured work {work:>8}, {seconds:>7} s, error {error:>8}  {name}"
                         ));
@@ -88,7 +88,7 @@ impl Tune {
                 }
                 Err(Miss::Stopped) => None,
                 Err(Miss::Failed(why)) => {
-                    wrong = Some(Error::Setting { setting: bench.name(&position), why });
+                    wrong = Some(Error::Setting { setting: bench.name(&assignment), why });
                     None
                 }
             }
@@ -127,7 +127,7 @@ impl Tune {
         };
         let summary = summary(&metric, goal, found, naive(&bench, &tried, goal));
         let summary = format!("{summary}; {} settings measured: {ended}", tried.len());
-        let text = format!("// {summary}\n{}", bench.overlay(&found.position));
+        let text = format!("// {summary}\n{}", bench.overlay(&found.assignment));
         cache::publish_file(&self.out, text.as_bytes())?;
         if self.json {
             let mut told = self.told(&bench, &metric, &tried, best);
@@ -165,7 +165,7 @@ impl Tune {
         let front = pareto(tried);
         let mut rows = vec![["", "work", "seconds", "error", "setting"].map(str::to_owned).to_vec()];
         for (index, t) in tried.iter().enumerate() {
-            let Some(point) = bench.points.iter().find(|point| point.position == t.position) else {
+            let Some(point) = bench.points.iter().find(|point| point.assignment == t.assignment) else {
                 continue;
             };
             let mark = if index == best {
@@ -177,7 +177,7 @@ impl Tune {
             };
             let (work, seconds, error) =
                 (tick_text(point.work), tick_text(point.seconds), metric.told(Some(t.error)));
-            rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.position)]);
+            rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.assignment)]);
         }
         super::print(&columns(&rows))
     }
@@ -185,9 +185,9 @@ impl Tune {
     fn told(&self, bench: &Bench<'_>, metric: &Metric, tried: &[Tried], best: usize) -> serde_json::Value {
         let front = pareto(tried);
         let point = |(index, t): (usize, &Tried)| {
-            let point = bench.points.iter().find(|point| point.position == t.position);
+            let point = bench.points.iter().find(|point| point.assignment == t.assignment);
             json!({
-                "setting": bench.name(&t.position),
+                "setting": bench.name(&t.assignment),
                 "error": metric.value(t.error),
                 "work": point.map(|p| p.work),
                 "seconds": point.map(|p| p.seconds),
@@ -204,9 +204,9 @@ impl Tune {
 
 /// The preset that one would take without measuring: the cheapest that fits.
 fn naive<'t>(bench: &Bench<'_>, tried: &'t [Tried], goal: Goal) -> Option<(&'static str, &'t Tried)> {
-    let presets = (0..PRESETS.len()).filter_map(|rung| {
-        let position = bench.preset(rung);
-        tried.iter().find(|t| t.position == position).map(|t| (PRESETS[rung], t))
+    let presets = (0..PRESETS.len()).filter_map(|level| {
+        let assignment = bench.preset(level);
+        tried.iter().find(|t| t.assignment == assignment).map(|t| (PRESETS[level], t))
     });
     let fits = |t: &Tried| match goal {
         Goal::Error(most) => t.error <= most,

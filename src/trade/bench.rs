@@ -10,9 +10,9 @@ use engine::{
 };
 use nodes::types::{Images, Report};
 
-use super::dials::{Dial, Position, dials};
 use super::judge::{Off, Output, Truth, holds_data, is_bright, outputs};
 use super::search::Steps;
+use super::tunables::{Assignment, Tunable, tunables};
 use super::work::work_of;
 use crate::session::Error;
 
@@ -33,9 +33,9 @@ pub struct NodeCost {
     pub key: Option<Digest>,
 }
 
-/// The graph at one position.
+/// The graph at one assignment.
 pub struct Point {
-    pub position: Position,
+    pub assignment: Assignment,
     pub work: f64,
     /// Sum of the wall times of the nodes' code.
     pub seconds: f64,
@@ -50,7 +50,7 @@ pub struct Bench<'e> {
     base: Graph,
     outputs: Vec<Output>,
     targets: Vec<usize>,
-    pub dials: Vec<Dial>,
+    pub tunables: Vec<Tunable>,
     /// Pictures that are not judged.
     pub unjudged: Vec<String>,
     remarks: Vec<String>,
@@ -63,7 +63,7 @@ pub struct Bench<'e> {
 pub enum Miss {
     /// The run was asked to stop.
     Stopped,
-    /// The graph cannot run at this position.
+    /// The graph cannot run at this assignment.
     Failed(String),
 }
 
@@ -85,8 +85,8 @@ impl<'e> Bench<'e> {
             return Err(Error::NoPicture);
         }
         let turned = |output: &Output| {
-            let dials = dials(&base, &[output.wire.node], &registry)?;
-            Ok::<bool, Error>(dials.iter().any(|dial| dial.values.len() > 1))
+            let tunables = tunables(&base, &[output.wire.node], &registry)?;
+            Ok::<bool, Error>(tunables.iter().any(|tunable| tunable.values.len() > 1))
         };
         let reached = outputs.iter().map(turned).collect::<Result<Vec<bool>, Error>>()?;
         let (mut left, mut kept) = (Vec::new(), Vec::new());
@@ -103,66 +103,81 @@ impl<'e> Bench<'e> {
         let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
         targets.sort_unstable();
         targets.dedup();
-        let dials = dials(&base, &targets, &registry)?;
+        let tunables = tunables(&base, &targets, &registry)?;
         let (truth, points) = (None, Vec::new());
-        Ok(Self { engine, registry, base, outputs, targets, dials, unjudged, remarks, cancel, truth, points })
+        Ok(Self {
+            engine,
+            registry,
+            base,
+            outputs,
+            targets,
+            tunables,
+            unjudged,
+            remarks,
+            cancel,
+            truth,
+            points,
+        })
     }
 
     /// How far each knob can be turned.
     pub fn steps(&self) -> Vec<Steps> {
-        self.dials.iter().map(|dial| Steps { values: dial.values.len(), step: dial.step }).collect()
+        self.tunables
+            .iter()
+            .map(|tunable| Steps { values: tunable.values.len(), step: tunable.step })
+            .collect()
     }
 
     /// The position of the graph as it is.
-    pub fn now(&self) -> Position {
-        self.dials.iter().map(|dial| dial.now).collect()
+    pub fn now(&self) -> Assignment {
+        self.tunables.iter().map(|tunable| tunable.now).collect()
     }
 
     /// That of a preset, by its index in [`PRESETS`].
-    pub fn preset(&self, rung: usize) -> Position {
-        self.dials.iter().map(|dial| dial.presets[rung]).collect()
+    pub fn preset(&self, level: usize) -> Assignment {
+        self.tunables.iter().map(|tunable| tunable.presets[level]).collect()
     }
 
-    /// The overlay that sets a position.
-    pub fn overlay(&self, position: &Position) -> String {
-        let field = |(dial, &at): (&'_ Dial, &usize)| {
-            let value = dial.values.get(at).map(String::as_str).unwrap_or_default();
-            (dial.node.clone(), dial.parameter, value.to_owned())
+    /// The overlay that sets an assignment.
+    pub fn overlay(&self, assignment: &Assignment) -> String {
+        let field = |(tunable, &at): (&'_ Tunable, &usize)| {
+            let value = tunable.values.get(at).map(String::as_str).unwrap_or_default();
+            (tunable.node.clone(), tunable.parameter, value.to_owned())
         };
-        let fields: Vec<_> = self.dials.iter().zip(position).map(field).collect();
+        let fields: Vec<_> = self.tunables.iter().zip(assignment).map(field).collect();
         overlay_text(
             fields.iter().map(|(node, parameter, value)| (node.as_str(), *parameter, value.as_str())),
         )
     }
 
-    /// What a position is called: that of a preset, or what differs from the graph.
-    pub fn name(&self, position: &Position) -> String {
-        if let Some(rung) = (0..PRESETS.len()).rev().find(|&rung| self.preset(rung) == *position) {
-            return PRESETS[rung].to_owned();
+    /// What an assignment is called: that of a preset, or what differs from the graph.
+    pub fn name(&self, assignment: &Assignment) -> String {
+        if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
+            return PRESETS[level].to_owned();
         }
         let changed: Vec<String> = self
-            .dials
+            .tunables
             .iter()
-            .zip(position)
-            .filter(|(dial, at)| dial.now != **at)
-            .map(|(dial, at)| format!("{}.{}={}", dial.node, dial.parameter, dial.values[*at]))
+            .zip(assignment)
+            .filter(|(tunable, at)| tunable.now != **at)
+            .map(|(tunable, at)| format!("{}.{}={}", tunable.node, tunable.parameter, tunable.values[*at]))
             .collect();
         if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
     }
 
-    /// The graph at a position.
-    fn graph(&self, position: &Position) -> Result<Graph, Miss> {
-        let source = self.base.source.clone().overlaid("knobs", &self.overlay(position));
+    /// The graph at an assignment.
+    fn graph(&self, assignment: &Assignment) -> Result<Graph, Miss> {
+        let source = self.base.source.clone().overlaid("knobs", &self.overlay(assignment));
         Graph::parse(source, &self.registry, self.base.root.clone())
             .map_err(|mistakes| Miss::Failed(mistakes.to_string()))
     }
 
-    /// The point of a position: known, or measured now. The first one measured is what others are compared with.
-    pub fn measure(&mut self, position: &Position) -> Result<usize, Miss> {
-        if let Some(known) = self.points.iter().position(|point| point.position == *position) {
+    /// The point of an assignment: known, or measured now. The first one measured is what others are compared with.
+    pub fn measure(&mut self, assignment: &Assignment) -> Result<usize, Miss> {
+        if let Some(known) = self.points.iter().position(|point| point.assignment == *assignment) {
             return Ok(known);
         }
-        let graph = self.graph(position)?;
+        let graph = self.graph(assignment)?;
         let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
@@ -198,7 +213,7 @@ impl<'e> Bench<'e> {
         let mut pictures = self.pictures(&graph)?;
         let off = self.off(&graph, &mut pictures)?;
         let (work, seconds) = nodes.iter().fold((0.0, 0.0), |(w, s), n| (w + n.work, s + n.seconds));
-        self.points.push(Point { position: position.clone(), work, seconds, nodes, off });
+        self.points.push(Point { assignment: assignment.clone(), work, seconds, nodes, off });
         Ok(self.points.len() - 1)
     }
 
@@ -259,9 +274,9 @@ impl<'e> Bench<'e> {
         self.outputs.iter().map(value).collect()
     }
 
-    /// Pictures at a position that was measured, by output.
+    /// Pictures at an assignment that was measured, by output.
     pub fn pictures_at(&self, point: usize) -> Result<Vec<(String, Arc<Images>)>, Miss> {
-        let graph = self.graph(&self.points[point].position)?;
+        let graph = self.graph(&self.points[point].assignment)?;
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
         // Known, but for the names under which the last results of the graph are found.
@@ -274,7 +289,7 @@ impl<'e> Bench<'e> {
 
     /// The reports that nodes of a point gave, by node and output.
     pub fn reports_at(&self, point: usize) -> Vec<(String, Report)> {
-        let Ok(graph) = self.graph(&self.points[point].position) else { return Vec::new() };
+        let Ok(graph) = self.graph(&self.points[point].assignment) else { return Vec::new() };
         let wanted = graph.above(&self.targets);
         let mut reports = Vec::new();
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
@@ -294,10 +309,14 @@ impl<'e> Bench<'e> {
         self.truth.as_ref().map(|truth| truth.flip_maps(pictures)).unwrap_or_default()
     }
 
-    /// The names of the nodes that have a dial with more than one value, in the order of the file.
-    pub fn turned_nodes(&self) -> Vec<String> {
+    /// The names of the nodes that have a tunable with more than one value, in the order of the file.
+    pub fn nodes_with_knobs(&self) -> Vec<String> {
         let mut seen = BTreeSet::new();
-        let names = self.dials.iter().filter(|dial| dial.values.len() > 1).map(|dial| dial.node.clone());
+        let names = self
+            .tunables
+            .iter()
+            .filter(|tunable| tunable.values.len() > 1)
+            .map(|tunable| tunable.node.clone());
         names.filter(|name| seen.insert(name.clone())).collect()
     }
 }

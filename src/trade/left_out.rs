@@ -16,7 +16,7 @@ struct Skip {
     /// The kinds that ask.
     kinds: &'static [&'static str],
     /// Whether it was left out, and what the check found.
-    judge: fn(&Seen<'_>) -> Option<(bool, String)>,
+    judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
 }
 
 /// What a check found at a node.
@@ -33,12 +33,12 @@ pub struct LeftOut {
 }
 
 /// What a node told of a run.
-struct Seen<'s> {
+struct Evidence<'s> {
     node: &'s NodeCost,
     reports: &'s [(String, Report)],
 }
 
-impl Seen<'_> {
+impl Evidence<'_> {
     fn note(&self, id: &str) -> Option<&str> {
         self.node.notes.iter().find(|note| note.id == id).map(|note| note.text.as_str())
     }
@@ -178,7 +178,7 @@ pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut
         let start = all.len();
         let row = |nodes, left_out, found| LeftOut { what, nodes, left_out, found, check, force };
         for node in nodes.iter().filter(|node| kinds.contains(&node.kind)) {
-            let Some((left_out, found)) = judge(&Seen { node, reports }) else { continue };
+            let Some((left_out, found)) = judge(&Evidence { node, reports }) else { continue };
             let same = all[start..].iter_mut().find(|row| row.found == found);
             match same {
                 Some(same) => same.nodes.push(node.id.clone()),

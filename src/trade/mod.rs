@@ -1,13 +1,13 @@
 //! Work against error, measured: what `tune` and `report` share.
 
+pub mod attribution;
 pub mod bench;
-pub mod blame;
-pub mod dials;
 pub mod judge;
 pub mod left_out;
 pub mod page;
 pub mod plot;
 pub mod search;
+pub mod tunables;
 pub mod work;
 
 use judge::Off;

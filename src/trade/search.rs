@@ -9,10 +9,10 @@ pub enum Goal {
     Cost(f64),
 }
 
-/// A position and what it was measured to cost and to be off.
+/// An assignment and what it was measured to cost and to be off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
-    pub position: Vec<usize>,
+    pub assignment: Vec<usize>,
     pub cost: f64,
     pub error: f64,
 }
@@ -61,7 +61,7 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
 
 /// What a search found.
 #[derive(Debug, PartialEq)]
-pub struct Found {
+pub struct SearchResult {
     /// Everything that was measured, in that order.
     pub tried: Vec<Tried>,
     /// Which of it serves the goal best.
@@ -70,8 +70,8 @@ pub struct Found {
     pub finished: bool,
 }
 
-/// Searches from the given positions. `knobs` has the number of values of each knob, `measure` gives cost and
-/// error of a position, `None` once there is to be no more measuring; a position is measured once.
+/// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
+/// error of an assignment, `None` once there is to be no more measuring; an assignment is measured once.
 ///
 /// From the best start that fits every knob is turned by one step, down where work is to be saved and up where error
 /// is, and the turns are tried together in the order of what each gained for what it lost, each kept where the goal
@@ -85,10 +85,10 @@ pub fn search(
     knobs: &[Steps],
     goal: Goal,
     measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
-) -> Found {
+) -> SearchResult {
     let mut search = Search { knobs, goal, measure, tried: Vec::new() };
     let finished = search.whole(starts).is_some();
-    Found { best: search.best(|a, b| a.beats(b, goal)), tried: search.tried, finished }
+    SearchResult { best: search.best(|a, b| a.beats(b, goal)), tried: search.tried, finished }
 }
 
 /// How far a knob can be turned.
@@ -109,7 +109,7 @@ struct Search<'s, M> {
 
 /// Which way knobs are turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Way {
+enum Direction {
     /// To less work.
     Down,
     /// To less error.
@@ -120,7 +120,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
     /// `None` where measuring ended before the search.
     fn whole(&mut self, starts: &[Vec<usize>]) -> Option<()> {
         for start in starts {
-            self.look(start)?;
+            self.measured(start)?;
         }
         let goal = self.goal;
         let cheapest = self.best(|a, b| a.cost < b.cost);
@@ -148,13 +148,13 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(())
     }
 
-    /// The index of a position among what was tried.
-    fn look(&mut self, position: &[usize]) -> Option<usize> {
-        if let Some(known) = self.tried.iter().position(|t| t.position == position) {
+    /// The index of an assignment among what was tried.
+    fn measured(&mut self, assignment: &[usize]) -> Option<usize> {
+        if let Some(known) = self.tried.iter().position(|t| t.assignment == assignment) {
             return Some(known);
         }
-        let (cost, error) = (self.measure)(position)?;
-        self.tried.push(Tried { position: position.to_vec(), cost, error });
+        let (cost, error) = (self.measure)(assignment)?;
+        self.tried.push(Tried { assignment: assignment.to_vec(), cost, error });
         Some(self.tried.len() - 1)
     }
 
@@ -164,23 +164,29 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         fitting.reduce(|best, index| if better(&self.tried[index], &self.tried[best]) { index } else { best })
     }
 
-    /// A position with one knob turned by so many values, or to its end.
-    fn turned(&self, position: &[usize], knob: usize, way: Way, values: usize) -> Option<Vec<usize>> {
-        let (at, last) = (position[knob], self.knobs[knob].values - 1);
-        let to = match way {
-            Way::Down => at.saturating_sub(values),
-            Way::Up => (at + values).min(last),
+    /// An assignment with one knob turned by so many values, or to its end.
+    fn stepped(
+        &self,
+        assignment: &[usize],
+        knob: usize,
+        direction: Direction,
+        values: usize,
+    ) -> Option<Vec<usize>> {
+        let (at, last) = (assignment[knob], self.knobs[knob].values - 1);
+        let to = match direction {
+            Direction::Down => at.saturating_sub(values),
+            Direction::Up => (at + values).min(last),
         };
-        let mut position = position.to_vec();
-        position[knob] = to;
-        (to != at).then_some(position)
+        let mut assignment = assignment.to_vec();
+        assignment[knob] = to;
+        (to != at).then_some(assignment)
     }
 
     /// Turns knobs, at most so many in a round, until none helps. What did not help once is asked again only where
     /// nothing else does.
     fn climb(&mut self, mut from: usize, most: usize) -> Option<()> {
         let goal = self.goal;
-        let way = if matches!(goal, Goal::Error(_)) { Way::Down } else { Way::Up };
+        let direction = if matches!(goal, Goal::Error(_)) { Direction::Down } else { Direction::Up };
         let all: Vec<usize> = (0..self.knobs.len()).collect();
         let (mut open, mut whole) = (all.clone(), true);
         loop {
@@ -188,8 +194,10 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
             let mut turns = Vec::new();
             for &knob in &open {
                 let values = if whole { self.knobs[knob].step } else { 1 };
-                let Some(position) = self.turned(&here.position, knob, way, values) else { continue };
-                let at = self.look(&position)?;
+                let Some(assignment) = self.stepped(&here.assignment, knob, direction, values) else {
+                    continue;
+                };
+                let at = self.measured(&assignment)?;
                 let there = &self.tried[at];
                 if there.fits(goal) && there.beats(&here, goal) {
                     let saved = here.paid(goal) - there.paid(goal);
@@ -202,10 +210,11 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
             let helped: Vec<usize> = turns.iter().map(|(_, knob, _)| *knob).collect();
             let mut at = from;
             for (_, knob, values) in turns.into_iter().take(most) {
-                let Some(position) = self.turned(&self.tried[at].position, knob, way, values) else {
+                let Some(assignment) = self.stepped(&self.tried[at].assignment, knob, direction, values)
+                else {
                     continue;
                 };
-                let next = self.look(&position)?;
+                let next = self.measured(&assignment)?;
                 if self.tried[next].fits(goal) && self.tried[next].beats(&self.tried[at], goal) {
                     at = next;
                 }
@@ -226,11 +235,11 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         let goal = self.goal;
         let Some(best) = self.best(|a, b| a.beats(b, goal)) else { return Some(None) };
         let here = self.tried[best].clone();
-        let way = if matches!(goal, Goal::Error(_)) { Way::Down } else { Way::Up };
+        let direction = if matches!(goal, Goal::Error(_)) { Direction::Down } else { Direction::Up };
         let mut beyond = Vec::new();
         for knob in 0..self.knobs.len() {
-            let Some(position) = self.turned(&here.position, knob, way, 1) else { continue };
-            let at = self.look(&position)?;
+            let Some(assignment) = self.stepped(&here.assignment, knob, direction, 1) else { continue };
+            let at = self.measured(&assignment)?;
             let saved = 1.0 - self.tried[at].paid(goal) / here.paid(goal);
             // What saves less is not worth the measuring.
             if saved > 0.02 {
@@ -251,7 +260,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
     /// as it is, and what is to be beaten.
     fn reach(&mut self, mut from: usize, beside: Option<(usize, usize)>) -> Option<Option<usize>> {
         let goal = self.goal;
-        let way = if matches!(goal, Goal::Error(_)) { Way::Up } else { Way::Down };
+        let direction = if matches!(goal, Goal::Error(_)) { Direction::Up } else { Direction::Down };
         // What a turn gains towards the goal, and what it loses.
         let gained = |a: &Tried, b: &Tried| (a.bounded(goal) - b.bounded(goal), b.paid(goal) - a.paid(goal));
         while !self.tried[from].fits(goal) {
@@ -262,10 +271,11 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
             let mut turns = Vec::new();
             let open = (0..self.knobs.len()).filter(|&knob| beside.is_none_or(|(fixed, _)| fixed != knob));
             for knob in open {
-                let Some(position) = self.turned(&here.position, knob, way, self.knobs[knob].step) else {
+                let Some(assignment) = self.stepped(&here.assignment, knob, direction, self.knobs[knob].step)
+                else {
                     continue;
                 };
-                let at = self.look(&position)?;
+                let at = self.measured(&assignment)?;
                 let (gain, loss) = gained(&here, &self.tried[at]);
                 if gain > 0.0 {
                     turns.push((gain / loss.max(1e-12), knob));
@@ -274,11 +284,12 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
             turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
             let mut at = from;
             for (_, knob) in turns {
-                let position = &self.tried[at].position;
-                let Some(position) = self.turned(position, knob, way, self.knobs[knob].step) else {
+                let assignment = &self.tried[at].assignment;
+                let Some(assignment) = self.stepped(assignment, knob, direction, self.knobs[knob].step)
+                else {
                     continue;
                 };
-                let next = self.look(&position)?;
+                let next = self.measured(&assignment)?;
                 if gained(&self.tried[at], &self.tried[next]).0 > 0.0 {
                     at = next;
                 }
@@ -302,13 +313,13 @@ mod tests {
 
     /// Costs double with each value; errors are independent and halve, as noise and resolution do.
     fn model(weights: &'static [(f64, f64)]) -> impl FnMut(&[usize]) -> Option<(f64, f64)> {
-        move |position| {
+        move |assignment| {
             let value = |(&at, &(cost, error)): (&usize, &(f64, f64))| {
                 let scale = f64::from(1_u32 << at);
                 (cost * scale, (error / scale) * (error / scale))
             };
             let (cost, square) =
-                position.iter().zip(weights).map(value).fold((0.0, 0.0), |(a, b), (c, d)| (a + c, b + d));
+                assignment.iter().zip(weights).map(value).fold((0.0, 0.0), |(a, b), (c, d)| (a + c, b + d));
             Some((cost, square.sqrt()))
         }
     }
@@ -331,7 +342,7 @@ mod tests {
         };
         let all = (0..total).filter_map(|n| {
             let (cost, error) = measure(&at(n))?;
-            Some(Tried { position: at(n), cost, error })
+            Some(Tried { assignment: at(n), cost, error })
         });
         let fits: Vec<Tried> = all.filter(|t| t.fits(goal)).collect();
         fits.iter().fold(fits[0].clone(), |best, t| if t.beats(&best, goal) { t.clone() } else { best })
@@ -350,7 +361,7 @@ mod tests {
         for most in [0.5, 0.1, 0.02] {
             let goal = Goal::Error(most);
             let presets: Vec<Vec<usize>> = [0, 3, 6, 8].map(|at| vec![at; 3]).to_vec();
-            let Found { tried, best, finished } = search(&presets, &steps(sizes), goal, model(BAD));
+            let SearchResult { tried, best, finished } = search(&presets, &steps(sizes), goal, model(BAD));
             let best = &tried[best.unwrap()];
             assert!(finished);
             let ideal = exhaustive(&sizes, goal, model(BAD));
@@ -365,7 +376,8 @@ mod tests {
     #[test]
     fn the_least_error_within_a_cost() {
         let (sizes, goal) = ([9, 9, 9], Goal::Cost(900.0));
-        let Found { tried, best, .. } = search(&[vec![0; 3], vec![3; 3]], &steps(sizes), goal, model(BAD));
+        let SearchResult { tried, best, .. } =
+            search(&[vec![0; 3], vec![3; 3]], &steps(sizes), goal, model(BAD));
         let (best, ideal) = (&tried[best.unwrap()], exhaustive(&sizes, goal, model(BAD)));
         assert!(best.cost <= 900.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
     }
@@ -374,45 +386,47 @@ mod tests {
     // nothing is found.
     #[test]
     fn the_best_start_is_searched_from_as_well() {
-        let measure = |position: &[usize]| {
-            let error = if position[0].min(position[1]) > 0 { 1.0 / (position[2] + 1) as f64 } else { 2.0 };
-            Some((1.0 + position.iter().sum::<usize>() as f64, error))
+        let measure = |assignment: &[usize]| {
+            let error =
+                if assignment[0].min(assignment[1]) > 0 { 1.0 / (assignment[2] + 1) as f64 } else { 2.0 };
+            Some((1.0 + assignment.iter().sum::<usize>() as f64, error))
         };
-        let Found { tried, best, finished } =
+        let SearchResult { tried, best, finished } =
             search(&[vec![0; 3], vec![1, 1, 0]], &steps([4; 3]), Goal::Cost(5.0), measure);
-        assert!(finished && tried[best.unwrap()].position == [1, 1, 2], "{tried:?}");
+        assert!(finished && tried[best.unwrap()].assignment == [1, 1, 2], "{tried:?}");
     }
 
     // The best start that fits has two dear knobs that err where they are not turned alike, so no turn down from it
     // helps; from the start that misses the error what pays is turned up alone.
     #[test]
     fn the_start_that_misses_the_error_is_searched_from_as_well() {
-        let measure = |position: &[usize]| {
-            let [a, b, c] = [0, 1, 2].map(|knob| position[knob] as f64);
-            let error = if position[0] == position[1] { 8.0 - a - c } else { 9.0 - c };
+        let measure = |assignment: &[usize]| {
+            let [a, b, c] = [0, 1, 2].map(|knob| assignment[knob] as f64);
+            let error = if assignment[0] == assignment[1] { 8.0 - a - c } else { 9.0 - c };
             Some((1.0 + 10.0 * (a + b) + c, error))
         };
         let (starts, goal) = ([vec![3, 3, 3], vec![2, 2, 1], vec![0; 3]], Goal::Error(5.0));
-        let Found { tried, best, .. } = search(&starts, &steps([5; 3]), goal, measure);
-        assert_eq!(tried[best.unwrap()].position, [0, 0, 3], "{tried:?}");
+        let SearchResult { tried, best, .. } = search(&starts, &steps([5; 3]), goal, measure);
+        assert_eq!(tried[best.unwrap()].assignment, [0, 0, 3], "{tried:?}");
     }
 
     // No turn helps alone: the dear knob goes down where the cheap one goes up.
     #[test]
     fn a_dear_knob_is_exchanged_for_a_cheap_one() {
-        let measure = |position: &[usize]| {
-            let [a, b] = [0, 1].map(|knob| position[knob] as f64);
+        let measure = |assignment: &[usize]| {
+            let [a, b] = [0, 1].map(|knob| assignment[knob] as f64);
             Some((1.0 + 10.0 * a + b, 12.0 - 2.0 * a - b))
         };
-        let Found { tried, best, finished } =
+        let SearchResult { tried, best, finished } =
             search(&[vec![5, 0], vec![0, 0]], &steps([9, 9]), Goal::Error(2.0), measure);
-        assert!(finished && tried[best.unwrap()].position == [1, 8], "{tried:?}");
+        assert!(finished && tried[best.unwrap()].assignment == [1, 8], "{tried:?}");
     }
 
     #[test]
     fn a_cost_below_all_starts_is_gone_down_to() {
         let (sizes, goal) = ([9, 9, 9], Goal::Cost(250.0));
-        let Found { tried, best, .. } = search(&[vec![8; 3], vec![3, 4, 3]], &steps(sizes), goal, model(BAD));
+        let SearchResult { tried, best, .. } =
+            search(&[vec![8; 3], vec![3, 4, 3]], &steps(sizes), goal, model(BAD));
         let (best, ideal) = (&tried[best.unwrap()], exhaustive(&sizes, goal, model(BAD)));
         assert!(best.cost <= 250.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
     }
@@ -420,11 +434,11 @@ mod tests {
     // Two values make a step: one is tried where no step helps.
     #[test]
     fn halves_of_steps_come_last() {
-        let measure = |position: &[usize]| Some((position[0] as f64, 8.0 - position[0] as f64));
+        let measure = |assignment: &[usize]| Some((assignment[0] as f64, 8.0 - assignment[0] as f64));
         let one = [Steps { values: 9, step: 2 }];
-        let Found { tried, best, finished } = search(&[vec![8]], &one, Goal::Error(3.0), measure);
-        assert!(finished && tried[best.unwrap()].position == [5], "{tried:?}");
-        let order: Vec<usize> = tried.iter().map(|t| t.position[0]).collect();
+        let SearchResult { tried, best, finished } = search(&[vec![8]], &one, Goal::Error(3.0), measure);
+        assert!(finished && tried[best.unwrap()].assignment == [5], "{tried:?}");
+        let order: Vec<usize> = tried.iter().map(|t| t.assignment[0]).collect();
         assert_eq!(order, [8, 6, 4, 5]);
     }
 
@@ -433,9 +447,9 @@ mod tests {
         let found = search(&[vec![0, 0, 0]], &steps([1; 3]), Goal::Error(1e-9), model(BAD));
         assert_eq!((found.tried.len(), found.best, found.finished), (1, None, true));
         let (mut left, mut of) = (5, model(BAD));
-        let limited = |position: &[usize]| {
+        let limited = |assignment: &[usize]| {
             left -= 1;
-            if left < 0 { None } else { of(position) }
+            if left < 0 { None } else { of(assignment) }
         };
         let found = search(&[vec![8; 3]], &steps([9; 3]), Goal::Error(0.1), limited);
         assert!(found.tried.len() == 5 && found.best.is_some() && !found.finished);
@@ -443,7 +457,7 @@ mod tests {
 
     #[test]
     fn the_front_holds_what_nothing_beats() {
-        let of = |cost, error| Tried { position: vec![], cost, error };
+        let of = |cost, error| Tried { assignment: vec![], cost, error };
         let all = [of(3.0, 1.0), of(1.0, 3.0), of(2.0, 3.0), of(2.0, 2.0), of(1.0, 3.0)];
         assert_eq!(pareto(&all), [1, 3, 0]);
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DMat4;
 use nodes::cube_rig::{self, CubeRig, Turn};
-use nodes::splat::{Around, Blocks, Settings, Work, panorama, render_with};
+use nodes::splat::{Blocks, PanoramaCamera, Settings, Work, panorama, render_with};
 use nodes::types::{Camera, Pose, Splats};
 
 use engine::{Kind, Up};
@@ -38,7 +38,7 @@ pub fn table(bench: &Bench) {
             });
         }
         line(bench, name, "a panorama of 1024 px", |settings| {
-            let around = Around { eye: at, up: Up::PlusZ, width_px: 1024 };
+            let around = PanoramaCamera { eye: at, up: Up::PlusZ, width_px: 1024 };
             panorama(&scene, &around, None, settings, &bench.cx).unwrap().work
         });
     }

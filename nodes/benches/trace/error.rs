@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nodes::color::luminance;
-use nodes::path_trace::rules::{Bounce, EnvBlock};
+use nodes::path_trace::visibility::{Bounce, EnvBlock};
 
 use super::case::{Case, Traced, relative_mse, rgb};
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use engine::Kind;
 use nodes::denoise::{self, Denoise, Method};
 use nodes::path_trace::Out;
-use nodes::path_trace::rules::{Bounce, EnvBlock};
+use nodes::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::types::Images;
 
 use super::case::{Case, Traced, context, relative_mse, rgb};

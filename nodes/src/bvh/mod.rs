@@ -81,9 +81,9 @@ impl Bvh {
         self.bounds
     }
 
-    /// Looks at the tree from its root: `look` gets the corners of a box, and says whether to look into that, or those of
+    /// Looks at the tree from its root: `visit` gets the corners of a box, and says whether to look into that, or those of
     /// a triangle.
-    pub fn look(&self, mut look: impl FnMut(&[Vec3]) -> bool) {
+    pub fn visit(&self, mut look: impl FnMut(&[Vec3]) -> bool) {
         let corners = |bounds: &[[Vec4; 2]; 3], lane: usize| -> [Vec3; 8] {
             std::array::from_fn(|i| Vec3::from_array([0, 1, 2].map(|axis| bounds[axis][i >> axis & 1][lane])))
         };

@@ -8,7 +8,7 @@ use super::light::{Effort, Lit, Rgb, add, times};
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
-use super::{View, World};
+use super::{View, WorldFrame};
 use crate::color::srgb_from_linear;
 use crate::num;
 use crate::types::{SplatEncoding, Splats};
@@ -56,7 +56,7 @@ pub(super) fn splats(
     lit: &Lit<'_>,
     layout: &Layout,
     view: &View,
-    world: &World,
+    world: &WorldFrame,
     count: usize,
     cx: &Context,
 ) -> Result<(Splats, Defects), NodeError> {
@@ -147,7 +147,7 @@ fn cut(quads: &[Quad], view: &View, pixels: f64, mut list: Option<&mut Vec<Patch
 }
 
 /// The splat of a patch; none where no camera of the capture saw it.
-fn splat(lit: &Lit<'_>, layout: &Layout, patch: Patch, key: u64, world: &World) -> Option<Splat> {
+fn splat(lit: &Lit<'_>, layout: &Layout, patch: Patch, key: u64, world: &WorldFrame) -> Option<Splat> {
     let quad = &lit.quads[patch.quad as usize];
     let [lu, lv] = quad.lengths();
     let random = |d: u64| unit(lit.seed, 0x7370, key, d);
@@ -213,7 +213,7 @@ fn colours(
     half: [f64; 2],
     toward: DVec3,
     key: u64,
-    world: &World,
+    world: &WorldFrame,
 ) -> [Rgb; SH] {
     let effort = Effort { sky: if lit.opening.is_some() { 16 } else { 25 }, sun: 4, lamp: 4 };
     let light = lit.received(quad, u, v, toward, key, effort);
@@ -356,7 +356,7 @@ fn floater(lit: &Lit<'_>, layout: &Layout, view: &View, i: u64) -> Option<Splat>
     })
 }
 
-fn pack(splats: &[Splat], world: &World) -> Splats {
+fn pack(splats: &[Splat], world: &WorldFrame) -> Splats {
     let single = |v: DVec3| [v.x as f32, v.y as f32, v.z as f32];
     Splats {
         means: splats.iter().map(|s| single(world.point(s.mean))).collect(),

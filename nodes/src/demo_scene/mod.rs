@@ -81,12 +81,12 @@ engine::outputs! {
 }
 
 /// From metres in the frame of the place to world units.
-struct World {
+struct WorldFrame {
     axes: [DVec3; 3],
     per_metre: f64,
 }
 
-impl World {
+impl WorldFrame {
     fn turn(&self, v: DVec3) -> DVec3 {
         self.axes[0] * v.x + self.axes[1] * v.y + self.axes[2] * v.z
     }
@@ -144,7 +144,7 @@ impl View {
         }
     }
 
-    fn camera(&self, params: &DemoScene, world: &World) -> Camera {
+    fn camera(&self, params: &DemoScene, world: &WorldFrame) -> Camera {
         let (x, y, z) = (world.turn(self.right), world.turn(self.down), world.turn(self.forward));
         let pose =
             DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), world.point(self.eye).extend(1.0));
@@ -181,7 +181,7 @@ impl Kind for DemoScene {
 
     fn run(params: &Self, _: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let seed = cx.seed();
-        let world = World { axes: equirect::axes(cx.up()), per_metre: 1.0 / cx.metres_per_unit() };
+        let world = WorldFrame { axes: equirect::axes(cx.up()), per_metre: 1.0 / cx.metres_per_unit() };
         let layout = match params.place {
             Setting::Room => room::layout(seed),
             Setting::Courtyard => courtyard::layout(seed),
@@ -219,7 +219,7 @@ fn truth(
     lit: &Lit<'_>,
     layout: &Layout,
     params: &DemoScene,
-    world: &World,
+    world: &WorldFrame,
     cx: &Context,
 ) -> Result<Environment, NodeError> {
     let width = params.truth_width_px as usize & !1;

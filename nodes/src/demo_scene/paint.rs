@@ -52,7 +52,7 @@ pub(super) struct Gloss {
 
 /// What a point of a surface looks like.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct Appearance {
     pub albedo: [f64; 3],
     pub gloss: Option<Gloss>,
 }
@@ -96,17 +96,17 @@ impl Paint {
     }
 
     /// The look at (u, v), in metres.
-    pub(super) fn look(self, seed: u64, [u, v]: [f64; 2]) -> Look {
-        let matte = |albedo| Look { albedo, gloss: None };
+    pub(super) fn look(self, seed: u64, [u, v]: [f64; 2]) -> Appearance {
+        let matte = |albedo| Appearance { albedo, gloss: None };
         match self {
             Paint::Plain(c) => matte(c),
-            Paint::Lacquer(c) => Look { albedo: c, gloss: Some(Gloss { f0: 0.05, spread: 0.06 }) },
+            Paint::Lacquer(c) => Appearance { albedo: c, gloss: Some(Gloss { f0: 0.05, spread: 0.06 }) },
             Paint::Plaster(c) => matte(scaled(
                 c,
                 1.0 + 0.05 * fractal(seed, u * 3.0, v * 3.0) + 0.03 * fractal(seed, u * 40.0, v * 40.0),
             )),
             Paint::Boards => boards(seed, u, v),
-            Paint::Wood(c) => Look {
+            Paint::Wood(c) => Appearance {
                 albedo: scaled(c, 1.0 + 0.30 * grain(seed + 11, u, v)),
                 gloss: Some(Gloss { f0: 0.04, spread: 0.12 }),
             },
@@ -116,7 +116,7 @@ impl Paint {
                 matte(scaled(c, 1.0 + 0.16 * fractal(seed, u * 16.0, v * 16.0) - 0.13 * weave))
             }
             Paint::Book(k) => matte(book(k, u, v)),
-            Paint::Print(k, size) => Look {
+            Paint::Print(k, size) => Appearance {
                 albedo: print(k, u / size[0], v / size[1]),
                 gloss: Some(Gloss { f0: 0.04, spread: 0.02 }),
             },
@@ -128,13 +128,13 @@ impl Paint {
             Paint::Slabs => slabs(seed, u, v),
             Paint::Bricks => matte(bricks(seed, u, v)),
             Paint::Water => {
-                Look { albedo: [0.02, 0.06, 0.07], gloss: Some(Gloss { f0: 0.06, spread: 0.03 }) }
+                Appearance { albedo: [0.02, 0.06, 0.07], gloss: Some(Gloss { f0: 0.06, spread: 0.03 }) }
             }
         }
     }
 }
 
-fn boards(seed: u64, u: f64, v: f64) -> Look {
+fn boards(seed: u64, u: f64, v: f64) -> Appearance {
     let (width, length) = (0.145, 1.9);
     let row = (u / width).floor();
     let shift = unit(seed, 21, row as i64 as u64, 0) * length;
@@ -145,7 +145,7 @@ fn boards(seed: u64, u: f64, v: f64) -> Look {
     let base = mixed([0.30, 0.165, 0.075], [0.235, 0.135, 0.07], warm);
     let grain = grain(key, v, u + 7.0 * warm);
     let gap = groove(u, width, 0.0016).max(groove(v + shift, length, 0.0016));
-    Look {
+    Appearance {
         albedo: scaled(base, tone * (1.0 + 0.28 * grain) * (1.0 - 0.6 * gap)),
         gloss: Some(Gloss { f0: 0.045, spread: 0.09 }),
     }
@@ -247,7 +247,7 @@ fn print(k: u32, u: f64, v: f64) -> [f64; 3] {
     if sun < 0.09 { [0.80, 0.42, 0.16] } else { scaled(sky, 0.92 + 0.25 * v) }
 }
 
-fn slabs(seed: u64, u: f64, v: f64) -> Look {
+fn slabs(seed: u64, u: f64, v: f64) -> Appearance {
     let size = 0.62;
     let row = (v / size).floor();
     let u = u + if (row as i64).rem_euclid(2) == 1 { size / 2.0 } else { 0.0 };
@@ -257,7 +257,7 @@ fn slabs(seed: u64, u: f64, v: f64) -> Look {
     let joint = groove(u, size, 0.006).max(groove(v, size, 0.006));
     let stain = 1.0 + 0.25 * fractal(seed + 9, u * 2.2, v * 2.2) + 0.13 * fractal(key, u * 24.0, v * 24.0);
     let stone = mixed([0.38, 0.34, 0.28], [0.33, 0.31, 0.285], warm);
-    Look { albedo: mixed(scaled(stone, tone * stain), [0.09, 0.085, 0.06], joint), gloss: None }
+    Appearance { albedo: mixed(scaled(stone, tone * stain), [0.09, 0.085, 0.06], joint), gloss: None }
 }
 
 fn bricks(seed: u64, u: f64, v: f64) -> [f64; 3] {

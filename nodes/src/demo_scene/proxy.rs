@@ -10,7 +10,7 @@ use super::light::{Effort, Lit};
 use super::place::Layout;
 use super::random::unit;
 use super::shape::Quad;
-use super::{World, paint::Paint};
+use super::{WorldFrame, paint::Paint};
 use crate::color::{code8, linear_from_srgb, srgb_from_linear};
 use crate::types::Mesh;
 
@@ -71,7 +71,12 @@ impl Weld {
     }
 }
 
-pub(super) fn mesh(lit: &Lit<'_>, layout: &Layout, world: &World, cx: &Context) -> Result<Mesh, NodeError> {
+pub(super) fn mesh(
+    lit: &Lit<'_>,
+    layout: &Layout,
+    world: &WorldFrame,
+    cx: &Context,
+) -> Result<Mesh, NodeError> {
     let mut weld = Weld::default();
     if layout.dome.is_none() {
         shell(layout).iter().for_each(|quad| weld.quad(0, quad, COARSE));

@@ -11,7 +11,7 @@ pub const PIXELS_PER_DEGREE: f64 = 67.020_643_276_582_25;
 
 /// What the eye gets of a picture in linear light of three channels; what a display cannot show is cut off
 /// at 0 and 1 first.
-pub struct Sight(Vec<Seen>);
+pub struct Sight(Vec<Features>);
 
 impl Sight {
     /// Looks at a picture.
@@ -32,7 +32,7 @@ impl Sight {
 }
 
 /// The colour difference, raised where features differ (equation 16, whose feature exponent is 0.5).
-fn difference(a: &Seen, b: &Seen) -> f64 {
+fn difference(a: &Features, b: &Features) -> f64 {
     let colour = redistribute(hyab(a.colour, b.colour));
     let feature = (a.edge - b.edge).abs().max((a.point - b.point).abs());
     let feature = (feature / std::f64::consts::SQRT_2).sqrt();
@@ -182,13 +182,13 @@ fn redistribute(distance: f64) -> f64 {
 }
 
 /// What the eye gets of a pixel.
-struct Seen {
+struct Features {
     colour: [f64; 3],
     edge: f64,
     point: f64,
 }
 
-fn seen(plane: &Plane, kernels: &Kernels, cx: &Context) -> Result<Vec<Seen>, NodeError> {
+fn seen(plane: &Plane, kernels: &Kernels, cx: &Context) -> Result<Vec<Features>, NodeError> {
     let (width, height) = (plane.width, plane.height);
     let mut channels: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(width * height));
     for pixel in plane.samples.chunks_exact(plane.channels) {
@@ -220,7 +220,7 @@ fn seen(plane: &Plane, kernels: &Kernels, cx: &Context) -> Result<Vec<Seen>, Nod
         let pixel = |i: usize| {
             let rgb = rgb_of_opponent([blurred[0][i], blurred[1][i], blurred[2][i]], &back);
             let colour = hunt_lab(rgb.map(|v| v.clamp(0.0, 1.0)));
-            Seen { colour, edge: edges[i], point: points[i] }
+            Features { colour, edge: edges[i], point: points[i] }
         };
         (y * width..(y + 1) * width).map(pixel).collect::<Vec<_>>()
     })?;

@@ -6,11 +6,11 @@
 
 use glam::Vec3;
 
-use super::aim::Cone;
 use super::bsdf::Lobe;
-use super::light::{Drawn, Look, TIERS};
-use super::scene::Surface;
-use super::walk::{PAIRS, Vertex, Walk, Way};
+use super::environment::{Distributions, DrawnDirection, TIERS};
+use super::integrator::{Integrator, PAIRS, PathState, Vertex};
+use super::light_distribution::Cone;
+use super::receiver::Surface;
 use crate::bvh::{Hit, Ray};
 use crate::sampling::{circle, hash, unit};
 
@@ -22,13 +22,13 @@ const RAYS: f32 = 1.0;
 
 /// Where the objects are for the first vertex.
 #[derive(Debug, Clone, Copy)]
-pub struct Reach<'a> {
+pub struct ChangeSampling<'a> {
     /// The part of the sky that they can hide.
-    pub look: Look<'a>,
+    pub distributions: Distributions<'a>,
     /// Light samples of each tier.
     pub lights: [u32; TIERS],
-    /// Odds that the sample asks for a change.
-    pub odds: f32,
+    /// Probability that the sample asks for a change.
+    pub probability: f32,
     /// Where rays to them start.
     pub start: Vec3,
     /// The box around them.
@@ -37,80 +37,82 @@ pub struct Reach<'a> {
     pub lift: Vec3,
 }
 
-impl Walk<'_> {
+impl Integrator<'_> {
     /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
-    pub fn change(&mut self, hit: Hit, ray: Ray, reach: &Reach<'_>) -> Vec3 {
-        if self.world.rules.near.is_some() {
-            self.both(hit, ray, reach.lift)
-        } else if reach.odds >= 1.0 || unit(self.points.bits(TOWARDS + 2)[0]) < reach.odds {
-            self.apart(hit, reach) / reach.odds
+    pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
+        if self.scene.rules.near.is_some() {
+            self.paired_estimate(hit, ray, sampling.lift)
+        } else if sampling.probability >= 1.0 || unit(self.points.bits(TOWARDS + 2)[0]) < sampling.probability
+        {
+            self.separate_estimate(hit, sampling) / sampling.probability
         } else {
             Vec3::ZERO
         }
     }
 
     /// What the objects take and give, each by samples of its own.
-    fn apart(&mut self, mut hit: Hit, reach: &Reach<'_>) -> Vec3 {
-        let (sky, rules) = (self.world.sky, self.world.rules);
-        let (mut light, mut weight) = (Vec3::ZERO, Vec3::ONE);
-        let mut lift = reach.lift;
+    fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
+        let (sky, rules) = (self.scene.sky, self.scene.rules);
+        let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        let mut lift = sampling.lift;
         for bounce in 0..=rules.max_bounces {
-            let surface = self.world.receiver.surface(&hit);
+            let surface = self.scene.receiver.surface(&hit);
             let surface = Surface { media: [self.around(surface.upright(lift)); 2], ..surface };
             let pair = 1 + bounce * PAIRS;
             let key = hash(self.key, pair);
             let first = bounce == 0;
 
             // Light of the sky that they take away.
-            let look = if first { reach.look } else { sky.look(surface.bsdf.lit_side()) };
-            let several = first.then_some(reach.lights);
+            let distributions =
+                if first { sampling.distributions } else { sky.distributions(surface.bsdf.lit_side()) };
+            let several = first.then_some(sampling.lights);
             let mut taken = Vec3::ZERO;
-            let lights = self.lights(look, pair, several);
+            let lights = self.lights(distributions, pair, several);
             for (number, drawn) in lights.iter().flatten().enumerate() {
-                taken += self.taken(&surface, lift, drawn, key.wrapping_add(number as u32));
+                taken += self.blocked_light(&surface, lift, drawn, key.wrapping_add(number as u32));
             }
-            light -= rules.clamped(bounce, weight * taken);
+            light -= rules.clamped(bounce, throughput * taken);
 
             // Light that they give: their own, by samples of it,
-            let lamps = self.lamps(&surface, key ^ 2, bounce);
-            light += rules.clamped(bounce, weight * lamps);
+            let lamps = self.sample_emitters(&surface, key ^ 2, bounce);
+            light += rules.clamped(bounce, throughput * lamps);
 
             // and what they scatter, by rays to where they are
-            let cone = match first && self.world.objects.emitters.is_empty() {
-                true => Cone::between([reach.start; 2], reach.objects),
+            let cone = match first && self.scene.objects.emitters.is_empty() {
+                true => Cone::between([sampling.start; 2], sampling.objects),
                 false => Cone::ALL,
             };
-            let density = cone_density(&cone);
-            if density > 0.0 && unit(self.points.bits(TOWARDS + 1)[0]) < density * cone.solid_angle() {
+            let cone_pdf = cone_pdf(&cone);
+            if cone_pdf > 0.0 && unit(self.points.bits(TOWARDS + 1)[0]) < cone_pdf * cone.solid_angle() {
                 let ray = towards(&cone, self.points.pair(TOWARDS));
                 let seen = surface.bsdf.eval(ray)[Lobe::Diffuse as usize];
                 if seen.pdf > 0.0 {
-                    let weight = weight * seen.value / (seen.pdf + density);
+                    let throughput = throughput * seen.value / (seen.pdf + cone_pdf);
                     let points = self.points;
                     self.points = points.branch(TOWARDS);
-                    light += self.difference(&surface, lift, ray, (weight, seen.pdf), key ^ 3, bounce).0;
+                    light += self.difference(&surface, lift, ray, (throughput, seen.pdf), key ^ 3, bounce).0;
                     self.points = points;
                 }
             }
 
             // and by rays in all directions, which find how the rest of the receiver changes too.
             let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
-            let inside = density > 0.0 && ray.dot(cone.axis) >= cone.cosine;
-            let throughput = scatter.value / scatter.pdf;
-            let both = if inside { scatter.pdf / (scatter.pdf + density) } else { 1.0 };
-            let how = (weight * throughput * both, scatter.pdf);
+            let inside = cone_pdf > 0.0 && ray.dot(cone.axis) >= cone.cosine;
+            let scatter_weight = scatter.value / scatter.pdf;
+            let mis_weight = if inside { scatter.pdf / (scatter.pdf + cone_pdf) } else { 1.0 };
+            let how = (throughput * scatter_weight * mis_weight, scatter.pdf);
             let (change, landed) = self.difference(&surface, lift, ray, how, key ^ 1, bounce);
             light += change;
             let Some(next) = landed else { break };
-            let Some(left) = self.survives(bounce, weight * throughput) else { break };
-            (hit, weight, lift) = (next, left, Vec3::ZERO);
+            let Some(left) = self.russian_roulette(bounce, throughput * scatter_weight) else { break };
+            (hit, throughput, lift) = (next, left, Vec3::ZERO);
         }
         light
     }
 
     /// The same by whole paths with and without the objects, which share their random numbers: where the
     /// receiver is the light, objects also take from what its places give.
-    fn both(&mut self, hit: Hit, ray: Ray, lift: Vec3) -> Vec3 {
+    fn paired_estimate(&mut self, hit: Hit, ray: Ray, lift: Vec3) -> Vec3 {
         self.lift = lift;
         let with = self.radiance(Vertex::Receiver(hit), ray);
         if !self.touched {
@@ -122,19 +124,19 @@ impl Walk<'_> {
 
     /// What the objects take of the light that a light sample brings. How much that is asked last, since most
     /// samples meet no object.
-    fn taken(&mut self, surface: &Surface, lift: Vec3, drawn: &Drawn, key: u32) -> Vec3 {
+    fn blocked_light(&mut self, surface: &Surface, lift: Vec3, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = surface.leave(drawn.direction);
+        let ray = surface.spawn_ray(drawn.direction);
         let to_objects = Ray { origin: ray.origin + lift, ..ray };
-        let [straight, _] = self.unshaded(to_objects, key, None, surface.medium(ray.direction));
-        if straight == Vec3::ONE || !self.passes(self.world.rules.sight(Lobe::Diffuse).shadow, ray) {
+        let [straight, _] = self.object_transmittance(to_objects, key, None, surface.medium(ray.direction));
+        if straight == Vec3::ONE || !self.passes(self.scene.rules.visibility(Lobe::Diffuse).shadow, ray) {
             return Vec3::ZERO;
         }
-        let light = self.world.sky.light(drawn);
-        (Vec3::ONE - straight) * scatter.value * light.radiance / light.density
+        let light = self.scene.sky.light(drawn);
+        (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
     }
 
     /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;
@@ -145,14 +147,14 @@ impl Walk<'_> {
         surface: &Surface,
         lift: Vec3,
         direction: Vec3,
-        (weight, density): (Vec3, f32),
+        (throughput, pdf): (Vec3, f32),
         key: u32,
         bounce: u32,
     ) -> (Vec3, Option<Hit>) {
-        let rules = self.world.rules;
-        let ray = surface.leave(direction);
-        let lands = bounce < rules.max_bounces && rules.sight(Lobe::Diffuse).lands;
-        let landed = if lands { self.landing(ray) } else { None };
+        let rules = self.scene.rules;
+        let ray = surface.spawn_ray(direction);
+        let lands = bounce < rules.max_bounces && rules.visibility(Lobe::Diffuse).lands;
+        let landed = if lands { self.receiver_hit(ray) } else { None };
         let to_objects = Ray { origin: ray.origin + lift, t_max: landed.map_or(ray.t_max, |l| l.t), ..ray };
         let object = self.object(to_objects, key, Lobe::Diffuse);
         let found = object.or(landed.map(Vertex::Receiver));
@@ -161,31 +163,32 @@ impl Walk<'_> {
         if object.is_none() && passed == Vec3::ONE {
             return (Vec3::ZERO, landed);
         }
-        let way = Way { direction, bounce: bounce + 1, weight, glow: 1.0, media };
+        let way = PathState { direction, bounce: bounce + 1, throughput, mis_weight: 1.0, media };
         let mut change = Vec3::ZERO;
         if let Some(vertex) = found {
-            let glow = match vertex {
-                Vertex::Object(hit) | Vertex::Straight(hit) => self.glow(&hit, ray, density),
+            let mis_weight = match vertex {
+                Vertex::Object(hit) | Vertex::Straight(hit) => self.mis_weight(&hit, ray, pdf),
                 Vertex::Receiver(_) => 1.0,
             };
-            change += self.onward(vertex, Way { weight: weight * passed, glow, ..way });
+            change +=
+                self.path_radiance(vertex, PathState { throughput: throughput * passed, mis_weight, ..way });
         }
         if let Some(hit) = landed {
             self.objects = false;
-            change -= self.onward(Vertex::Receiver(hit), way);
+            change -= self.path_radiance(Vertex::Receiver(hit), way);
             self.objects = true;
         }
         (change, None)
     }
 
-    fn landing(&mut self, ray: Ray) -> Option<Hit> {
+    fn receiver_hit(&mut self, ray: Ray) -> Option<Hit> {
         self.rays.scattered += 1;
-        self.world.receiver.bvh.closest(ray, |_| true)
+        self.scene.receiver.bvh.closest(ray, |_| true)
     }
 }
 
 /// Density of rays to the objects: so many a steradian, at most one in all; 0 where they may be anywhere.
-fn cone_density(cone: &Cone) -> f32 {
+fn cone_pdf(cone: &Cone) -> f32 {
     if cone.cosine > 0.0 { RAYS.min(1.0 / cone.solid_angle()) } else { 0.0 }
 }
 

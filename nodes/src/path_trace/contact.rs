@@ -9,7 +9,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::scene::Receiver;
+use super::receiver::Receiver;
 use crate::bvh::Ray;
 use crate::support::{Foot, Level};
 use crate::types::Placed;
@@ -48,7 +48,7 @@ pub struct Ground {
 impl Ground {
     /// Feels the ground under every object. `metre` is its length in world units; `fixed` an error in metres
     /// that the user knows better, 0 for a mesh without. Gives what was found for each object, be it too far off.
-    pub fn feel(
+    pub fn measure(
         receiver: &Receiver,
         objects: &[impl AsRef<Placed>],
         origin: DVec3,
@@ -63,17 +63,17 @@ impl Ground {
                 found.push(None);
                 continue;
             };
-            let felt = match fixed {
+            let measured = match fixed {
                 Some(_) => None,
                 None => [LARGEST, FARTHEST]
                     .into_iter()
                     .find_map(|largest| under(receiver, &foot, origin, up, largest * metre)),
             };
-            let near = |felt: &Level| felt.height.abs() <= LARGEST * metre;
-            let reach = match (fixed, felt) {
+            let near = |measured: &Level| measured.height.abs() <= LARGEST * metre;
+            let reach = match (fixed, measured) {
                 (Some(metres), _) => metres * metre,
-                (None, Some(felt)) if near(&felt) && felt.roughness > SMOOTHEST * metre => {
-                    (felt.height.abs() + 3.0 * felt.roughness).min(LARGEST * metre)
+                (None, Some(measured)) if near(&measured) && measured.roughness > SMOOTHEST * metre => {
+                    (measured.height.abs() + 3.0 * measured.roughness).min(LARGEST * metre)
                 }
                 _ => 0.0,
             };
@@ -82,13 +82,13 @@ impl Ground {
                 let height = (foot.base - origin.dot(up)) as f32;
                 ground.supports.push(Support { low, high, height, reach: reach as f32 });
             }
-            found.push(felt);
+            found.push(measured);
         }
         (ground, found)
     }
 
     /// The farthest that a camera's hit moves.
-    pub fn farthest(&self) -> f32 {
+    pub fn max_shift(&self) -> f32 {
         10.0 * self.supports.iter().map(|support| support.reach).fold(0.0, f32::max)
     }
 
@@ -171,9 +171,9 @@ mod tests {
         Arc::new(Placed { object: Arc::new(object), world_from_object })
     }
 
-    fn felt(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
+    fn measured(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
         let receiver = Receiver::new(mesh, DVec3::ZERO);
-        let (ground, found) = Ground::feel(&receiver, &[slab(z)], DVec3::ZERO, DVec3::Z, 1.0, None);
+        let (ground, found) = Ground::measure(&receiver, &[slab(z)], DVec3::ZERO, DVec3::Z, 1.0, None);
         (ground, found[0])
     }
 
@@ -184,25 +184,25 @@ mod tests {
     #[test]
     fn a_smooth_mesh_is_believed_and_a_rough_one_is_not() {
         for mesh in [ground(|_, _| 0.0), ground(|_, x| 0.1 * x)] {
-            let (level, found) = felt(&mesh, 0.01);
+            let (level, found) = measured(&mesh, 0.01);
             assert!(level.supports.is_empty() && found.expect("ground").roughness < 1e-6);
         }
-        let (rough, found) = felt(&ground(|i, _| noise(i) - 0.005), 0.0);
+        let (rough, found) = measured(&ground(|i, _| noise(i) - 0.005), 0.0);
         let found = found.expect("ground");
         assert!(
             (0.002..0.008).contains(&found.roughness) && (found.height + 0.005).abs() < 0.003,
             "{found:?}"
         );
         assert!((0.012..0.04).contains(&rough.supports[0].reach));
-        let (far, found) = felt(&ground(|i, _| noise(i)), 0.3);
+        let (far, found) = measured(&ground(|i, _| noise(i)), 0.3);
         assert!(far.supports.is_empty() && (found.expect("ground").height + 0.3).abs() < 0.01);
-        assert_eq!(felt(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
+        assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
     }
 
     // A hit of the camera lands at the height of the base, whatever the mesh has there.
     #[test]
     fn hits_move_along_the_ray_to_the_base() {
-        let (ground, _) = felt(&ground(|i, _| noise(i)), 0.0);
+        let (ground, _) = measured(&ground(|i, _| noise(i)), 0.0);
         let reach = ground.supports[0].reach;
         let ray = Vec3::new(0.6, 0.0, -0.8);
         for error in [-0.9, -0.2, 0.0, 0.5, 0.99_f32] {

@@ -21,10 +21,10 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::aim::Cone;
-use super::enough::smoothest;
-use super::scene::Receiver;
-use super::walk::World;
+use super::env_resolution::smoothest;
+use super::integrator::Scene;
+use super::light_distribution::Cone;
+use super::receiver::Receiver;
 use crate::bvh::Hit;
 
 /// Boxes of the receiver that are looked into to find what of it a tile sees.
@@ -32,7 +32,7 @@ const LOOKS: u32 = 256;
 
 /// Where the points of a tile are, and what light they have without the objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct TileBounds {
     /// Box around the points that rays start from; lower above upper where the camera sees no receiver.
     pub low: Vec3,
     /// Its upper corner.
@@ -45,7 +45,7 @@ pub struct Place {
     pub least: Vec3,
 }
 
-impl Default for Place {
+impl Default for TileBounds {
     /// Of no points.
     fn default() -> Self {
         let normals = Cone { axis: Vec3::Z, cosine: 1.0 };
@@ -53,7 +53,7 @@ impl Default for Place {
     }
 }
 
-impl Place {
+impl TileBounds {
     /// Of the pixels of a tile: for each its sum of light and the hits of its samples.
     pub fn of<'a>(
         receiver: &Receiver,
@@ -61,26 +61,26 @@ impl Place {
     ) -> Self {
         let normals =
             pixels.clone().flat_map(|(_, hits)| hits.iter().flatten()).map(|hit| receiver.facing(hit));
-        let mut place = Self::default();
-        let Some(first) = normals.clone().next() else { return place };
-        place.normals = match normals.clone().all(|normal| normal == first) {
+        let mut tile = Self::default();
+        let Some(first) = normals.clone().next() else { return tile };
+        tile.normals = match normals.clone().all(|normal| normal == first) {
             true => Cone { axis: first, cosine: 1.0 },
             false => Cone::around(normals),
         };
-        let axis = place.normals.axis.as_dvec3();
+        let axis = tile.normals.axis.as_dvec3();
         for (light, hits) in pixels {
             let mut albedo = Vec3::ZERO;
             for hit in hits.iter().flatten() {
                 let start = receiver.start(hit);
-                (place.low, place.high) = (place.low.min(start), place.high.max(start));
-                place.height = place.height.min(start.as_dvec3().dot(axis) as f32);
+                (tile.low, tile.high) = (tile.low.min(start), tile.high.max(start));
+                tile.height = tile.height.min(start.as_dvec3().dot(axis) as f32);
                 albedo += receiver.albedo_at(hit);
             }
             // What reflects nothing is not changed by anything.
             let share = Vec3::select(albedo.cmpgt(Vec3::ZERO), light / albedo, Vec3::MAX);
-            place.least = place.least.min(share);
+            tile.least = tile.least.min(share);
         }
-        place
+        tile
     }
 
     /// Values in a store: box, normals, height, light.
@@ -129,17 +129,17 @@ struct Window {
 
 impl Window {
     /// Of a box or a triangle by its corners; none where it may be anywhere above the points.
-    fn of(place: &Place, corners: &[Vec3]) -> Option<Self> {
-        let up = place.normals.axis.as_dvec3();
+    fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
+        let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
-        let above = heights.fold(f64::NEG_INFINITY, f64::max) - f64::from(place.height);
-        let cosine = f64::from(place.normals.cosine);
+        let above = heights.fold(f64::NEG_INFINITY, f64::max) - f64::from(tile.height);
+        let cosine = f64::from(tile.normals.cosine);
         let tilt =
             if cosine > 0.0 { (1.0 - cosine * cosine).max(0.0).sqrt() / cosine } else { f64::INFINITY };
         if above <= 0.0 && tilt == 0.0 {
             return Some(Self { axes: [DVec3::X, DVec3::Y, up], side: 0.0, rise: 0.0, tilt });
         }
-        let [low, high] = [place.low, place.high].map(|p| p.as_dvec3());
+        let [low, high] = [tile.low, tile.high].map(|p| p.as_dvec3());
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
         let way = corners.iter().map(|corner| corner.as_dvec3() - middle).sum::<DVec3>();
         let x = (way - up * way.dot(up)).try_normalize()?;
@@ -194,23 +194,23 @@ pub struct Crop {
 
 impl Crop {
     /// For a scene; `Err` tells why nothing can be shown.
-    pub fn new(world: &World<'_>, limit: f64) -> Result<Self, &'static str> {
-        let objects = world.objects.bvh.bounds().ok_or("there is no object")?;
-        if world.rules.near.is_some() {
+    pub fn new(scene: &Scene<'_>, limit: f64) -> Result<Self, &'static str> {
+        let objects = scene.objects.bvh.bounds().ok_or("there is no object")?;
+        if scene.rules.near.is_some() {
             return Err("the receiver is the light");
         }
-        if !world.objects.emitters.is_empty() {
+        if !scene.objects.emitters.is_empty() {
             return Err("objects shine");
         }
-        let (brightest, irradiance) = world.sky.bounds();
-        let lands = world.rules.bounce_solid;
-        let albedo = matte_albedo(world).map(|of_objects| {
-            let of_receiver = if lands { world.receiver.albedo() } else { Vec3::ZERO };
+        let (brightest, irradiance) = scene.sky.bounds();
+        let lands = scene.rules.bounce_solid;
+        let albedo = matte_albedo(scene).map(|of_objects| {
+            let of_receiver = if lands { scene.receiver.albedo() } else { Vec3::ZERO };
             of_objects.max(of_receiver).to_array().map(f64::from)
         });
         let surfaces = std::array::from_fn(|k| {
             let matte = albedo.map_or(f64::INFINITY, |albedo| {
-                let each = (0..world.rules.max_bounces.max(1)).scan(1.0, |left, _| {
+                let each = (0..scene.rules.max_bounces.max(1)).scan(1.0, |left, _| {
                     *left *= albedo[k];
                     Some(*left)
                 });
@@ -223,24 +223,28 @@ impl Crop {
 
     /// The largest share that the objects can change of the light of any pixel of a place whose points may be lifted so
     /// far; none if it may be above the limit.
-    pub fn bound(&self, world: &World<'_>, place: &Place, lifted: f32) -> Option<f64> {
-        if place.is_empty() {
+    pub fn bound(&self, scene: &Scene<'_>, tile: &TileBounds, lifted: f32) -> Option<f64> {
+        if tile.is_empty() {
             return Some(0.0);
         }
         // Light that is lost or won for an albedo of 1, from irradiance.
         let share = |changed: [f64; 3]| {
-            let least = place.least.to_array().map(f64::from);
+            let least = tile.least.to_array().map(f64::from);
             (0..3).filter(|&k| changed[k] > 0.0).map(|k| changed[k] / (PI * least[k])).fold(0.0, f64::max)
         };
-        let place = place.grown(lifted);
-        let window = Window::of(&place, &corners(self.objects))?;
+        let tile = tile.grown(lifted);
+        let window = Window::of(&tile, &corners(self.objects))?;
         let solid = window.projected();
         let sent = self.surfaces.map(|radiance| radiance * solid);
         if share(sent) > self.limit {
             return None;
         }
-        let seen = if self.lands && solid > 0.0 { self.seen(world.receiver, &place, &share)? } else { 0.0 };
-        let taken = if solid > 0.0 { self.taken(world, &place, &window, solid) } else { [0.0; 3] };
+        let seen = if self.lands && solid > 0.0 {
+            self.receiver_solid_angle(scene.receiver, &tile, &share)?
+        } else {
+            0.0
+        };
+        let taken = if solid > 0.0 { self.hidden_light(scene, &tile, &window, solid) } else { [0.0; 3] };
         let of_receiver = |k: usize| if seen > 0.0 { self.surfaces[k] } else { 0.0 };
         let bound = share(std::array::from_fn(|k| {
             (taken[k] + solid * of_receiver(k)).max(sent[k]) + seen * of_receiver(k)
@@ -250,11 +254,16 @@ impl Crop {
 
     /// A bound of the projected solid angle of the receiver from the points of a place; none where it is too large for the
     /// limit or takes too long to tell.
-    fn seen(&self, receiver: &Receiver, place: &Place, share: &impl Fn([f64; 3]) -> f64) -> Option<f64> {
+    fn receiver_solid_angle(
+        &self,
+        receiver: &Receiver,
+        tile: &TileBounds,
+        share: &impl Fn([f64; 3]) -> f64,
+    ) -> Option<f64> {
         let (mut sum, mut left, mut fails) = (0.0, LOOKS, false);
         let too_much = |solid: f64| share(self.surfaces.map(|radiance| radiance * solid)) > self.limit;
-        receiver.bvh.look(|corners| {
-            let solid = Window::of(place, corners).map_or(PI, |window| window.projected());
+        receiver.bvh.visit(|corners| {
+            let solid = Window::of(tile, corners).map_or(PI, |window| window.projected());
             // What is small is not looked into.
             if corners.len() == 8 && left > 0 && too_much(solid * 16.0) {
                 left -= 1;
@@ -269,10 +278,10 @@ impl Crop {
 
     /// Light of the sky that the objects may hide, times the cosine: that of all texels which reach into the window, or of
     /// the brightest of them all over it, whichever is less.
-    fn taken(&self, world: &World<'_>, place: &Place, window: &Window, solid: f64) -> [f64; 3] {
-        let cone = Cone::between([place.low, place.high], self.objects);
+    fn hidden_light(&self, scene: &Scene<'_>, tile: &TileBounds, window: &Window, solid: f64) -> [f64; 3] {
+        let cone = Cone::between([tile.low, tile.high], self.objects);
         let (mut sum, mut brightest) = ([0.0; 3], [0.0_f64; 3]);
-        world.sky.each_around(&cone, |direction, radius, solid_angle, radiance| {
+        scene.sky.each_around(&cone, |direction, radius, solid_angle, radiance| {
             let cosine = window.cosine(direction, radius);
             if cosine > 0.0 {
                 for k in 0..3 {
@@ -292,8 +301,8 @@ pub fn corners([low, high]: [Vec3; 2]) -> [Vec3; 8] {
 }
 
 /// The largest albedo of the objects, for each channel, if all of their surfaces are matte.
-fn matte_albedo(world: &World<'_>) -> Option<Vec3> {
-    let primitives = world.objects.placed().iter().flat_map(|placed| {
+fn matte_albedo(scene: &Scene<'_>) -> Option<Vec3> {
+    let primitives = scene.objects.placed().iter().flat_map(|placed| {
         let object = &placed.object;
         object.primitives.iter().map(move |part| (object, part, &object.materials[part.material as usize]))
     });
@@ -331,7 +340,7 @@ pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path_trace::globe::Globe;
+    use crate::path_trace::texel_grid::TexelGrid;
     use crate::sampling::{Points, circle};
 
     fn direction([u, v]: [f32; 2]) -> Vec3 {
@@ -362,14 +371,14 @@ mod tests {
             let low = Vec3::new(between(1.5, 5.0, c), between(-2.0, 2.0, d), between(-2.0, 2.0, e));
             let target =
                 [low, low + Vec3::new(between(0.2, 1.0, f), between(0.2, 2.0, g), between(0.2, 2.0, h))];
-            let place = Place {
+            let tile = TileBounds {
                 low: Vec3::splat(-0.2),
                 high: Vec3::splat(0.2),
                 normals: Cone { axis, cosine: if i % 2 == 0 { 1.0 } else { 0.995 } },
                 height: -0.2 * (axis.x.abs() + axis.y.abs() + axis.z.abs()),
                 least: Vec3::ONE,
             };
-            let Some(window) = Window::of(&place, &corners(target)) else { continue };
+            let Some(window) = Window::of(&tile, &corners(target)) else { continue };
             held += 1;
             for number in 0..4 {
                 let points = Points::new(12 + i, number);
@@ -421,16 +430,16 @@ mod tests {
     #[test]
     fn texels_of_a_cone_are_all_visited() {
         for (width, height) in [(64, 32), (200, 77), (8, 3), (1, 1)] {
-            let globe = Globe::new(width, height, engine::Up::PlusY);
+            let texel_grid = TexelGrid::new(width, height, engine::Up::PlusY);
             for i in 0..60 {
                 let [[a, b], [c, _]] = [0, 1].map(|k| Points::new(7, i).pair(k));
                 let cone = Cone { axis: direction([a, b]), cosine: between(0.4, 0.9999, c) };
                 let mut visits = vec![0; width * height];
-                globe.each_around(&cone, |x, y| visits[y * width + x] += 1);
+                texel_grid.each_around(&cone, |x, y| visits[y * width + x] += 1);
                 assert!(visits.iter().all(|&n| n <= 1));
                 for k in 0..3_000 {
                     let way = direction(Points::new(8, k).pair(0));
-                    let (x, y) = globe.texel(way);
+                    let (x, y) = texel_grid.texel(way);
                     assert!(
                         way.dot(cone.axis) < cone.cosine || visits[y * width + x] == 1,
                         "{x} {y} {cone:?}"

@@ -12,12 +12,12 @@ pub struct Emitters {
     triangles: Vec<u32>,
     choice: Discrete,
     /// Density of a point, for each triangle of the objects; empty where nothing shines.
-    density: Vec<f32>,
+    pdf: Vec<f32>,
 }
 
 /// A point that shines.
 #[derive(Debug, Clone, Copy)]
-pub struct Lamp {
+pub struct EmitterSample {
     /// Where it is: the triangle and the weights of its vertices.
     pub hit: Hit,
     /// Position in the frame of the scene.
@@ -25,7 +25,7 @@ pub struct Lamp {
     /// Unit normal of the triangle, by its winding.
     pub normal: Vec3,
     /// Density of choosing it, by area.
-    pub density: f32,
+    pub pdf: f32,
 }
 
 impl Emitters {
@@ -42,11 +42,11 @@ impl Emitters {
             }
         }
         let choice = Discrete::new(&powers).0;
-        let mut density = vec![0.0; if triangles.is_empty() { 0 } else { corners.len() }];
+        let mut pdf = vec![0.0; if triangles.is_empty() { 0 } else { corners.len() }];
         for (k, (&triangle, area)) in triangles.iter().zip(areas).enumerate() {
-            density[triangle as usize] = (choice.probability(k) / area) as f32;
+            pdf[triangle as usize] = (choice.probability(k) / area) as f32;
         }
-        Self { triangles, choice, density }
+        Self { triangles, choice, pdf }
     }
 
     /// Whether nothing shines.
@@ -55,12 +55,12 @@ impl Emitters {
     }
 
     /// Density of choosing a point of a triangle, by area.
-    pub fn density(&self, triangle: u32) -> f32 {
-        self.density.get(triangle as usize).copied().unwrap_or(0.0)
+    pub fn pdf(&self, triangle: u32) -> f32 {
+        self.pdf.get(triangle as usize).copied().unwrap_or(0.0)
     }
 
     /// A point, from two pairs of 32-bit fractions; not to be asked for where nothing shines.
-    pub fn sample(&self, corners: &[[Vec3; 3]], choice: u32, [u, v]: [u32; 2]) -> Lamp {
+    pub fn sample(&self, corners: &[[Vec3; 3]], choice: u32, [u, v]: [u32; 2]) -> EmitterSample {
         let (k, _) = self.choice.sample(f64::from(choice) / 4_294_967_296.0);
         let triangle = self.triangles[k];
         let root = unit(u).sqrt();
@@ -69,7 +69,7 @@ impl Emitters {
         let position = a * (1.0 - b1 - b2) + b * b1 + c * b2;
         let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
         let hit = Hit { t: 0.0, triangle, b1, b2, back: false };
-        Lamp { hit, position, normal, density: self.density(triangle) }
+        EmitterSample { hit, position, normal, pdf: self.pdf(triangle) }
     }
 }
 

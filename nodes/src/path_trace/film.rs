@@ -4,7 +4,7 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 
 use serde::Serialize;
 
-use super::crop::Place;
+use super::crop::TileBounds;
 use crate::bvh::Steps;
 use crate::types::{Camera, grouped};
 
@@ -128,7 +128,7 @@ pub struct Sums {
     /// Those of them that were not asked, and the largest share of their light that the objects may change.
     pub cropped: (u64, f32),
     /// Of each tile of [`Area::pieces`] where its points are, if its sums tell.
-    pub places: Vec<Place>,
+    pub tile_bounds: Vec<TileBounds>,
 }
 
 /// What a tile gives.
@@ -147,7 +147,7 @@ pub struct TileSums {
     /// The share of its light that the objects may change at most, where that is so little that they were not asked.
     pub cropped: Option<f64>,
     /// Where its points are.
-    pub place: Option<Place>,
+    pub bounds: Option<TileBounds>,
 }
 
 impl TileSums {
@@ -195,7 +195,7 @@ impl Sums {
                 let (pixels, most) = all.cropped;
                 all.cropped = (pixels + piece.pixels() as u64, most.max(bound as f32));
             }
-            all.places.extend(tile.place);
+            all.tile_bounds.extend(tile.bounds);
             for (pixel, sums) in piece.each().zip(tile.sums.chunks_exact(channels)) {
                 let at = area.index(pixel) * channels;
                 all.sums[at..at + channels].copy_from_slice(sums);
@@ -229,7 +229,7 @@ impl Artifact for Sums {
         to.u64(self.untouched);
         to.u64(self.cropped.0);
         to.f32s(&[self.cropped.1]);
-        to.f32s(self.places.iter().flat_map(Place::values).collect::<Vec<_>>().as_slice());
+        to.f32s(self.tile_bounds.iter().flat_map(TileBounds::values).collect::<Vec<_>>().as_slice());
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
@@ -253,12 +253,12 @@ impl Artifact for Sums {
             return Err(Corrupt("not one bound of what was cropped".to_owned()));
         };
         all.cropped = (cropped, largest);
-        all.places = grouped(from.f32s()?)?.iter().map(Place::from_values).collect();
+        all.tile_bounds = grouped(from.f32s()?)?.iter().map(TileBounds::from_values).collect();
         Ok(all)
     }
 
     fn bytes(&self) -> usize {
-        self.sums.len() * 4 + self.places.len() * size_of::<Place>() + 120
+        self.sums.len() * 4 + self.tile_bounds.len() * size_of::<TileBounds>() + 120
     }
 
     fn difference(&self, other: &Self) -> Difference {

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use crate::types::{Material, Placed};
 
 /// A lobe by name, and whether a material has it somewhere: a texture only takes away from its factor.
-type Lobe = (&'static str, fn(&Material) -> bool);
+type NamedLobe = (&'static str, fn(&Material) -> bool);
 
-const LOBES: [Lobe; 7] = [
+const LOBES: [NamedLobe; 7] = [
     ("gloss", |m| m.metallic > 0.0 || (m.ior > 1.0 && m.specular.strength.factor > 0.0)),
     ("transmission", |m| m.transmission.factor > 0.0),
     ("diffuse transmission", |m| m.diffuse_transmission.strength.factor > 0.0),

@@ -10,7 +10,7 @@ use std::cmp::Ordering;
 
 use glam::Vec3;
 
-use super::objects::{Objects, Part};
+use super::objects::{Objects, PlacedPrimitive};
 use crate::bvh::{Hit, Ray};
 use crate::num;
 use crate::sampling::{hash, unit};
@@ -64,7 +64,7 @@ impl Media {
     }
 
     /// Past the back of a body.
-    fn leave(mut self, body: u32) -> Self {
+    fn spawn_ray(mut self, body: u32) -> Self {
         if let Some(at) = self.all().iter().rposition(|&b| b == body) {
             self.bodies.copy_within(at + 1.., at);
             self.depth -= 1;
@@ -90,11 +90,11 @@ fn nearer(a: &Hit, b: &Hit) -> Ordering {
 
 impl Objects {
     /// What is on the side of a surface that a ray of some media meets, and what on the other.
-    pub(super) fn sides(&self, part: &Part, back: bool, media: Media) -> [Media; 2] {
+    pub(super) fn sides(&self, part: &PlacedPrimitive, back: bool, media: Media) -> [Media; 2] {
         match (part.body, back) {
             (None, _) => [media; 2],
             (Some(body), false) => [media, media.enter(body)],
-            (Some(body), true) => [media.amid(body), media.leave(body)],
+            (Some(body), true) => [media.amid(body), media.spawn_ray(body)],
         }
     }
 
@@ -128,7 +128,7 @@ impl Objects {
             let Some(body) = self.part(hit.triangle).0.body else { continue };
             match (hit.back, entered.all().contains(&body)) {
                 (false, _) => entered = entered.enter(body),
-                (true, true) => entered = entered.leave(body),
+                (true, true) => entered = entered.spawn_ray(body),
                 // What is left first was entered last.
                 (true, false) => around = around.amid(body),
             }
@@ -205,7 +205,7 @@ impl Objects {
     }
 
     /// How often a ray that goes straight passes a surface: as much of the light does in the air.
-    fn odds(&self, hit: &Hit, direction: Vec3) -> f32 {
+    fn probability(&self, hit: &Hit, direction: Vec3) -> f32 {
         self.straight(hit, direction, None).max_element()
     }
 
@@ -213,7 +213,8 @@ impl Objects {
     /// surface found is one that reflects.
     pub fn closest_straight(&self, ray: Ray, key: u32) -> Option<Hit> {
         self.bvh.closest(ray, |hit| {
-            self.accepts(hit, key, false) && unit(hash(!key, hit.triangle)) >= self.odds(hit, ray.direction)
+            self.accepts(hit, key, false)
+                && unit(hash(!key, hit.triangle)) >= self.probability(hit, ray.direction)
         })
     }
 
@@ -226,17 +227,18 @@ impl Objects {
             if !self.accepts(hit, key, false) || (!mine && hit.t >= ray.t_max) {
                 return false;
             }
-            let odds = self.odds(hit, ray.direction);
+            let probability = self.probability(hit, ray.direction);
             match self.part(hit.triangle).0.body {
-                _ if mine => weight /= 1.0 - odds,
-                _ if odds == 0.0 => {}
+                _ if mine => weight /= 1.0 - probability,
+                _ if probability == 0.0 => {}
                 Some(_) => crossed.push(*hit),
-                None => weight *= self.straight(hit, ray.direction, None) / odds,
+                None => weight *= self.straight(hit, ray.direction, None) / probability,
             }
             false
         });
-        let share =
-            |hit: &Hit, sides| self.straight(hit, ray.direction, Some(sides)) / self.odds(hit, ray.direction);
+        let share = |hit: &Hit, sides| {
+            self.straight(hit, ray.direction, Some(sides)) / self.probability(hit, ray.direction)
+        };
         let (left, media) = self.through(media, crossed, (end, ray.t_max), share);
         (weight * left, media)
     }
@@ -252,10 +254,10 @@ mod tests {
 
     #[test]
     fn bodies_are_entered_and_left() {
-        assert_eq!(media(&[3, 7]).leave(7).all(), [3]);
-        assert_eq!(media(&[3, 7]).leave(3).all(), [7], "overlapping ones in any order");
-        assert_eq!(media(&[3, 7, 3]).leave(3).all(), [3, 7], "the last of several of the same stuff");
-        assert_eq!(media(&[3]).leave(7).all(), [3], "one that was not entered");
+        assert_eq!(media(&[3, 7]).spawn_ray(7).all(), [3]);
+        assert_eq!(media(&[3, 7]).spawn_ray(3).all(), [7], "overlapping ones in any order");
+        assert_eq!(media(&[3, 7, 3]).spawn_ray(3).all(), [3, 7], "the last of several of the same stuff");
+        assert_eq!(media(&[3]).spawn_ray(7).all(), [3], "one that was not entered");
         assert_eq!(media(&[3]).amid(7).all(), [7, 3], "one that was not entered is around");
         assert_eq!(media(&[3, 7]).amid(7).all(), [3, 7]);
     }
@@ -265,6 +267,6 @@ mod tests {
         let full = media(&[0, 1, 2, 3, 4]);
         assert_eq!(full.all(), [1, 2, 3, 4]);
         assert_eq!(full.amid(0), full);
-        assert_eq!(full.leave(4).amid(0).all(), [0, 1, 2, 3], "until it is left");
+        assert_eq!(full.spawn_ray(4).amid(0).all(), [0, 1, 2, 3], "until it is left");
     }
 }

@@ -1,35 +1,35 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
-mod aim;
+mod accumulator;
+pub mod attributes;
+mod auto;
 pub mod bsdf;
-mod cells;
+mod camera_rays;
 mod change;
 pub mod contact;
 mod crop;
-mod decide;
 pub mod emitters;
-mod enough;
+mod env_resolution;
+pub mod environment;
 pub mod film;
-mod front;
-mod globe;
-mod grade;
-mod lens;
-pub mod light;
+mod first_hit;
+pub mod integrator;
+mod light_cells;
+mod light_distribution;
 mod lobes;
-pub mod lookup;
 pub mod media;
-pub mod near;
+pub mod mipmap;
+pub mod near_field;
 pub mod objects;
 mod pair;
-mod plan;
-pub mod pyramid;
-pub mod rules;
-pub mod scene;
-mod shot;
-mod stage;
+mod prepared;
+pub mod receiver;
+mod reporting;
+mod sample_plan;
+mod subdivide;
+mod texel_grid;
 mod tile;
-mod told;
-pub mod walk;
+pub mod visibility;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -39,20 +39,23 @@ use serde::Serialize;
 
 use crate::error::Error;
 use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
+use accumulator::{Accumulator, finish};
+use camera_rays::{CameraRays, View};
 use contact::Ground;
-use crop::{Crop, Place};
-use enough::Enough;
+use crop::{Crop, TileBounds};
+use env_resolution::EnvResolution;
 use film::{Area, Sums, TILE, chunks};
-use front::trace_front;
-use lens::{Lens, View};
+use first_hit::trace_first_hit;
+use integrator::Scene;
 use objects::Objects;
 use pair::{trace_pair, trace_r0};
-use plan::Goal;
-use rules::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
-use shot::{Running, finish};
-use stage::Stage;
-use told::{assemble, remark, tell, tell_cropped, tell_cut, tell_first, tell_lost, tell_plan, tell_variance};
-use walk::World;
+use prepared::PreparedScene;
+use reporting::{
+    assemble, report_coarse_coordinates, report_contact, report_cropped, report_cut_paths, report_inputs,
+    report_plan, report_variance, tell_first,
+};
+use sample_plan::ErrorGoal;
+use visibility::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 
 engine::params! {
     /// Renders the receiver without and with the objects, and the objects themselves.
@@ -150,10 +153,10 @@ const R0: usize = 4;
 /// the root of that of the squared luminance of O.
 const PAIR: usize = 9;
 /// Values a pixel of the part `front`: depth, normal.
-const FRONT: usize = 4;
+const FIRST_HIT: usize = 4;
 
 /// Bytes that parts store of a pixel and chunk: 53.
-const _: () = assert!((R0 + PAIR) * 4 + (Place::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
+const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
 
 /// Sums a pixel over chunks, for how far these lie apart.
 const CROSS: usize = 4;
@@ -191,7 +194,7 @@ impl Kind for PathTrace {
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
         // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
-        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FRONT) * 4 * 2 + 19 * 4) as u64;
+        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 19 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
         Cost { bytes: pixels * pixel_bytes + scene + sky }
@@ -241,7 +244,7 @@ impl Kind for PathTrace {
         // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
         let origin = inputs.rig.cameras[0].eye();
-        let stage = Stage::new(&inputs, origin);
+        let prepared = PreparedScene::new(&inputs, origin);
         let centre = match inputs.env.origin {
             Some(origin) => origin,
             None => {
@@ -252,22 +255,22 @@ impl Kind for PathTrace {
                 inputs.rig.cameras[0].eye()
             }
         };
-        let decided = params.decide(&stage, centre, cx.metres_per_unit(), &mut notes);
+        let decided = params.decide(&prepared, centre, cx.metres_per_unit(), &mut notes);
         let rules = decided.rules;
         let objects = Objects::new(&inputs.objects, origin)?;
-        remark(&stage, &objects, &mut notes);
+        report_inputs(&prepared, &objects, &mut notes);
         if !objects.is_empty() {
-            Enough::of(&inputs.env, &inputs.objects).tell(&inputs.env, &mut notes);
+            EnvResolution::of(&inputs.env, &inputs.objects).report(&inputs.env, &mut notes);
         }
 
-        tell_lost(&stage, &objects, &mut notes);
+        report_coarse_coordinates(&prepared, &objects, &mut notes);
 
         let seed = cx.seed();
         let [_, _, up] = crate::equirect::axes(cx.up());
         let metre = 1.0 / cx.metres_per_unit();
-        let (ground, felt) =
-            Ground::feel(stage.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
-        tell(&felt, cx.metres_per_unit(), &mut notes);
+        let (ground, measured) =
+            Ground::measure(prepared.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
+        report_contact(&measured, cx.metres_per_unit(), &mut notes);
         let contact = (up.to_array(), params.contact_metres);
         let limit = (params.crop > 0.0).then_some(params.crop);
         let most = params.most();
@@ -276,18 +279,18 @@ impl Kind for PathTrace {
         let chunks = chunks(most);
         let (first, share) =
             if params.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
-        let world =
-            || World { receiver: stage.receiver(), objects: &objects, sky: stage.sky(), rules: &rules };
+        let scene =
+            || Scene { receiver: prepared.receiver(), objects: &objects, sky: prepared.sky(), rules: &rules };
         let crop = OnceLock::new();
-        let crop = || crop.get_or_init(|| Crop::new(&world(), limit.ok_or("as set")?));
+        let crop = || crop.get_or_init(|| Crop::new(&scene(), limit.ok_or("as set")?));
         let cameras = &inputs.rig.cameras;
-        let mut shots = Vec::with_capacity(cameras.len());
+        let mut views = Vec::with_capacity(cameras.len());
         for (number, camera) in cameras.iter().enumerate() {
-            let lens = Lens::new(camera, origin, seed, &ground, params.coarse_px);
+            let camera_rays = CameraRays::new(camera, origin, seed, &ground, params.coarse_px);
             let whole = Area::whole(camera).in_blocks(params.coarse_px);
-            let tell = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
+            let progress = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
             let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
-            let step = || tell(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
+            let step = || progress(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
             let extra = |area, range, objects: Option<_>| Extra {
                 view: View::of(camera),
                 rules: &rules,
@@ -299,53 +302,53 @@ impl Kind for PathTrace {
                 contact: objects.map(|(contact, _)| contact),
                 crop: objects.and_then(|(_, crop)| crop),
             };
-            let take = |running: &mut Running, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
+            let take = |accumulator: &mut Accumulator, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
                 let part = Part { name: "r0", version: 8, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
-                    let world = world();
-                    Sums::trace(cx, area, R0, step, |_, tile| trace_r0(world, &lens, tile, range))
+                    let scene = scene();
+                    Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
                 let part = Part { name: "pair", version: 11, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
-                    let (world, crop) = (world(), crop().as_ref().ok());
+                    let (scene, crop) = (scene(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {
-                        trace_pair(world, &lens, crop, (number, tile), range, (area, &r0))
+                        trace_pair(scene, &camera_rays, crop, (number, tile), range, (area, &r0))
                     };
                     Sums::trace(cx, area, PAIR, step, trace)
                 })?;
                 expect_size(&pair, area, PAIR)?;
-                running.add(area, &r0, &pair, range);
+                accumulator.add(area, &r0, &pair, range);
                 Ok::<(), NodeError>(())
             };
-            let mut running = Running::new(whole);
+            let mut accumulator = Accumulator::new(whole);
             for &range in first {
-                take(&mut running, whole, range, &step)?;
+                take(&mut accumulator, whole, range, &step)?;
             }
-            let goal = params.max_error.map(|asked| Goal::new(asked, most, &running));
-            let more = |running: &mut Running, area, range| take(running, area, range, &|| ());
-            let blocks = |done: f32| tell(share + (1.0 - share) * done);
-            let reached = goal.map(|goal| goal.reach(&mut running, more, blocks)).transpose()?;
+            let goal = params.max_error.map(|asked| ErrorGoal::new(asked, most, &accumulator));
+            let more = |accumulator: &mut Accumulator, area, range| take(accumulator, area, range, &|| ());
+            let blocks = |done: f32| progress(share + (1.0 - share) * done);
+            let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
             let part = Part { name: "front", version: 4, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
-                let world = world();
-                Sums::trace(cx, whole, FRONT, || (), |_, tile| trace_front(world, &lens, tile))
+                let scene = scene();
+                Sums::trace(cx, whole, FIRST_HIT, || (), |_, tile| trace_first_hit(scene, &camera_rays, tile))
             })?;
-            expect_size(&front, whole, FRONT)?;
-            shots.push(finish(camera, params.coarse_px, &running, &front, reached));
+            expect_size(&front, whole, FIRST_HIT)?;
+            views.push(finish(camera, params.coarse_px, &accumulator, &front, reached));
         }
-        let broken: u64 = shots.iter().map(|shot| shot.broken).sum();
+        let broken: u64 = views.iter().map(|view| view.broken).sum();
         if broken > 0 {
             notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
         }
-        tell_variance(most, shots.iter().map(|shot| shot.beyond).sum(), &mut notes);
-        for (camera, shot) in inputs.rig.cameras.iter().zip(&shots) {
-            if let Some(reached) = &shot.reached {
-                tell_plan(&camera.name, reached, most, &mut notes);
+        report_variance(most, views.iter().map(|view| view.beyond).sum(), &mut notes);
+        for (camera, view) in inputs.rig.cameras.iter().zip(&views) {
+            if let Some(reached) = &view.reached {
+                report_plan(&camera.name, reached, most, &mut notes);
             }
-            tell_cropped(&camera.name, shot.cropped, &mut notes);
-            tell_cut(&camera.name, shot.cut, params.max_bounces, &mut notes);
-            let object = &shot.images[2];
+            report_cropped(&camera.name, view.cropped, &mut notes);
+            report_cut_paths(&camera.name, view.cut, params.max_bounces, &mut notes);
+            let object = &view.images[2];
             let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
             if !inputs.objects.is_empty() && !seen {
                 let text = format!(
@@ -359,7 +362,7 @@ impl Kind for PathTrace {
             Ok(_) => format!("what changes at most {} of the light", params.crop),
             Err(why) => format!("nothing: {why}"),
         };
-        Ok((assemble(&inputs, shots, &decided, centre, crop), notes))
+        Ok((assemble(&inputs, views, &decided, centre, crop), notes))
     }
 }
 

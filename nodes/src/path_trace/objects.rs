@@ -9,12 +9,12 @@ use std::sync::Arc;
 use engine::NodeError;
 use glam::{DMat3, DVec3, Vec3};
 
-use super::bsdf::{Bsdf, Frame, Layers, Look, straight};
-use super::emitters::{Emitters, Lamp, mean_luminance};
-use super::lookup::Spot;
+use super::attributes::SurfacePoint;
+use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, straight};
+use super::emitters::{EmitterSample, Emitters, mean_luminance};
 use super::media::{Body, Media};
-use super::pyramid::Pyramid;
-use super::scene::{Surface, geometry, margin};
+use super::mipmap::Mipmap;
+use super::receiver::{Surface, geometry, margin};
 use crate::bvh::{Bvh, Hit};
 use crate::color::linear_from_srgb8;
 use crate::error::Error;
@@ -24,7 +24,7 @@ use crate::types::{AlphaMode, Material, NormalMap, Object, Placed, Primitive};
 
 /// One primitive of one placed object.
 #[derive(Debug)]
-pub(super) struct Part {
+pub(super) struct PlacedPrimitive {
     placed: usize,
     primitive: usize,
     /// Index of its first triangle in the tree.
@@ -47,11 +47,11 @@ pub struct Objects {
     /// Their tree.
     pub bvh: Bvh,
     corners: Vec<[Vec3; 3]>,
-    parts: Vec<Part>,
+    parts: Vec<PlacedPrimitive>,
     placed: Vec<Arc<Placed>>,
     decode: [f32; 256],
     /// Smaller copies of the textures of each placed object.
-    pyramids: Vec<Vec<Pyramid>>,
+    mipmaps: Vec<Vec<Mipmap>>,
     opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
@@ -84,9 +84,9 @@ impl Objects {
             parts: Vec::new(),
             placed: placed.to_vec(),
             decode: linear_from_srgb8(),
-            pyramids: placed
+            mipmaps: placed
                 .iter()
-                .map(|one| one.object.textures.iter().map(|_| Pyramid::default()).collect())
+                .map(|one| one.object.textures.iter().map(|_| Mipmap::default()).collect())
                 .collect(),
             opaque: true,
             clear: false,
@@ -116,7 +116,7 @@ impl Objects {
                     let absorption = if absorption.is_finite() { absorption } else { Vec3::ZERO };
                     objects.body(Body { placed: index, absorption, ior: material.ior })
                 });
-                objects.parts.push(Part {
+                objects.parts.push(PlacedPrimitive {
                     placed: index,
                     primitive: number,
                     first: objects.corners.len() as u32,
@@ -180,7 +180,7 @@ impl Objects {
         self.bvh.bounds().is_none()
     }
 
-    pub(super) fn part(&self, triangle: u32) -> (&Part, &Object, &Primitive, &Material) {
+    pub(super) fn part(&self, triangle: u32) -> (&PlacedPrimitive, &Object, &Primitive, &Material) {
         let at = self.parts.partition_point(|part| part.first <= triangle).saturating_sub(1);
         let part = &self.parts[at];
         let object = &*self.placed[part.placed].object;
@@ -188,11 +188,15 @@ impl Objects {
         (part, object, primitive, &object.materials[primitive.material as usize])
     }
 
-    fn spot<'a>(&'a self, hit: &'a Hit) -> (&'a Part, &'a Material, Spot<'a>) {
+    fn point<'a>(&'a self, hit: &'a Hit) -> (&'a PlacedPrimitive, &'a Material, SurfacePoint<'a>) {
         let (part, object, primitive, material) = self.part(hit.triangle);
         let corner = wound(primitive.triangles[(hit.triangle - part.first) as usize], part.mirrored);
-        let pyramids = &self.pyramids[part.placed];
-        (part, material, Spot { object, primitive, corner, hit, decode: &self.decode, pyramids, width: 0.0 })
+        let mipmaps = &self.mipmaps[part.placed];
+        (
+            part,
+            material,
+            SurfacePoint { object, primitive, corner, hit, decode: &self.decode, mipmaps, width: 0.0 },
+        )
     }
 
     /// Whether a ray of the given random key meets the surface at a hit or passes through its cut-outs.
@@ -201,7 +205,7 @@ impl Objects {
         if self.opaque {
             return true;
         }
-        let (part, material, spot) = self.spot(hit);
+        let (part, material, point) = self.point(hit);
         if camera && hit.back && !material.double_sided {
             return false;
         }
@@ -209,8 +213,8 @@ impl Objects {
             return true;
         }
         let alpha = material.base_colour[3]
-            * spot.texture(material.base_colour_texture, false)[3]
-            * spot.vertex_colour()[3];
+            * point.texture(material.base_colour_texture, false)[3]
+            * point.vertex_colour()[3];
         match material.alpha_mode {
             AlphaMode::Opaque => true,
             AlphaMode::Mask(cutoff) => alpha >= cutoff,
@@ -221,16 +225,16 @@ impl Objects {
     /// What passes straight through the surface at a hit, which the ray of the given direction meets; that of a
     /// body between the media on its sides, or in the air.
     pub(super) fn straight(&self, hit: &Hit, direction: Vec3, sides: Option<[Media; 2]>) -> Vec3 {
-        let (_, material, spot) = self.spot(hit);
+        let (_, material, point) = self.point(hit);
         if material.transmission.factor == 0.0 {
             return Vec3::ZERO;
         }
-        let mut look = look(&spot, material);
+        let mut params = params(&point, material);
         if let Some([near, far]) = sides.map(|sides| self.indices(sides)) {
-            look.ior = (near / far).max(far / near);
+            params.ior = (near / far).max(far / near);
         }
         let (_, normal, _) = geometry(&self.corners[hit.triangle as usize], hit);
-        straight(&look, normal.dot(direction).abs())
+        straight(&params, normal.dot(direction).abs())
     }
 
     /// How far along its ray the receiver counts as met before an object: where a body stands on it, the two are in
@@ -246,20 +250,21 @@ impl Objects {
     /// The surface at a hit, seen from the unit direction `out` by a ray of some width there; without what passes
     /// it where `straight`. The ray came through `media`.
     pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32, media: Media) -> Surface {
-        let (part, material, spot) = self.spot(hit);
+        let (part, material, point) = self.point(hit);
         let media = self.sides(part, hit.back, media);
         let [a, b, c] = self.corners[hit.triangle as usize];
         let area = (b - a).cross(c - a);
         // Seen aslant a ray is wider one way; the mean of both ways blurs no more than it must.
         let slant = area.normalize_or_zero().dot(out).abs().max(0.01);
-        let filtered = Spot { width: width / (slant * area.length().max(f32::MIN_POSITIVE)).sqrt(), ..spot };
+        let filtered =
+            SurfacePoint { width: width / (slant * area.length().max(f32::MIN_POSITIVE)).sqrt(), ..point };
         let (position, winding, margin) = geometry(&self.corners[hit.triangle as usize], hit);
         let side = if hit.back { -1.0 } else { 1.0 };
         let geometric = winding * side;
         // Shading normal on the side of the winding, then of the viewer.
-        let smooth = match spot.primitive.normals.is_empty() {
+        let smooth = match point.primitive.normals.is_empty() {
             true => winding,
-            false => apply(&part.normals, Vec3::from_array(spot.blend(&spot.primitive.normals)))
+            false => apply(&part.normals, Vec3::from_array(point.blend(&point.primitive.normals)))
                 .normalize_or(winding),
         };
         let smooth = if smooth.dot(winding) < 0.0 { -smooth } else { smooth };
@@ -269,32 +274,32 @@ impl Objects {
             if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal }
         };
         let bent =
-            |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &spot, &map, smooth)));
-        let mut look = look(&filtered, material);
-        look.inside = look.thick && hit.back && !straight;
+            |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &point, &map, smooth)));
+        let mut params = params(&filtered, material);
+        params.inside = params.thick && hit.back && !straight;
         if part.body.is_some() {
             let [near, far] = self.indices(media);
             // From the denser side there is a critical angle, on whichever side of the body that is.
-            look.inside |= near > far && !straight;
-            look.ior = if look.inside { near / far } else { (far / near).max(near / far) };
+            params.inside |= near > far && !straight;
+            params.ior = if params.inside { near / far } else { (far / near).max(near / far) };
         }
-        look.blocked = straight;
+        params.blocked = straight;
         let normal = bent(material.normal);
-        let frame = match look.anisotropy > 0.0 {
+        let frame = match params.anisotropy > 0.0 {
             true => {
-                let (tangent, strength) = self.brush(part, &spot, material, smooth);
-                look.anisotropy *= strength;
+                let (tangent, strength) = self.brush(part, &point, material, smooth);
+                params.anisotropy *= strength;
                 Frame::along(normal, tangent)
             }
             false => Frame::around(normal),
         };
-        let coated = match (look.coat.0 > 0.0, material.clearcoat.normal) {
+        let coated = match (params.coat.0 > 0.0, material.clearcoat.normal) {
             (true, map) => Frame::around(bent(map)),
             (false, _) => frame,
         };
         let bsdf = match material.unlit {
             true => Bsdf::matte(geometric, Vec3::ZERO),
-            false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &look)),
+            false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &params)),
         };
         let emission = emission(&filtered, material);
         Surface { position, normal: geometric, margin, bsdf, emission, media }
@@ -308,27 +313,33 @@ impl Objects {
 
     /// What shines at a hit.
     pub fn emission(&self, hit: &Hit) -> Vec3 {
-        let (_, material, spot) = self.spot(hit);
-        emission(&spot, material)
+        let (_, material, point) = self.point(hit);
+        emission(&point, material)
     }
 
     /// A point that shines, from fractions; there must be some.
-    pub fn lamp(&self, choice: u32, place: [u32; 2]) -> Lamp {
+    pub fn sample_emitter(&self, choice: u32, place: [u32; 2]) -> EmitterSample {
         self.emitters.sample(&self.corners, choice, place)
     }
 
     /// Tangent across a normal, by stored tangents or by texture coordinates, and the sign of the bitangent.
-    fn tangent(&self, part: &Part, spot: &Spot<'_>, uv_set: u32, normal: Vec3) -> (Vec3, f32) {
-        let (tangent, hand) = match spot.primitive.tangents.is_empty() {
+    fn tangent(
+        &self,
+        part: &PlacedPrimitive,
+        point: &SurfacePoint<'_>,
+        uv_set: u32,
+        normal: Vec3,
+    ) -> (Vec3, f32) {
+        let (tangent, hand) = match point.primitive.tangents.is_empty() {
             false => {
-                let [x, y, z, _] = spot.blend(&spot.primitive.tangents);
-                let hand = spot.primitive.tangents[spot.corner[0] as usize][3].signum();
+                let [x, y, z, _] = point.blend(&point.primitive.tangents);
+                let hand = point.primitive.tangents[point.corner[0] as usize][3].signum();
                 let mirror = if part.mirrored { -1.0 } else { 1.0 };
                 (apply(&part.tangents, Vec3::new(x, y, z)), hand * mirror)
             }
             true => {
-                let [a, b, c] = self.corners[spot.hit.triangle as usize];
-                let [p, q, r] = spot.coordinates(uv_set);
+                let [a, b, c] = self.corners[point.hit.triangle as usize];
+                let [p, q, r] = point.coordinates(uv_set);
                 let (e, f, s, t) = (b - a, c - a, q - p, r - p);
                 let area = s.x * t.y - t.x * s.y;
                 ((e * t.y - f * s.y) * area.signum(), area.signum())
@@ -338,23 +349,29 @@ impl Objects {
     }
 
     /// The normal of a normal map.
-    fn bump(&self, part: &Part, spot: &Spot<'_>, map: &NormalMap, normal: Vec3) -> Vec3 {
-        let [x, y, z, _] = spot.texture(Some(map.texture), false).map(|c| 2.0 * c - 1.0);
-        let (tangent, hand) = self.tangent(part, spot, map.texture.uv_set, normal);
+    fn bump(&self, part: &PlacedPrimitive, point: &SurfacePoint<'_>, map: &NormalMap, normal: Vec3) -> Vec3 {
+        let [x, y, z, _] = point.texture(Some(map.texture), false).map(|c| 2.0 * c - 1.0);
+        let (tangent, hand) = self.tangent(part, point, map.texture.uv_set, normal);
         let bitangent = normal.cross(tangent) * hand;
         ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
     }
 
     /// The direction of the brush of an anisotropic surface, and its strength by the texture.
-    fn brush(&self, part: &Part, spot: &Spot<'_>, material: &Material, normal: Vec3) -> (Vec3, f32) {
+    fn brush(
+        &self,
+        part: &PlacedPrimitive,
+        point: &SurfacePoint<'_>,
+        material: &Material,
+        normal: Vec3,
+    ) -> (Vec3, f32) {
         let brush = &material.anisotropy;
-        let (tangent, hand) = self.tangent(part, spot, brush.texture.map_or(0, |t| t.uv_set), normal);
+        let (tangent, hand) = self.tangent(part, point, brush.texture.map_or(0, |t| t.uv_set), normal);
         let bitangent = normal.cross(tangent) * hand;
         let (sin, cos) = num::sin_cos(f64::from(brush.rotation));
         let (sin, cos) = (sin as f32, cos as f32);
         let [x, y, strength] = match brush.texture {
             Some(texture) => {
-                let [x, y, strength, _] = spot.texture(Some(texture), false);
+                let [x, y, strength, _] = point.texture(Some(texture), false);
                 [2.0 * x - 1.0, 2.0 * y - 1.0, strength]
             }
             None => [1.0, 0.0, 1.0],
@@ -364,52 +381,52 @@ impl Objects {
 }
 
 /// What a material emits at a point.
-fn emission(spot: &Spot<'_>, material: &Material) -> Vec3 {
+fn emission(point: &SurfacePoint<'_>, material: &Material) -> Vec3 {
     if material.unlit {
-        return look(spot, material).base;
+        return params(point, material).base;
     }
     if material.emissive == [0.0; 3] {
         return Vec3::ZERO;
     }
-    let [r, g, b, _] = spot.texture(material.emissive_texture, true);
+    let [r, g, b, _] = point.texture(material.emissive_texture, true);
     Vec3::from_array(material.emissive) * Vec3::new(r, g, b)
 }
 
 /// What a material says at a point.
-fn look(spot: &Spot<'_>, material: &Material) -> Look {
-    let base = spot.texture(material.base_colour_texture, true);
-    let spot = &Spot { width: 0.0, ..*spot };
-    let colour = spot.vertex_colour();
+fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
+    let base = point.texture(material.base_colour_texture, true);
+    let point = &SurfacePoint { width: 0.0, ..*point };
+    let colour = point.vertex_colour();
     let channel = |c: usize| (material.base_colour[c] * base[c] * colour[c]).clamp(0.0, 1.0);
-    let [_, green, blue, _] = spot.texture(material.metallic_roughness_texture, false);
-    let mut look = Look {
+    let [_, green, blue, _] = point.texture(material.metallic_roughness_texture, false);
+    let mut params = BsdfParams {
         base: Vec3::new(channel(0), channel(1), channel(2)),
         metallic: (material.metallic * blue).clamp(0.0, 1.0),
         roughness: (material.roughness * green).clamp(0.0, 1.0),
         ior: material.ior,
-        transmission: spot.number(&material.transmission, 0),
+        transmission: point.number(&material.transmission, 0),
         thick: material.volume.is_some(),
-        specular: (spot.number(&material.specular.strength, 3), spot.colour(&material.specular.colour)),
+        specular: (point.number(&material.specular.strength, 3), point.colour(&material.specular.colour)),
         anisotropy: material.anisotropy.strength,
-        ..Look::default()
+        ..BsdfParams::default()
     };
     let film = &material.iridescence;
     if film.strength.factor > 0.0 {
         let [thin, full] = film.thickness_nm;
-        let t = film.thickness_texture.map_or(1.0, |texture| spot.texture(Some(texture), false)[1]);
-        look.film = (spot.number(&film.strength, 0), film.ior, thin + (full - thin) * t);
+        let t = film.thickness_texture.map_or(1.0, |texture| point.texture(Some(texture), false)[1]);
+        params.film = (point.number(&film.strength, 0), film.ior, thin + (full - thin) * t);
     }
     let (sheen, coat, through) = (&material.sheen, &material.clearcoat, &material.diffuse_transmission);
     if sheen.colour.factor != [0.0; 3] {
-        look.sheen = (spot.colour(&sheen.colour), spot.number(&sheen.roughness, 3));
+        params.sheen = (point.colour(&sheen.colour), point.number(&sheen.roughness, 3));
     }
     if coat.strength.factor > 0.0 {
-        look.coat = (spot.number(&coat.strength, 0), spot.number(&coat.roughness, 1));
+        params.coat = (point.number(&coat.strength, 0), point.number(&coat.roughness, 1));
     }
     if through.strength.factor > 0.0 {
-        look.through = (spot.number(&through.strength, 3), spot.colour(&through.colour));
+        params.through = (point.number(&through.strength, 3), point.colour(&through.colour));
     }
-    look
+    params
 }
 
 #[cfg(test)]

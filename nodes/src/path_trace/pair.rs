@@ -2,12 +2,12 @@
 
 use glam::Vec3;
 
-use super::change::Reach;
-use super::crop::{Crop, Place};
+use super::camera_rays::CameraRays;
+use super::change::ChangeSampling;
+use super::crop::{Crop, TileBounds};
 use super::film::{Area, Rays, Sums, TileSums};
-use super::lens::Lens;
-use super::tile::{Sample, Stakes, Tile};
-use super::walk::{Vertex, Walk, World};
+use super::integrator::{Integrator, Scene, Vertex};
+use super::tile::{Sample, Tile, TileSampling};
 use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
 use crate::color::luminance;
@@ -32,25 +32,26 @@ fn squared_luminance(light: Vec3) -> f64 {
 
 /// The receiver without the objects over some pixels.
 pub(super) fn trace_r0(
-    world: World<'_>,
-    lens: &Lens<'_>,
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
     pixels: &[(u32, u32)],
     range: (u32, u32),
 ) -> TileSums {
     let mut sums_of_tile = TileSums::default();
-    let tile = Tile::new(world, lens, pixels, range);
-    let aims = tile.aims();
-    let look = aims.as_ref().map(|aims| aims.each_ref());
+    let tile = Tile::new(scene, camera_rays, pixels, range);
+    let distributions = tile.distributions();
+    let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
     let each = (range.1 - range.0) as usize;
     for samples in tile.samples.chunks_exact(each) {
         let mut sums = [0.0; R0];
         for sample in samples {
-            let mut walk = Walk { look, ..Walk::new(world, sample.points, sample.key, false) };
+            let mut integrator =
+                Integrator { distributions, ..Integrator::new(scene, sample.points, sample.key, false) };
             let light = match sample.hit {
-                Some(hit) => walk.radiance(Vertex::Receiver(hit), sample.ray),
-                None => world.sky.seen(sample.ray.direction),
+                Some(hit) => integrator.radiance(Vertex::Receiver(hit), sample.ray),
+                None => scene.sky.background(sample.ray.direction),
             };
-            sums_of_tile.rays += walk.rays;
+            sums_of_tile.rays += integrator.rays;
             sums_of_tile.rays.camera += 1;
             if add(&mut sums, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
@@ -61,7 +62,7 @@ pub(super) fn trace_r0(
     }
     let hits: Vec<Option<Hit>> = tile.samples.iter().map(|sample| sample.hit).collect();
     let light = sums_of_tile.sums.chunks_exact(R0).map(|sums| Vec3::new(sums[0], sums[1], sums[2]));
-    sums_of_tile.place = Some(Place::of(world.receiver, light.zip(hits.chunks_exact(each))));
+    sums_of_tile.bounds = Some(TileBounds::of(scene.receiver, light.zip(hits.chunks_exact(each))));
     sums_of_tile
 }
 
@@ -69,15 +70,15 @@ pub(super) fn trace_r0(
 /// an area around them without objects, to which only what these change is added; where `crop` shows that this is next to
 /// nothing, nothing is.
 pub(super) fn trace_pair(
-    world: World<'_>,
-    lens: &Lens<'_>,
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
     crop: Option<&Crop>,
     (number, pixels): (usize, &[(u32, u32)]),
     range: (u32, u32),
     (area, r0): (Area, &Sums),
 ) -> TileSums {
     let mut sums_of_tile = TileSums::default();
-    let objects = world.objects;
+    let objects = scene.objects;
     let Some((low, high)) = objects.bvh.bounds() else {
         // Without objects nothing is cast.
         for pixel in pixels {
@@ -88,24 +89,27 @@ pub(super) fn trace_pair(
         sums_of_tile.untouched = pixels.len() as u64;
         return sums_of_tile;
     };
-    let place = r0.places.get(number).copied().unwrap_or_default();
-    if let Some(bound) = crop.and_then(|crop| crop.bound(&world, &place, lens.ground.farthest())) {
-        let cropped = (!place.is_empty()).then_some(bound);
-        return TileSums { cropped, ..trace_objects(world, lens, pixels, range, (area, r0)) };
+    let bounds = r0.tile_bounds.get(number).copied().unwrap_or_default();
+    if let Some(bound) = crop.and_then(|crop| crop.bound(&scene, &bounds, camera_rays.ground.max_shift())) {
+        let cropped = (!bounds.is_empty()).then_some(bound);
+        return TileSums { cropped, ..trace_objects(scene, camera_rays, pixels, range, (area, r0)) };
     }
-    let tile = Tile::new(world, lens, pixels, range);
+    let tile = Tile::new(scene, camera_rays, pixels, range);
     let place = |s: &Sample| {
         let hit = s.hit?;
-        let shift = shift(&world, lens, &hit, s.ray);
+        let shift = shift(&scene, camera_rays, &hit, s.ray);
         Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
     };
     // Where the receiver is the light, whole paths are traced.
-    let far = world.rules.near.is_none();
-    let stakes = if far { tile.stakes(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
-    let aims = if far && stakes.is_none() { tile.aims() } else { None };
-    let (look, lights, odds) = match &stakes {
-        Some(Stakes { aims, lights, odds }) => (Some(aims.each_ref()), *lights, *odds),
-        None => (aims.as_ref().map(|aims| aims.each_ref()), world.sky.lights, 1.0),
+    let far = scene.rules.near.is_none();
+    let tile_sampling =
+        if far { tile.change_sampling(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
+    let distributions = if far && tile_sampling.is_none() { tile.distributions() } else { None };
+    let (distributions, lights, probability) = match &tile_sampling {
+        Some(TileSampling { distributions, lights, probability }) => {
+            (Some(distributions.each_ref()), *lights, *probability)
+        }
+        None => (distributions.as_ref().map(|distributions| distributions.each_ref()), scene.sky.lights, 1.0),
     };
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
@@ -115,14 +119,16 @@ pub(super) fn trace_pair(
             let (ray, landed) = (sample.ray, place(sample));
             sums_of_tile.rays.camera += 1;
             let reach = landed.map_or(f32::INFINITY, |(_, hit, shift)| hit.t + shift);
-            show(world, lens, sample, |_| reach, &mut sums, &mut sums_of_tile);
+            show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
             let Some((start, hit, shift)) = landed else { continue };
-            let mut walk = Walk::new(world, sample.points, sample.key, true);
-            let look = look.unwrap_or_else(|| world.sky.look(Some(world.receiver.facing(&hit))));
+            let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
+            let distributions =
+                distributions.unwrap_or_else(|| scene.sky.distributions(Some(scene.receiver.facing(&hit))));
             let lift = ray.direction * shift;
-            let reach = Reach { look, lights, odds, start, objects: [low, high], lift };
-            let light = walk.change(hit, ray, &reach);
-            sums_of_tile.rays += walk.rays;
+            let reach =
+                ChangeSampling { distributions, lights, probability, start, objects: [low, high], lift };
+            let light = integrator.change(hit, ray, &reach);
+            sums_of_tile.rays += integrator.rays;
             touched |= light != Vec3::ZERO;
             if add(&mut change, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
@@ -143,26 +149,26 @@ pub(super) fn trace_pair(
 
 /// The objects alone over some pixels, of whose light they change nothing that counts.
 fn trace_objects(
-    world: World<'_>,
-    lens: &Lens<'_>,
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
     pixels: &[(u32, u32)],
     range: (u32, u32),
     (area, r0): (Area, &Sums),
 ) -> TileSums {
     let mut sums_of_tile = TileSums { untouched: pixels.len() as u64, ..TileSums::default() };
-    let seen = lens.sees(pixels, world.objects.bvh.bounds().map(<[Vec3; 2]>::from));
+    let seen = camera_rays.sees(pixels, scene.objects.bvh.bounds().map(<[Vec3; 2]>::from));
     for &pixel in pixels {
         let mut sums = [0.0; PAIR];
         sums[..3].copy_from_slice(&known(r0, area, pixel));
         for number in if seen { range.0..range.1 } else { 0..0 } {
-            let (points, key, ray) = lens.sample(pixel, number);
+            let (points, key, ray) = camera_rays.sample(pixel, number);
             let sample = Sample { points, key, ray, hit: None };
             let reach = |rays: &mut Rays| {
                 rays.camera += 1;
-                let landed = world.landing(ray);
-                landed.map_or(f32::INFINITY, |hit| hit.t + shift(&world, lens, &hit, ray))
+                let landed = scene.camera_hit(ray);
+                landed.map_or(f32::INFINITY, |hit| hit.t + shift(&scene, camera_rays, &hit, ray))
             };
-            show(world, lens, &sample, reach, &mut sums, &mut sums_of_tile);
+            show(scene, camera_rays, &sample, reach, &mut sums, &mut sums_of_tile);
         }
         sums[8] = sums[8].sqrt();
         sums_of_tile.push(&sums);
@@ -172,21 +178,22 @@ fn trace_objects(
 
 /// Adds what a sample shows of the objects; `reach` tells how far it sees before the receiver is in the way.
 fn show(
-    world: World<'_>,
-    lens: &Lens<'_>,
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
     sample: &Sample,
     reach: impl FnOnce(&mut Rays) -> f32,
     sums: &mut [f64; PAIR],
     of_tile: &mut TileSums,
 ) {
-    let (ray, objects) = (sample.ray, world.objects);
+    let (ray, objects) = (sample.ray, scene.objects);
     of_tile.rays.camera += 1;
     let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
     let Some(front) = front.filter(|front| front.t <= reach(&mut of_tile.rays)) else { return };
-    let mut walk = Walk { spread: lens.spread, ..Walk::new(world, sample.points, sample.key, true) };
-    let light = walk.radiance(Vertex::Object(front), ray);
-    of_tile.rays += walk.rays;
-    of_tile.cut += u64::from(walk.cut);
+    let mut integrator =
+        Integrator { spread: camera_rays.spread, ..Integrator::new(scene, sample.points, sample.key, true) };
+    let light = integrator.radiance(Vertex::Object(front), ray);
+    of_tile.rays += integrator.rays;
+    of_tile.cut += u64::from(integrator.cut);
     if add(&mut sums[4..], light, &mut of_tile.broken) {
         sums[7] += 1.0;
         sums[8] += squared_luminance(light);
@@ -199,15 +206,15 @@ fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
     std::array::from_fn(|k| f64::from(r0.sums[at + k]))
 }
 
-impl World<'_> {
+impl Scene<'_> {
     /// What a ray of the camera meets of the receiver.
-    pub(super) fn landing(&self, ray: Ray) -> Option<Hit> {
+    pub(super) fn camera_hit(&self, ray: Ray) -> Option<Hit> {
         if self.rules.printed { None } else { self.receiver.bvh.closest(ray, |_| true) }
     }
 }
 
 /// How far the camera's hit of the receiver moves along its ray to lie where objects stand.
-pub(super) fn shift(world: &World<'_>, lens: &Lens<'_>, hit: &Hit, ray: Ray) -> f32 {
+pub(super) fn shift(scene: &Scene<'_>, camera_rays: &CameraRays<'_>, hit: &Hit, ray: Ray) -> f32 {
     let position = ray.origin + ray.direction * hit.t;
-    lens.ground.shift(position, world.receiver.normal(hit.triangle), ray.direction)
+    camera_rays.ground.shift(position, scene.receiver.normal(hit.triangle), ray.direction)
 }

@@ -4,7 +4,7 @@
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
 
-use super::light::constant;
+use super::environment::constant;
 use super::*;
 use crate::color::luminance;
 use crate::testing::context;
@@ -13,12 +13,12 @@ use crate::types::{Camera, Material, Object, Primitive};
 mod adaptive;
 mod coarse;
 mod crop;
-mod enough;
+mod env_resolution;
 mod extremes;
 mod insertion;
 mod materials;
 mod media;
-mod near;
+mod near_field;
 mod sampling;
 mod visibility;
 

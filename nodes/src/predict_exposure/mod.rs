@@ -21,11 +21,11 @@ use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Pi
 
 mod grid;
 mod kontext;
-mod learned;
 #[cfg(feature = "learned")]
 pub mod lora;
 mod manual;
 mod method;
+mod network;
 mod photographs;
 mod region;
 mod spread;
@@ -96,7 +96,7 @@ const SEEN: f32 = 0.5;
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
     const VERSION: u32 = 7;
-    const DATA: &'static [u8] = learned::WEIGHTS;
+    const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
     type In = In;
@@ -174,7 +174,7 @@ impl Kind for PredictExposure {
             _ if clipped == 0 && !params.force => nothing(),
             Method::Learned | Method::Region => match on_grid() {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
-                clipped if params.method == Method::Learned => learned::predict(&clipped, &mut books, cx)?,
+                clipped if params.method == Method::Learned => network::predict(&clipped, &mut books, cx)?,
                 clipped => region::predict(&clipped, cx)?,
             },
             Method::Manual { emitters } => {
@@ -250,7 +250,7 @@ struct Clipped<'a> {
 }
 
 /// What was found about one region.
-struct Found {
+struct RegionLight {
     sun: bool,
     azimuth_deg: f64,
     elevation_deg: f64,
@@ -275,7 +275,7 @@ impl<'a> Clipped<'a> {
     }
 
     /// The regions, with the gain that was predicted pixel by pixel.
-    fn told(&self, log2_gain: &[f32]) -> Vec<Found> {
+    fn told(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         let mut peak = vec![0.0_f64; n];
@@ -295,12 +295,12 @@ impl<'a> Clipped<'a> {
     }
 
     /// Region `i`, whose clipped pixels have this solid angle.
-    fn found(&self, i: usize, solid_angle: f64, given: Given) -> Found {
+    fn found(&self, i: usize, solid_angle: f64, given: Given) -> RegionLight {
         let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.solid_angle(c);
         let centre: DVec3 = self.members[i].iter().map(toward).sum();
         let centre = centre.try_normalize().unwrap_or(axes(self.up)[2]);
         let (azimuth_deg, elevation_deg) = measure::angles_deg(self.up, centre);
-        Found {
+        RegionLight {
             sun: false,
             azimuth_deg,
             elevation_deg,
@@ -368,7 +368,7 @@ fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64) -> [f32; 3] {
     rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(1.0)))
 }
 
-fn report(method: &Method, clipped: u64, pixels: u64, regions: &[Found]) -> Report {
+fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -> Report {
     let name = match method {
         Method::Learned => "learned",
         Method::Region => "region regression",
@@ -396,7 +396,7 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[Found]) -> Repo
         "uncertainty of the mean gain (stops)",
         "taken for",
     ];
-    let row = |r: &Found| {
+    let row = |r: &RegionLight| {
         let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];
         let uncertainty = r.uncertainty.map_or(Cell::Missing, Cell::Number);
         let name = if r.sun { "the sun" } else { "a light" };

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::grid::Grid;
 use super::spread::Spread;
-use super::{Clipped, Found, sun};
+use super::{Clipped, RegionLight, sun};
 use crate::color::luminance;
 use crate::light::regions;
 use crate::num;
@@ -22,7 +22,10 @@ const STOPS: (f64, f64) = (0.0, 14.0);
 const PROFILE_POWER: i32 = 4;
 
 /// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
-pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, Vec<Found>), NodeError> {
+pub(super) fn predict(
+    clipped: &Clipped<'_>,
+    cx: &Context,
+) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
     let Clipped { up, pixels, mask, ref grid, ref labels, ref members } = *clipped;
     let total: f64 = (0..grid.clipped.len()).filter(|&c| grid.clipped[c]).map(|c| grid.solid_angle(c)).sum();
     let rest = mean_of(grid, (0..grid.clipped.len()).filter(|&c| !grid.clipped[c] && grid.seen[c]));
@@ -59,7 +62,7 @@ pub(super) fn predict(clipped: &Clipped<'_>, cx: &Context) -> Result<(Vec<f32>, 
         let least = if sun && flux > 0.0 { num::f64::log2(sun::FLUX * unclipped / flux) } else { 0.0 };
         let stops = stops.max(least).clamp(STOPS.0, STOPS.1);
         let given = spread.apply(i, (num::f64::exp2(stops) - 1.0) * flux, pixels, &mut log2_gain);
-        found.push(Found { sun, ..clipped.found(i, spread.solid_angle[i], given) });
+        found.push(RegionLight { sun, ..clipped.found(i, spread.solid_angle[i], given) });
     }
     Ok((log2_gain, found))
 }

@@ -252,11 +252,11 @@ fn learned_flux_is_what_the_network_says() {
         let pixels = linear_pixels(&pano.image, Transfer::Srgb);
         let mask = clip_mask(&pano, &pixels);
         let clipped = Clipped::new(&pano, &pixels, &mask);
-        let scene = learned::Scene::new(&clipped.grid, clipped.up, &clipped.labels);
-        let bytes = learned::WEIGHTS;
+        let scene = network::Scene::new(&clipped.grid, clipped.up, &clipped.labels);
+        let bytes = network::WEIGHTS;
         let network =
-            learned::Network::parse("w", bytes, learned::OVERVIEW, learned::CELL).expect("is sound");
-        let want: f64 = learned::hidden(&network, &scene, clipped.labels.count).cells.iter().sum();
+            network::Network::parse("w", bytes, network::OVERVIEW, network::CELL).expect("is sound");
+        let want: f64 = network::hidden(&network, &scene, clipped.labels.count).cells.iter().sum();
         let (brackets, _) = run_by(Method::Learned, pano.clone(), &[-3.0]);
         let plain = Brackets { log2_gain: Image::new(width, width / 2, 1), ..(*brackets).clone() };
         let found = flux(&brackets, &pano, |_| true) - flux(&plain, &pano, |_| true);

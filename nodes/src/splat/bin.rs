@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use engine::{Context, NodeError};
 
-use super::lens;
-use super::lens::Reach;
+use super::camera_model;
+use super::camera_model::TileRange;
 use super::project::{Entry, Footprint, Projected};
 use super::settings::LIST_BYTES;
 use super::{Bounds, Settings};
@@ -84,7 +84,7 @@ const PAIR_BYTES: u64 = size_of::<u32>() as u64;
 pub(crate) fn most_bytes(splats: u64, (width, height): (u64, u64)) -> u64 {
     let tile = TILE as u64;
     let (columns, rows) = (width.div_ceil(tile), height.div_ceil(tile));
-    let held = (size_of::<Footprint>() + size_of::<(u64, Reach)>()) as u64;
+    let held = (size_of::<Footprint>() + size_of::<(u64, TileRange)>()) as u64;
     // A group of one row may hold each splat once, and that of one tile as well.
     let lists = (rows * (ENTRY_BYTES + columns * PAIR_BYTES)).saturating_mul(splats);
     let bounded = (ENTRY_BYTES + PAIR_BYTES).saturating_mul(splats).saturating_add(LIST_BYTES);
@@ -238,7 +238,7 @@ pub(super) fn bin<'a>(
             if exact && x1 - x0 > 3 {
                 let (left, right) =
                     projected.footprint(index).extent_in((group.rows.start + row) * TILE, projected.log2_cut);
-                span = lens::columns(left, right, span, projected.period);
+                span = camera_model::columns(left, right, span, projected.period);
             }
             entries.push((index, span));
         }

@@ -7,12 +7,12 @@
 //! other. Every stage gives the same bits for any number of threads and
 //! any instruction set.
 
-mod around;
 mod bin;
 mod blend32;
 mod blend64;
 mod block;
-mod lens;
+mod camera_model;
+mod panorama;
 mod project;
 mod settings;
 mod sh;
@@ -27,11 +27,11 @@ use std::ops::AddAssign;
 use engine::{Context, NodeError, Notes};
 use fearless_simd::Level;
 
-pub use around::{Around, panorama, panorama_at};
 pub use bin::TILE;
 pub(crate) use bin::most_bytes;
 pub use block::Blocks;
-use lens::{Lens, Pinhole};
+use camera_model::{CameraModel, Pinhole};
+pub use panorama::{PanoramaCamera, panorama, panorama_at};
 use project::{Footprint, Projected};
 pub use settings::{Bounds, Compensation, DepthMode, Drawing, Precision, Settings, Sort};
 pub use surface::Surface;
@@ -255,10 +255,10 @@ fn checked(camera: &Camera) -> Result<(), NodeError> {
 }
 
 /// One picture.
-fn draw<L: Lens>(
+fn draw<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
-    lens: &L,
+    camera_model: &L,
     limit: Option<&Image<Data>>,
     settings: &Settings,
     cx: &Context,
@@ -270,11 +270,11 @@ fn draw<L: Lens>(
         now - std::mem::replace(&mut last, now)
     };
 
-    let projected = project::project(splats, blocks, lens, settings, cx, level)?;
+    let projected = project::project(splats, blocks, camera_model, settings, cx, level)?;
     let mut work = projected.work();
     let mut seconds = [lap(), 0.0, 0.0, 0.0];
 
-    let (width, height) = lens.size();
+    let (width, height) = camera_model.size();
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let pixels = width * height;
     let (mut rgba, mut depth) = (vec![0.0_f32; pixels * 4], vec![0.0_f32; pixels]);

@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::bin::{Listed, TILE, clip};
 use super::block::{BLOCK, Blocks};
-use super::lens::{Lens, Reach, SLACK_PX};
+use super::camera_model::{CameraModel, SLACK_PX, TileRange};
 use super::shape::{BATCH, Batch, Shape};
 use super::{Bounds, Precision, Settings, Sort, Work, sh};
 use crate::num;
@@ -44,7 +44,7 @@ pub(super) struct Entry {
     /// Ascends from front to back.
     pub key: u64,
     pub index: u32,
-    /// Columns of tiles, as [`Reach`] has them.
+    /// Columns of tiles, as [`TileRange`] has them.
     pub x0: u16,
     pub x1: u16,
 }
@@ -53,7 +53,7 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
-    reaches: Vec<(u64, Reach)>,
+    reaches: Vec<(u64, TileRange)>,
     skipped: u64,
     directed: u64,
     degenerate: u64,
@@ -87,7 +87,7 @@ impl Projected {
     pub(super) fn listed(&self, rows: &Range<usize>, cx: &Context) -> Result<Vec<Listed<Entry>>, NodeError> {
         cx.for_each_tile(self.chunks.len(), |chunk| {
             let number = (chunk << CHUNK_BITS) as u32;
-            Listed::by(rows.len(), &self.chunks[chunk].reaches, |at, &(key, Reach { x0, x1, y0, y1 })| {
+            Listed::by(rows.len(), &self.chunks[chunk].reaches, |at, &(key, TileRange { x0, x1, y0, y1 })| {
                 (Entry { key, index: number + at as u32, x0, x1 }, [clip(y0..y1, rows), 0..0])
             })
         })
@@ -165,21 +165,21 @@ impl Footprint {
 
 /// Scalar code, compiled once an instruction set: the compiler makes vectors of its loops where it can.
 #[inline(always)]
-fn chunk<S: Simd, L: Lens>(_simd: S, projection: &Projection<'_, L>, range: Range<usize>) -> Chunk {
+fn chunk<S: Simd, L: CameraModel>(_simd: S, projection: &Projection<'_, L>, range: Range<usize>) -> Chunk {
     projection.chunk(range)
 }
 
 /// Projects every splat that can change a pixel; those of blocks that cannot are not looked at.
-pub(super) fn project<L: Lens>(
+pub(super) fn project<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
-    lens: &L,
+    camera_model: &L,
     settings: &Settings,
     cx: &Context,
     level: Level,
 ) -> Result<Projected, NodeError> {
     let log2_cut = num::f64::log2(settings.alpha_cut);
-    let projection = Projection::new(splats, blocks, lens, settings, log2_cut);
+    let projection = Projection::new(splats, blocks, camera_model, settings, log2_cut);
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
         dispatch!(level, simd => chunk(simd, &projection, range))
@@ -190,7 +190,7 @@ pub(super) fn project<L: Lens>(
         faint: 0,
         behind: 0,
         log2_cut,
-        period: lens.period(),
+        period: camera_model.period(),
     };
     // Only then is it asked why.
     if projected.work().projected * 100 < projected.splats {
@@ -198,7 +198,8 @@ pub(super) fn project<L: Lens>(
             let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
             let length = range.len() as u64;
             let drawn = range.filter(|index| is_drawn(splats.opacities[*index], settings));
-            let behind = drawn.map(|index| lens.is_behind(splats.mean(index) - lens.eye(), settings.near));
+            let behind = drawn
+                .map(|index| camera_model.is_behind(splats.mean(index) - camera_model.eye(), settings.near));
             behind.fold([length, 0], |[faint, behind], one| [faint - 1, behind + u64::from(one)])
         })?;
         for [faint, behind] in causes {
@@ -219,7 +220,7 @@ fn is_drawn(opacity: f32, settings: &Settings) -> bool {
 struct Projection<'a, L> {
     splats: &'a Splats,
     blocks: Option<&'a Blocks>,
-    lens: &'a L,
+    camera_model: &'a L,
     settings: &'a Settings,
     log2_cut: f64,
     eye: DVec3,
@@ -232,12 +233,12 @@ struct Projection<'a, L> {
     beyond: f64,
 }
 
-impl<'a, L: Lens> Projection<'a, L> {
+impl<'a, L: CameraModel> Projection<'a, L> {
     #[inline(always)]
     fn new(
         splats: &'a Splats,
         blocks: Option<&'a Blocks>,
-        lens: &'a L,
+        camera_model: &'a L,
         settings: &'a Settings,
         log2_cut: f64,
     ) -> Self {
@@ -248,8 +249,8 @@ impl<'a, L: Lens> Projection<'a, L> {
         let rounding = if settings.bounds == Bounds::Exact { 1.0 } else { 2.0 * TILE as f64 };
         let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
         let (sigmas, beyond) = if bounded { (sigmas, beyond) } else { (f64::INFINITY, 0.0) };
-        let (eye, degree) = (lens.eye(), settings.sh_degree.min(splats.sh_degree));
-        Self { splats, blocks, lens, settings, log2_cut, eye, degree, bounded, sigmas, beyond }
+        let (eye, degree) = (camera_model.eye(), settings.sh_degree.min(splats.sh_degree));
+        Self { splats, blocks, camera_model, settings, log2_cut, eye, degree, bounded, sigmas, beyond }
     }
 
     /// True where no splat of the block of this one can be in the picture.
@@ -257,7 +258,7 @@ impl<'a, L: Lens> Projection<'a, L> {
     fn is_unseen(&self, first: usize) -> bool {
         self.blocks.is_some_and(|blocks| {
             let block = blocks.around(first, self.eye);
-            self.lens.misses(&block, self.settings.near, self.sigmas, self.beyond)
+            self.camera_model.misses(&block, self.settings.near, self.sigmas, self.beyond)
         })
     }
 
@@ -285,7 +286,7 @@ impl<'a, L: Lens> Projection<'a, L> {
     /// are neither behind nor aside. Without branches, so that several are tested at once.
     #[inline(always)]
     fn find(&self, range: Range<usize>, first: usize, places: &mut Vec<u16>) {
-        let Self { splats, lens, settings, .. } = *self;
+        let Self { splats, camera_model, settings, .. } = *self;
         let [x, y, z] = self.offsets(range.clone());
         let mut world = [f64::INFINITY; BLOCK];
         if self.bounded {
@@ -299,8 +300,8 @@ impl<'a, L: Lens> Projection<'a, L> {
         }
         for i in 0..BLOCK {
             let offset = DVec3::new(x[i], y[i], z[i]);
-            found[i] &=
-                !lens.is_behind(offset, settings.near) & !lens.is_aside(offset, world[i], self.beyond);
+            found[i] &= !camera_model.is_behind(offset, settings.near)
+                & !camera_model.is_aside(offset, world[i], self.beyond);
         }
         let (mut here, mut count) = ([0; BLOCK], 0);
         for (place, found) in (first..).zip(found) {
@@ -313,7 +314,7 @@ impl<'a, L: Lens> Projection<'a, L> {
     /// Adds what is to be drawn of a splat of this shape.
     #[inline(always)]
     fn add(&self, index: usize, shape: &Shape, out: &mut Chunk) {
-        let Self { splats, lens, settings, log2_cut, .. } = *self;
+        let Self { splats, camera_model, settings, log2_cut, .. } = *self;
         let &Shape { offset, u, v, depth, xx, yy, det, raw_det, root_xx, root_yy, l11, l21, l22 } = shape;
         let mut opacity = f64::from(splats.opacities[index]);
         if settings.compensate {
@@ -328,11 +329,11 @@ impl<'a, L: Lens> Projection<'a, L> {
         }
         let log2_opacity = num::f64::log2(opacity);
         let reach = match settings.bounds {
-            _ if !self.bounded => Some(lens.everywhere()),
-            Bounds::Inria => lens.inria_reach(u, v, xx, yy, det),
+            _ if !self.bounded => Some(camera_model.everywhere()),
+            Bounds::Inria => camera_model.inria_reach(u, v, xx, yy, det),
             _ => {
                 let sigmas = (2.0 * std::f64::consts::LN_2 * (log2_opacity - log2_cut).max(0.0)).sqrt();
-                lens.exact_reach(u, v, sigmas * root_xx, sigmas * root_yy)
+                camera_model.exact_reach(u, v, sigmas * root_xx, sigmas * root_yy)
             }
         };
         let Some(reach) = reach else { return };
@@ -365,7 +366,7 @@ impl<'a, L: Lens> Projection<'a, L> {
     /// The chunk of these splats.
     #[inline(always)]
     fn chunk(&self, range: Range<usize>) -> Chunk {
-        let Self { splats, lens, eye, .. } = *self;
+        let Self { splats, camera_model, eye, .. } = *self;
         let mut out = Chunk::default();
         let mut places = Vec::with_capacity(range.len());
         for first in range.clone().step_by(BLOCK) {
@@ -384,7 +385,7 @@ impl<'a, L: Lens> Projection<'a, L> {
                 let index = range.start + usize::from(*place);
                 batch.set(lane, splats.mean(index) - eye, splats.quats[index], splats.scales[index]);
             }
-            batch.project(lens, self.settings.low_pass_px2);
+            batch.project(camera_model, self.settings.low_pass_px2);
             for (lane, place) in places.iter().enumerate() {
                 self.add(range.start + usize::from(*place), &batch.get(lane), &mut out);
             }

@@ -4,7 +4,7 @@
 
 use glam::DVec3;
 
-use super::lens::{Lens, Seen};
+use super::camera_model::{CameraModel, ProjectedCentre};
 
 /// Splats of a batch.
 pub(super) const BATCH: usize = 64;
@@ -109,11 +109,12 @@ impl Batch {
 
     /// Projects all lanes, with a low-pass filter of this variance in square pixels.
     #[inline(always)]
-    pub(super) fn project(&mut self, lens: &impl Lens, low_pass: f64) {
+    pub(super) fn project(&mut self, camera_model: &impl CameraModel, low_pass: f64) {
         // Exponents are to base 2: half of log2(e) goes into the factor.
         let to_base_2 = (0.5 * std::f64::consts::LOG2_E).sqrt();
         for i in 0..BATCH {
-            let Seen { u, v, row_x, row_y, depth } = lens.see(DVec3::from(at(&self.offset, i)));
+            let ProjectedCentre { u, v, row_x, row_y, depth } =
+                camera_model.project_centre(DVec3::from(at(&self.offset, i)));
             let axes = axes(at(&self.quat, i), at(&self.scale, i));
             let p = DVec3::new(row_x.dot(axes[0]), row_x.dot(axes[1]), row_x.dot(axes[2]));
             let q = DVec3::new(row_y.dot(axes[0]), row_y.dot(axes[1]), row_y.dot(axes[2]));

@@ -4,11 +4,11 @@ use super::*;
 use crate::num;
 use crate::testing::{context, levels};
 
-mod around;
 mod blocks;
 mod extremes;
 mod groups;
 mod modes;
+mod panorama;
 
 /// Numbers in [0, 1), the same on every machine.
 struct Random(u64);

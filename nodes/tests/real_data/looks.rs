@@ -6,7 +6,7 @@ use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_object::{self, LoadObject};
-use nodes::path_trace::rules::{Bounce, EnvBlock, NearField, SpecularSees};
+use nodes::path_trace::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Mesh, Placed, Rig};
 

@@ -12,7 +12,7 @@ use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::load_object::{self, LoadObject};
 use nodes::override_material::{self, OverrideMaterial, Surface};
-use nodes::path_trace::rules::{Bounce, EnvBlock, NearField, SpecularSees};
+use nodes::path_trace::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 

@@ -89,7 +89,7 @@ pub struct Facets {
 impl Facets {
     /// Of a distribution towards a viewer in its frame, with the relative index of the other side.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
-        let [x, y] = ggx.widths();
+        let [x, y] = ggx.alphas();
         if x <= y {
             return Self::round(out.z, y.sqrt(), eta);
         }
@@ -165,7 +165,7 @@ struct Slice {
 impl Slice {
     fn new(eta: f32) -> Self {
         let round = Table::new([32, 32], |[place, roughness]| {
-            facets(&Ggx::round(roughness), viewer(place), eta, [144, 233])
+            facets(&Ggx::isotropic(roughness), viewer(place), eta, [144, 233])
         });
         let means = Table::new([32], |[roughness]| {
             over_cosines(|c| {
@@ -183,7 +183,7 @@ fn brushed(eta: f32) -> Table<4, 4> {
     Table::new([16, 5, 20, 9], |[place, along, roughness, strength]| {
         let aslant = viewer(place);
         let out = Vec3::new(aslant.x * along.sqrt(), aslant.x * (1.0 - along).sqrt(), aslant.z);
-        facets(&Ggx::brushed(roughness, strength), out, eta, [89, 144])
+        facets(&Ggx::anisotropic(roughness, strength), out, eta, [89, 144])
     })
 }
 
@@ -224,9 +224,9 @@ fn facets(ggx: &Ggx, out: Vec3, eta: f32, [step, n]: [u32; 2]) -> [f32; 4] {
         let half = ggx.sample(out, [along(i * step), along(i)]);
         let cosine = out.dot(half);
         let mirrored = half * (2.0 * cosine) - out;
-        let above = if mirrored.z > 0.0 { ggx.seen(out, mirrored) } else { 0.0 };
-        let below = glass::bend(out, half, eta).filter(|bent| bent.z < 0.0);
-        let below = below.map_or(0.0, |bent| (1.0 - glass::fresnel(cosine, eta)) * ggx.seen(out, bent));
+        let above = if mirrored.z > 0.0 { ggx.g2_over_g1(out, mirrored) } else { 0.0 };
+        let below = glass::refract(out, half, eta).filter(|bent| bent.z < 0.0);
+        let below = below.map_or(0.0, |bent| (1.0 - glass::fresnel(cosine, eta)) * ggx.g2_over_g1(out, bent));
         let value = [above, above * schlick(cosine), above * glass::rise(cosine, eta), below];
         sum.iter_mut().zip(value).for_each(|(sum, v)| *sum += f64::from(v));
     }

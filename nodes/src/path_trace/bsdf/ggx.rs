@@ -29,12 +29,12 @@ pub struct Mirror {
 
 impl Ggx {
     /// Of a perceptual roughness.
-    pub fn round(roughness: f32) -> Self {
-        Self::brushed(roughness, 0.0)
+    pub fn isotropic(roughness: f32) -> Self {
+        Self::anisotropic(roughness, 0.0)
     }
 
     /// Of a perceptual roughness, wider along the first axis: KHR_materials_anisotropy.
-    pub fn brushed(roughness: f32, strength: f32) -> Self {
+    pub fn anisotropic(roughness: f32, strength: f32) -> Self {
         let alpha = roughness * roughness;
         Self::of([alpha + (1.0 - alpha) * strength * strength, alpha])
     }
@@ -45,7 +45,7 @@ impl Ggx {
     }
 
     /// The widths along both axes.
-    pub fn widths(&self) -> [f32; 2] {
+    pub fn alphas(&self) -> [f32; 2] {
         [self.x, self.y]
     }
 
@@ -61,36 +61,36 @@ impl Ggx {
 
     /// Density of facets (Walter et al. 2007), from the tangent components so that it stays exact near the
     /// pole.
-    fn density(&self, half: Vec3) -> f32 {
+    fn d(&self, half: Vec3) -> f32 {
         let (x, y) = (half.x / self.x, half.y / self.y);
         let d = x * x + y * y + half.z * half.z;
         1.0 / (PI * self.x * self.y * d * d)
     }
 
     /// Smith's auxiliary function.
-    fn hidden(&self, d: Vec3) -> f32 {
+    fn lambda(&self, d: Vec3) -> f32 {
         let (x, y) = (d.x * self.x, d.y * self.y);
         0.5 * ((1.0 + (x * x + y * y) / (d.z * d.z)).sqrt() - 1.0)
     }
 
     /// What of the facets that `out` sees is seen from `incident` too: height-correlated masking over
     /// masking. Either direction may lie on either side.
-    pub fn seen(&self, out: Vec3, incident: Vec3) -> f32 {
-        let own = 1.0 + self.hidden(out);
-        own / (own + self.hidden(incident))
+    pub fn g2_over_g1(&self, out: Vec3, incident: Vec3) -> f32 {
+        let own = 1.0 + self.lambda(out);
+        own / (own + self.lambda(incident))
     }
 
     /// Density of facets in proportion to what of them is visible from `out`.
-    pub fn visible(&self, out: Vec3, half: Vec3) -> f32 {
+    pub fn vndf_pdf(&self, out: Vec3, half: Vec3) -> f32 {
         let facing = out.dot(half).max(0.0);
-        self.density(half) * facing / (out.z * (1.0 + self.hidden(out)))
+        self.d(half) * facing / (out.z * (1.0 + self.lambda(out)))
     }
 
     /// Reflection from `incident` to `out`, both above the surface.
     pub fn mirror(&self, out: Vec3, incident: Vec3) -> Mirror {
         let half = (incident + out).normalize_or(Vec3::Z);
-        let pdf = self.density(half) / (4.0 * out.z * (1.0 + self.hidden(out)));
-        Mirror { cosine: out.dot(half).clamp(0.0, 1.0), value: pdf * self.seen(out, incident), pdf }
+        let pdf = self.d(half) / (4.0 * out.z * (1.0 + self.lambda(out)));
+        Mirror { cosine: out.dot(half).clamp(0.0, 1.0), value: pdf * self.g2_over_g1(out, incident), pdf }
     }
 
     /// A facet in proportion to what is visible from `out` (Dupuy and Benyoub 2023, Sampling visible GGX

@@ -7,30 +7,30 @@ use glam::Vec3;
 
 use super::ggx::Ggx;
 use super::gloss::Gloss;
-use super::{Look, Scatter};
+use super::{BsdfParams, Scatter};
 
 /// Reflectance at normal incidence of an index of refraction.
-pub fn normal(ior: f32) -> f32 {
+pub fn f0_of_ior(ior: f32) -> f32 {
     let r = (ior - 1.0) / (ior + 1.0);
     r * r
 }
 
-/// Relative index of the side of a look that is not the viewer's. That of a body is kept off 1, where facets bend
+/// Relative index of the side of a surface that is not the viewer's. That of a body is kept off 1, where facets bend
 /// nothing and directions do not tell them.
-pub fn relative(look: &Look) -> f32 {
-    let index = if look.thick { look.ior.max(1.01) } else { look.ior };
-    if look.inside { 1.0 / index } else { index }
+pub fn relative(params: &BsdfParams) -> f32 {
+    let index = if params.thick { params.ior.max(1.01) } else { params.ior };
+    if params.inside { 1.0 / index } else { index }
 }
 
 /// Cosine on the other side of relative index `eta`, for one on this side; none beyond the critical angle.
-pub fn other(cosine: f32, eta: f32) -> Option<f32> {
+pub fn cos_refracted(cosine: f32, eta: f32) -> Option<f32> {
     let squared = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
     (squared > 0.0).then(|| squared.sqrt())
 }
 
 /// Fresnel's reflectance of an interface for light without polarisation; `cosine` on this side.
 pub fn fresnel(cosine: f32, eta: f32) -> f32 {
-    let Some(across) = other(cosine, eta) else { return 1.0 };
+    let Some(across) = cos_refracted(cosine, eta) else { return 1.0 };
     let across_plane = (cosine - eta * across) / (cosine + eta * across);
     let in_plane = (eta * cosine - across) / (eta * cosine + across);
     0.5 * (across_plane * across_plane + in_plane * in_plane)
@@ -39,14 +39,14 @@ pub fn fresnel(cosine: f32, eta: f32) -> f32 {
 /// How far the reflectance has risen from that at normal incidence towards 1, where Schlick has
 /// `(1 - cosine)^5`. The dip that indices of 4 and more have before the rise is left out.
 pub fn rise(cosine: f32, eta: f32) -> f32 {
-    let f0 = normal(eta);
+    let f0 = f0_of_ior(eta);
     ((fresnel(cosine, eta) - f0) / (1.0 - f0)).clamp(0.0, 1.0)
 }
 
 /// The direction that a facet bends to `out`; none beyond the critical angle.
-pub fn bend(out: Vec3, half: Vec3, eta: f32) -> Option<Vec3> {
+pub fn refract(out: Vec3, half: Vec3, eta: f32) -> Option<Vec3> {
     let facing = out.dot(half);
-    Some(half * (facing / eta - other(facing, eta)?) - out / eta)
+    Some(half * (facing / eta - cos_refracted(facing, eta)?) - out / eta)
 }
 
 /// Value and density of light that is bent from `incident` below to `out` above, without any gain (Walter et
@@ -59,14 +59,14 @@ pub fn refraction(ggx: &Ggx, out: Vec3, incident: Vec3, eta: f32) -> [f32; 3] {
         return [0.0; 3];
     }
     let spread = near + eta * far;
-    let pdf = ggx.visible(out, half) * (eta * eta * -far) / (spread * spread).max(1e-12);
-    [pdf * (1.0 - fresnel(near, eta)) * ggx.seen(out, incident), pdf, near]
+    let pdf = ggx.vndf_pdf(out, half) * (eta * eta * -far) / (spread * spread).max(1e-12);
+    [pdf * (1.0 - fresnel(near, eta)) * ggx.g2_over_g1(out, incident), pdf, near]
 }
 
 /// What colour a surface gives to what passes it. A body is entered and left, a wall passed once: both take
 /// the base colour once in all.
-pub fn tint(look: &Look) -> Vec3 {
-    if look.thick { Vec3::from_array(look.base.to_array().map(f32::sqrt)) } else { look.base }
+pub fn tint(params: &BsdfParams) -> Vec3 {
+    if params.thick { Vec3::from_array(params.base.to_array().map(f32::sqrt)) } else { params.base }
 }
 
 /// What passes.
@@ -84,16 +84,16 @@ pub struct Glass {
 }
 
 impl Glass {
-    /// Of a look, below its gloss.
-    pub fn new(look: &Look, gloss: &Gloss) -> Option<Self> {
-        let share = look.transmission * (1.0 - look.metallic);
-        let albedo = tint(look) * gloss.left * share;
-        if share <= 0.0 || look.blocked {
+    /// Of a surface, below its gloss.
+    pub fn new(params: &BsdfParams, gloss: &Gloss) -> Option<Self> {
+        let share = params.transmission * (1.0 - params.metallic);
+        let albedo = tint(params) * gloss.left * share;
+        if share <= 0.0 || params.blocked {
             return None;
         }
-        let eta = look.thick.then_some(gloss.eta);
-        let kept = if look.thick { gloss.facets.passed } else { gloss.facets.all };
-        let (metal, clear) = (look.metallic, (1.0 - look.metallic) * look.transmission);
+        let eta = params.thick.then_some(gloss.eta);
+        let kept = if params.thick { gloss.facets.passed } else { gloss.facets.all };
+        let (metal, clear) = (params.metallic, (1.0 - params.metallic) * params.transmission);
         // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.
         (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
     }
@@ -111,7 +111,7 @@ impl Glass {
 
     /// How often a facet of a body at an angle is taken for a mirror rather than for what it lets through; a
     /// wall chooses between the two before the facet.
-    pub fn mirrors(&self, facing: f32) -> Option<f32> {
+    pub fn reflection_probability(&self, facing: f32) -> Option<f32> {
         let f = fresnel(facing, self.eta?);
         let (mirrored, passed) = (self.metal + (1.0 - self.metal) * f, self.clear * (1.0 - f));
         Some(mirrored / (mirrored + passed))
@@ -122,7 +122,7 @@ impl Glass {
         let [value, pdf] = match self.eta {
             Some(eta) => {
                 let [value, pdf, facing] = refraction(ggx, out, incident, eta);
-                [value, pdf * (1.0 - self.mirrors(facing).unwrap_or(0.0))]
+                [value, pdf * (1.0 - self.reflection_probability(facing).unwrap_or(0.0))]
             }
             // Blurred like the reflection, of which it is the image behind the wall.
             None => {
@@ -140,12 +140,12 @@ impl Glass {
     }
 
     /// A direction by a facet of a body, mirrored or bent by `choice`; none for a wall.
-    pub fn either(&self, ggx: &Ggx, out: Vec3, point: [f32; 2], choice: f32) -> Option<Vec3> {
+    pub fn sample_facet(&self, ggx: &Ggx, out: Vec3, point: [f32; 2], choice: f32) -> Option<Vec3> {
         let half = ggx.sample(out, point);
         let facing = out.dot(half);
-        match choice < self.mirrors(facing)? {
+        match choice < self.reflection_probability(facing)? {
             true => Some(half * (2.0 * facing) - out).filter(|d| d.z > 0.0),
-            false => bend(out, half, self.eta?).filter(|d| d.z < 0.0),
+            false => refract(out, half, self.eta?).filter(|d| d.z < 0.0),
         }
     }
 }

@@ -3,10 +3,10 @@
 use glam::Vec3;
 
 use super::albedo::{self, Facets};
-use super::film;
 use super::ggx::{Ggx, schlick};
 use super::glass;
-use super::{Look, Scatter};
+use super::thin_film;
+use super::{BsdfParams, Scatter};
 
 /// The interface of a dielectric, as far as it covers what lies below; by default there is none.
 #[derive(Debug, Clone, Copy, Default)]
@@ -19,12 +19,12 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Of a look, seen from a direction of its frame.
-    pub fn new(look: &Look, out: Vec3) -> Self {
-        let roughness = Ggx::brushed(look.roughness, look.anisotropy).roughness(out);
-        let strength = if look.ior > 1.0 { look.specular.0 } else { 0.0 };
-        let f0 = (glass::normal(look.ior) * look.specular.1.max_element()).min(1.0);
-        Self { index: look.ior, f0, strength, roughness }
+    /// Of a surface, seen from a direction of its frame.
+    pub fn new(params: &BsdfParams, out: Vec3) -> Self {
+        let roughness = Ggx::anisotropic(params.roughness, params.anisotropy).roughness(out);
+        let strength = if params.ior > 1.0 { params.specular.0 } else { 0.0 };
+        let f0 = (glass::f0_of_ior(params.ior) * params.specular.1.max_element()).min(1.0);
+        Self { index: params.ior, f0, strength, roughness }
     }
 
     /// What it reflects towards a viewer.
@@ -67,36 +67,36 @@ pub struct Gloss {
 }
 
 impl Gloss {
-    /// Of a look, seen from a direction of its frame.
-    pub fn new(look: &Look, interface: &Interface, out: Vec3) -> Self {
-        let ggx = Ggx::brushed(look.roughness, look.anisotropy);
-        let (m, cosine, eta) = (look.metallic, out.z, glass::relative(look));
+    /// Of a surface, seen from a direction of its frame.
+    pub fn new(params: &BsdfParams, interface: &Interface, out: Vec3) -> Self {
+        let ggx = Ggx::anisotropic(params.roughness, params.anisotropy);
+        let (m, cosine, eta) = (params.metallic, out.z, glass::relative(params));
         let facets = Facets::new(&ggx, out, eta);
-        if look.inside {
+        if params.inside {
             // The whole interface: without it nothing would be reflected beyond the critical angle.
-            let f0 = glass::normal(look.ior);
+            let f0 = glass::f0_of_ior(params.ior);
             let [reflected, _] = facets.dielectric(f0);
             let gain = 1.0 / (reflected + facets.passed).max(1e-3);
             return Self {
                 ggx,
                 facets,
                 eta,
-                dielectric: [Vec3::splat(f0).lerp(look.base, m), Vec3::ONE],
+                dielectric: [Vec3::splat(f0).lerp(params.base, m), Vec3::ONE],
                 metal: [Vec3::ZERO; 2],
                 gain: Vec3::splat(gain),
-                albedo: Vec3::splat(reflected * gain).lerp(look.base, m),
+                albedo: Vec3::splat(reflected * gain).lerp(params.base, m),
                 left: Vec3::splat(facets.passed * gain),
             };
         }
-        let tinted = (look.specular.1 * glass::normal(look.ior)).min(Vec3::ONE);
+        let tinted = (params.specular.1 * glass::f0_of_ior(params.ior)).min(Vec3::ONE);
         let strength = interface.strength;
-        let (share, index, thickness) = look.film;
+        let (share, index, thickness) = params.film;
         let film = |f0: Vec3, rise: f32| match share > 0.0 {
-            true => f0.lerp(film::normal(index, thickness, f0, cosine, rise), share),
+            true => f0.lerp(thin_film::f0(index, thickness, f0, cosine, rise), share),
             false => f0,
         };
-        let over_dielectric = |f0: Vec3| film(f0, glass::rise(cosine, look.ior));
-        let (dielectric, metal) = (over_dielectric(tinted), film(look.base, schlick(cosine)));
+        let over_dielectric = |f0: Vec3| film(f0, glass::rise(cosine, params.ior));
+        let (dielectric, metal) = (over_dielectric(tinted), film(params.base, schlick(cosine)));
         let [covered_once, covered] = each(dielectric, |f0| facets.dielectric(f0)).map(|v| v * strength);
         let [shiny_once, shiny] = each(metal, |f0| facets.metal(f0));
         // The gain of the mix is such that its albedo is the mix of the two albedos.

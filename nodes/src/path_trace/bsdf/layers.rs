@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::glass::Glass;
 use super::gloss::{Gloss, Interface};
-use super::{Frame, Lobe, Look, Scatter, albedo, cosine, glass, sheen};
+use super::{BsdfParams, Frame, Lobe, Scatter, albedo, cosine, glass, sheen};
 use crate::color::luminance;
 
 /// Lobes, in the order in which they are chosen.
@@ -45,10 +45,10 @@ struct Sheen {
 }
 
 impl Sheen {
-    /// Of a look, seen at an angle; none where it has none.
-    fn new(look: &Look, cosine: f32) -> Option<Self> {
-        let (colour, roughness) = look.sheen;
-        (colour != Vec3::ZERO && !look.inside).then(|| {
+    /// Of a surface, seen at an angle; none where it has none.
+    fn new(params: &BsdfParams, cosine: f32) -> Option<Self> {
+        let (colour, roughness) = params.sheen;
+        (colour != Vec3::ZERO && !params.inside).then(|| {
             let white = albedo::sheen(cosine, roughness);
             Self { colour: colour / white.max(1.0), roughness, albedo: colour * white.min(1.0) }
         })
@@ -60,19 +60,19 @@ impl Sheen {
     }
 }
 
-/// What passes a surface of a look at an angle of the given cosine, if it were to go straight on.
-pub fn straight(look: &Look, cosine: f32) -> Vec3 {
+/// What passes a surface at an angle of the given cosine, if it were to go straight on.
+pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     let out = Vec3::new((1.0 - cosine * cosine).max(0.0).sqrt(), 0.0, cosine.max(1e-4));
-    let gloss = |look: &Look| Gloss::new(look, &Interface::new(look, out), out);
-    let (share, roughness) = look.coat;
+    let gloss = |params: &BsdfParams| Gloss::new(params, &Interface::new(params, out), out);
+    let (share, roughness) = params.coat;
     let coat = if share > 0.0 { 1.0 - share * (1.0 - gloss(&clear(roughness)).left.x) } else { 1.0 };
-    let sheen = Sheen::new(look, out.z).map_or(1.0, |sheen| sheen.under());
-    glass::tint(look) * gloss(look).left * (look.transmission * (1.0 - look.metallic) * sheen * coat)
+    let sheen = Sheen::new(params, out.z).map_or(1.0, |sheen| sheen.under());
+    glass::tint(params) * gloss(params).left * (params.transmission * (1.0 - params.metallic) * sheen * coat)
 }
 
-/// The look of a clear coat of some roughness.
-fn clear(roughness: f32) -> Look {
-    Look { roughness, ior: COAT_INDEX, ..Look::default() }
+/// The parameters of a clear coat of some roughness.
+fn clear(roughness: f32) -> BsdfParams {
+    BsdfParams { roughness, ior: COAT_INDEX, ..BsdfParams::default() }
 }
 
 /// All lobes of a material towards a viewer.
@@ -105,24 +105,24 @@ impl Layers {
 
     /// A material around the frames of the base and of its coat, whose normals lie on the side of the unit
     /// direction `out`, and so does the geometric normal.
-    pub fn new([frame, coated]: [Frame; 2], geometric: Vec3, out: Vec3, look: &Look) -> Self {
+    pub fn new([frame, coated]: [Frame; 2], geometric: Vec3, out: Vec3, params: &BsdfParams) -> Self {
         let viewer = frame.viewer(out);
-        let mut interface = Interface::new(look, viewer);
-        let gloss = Gloss::new(look, &interface, viewer);
-        if look.inside {
+        let mut interface = Interface::new(params, viewer);
+        let gloss = Gloss::new(params, &interface, viewer);
+        if params.inside {
             interface = Interface::default();
         }
         let coupling = gloss.left * interface.between();
-        let below = (1.0 - look.metallic) * (1.0 - look.transmission);
-        let (passing, colour) = look.through;
-        let matte = look.base * (below * (1.0 - passing));
+        let below = (1.0 - params.metallic) * (1.0 - params.transmission);
+        let (passing, colour) = params.through;
+        let matte = params.base * (below * (1.0 - passing));
         let through = colour * (below * passing);
-        let glass = Glass::new(look, &gloss);
-        let sheen = Sheen::new(look, viewer.z);
-        let coat = (look.coat.0 > 0.0 && !look.inside).then(|| {
-            let (share, roughness) = look.coat;
-            let (look, out) = (clear(roughness), coated.viewer(out));
-            let gloss = Gloss::new(&look, &Interface::new(&look, out), out);
+        let glass = Glass::new(params, &gloss);
+        let sheen = Sheen::new(params, viewer.z);
+        let coat = (params.coat.0 > 0.0 && !params.inside).then(|| {
+            let (share, roughness) = params.coat;
+            let (params, out) = (clear(roughness), coated.viewer(out));
+            let gloss = Gloss::new(&params, &Interface::new(&params, out), out);
             Coat { frame: coated, out, gloss, share, under: 1.0 - share * (1.0 - gloss.left.x) }
         });
         let under = coat.map_or(1.0, |coat| coat.under) * sheen.map_or(1.0, |sheen| sheen.under());
@@ -191,7 +191,8 @@ impl Layers {
             }
             if self.shares[GLOSS] > 0.0 {
                 let (s, facing) = self.gloss.eval(self.out, i);
-                let mirrors = self.glass.and_then(|glass| glass.mirrors(facing)).unwrap_or(1.0);
+                let mirrors =
+                    self.glass.and_then(|glass| glass.reflection_probability(facing)).unwrap_or(1.0);
                 add(&mut specular, GLOSS, s.value * self.under, s.pdf * mirrors);
             }
         }
@@ -233,7 +234,7 @@ impl Layers {
             THROUGH => -cosine(point),
             SHEEN => sheen::uniform(point),
             GLOSS => match self.glass.as_ref().filter(|glass| glass.is_body()) {
-                Some(body) => body.either(&self.gloss.ggx, self.out, point, choice)?,
+                Some(body) => body.sample_facet(&self.gloss.ggx, self.out, point, choice)?,
                 None => self.gloss.ggx.reflect(self.out, point),
             },
             GLASS => self.glass.as_ref()?.through(&self.gloss.ggx, self.out, point),
@@ -264,17 +265,21 @@ mod tests {
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);
-        for (look, tilt) in [
-            (Look::default(), 0.2_f32),
-            (Look { base: Vec3::new(0.7, 0.4, 0.1), roughness: 0.3, ..Look::default() }, 0.9),
-            (Look { base: Vec3::splat(0.9), metallic: 1.0, roughness: 0.1, ..Look::default() }, 0.5),
-            (Look { ior: 1.0, ..Look::default() }, 0.7),
+        for (params, tilt) in [
+            (BsdfParams::default(), 0.2_f32),
+            (BsdfParams { base: Vec3::new(0.7, 0.4, 0.1), roughness: 0.3, ..BsdfParams::default() }, 0.9),
+            (
+                BsdfParams { base: Vec3::splat(0.9), metallic: 1.0, roughness: 0.1, ..BsdfParams::default() },
+                0.5,
+            ),
+            (BsdfParams { ior: 1.0, ..BsdfParams::default() }, 0.7),
         ] {
             let out = Vec3::new(tilt, 0.1, 1.0).normalize();
-            let left_out = Layers::new([upright; 2], Vec3::Z, out, &look);
+            let left_out = Layers::new([upright; 2], Vec3::Z, out, &params);
             assert!(left_out.sheen.is_none() && left_out.coat.is_none() && left_out.glass.is_none());
-            let wall = Look { transmission: 1.0, metallic: 0.0, ..look };
-            let (viewer, clear) = (upright.viewer(out), Look { roughness: 0.2, ..Look::default() });
+            let wall = BsdfParams { transmission: 1.0, metallic: 0.0, ..params };
+            let (viewer, clear) =
+                (upright.viewer(out), BsdfParams { roughness: 0.2, ..BsdfParams::default() });
             let gloss = Gloss::new(&clear, &Interface::new(&clear, viewer), viewer);
             let mut open = left_out.gloss;
             open.left = Vec3::ONE;

@@ -8,7 +8,6 @@
 //! against light samples on its own, because the scene may be visible to one and transparent to the other.
 
 mod albedo;
-mod film;
 mod ggx;
 mod glass;
 mod gloss;
@@ -16,6 +15,7 @@ mod layers;
 mod sheen;
 #[cfg(test)]
 mod tests;
+mod thin_film;
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -45,7 +45,7 @@ pub struct Scatter {
 /// Parameters of a surface point, textures already looked up. See the types of the same names in
 /// [`types`](crate::types).
 #[derive(Debug, Clone, Copy)]
-pub struct Look {
+pub struct BsdfParams {
     /// Linear base colour.
     pub base: Vec3,
     /// 0 dielectric to 1 metal.
@@ -76,7 +76,7 @@ pub struct Look {
     pub coat: (f32, f32),
 }
 
-impl Default for Look {
+impl Default for BsdfParams {
     /// White and matte, of index 1.5.
     fn default() -> Self {
         Self {
@@ -198,8 +198,8 @@ impl Bsdf {
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         match self {
             Self::Matte { frame, albedo } => {
-                let density = incident.dot(frame.normal()).max(0.0) * FRAC_1_PI;
-                [Scatter { value: *albedo * density, pdf: density }, Scatter::default()]
+                let pdf = incident.dot(frame.normal()).max(0.0) * FRAC_1_PI;
+                [Scatter { value: *albedo * pdf, pdf }, Scatter::default()]
             }
             Self::Layers(layers) => layers.eval(incident),
         }

@@ -27,7 +27,7 @@ fn fit(x: f32, alpha: f32) -> f32 {
     a / (1.0 + b * num::powf(x, c)) + d * x + e
 }
 
-fn hidden(cosine: f32, alpha: f32) -> f32 {
+fn lambda(cosine: f32, alpha: f32) -> f32 {
     let exponent =
         if cosine < 0.5 { fit(cosine, alpha) } else { 2.0 * fit(0.5, alpha) - fit(1.0 - cosine, alpha) };
     num::f32::exp(exponent)
@@ -38,6 +38,6 @@ pub fn value(out: Vec3, incident: Vec3, roughness: f32) -> f32 {
     let alpha = (roughness * roughness).clamp(0.01, 1.0);
     let half = (out + incident).normalize_or(Vec3::Z);
     let sin = (1.0 - half.z * half.z).max(0.0).sqrt();
-    let density = (2.0 + 1.0 / alpha) * num::powf(sin, 1.0 / alpha) / (2.0 * PI);
-    density / ((1.0 + hidden(out.z, alpha) + hidden(incident.z, alpha)) * 4.0 * out.z)
+    let d = (2.0 + 1.0 / alpha) * num::powf(sin, 1.0 / alpha) / (2.0 * PI);
+    d / ((1.0 + lambda(out.z, alpha) + lambda(incident.z, alpha)) * 4.0 * out.z)
 }

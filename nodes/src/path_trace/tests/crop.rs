@@ -11,7 +11,7 @@ struct Afar {
 }
 
 /// What a trace gave: S by pixels and channels, rays, and the note.
-struct Found {
+struct Traced {
     ratio: Vec<f64>,
     rays: u64,
     told: Option<String>,
@@ -24,7 +24,7 @@ impl Afar {
         Self { receiver: plane(40.0), object, env, how: params(16, EnvBlock::Solid) }
     }
 
-    fn trace(&self, crop: f64, with: bool) -> Found {
+    fn trace(&self, crop: f64, with: bool) -> Traced {
         let camera = rig(DVec3::new(0.0, -10.0, 8.0), DVec3::ZERO, 64, 0.9);
         let (cx, how) = (context(), PathTrace { crop, ..self.how.clone() });
         let objects = [self.object.clone()];
@@ -33,7 +33,7 @@ impl Afar {
         let told = notes.iter().find(|note| note.id == "cropped").map(|note| note.text.clone());
         let pairs = samples(&out.without).iter().zip(samples(&out.with));
         let ratio = pairs.map(|(a, b)| if *a > 0.0 { f64::from(b / a) } else { 1.0 }).collect();
-        Found { ratio, rays: cx.counts()["rays"], told, out }
+        Traced { ratio, rays: cx.counts()["rays"], told, out }
     }
 }
 
@@ -60,7 +60,7 @@ fn what_is_left_out_is_within_the_bound() {
         let (mut left_out, mut worst) = (0, 0.0_f64);
         for tile in 0..64 {
             let pixels = (0..64).map(|i| (tile / 8 * 8 + i / 8) * 64 + tile % 8 * 8 + i % 8);
-            let values = |found: &Found| -> Vec<f64> {
+            let values = |found: &Traced| -> Vec<f64> {
                 pixels.clone().flat_map(|i| found.ratio[3 * i..3 * i + 3].to_vec()).collect()
             };
             let (mine, theirs) = (values(&cropped), values(&full));

@@ -80,7 +80,7 @@ fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
 
 /// The shadow of a ball on a floor does not depend on what else there is of the floor: a stray triangle far away, or
 /// two triangles that reach to a horizon.
-/// Mutation: `NEAREST` to 1e9 in `Grade::of` (seen red).
+/// Mutation: `NEAREST` to 1e9 in `Subdivision::of` (seen red).
 #[test]
 fn row_42_a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
@@ -125,13 +125,13 @@ fn an_object_too_far_for_its_size_is_told() {
 fn a_scene_may_lie_anywhere_and_have_any_size() {
     let (plane, objects, rig) = shadowed();
     let picture = |scale: f64, by: DVec3| {
-        let world = DMat4::from_translation(by) * DMat4::from_scale(DVec3::splat(scale));
+        let scene = DMat4::from_translation(by) * DMat4::from_scale(DVec3::splat(scale));
         let mut receiver = plane.clone();
         for p in &mut receiver.positions {
-            *p = world.transform_point3(DVec3::from_array(p.map(f64::from))).as_vec3().to_array();
+            *p = scene.transform_point3(DVec3::from_array(p.map(f64::from))).as_vec3().to_array();
         }
         let moved = |o: &Arc<Placed>| {
-            Arc::new(Placed { object: o.object.clone(), world_from_object: world * o.world_from_object })
+            Arc::new(Placed { object: o.object.clone(), world_from_object: scene * o.world_from_object })
         };
         let objects: Vec<_> = objects.iter().map(moved).collect();
         let mut camera = (*rig).clone();
@@ -158,7 +158,7 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
 
 /// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
 /// and no light leaks at gap 0.
-/// Mutation: `Vec3::ONE - straight` halved in `Walk::taken` (seen red).
+/// Mutation: `Vec3::ONE - straight` halved in `Integrator::blocked_light` (seen red).
 #[test]
 fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);
@@ -211,7 +211,7 @@ fn row_47_errors_fall_with_samples_whatever_the_seed() {
 }
 
 /// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
-/// Mutation: weights of texels not divided by `power` in `Sky::new`, `scales` of 1 (seen red).
+/// Mutation: weights of texels not divided by `power` in `EnvironmentLight::new`, `scales` of 1 (seen red).
 #[test]
 fn row_48_light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();
@@ -240,7 +240,7 @@ fn row_48_light_of_any_strength_gives_the_same_picture() {
 
 /// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
 /// finite, and told.
-/// Mutation: `sums[k].sqrt()` left out of `trace_pair`, and `v * v` of `Running::add` (seen red).
+/// Mutation: `sums[k].sqrt()` left out of `trace_pair`, and `v * v` of `Accumulator::add` (seen red).
 #[test]
 fn row_48_the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();

@@ -1,7 +1,7 @@
 //! Materials in whole renders: what light does that passes an object, and what its shadow is then.
 
 use super::*;
-use crate::path_trace::bsdf::{Look, straight};
+use crate::path_trace::bsdf::{BsdfParams, straight};
 use crate::types::Map;
 
 pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
@@ -117,10 +117,11 @@ fn shadow_of_a_pane_is_what_it_lets_through() {
         mean(&render(&p, &plane(400.0), std::slice::from_ref(object), &floor, &white()).0.with)
     };
     assert!((lit(&pane) / 0.5 - 1.0).abs() < 0.01, "{}", lit(&pane));
-    let look = Look { base: Vec3::splat(0.25), roughness: 0.0, transmission: 1.0, ..Look::default() };
-    let passing = over_cosines(|c| straight(&look, c).x);
+    let params =
+        BsdfParams { base: Vec3::splat(0.25), roughness: 0.0, transmission: 1.0, ..BsdfParams::default() };
+    let passing = over_cosines(|c| straight(&params, c).x);
     // What the white pane does not pass, either pane mirrors.
-    let mirrored = 1.0 - over_cosines(|c| straight(&Look { base: Vec3::ONE, ..look }, c).x);
+    let mirrored = 1.0 - over_cosines(|c| straight(&BsdfParams { base: Vec3::ONE, ..params }, c).x);
     let expected = 0.5 * (passing + mirrored);
     // What passes is chosen at random: with 262144 samples the standard error is about 0.2 %.
     let found = lit(&tinted);

@@ -3,7 +3,7 @@
 use engine::Digest;
 use learned::exposure::{Examples, Scale};
 
-use super::super::learned::{AMOUNT, CELL, LIMITS, OVERVIEW};
+use super::super::network::{AMOUNT, CELL, LIMITS, OVERVIEW};
 use super::amount::{Amount, Sample};
 use super::procedural;
 use super::truth::{Example, Shot, Truth};

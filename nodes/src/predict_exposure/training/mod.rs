@@ -14,7 +14,7 @@ pub use learned::exposure::Recipe;
 
 use self::examples::Course;
 use self::truth::{Example, shrink};
-use super::learned::{CELL, Network as Forward, OVERVIEW, hidden};
+use super::network::{CELL, Network as Forward, OVERVIEW, hidden};
 use crate::error::Error;
 use crate::io::exr::{self, Channel, Depth};
 use crate::num;

@@ -1,6 +1,6 @@
 use learned::exposure::{Network, Scale};
 
-use super::super::learned::LIMITS;
+use super::super::network::LIMITS;
 use super::truth::{Shot, Truth};
 use super::*;
 
@@ -51,13 +51,13 @@ fn an_example_keeps_the_books() {
 // The forward pass that ships against candle's, and the amount against float64, with the shipped weights.
 #[test]
 fn the_forward_pass_agrees_with_candle() {
-    let weights = crate::nn::Weights::parse("w", super::super::learned::WEIGHTS).expect("is sound");
+    let weights = crate::nn::Weights::parse("w", super::super::network::WEIGHTS).expect("is sound");
     let tensor = |name: &str| weights.tensor(name).expect("is there");
     let scale = |name: &str| Scale {
         mean: tensor(&format!("{name}.mean")).1,
         spread: tensor(&format!("{name}.spread")).1,
     };
-    let forward = Forward::parse("w", super::super::learned::WEIGHTS, OVERVIEW, CELL).expect("is sound");
+    let forward = Forward::parse("w", super::super::network::WEIGHTS, OVERVIEW, CELL).expect("is sound");
     let members = tensor("score.out").0[0];
     for index in 0..4 {
         let truth = Truth::new(procedural::panorama(2, index)).expect("has light");

@@ -4,7 +4,7 @@ use engine::Up;
 use glam::DVec3;
 
 use super::super::grid::Grid;
-use super::super::learned::Scene;
+use super::super::network::Scene;
 use super::super::{clip_mask, clipped_light};
 use super::WIDTH;
 use crate::color::{code8, srgb_from_linear};

@@ -65,7 +65,7 @@ fn blocks_that_are_left_out_change_no_bit() {
                 |skip_unseen| Settings { bounds, alpha_cut, near: 0.05, skip_unseen, ..Settings::default() };
             skipped += both(|skip| draw_by_blocks(&splats, &camera, of(skip))).skipped;
         }
-        let around = Around { eye, up: engine::Up::PlusZ, width_px: 64 };
+        let around = PanoramaCamera { eye, up: engine::Up::PlusZ, width_px: 64 };
         skipped += both(|skip_unseen| {
             let settings = Settings { skip_unseen, ..Settings::default() };
             panorama(&splats, &around, None, &settings, &context()).expect("renders")

@@ -64,7 +64,7 @@ fn row_03_what_cannot_be_seen_changes_no_bit() {
 }
 
 /// A splat as large as a file may hold covers all pixels, once each, at once.
-/// Mutation: `last.min(size as i32 - 1)` to `last` in `lens::tiles` (seen red).
+/// Mutation: `last.min(size as i32 - 1)` to `last` in `camera_model::tiles` (seen red).
 #[test]
 fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
@@ -78,7 +78,7 @@ fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
                 seen.work.degenerate == 1
                     || seen.rgba.as_chunks::<4>().0.iter().all(|p| (p[3] - 0.5).abs() < 1e-3)
             );
-            let around = Around { eye: DVec3::ZERO, up: Up::PlusZ, width_px: 64 };
+            let around = PanoramaCamera { eye: DVec3::ZERO, up: Up::PlusZ, width_px: 64 };
             let around = panorama(&splat, &around, None, &settings, &context()).expect("renders");
             assert!(around.rgba.iter().all(|v| v.is_finite()));
             // Once in the belt and once in the caps, which overlap a little and are finer.
@@ -293,7 +293,7 @@ fn row_15_colours_that_overflow_are_held_and_told() {
     splats.sh.extend([[3.3e38; 3]; 8]);
     for precision in [Precision::F32, Precision::F64] {
         let settings = Settings { precision, ..F64 };
-        let around = Around { eye: DVec3::ZERO, up: Up::PlusY, width_px: 64 };
+        let around = PanoramaCamera { eye: DVec3::ZERO, up: Up::PlusY, width_px: 64 };
         let everything = panorama(&splats, &around, None, &settings, &context()).expect("renders");
         for seen in [draw(&splats, &camera(40, 30, 60.0), settings), everything] {
             assert!(seen.rgba.iter().all(|v| v.is_finite()), "{precision:?}");
@@ -306,7 +306,7 @@ fn row_15_colours_that_overflow_are_held_and_told() {
 }
 
 /// The widest and the narrowest angle, one pixel and a strip, against the textbook.
-/// Mutation: `GUARD` to 0.1 in `lens` (seen red).
+/// Mutation: `GUARD` to 0.1 in `camera_model` (seen red).
 #[test]
 fn row_16_odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);

@@ -12,8 +12,8 @@ fn wide(count: usize) -> Splats {
 const SIZE: (u32, u32) = (150, 100);
 
 fn projected(splats: &Splats, settings: &Settings) -> Projected {
-    let lens = Pinhole::new(&camera(SIZE.0, SIZE.1, 70.0));
-    project::project(splats, None, &lens, settings, &context(), Level::new()).expect("projects")
+    let camera_model = Pinhole::new(&camera(SIZE.0, SIZE.1, 70.0));
+    project::project(splats, None, &camera_model, settings, &context(), Level::new()).expect("projects")
 }
 
 // Mutations seen red: `clip` without its shift; columns of a part not clipped; a row's strip by its place in the group.
@@ -22,7 +22,7 @@ fn groups_change_no_bit() {
     let splats = wide(300);
     for settings in [F64, Settings { precision: Precision::F32, bounds: Bounds::Inria, ..F64 }] {
         let all = draw(&splats, &camera(SIZE.0, SIZE.1, 70.0), settings);
-        let around = Around { eye: DVec3::ZERO, up: engine::Up::PlusY, width_px: 144 };
+        let around = PanoramaCamera { eye: DVec3::ZERO, up: engine::Up::PlusY, width_px: 144 };
         let everything = |settings| panorama(&splats, &around, None, &settings, &context()).expect("renders");
         let panorama = everything(settings);
         // A tile at a time, some columns of a row, some rows.

@@ -136,9 +136,9 @@ fn a_stopped_run_ends_within_a_tile() {
     for precision in [Precision::F32, Precision::F64] {
         let settings = Settings { precision, bounds: Bounds::None, stop: 0.0, ..F64 };
         let cx = context();
-        let lens = Pinhole::new(&camera(TILE as u32, TILE as u32, 60.0));
+        let camera_model = Pinhole::new(&camera(TILE as u32, TILE as u32, 60.0));
         let projected =
-            project::project(&splats, None, &lens, &settings, &cx, Level::new()).expect("projects");
+            project::project(&splats, None, &camera_model, &settings, &cx, Level::new()).expect("projects");
         let evaluations = || {
             let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
             let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);

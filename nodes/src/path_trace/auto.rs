@@ -1,0 +1,157 @@
+//! What `Auto` becomes, and what the user should know of it.
+
+use engine::Notes;
+use glam::{DVec3, Vec3};
+
+use super::PathTrace;
+use super::integrator::{Integrator, Scene, Vertex};
+use super::objects::Objects;
+use super::prepared::PreparedScene;
+use super::visibility::{self, Block, Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
+use crate::color::luminance;
+use crate::num;
+use crate::sampling::Points;
+
+/// Share of what the point of capture sees that the receiver must be for `near_field: Auto`: half of a ground. It is
+/// judgement. With less, most of what the panorama shows near by is missing in the receiver.
+const LEAST_HELD: f64 = 0.25;
+
+/// What was decided, and what it was decided by.
+pub(super) struct Decided {
+    pub(super) rules: Rules,
+    pub(super) probe: Option<Probe>,
+    /// What walls counted twice add, or would add; none where the receiver is a solid body anyway.
+    pub(super) twice: Option<f64>,
+}
+
+impl PathTrace {
+    /// Decides what was left to `Auto`, and tells.
+    pub(super) fn decide(
+        &self,
+        prepared: &PreparedScene<'_>,
+        centre: DVec3,
+        metres_per_unit: f64,
+        notes: &mut Notes,
+    ) -> Decided {
+        let from = visibility::in_scene_frame(centre, prepared.origin);
+        let needs_probe = matches!(self.env_block, EnvBlock::Auto | EnvBlock::FrontFace { .. });
+        let probe = needs_probe.then(|| Probe::send(prepared.receiver(), from));
+        let seen = |p: &Probe| {
+            format!(
+                "{:.1} % of {} probe rays leave, {:.1} % of the others meet a front face",
+                100.0 * p.escaped_share(),
+                p.rays,
+                100.0 * p.front_share()
+            )
+        };
+        let block = match (self.env_block, probe) {
+            (EnvBlock::Solid, _) => Block::Solid,
+            (EnvBlock::Pass, _) => Block::Pass,
+            (EnvBlock::Paper, _) => Block::Solid,
+            (EnvBlock::PassBeyond { metres }, _) => Block::PassBeyond {
+                centre: from.to_array(),
+                radius: visibility::scene_units(metres, metres_per_unit),
+            },
+            (EnvBlock::FrontFace { max_layers }, probe) => {
+                if let Some(p) = probe.filter(|p| p.escaped < p.rays && p.front_share() <= 0.1) {
+                    let text = format!("the normals seem to point out of the room: {}", seen(&p));
+                    notes.warning("normals-outward", text);
+                }
+                Block::FrontFace { max_layers, flip: false }
+            }
+            (EnvBlock::Auto, probe) => {
+                let probe = probe.unwrap_or_default();
+                let block = probe.decide();
+                let name = match block {
+                    Block::Solid => "Solid",
+                    Block::FrontFace { flip: true, .. } => "FrontFace with normals turned round",
+                    Block::FrontFace { .. } => "FrontFace",
+                    _ => "Pass",
+                };
+                notes.decision("env-block", format!("{name}: {}", seen(&probe)));
+                block
+            }
+        };
+        let solid = block == Block::Solid;
+        let left_to_us = self.env_block == EnvBlock::Auto
+            && self.bounce == Bounce::Auto
+            && self.object_specular_sees == SpecularSees::Auto;
+        let held = probe.unwrap_or_default().held_share();
+        let (near, why) = match (self.near_field, prepared.inputs.env.origin) {
+            (NearField::On, _) => (true, "as set".to_owned()),
+            (NearField::Off, _) => (false, "as set".to_owned()),
+            (_, None) => (false, "the environment has no point of capture".to_owned()),
+            (_, Some(_)) if !left_to_us => {
+                (false, "the graph sets `env_block`, `bounce` or `object_specular_sees` itself".to_owned())
+            }
+            (_, Some(_)) if held < LEAST_HELD => {
+                let held = 100.0 * held;
+                (
+                    false,
+                    format!("the scene is open, and the receiver is {held:.1} % of what is seen from there"),
+                )
+            }
+            (_, Some(_)) => {
+                let held = 100.0 * held;
+                (
+                    true,
+                    format!(
+                        "the environment was captured in this place, of which the receiver is {held:.1} %"
+                    ),
+                )
+            }
+        };
+        let text = if near {
+            format!("On: {why}; a ray that meets the receiver finds what the panorama shows of that place")
+        } else {
+            format!("Off: {why}; light of the panorama comes from infinitely far")
+        };
+        notes.decision("near-field", text);
+        let printed = self.env_block == EnvBlock::Paper;
+        let rules = Rules {
+            block,
+            bounce_solid: match self.bounce {
+                _ if printed => true,
+                Bounce::Auto => solid,
+                Bounce::Env => false,
+                Bounce::Solid => true,
+            },
+            specular_env: match self.object_specular_sees {
+                _ if printed => true,
+                SpecularSees::Auto => !solid || prepared.inputs.env.origin.is_some(),
+                SpecularSees::Env => true,
+                SpecularSees::Receiver => false,
+            },
+            printed,
+            near: near.then(|| from.to_array()),
+            max_bounces: self.max_bounces,
+            // The key takes no infinity.
+            clamp: if self.clamp_indirect > 0.0 { self.clamp_indirect as f32 } else { f32::MAX },
+        };
+        let twice = (!solid).then(|| counted_twice(prepared, from, &rules));
+        if let Some(twice) = twice.filter(|_| rules.bounce_solid && !near) {
+            let text = "light of the room counts twice, in the environment and off its walls:";
+            notes.warning("double-count", format!("{text} {:.0} % too much", 100.0 * twice));
+        }
+        Decided { rules, probe, twice }
+    }
+}
+
+/// What is added to the light of the receiver, as the point of capture sees it, where its walls reflect the
+/// environment that already shows them: a share of what there is without.
+fn counted_twice(prepared: &PreparedScene<'_>, from: Vec3, rules: &Rules) -> f64 {
+    let Ok(objects) = Objects::new(&[], prepared.origin) else { return 0.0 };
+    let light = |bounce_solid| {
+        let rules = Rules { bounce_solid, near: None, ..*rules };
+        let scene =
+            Scene { receiver: prepared.receiver(), objects: &objects, sky: prepared.sky(), rules: &rules };
+        let seen = Probe::rays(from).zip(0..).filter_map(|(ray, i)| {
+            let hit = scene.receiver.bvh.closest(ray, |_| true)?;
+            let mut integrator = Integrator::new(scene, Points::new(1, i), i, false);
+            Some(luminance(integrator.radiance(Vertex::Receiver(hit), ray).to_array()))
+        });
+        num::ordered_sum(seen)
+    };
+    let once = light(false);
+    if once > 0.0 { light(true) / once - 1.0 } else { 0.0 }
+}

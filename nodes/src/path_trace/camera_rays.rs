@@ -1,0 +1,103 @@
+//! The camera's rays.
+
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+
+use super::contact::Ground;
+use super::light_distribution::Cone;
+use super::visibility;
+use crate::bvh::Ray;
+use crate::sampling::{Points, hash, stream};
+use crate::types::Camera;
+
+/// A camera without its name, which changes no pixel.
+#[derive(Serialize)]
+pub(super) struct View<'a> {
+    size: (u32, u32),
+    intrinsics: [f64; 4],
+    world_from_camera: &'a [f64; 16],
+}
+
+impl<'a> View<'a> {
+    pub(super) fn of(camera: &'a Camera) -> Self {
+        Self {
+            size: (camera.width_px, camera.height_px),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            world_from_camera: &camera.world_from_camera,
+        }
+    }
+}
+
+/// The camera's rays.
+pub(super) struct CameraRays<'a> {
+    pub(super) camera: &'a Camera,
+    pub(super) eye: Vec3,
+    /// Right, down and forward of the camera in the world.
+    pub(super) axes: [DVec3; 3],
+    /// A quarter of the width of a pixel for each unit of distance: the samples of a pixel find what is narrower.
+    pub(super) spread: f32,
+    pub(super) seed: u64,
+    pub(super) ground: &'a Ground,
+    /// Side of the blocks of pixels of which one is traced.
+    coarse_px: u32,
+}
+
+impl<'a> CameraRays<'a> {
+    pub(super) fn new(
+        camera: &'a Camera,
+        origin: DVec3,
+        seed: u64,
+        ground: &'a Ground,
+        coarse_px: u32,
+    ) -> Self {
+        let pose = camera.world_from_camera();
+        let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
+        let spread = (0.25 / (camera.fx * camera.fy).abs().sqrt()) as f32;
+        Self {
+            camera,
+            eye: visibility::in_scene_frame(camera.eye(), origin),
+            axes,
+            spread,
+            seed,
+            ground,
+            coarse_px,
+        }
+    }
+
+    /// The pixel of the picture that stands for a block: its middle, or the last one there is.
+    pub(super) fn pixel(&self, (x, y): (u32, u32)) -> (u32, u32) {
+        let middle = |block: u32, size: u32| (block * self.coarse_px + self.coarse_px / 2).min(size - 1);
+        (middle(x, self.camera.width_px), middle(y, self.camera.height_px))
+    }
+
+    /// The ray through a place in the picture.
+    pub(super) fn through(&self, x: f64, y: f64) -> Ray {
+        let Camera { fx, fy, cx, cy, .. } = *self.camera;
+        let [right, down, forward] = self.axes;
+        let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
+        Ray::new(self.eye, direction.normalize().as_vec3())
+    }
+
+    /// Whether a ray through the pixels of some blocks, given in order row by row, may meet a box.
+    pub(super) fn sees(&self, blocks: &[(u32, u32)], objects: Option<[Vec3; 2]>) -> bool {
+        let (Some(objects), Some(first), Some(last)) = (objects, blocks.first(), blocks.last()) else {
+            return false;
+        };
+        let (first, last) = (self.pixel(*first), self.pixel(*last));
+        let [left, top] = [first.0, first.1].map(f64::from);
+        let [right, bottom] = [last.0 + 1, last.1 + 1].map(f64::from);
+        let corners = [(left, top), (right, top), (left, bottom), (right, bottom)];
+        let through = Cone::around(corners.map(|(x, y)| self.through(x, y).direction).into_iter());
+        through.meets(&Cone::between([self.eye; 2], objects))
+    }
+
+    /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel, a box filter.
+    pub(super) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
+        let (x, y) = self.pixel(block);
+        let stream = stream(self.seed, x, y);
+        let points = Points::new(stream, sample);
+        let [dx, dy] = points.pair(0);
+        let ray = self.through(f64::from(x) + f64::from(dx), f64::from(y) + f64::from(dy));
+        (points, hash(stream, sample), ray)
+    }
+}

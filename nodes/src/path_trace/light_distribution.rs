@@ -1,0 +1,340 @@
+//! Which part of the sky to sample for a surface: in proportion to its light times the cosine.
+//!
+//! The sky is cut into a grid of cells, narrow where it is bright. For a cone of normals, and perhaps a cone of
+//! directions that are of interest, stands a distribution over the cells: by the light that each brings to
+//! the middle of the normals, and at least by half a bound of what it can bring to any, so that no light is
+//! ever left out. A table holds one for each bin of the sphere of normals.
+
+use glam::Vec3;
+
+/// Bins along a side of the octahedral map; even, so that no bin crosses an edge of the octahedron.
+const SIDE: usize = 24;
+/// The bin of surfaces that light may reach from all sides.
+const ANY: usize = SIDE * SIDE;
+
+/// A cone of directions around a unit axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cone {
+    /// The middle.
+    pub axis: Vec3,
+    /// Cosine of the angle from the axis to the farthest direction; -1 for all directions.
+    pub cosine: f32,
+}
+
+impl Cone {
+    /// All directions.
+    pub const ALL: Self = Self { axis: Vec3::Z, cosine: -1.0 };
+
+    /// A cone that holds some unit vectors, with a little more than the farthest for their rounding.
+    pub fn around(directions: impl Iterator<Item = Vec3> + Clone) -> Self {
+        let Some(axis) = directions.clone().sum::<Vec3>().try_normalize() else { return Self::ALL };
+        let cosine = directions.map(|d| d.dot(axis)).fold(1.0, f32::min) - 1e-5;
+        Self { axis, cosine }
+    }
+
+    /// A cone that holds the directions from any point of one box to any point of another.
+    pub fn between(from: [Vec3; 2], to: [Vec3; 2]) -> Self {
+        // All such ways fill a box themselves, and a cone of less than a right angle that holds its corners
+        // holds it.
+        let (low, high) = (to[0] - from[1], to[1] - from[0]);
+        let Some(axis) = (low + high).try_normalize() else { return Self::ALL };
+        let mut cosine = 1.0_f32;
+        for corner in 0..8_u32 {
+            let side = |k: usize| if corner >> k & 1 == 1 { high[k] } else { low[k] };
+            let corner = Vec3::new(side(0), side(1), side(2));
+            cosine = cosine.min(corner.dot(axis) / corner.length());
+        }
+        // NaN, where a corner is the start itself, is not above 0 either.
+        if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
+    }
+
+    /// Whether two cones share a direction; sometimes true where they only nearly do.
+    pub fn meets(&self, other: &Self) -> bool {
+        if self.cosine <= 0.0 || other.cosine <= 0.0 {
+            return true;
+        }
+        let together = self.cosine * other.cosine - sine(self.cosine) * sine(other.cosine);
+        self.axis.dot(other.axis) >= together - 1e-5
+    }
+
+    /// Solid angle.
+    pub fn solid_angle(&self) -> f32 {
+        std::f32::consts::TAU * (1.0 - self.cosine)
+    }
+}
+
+fn sine(cosine: f32) -> f32 {
+    (1.0 - cosine * cosine).max(0.0).sqrt()
+}
+
+/// A part of the sky.
+#[derive(Debug, Clone, Copy)]
+pub struct LightCell {
+    /// Its directions; with a cosine below 0 nothing is known of them.
+    pub cone: Cone,
+    /// Solid angle.
+    pub area: f64,
+    /// Luminance times solid angle.
+    pub power: f64,
+    /// Mean direction of its light, shorter than 1.
+    pub towards: Vec3,
+}
+
+/// Index of the first entry of a cumulative distribution above `u`, and where between its neighbours `u`
+/// lies, in [0, 1). The last entry is 1 and `u` less than that.
+#[inline]
+pub fn invert(cumulative: &[f32], u: f64) -> (usize, f64) {
+    // Entries up to `u` are those up to the largest single below it.
+    let nearest = u as f32;
+    let single = if f64::from(nearest) > u { nearest.next_down() } else { nearest };
+    let below = match cumulative.len() {
+        // Few are counted faster than halved.
+        0..=64 => cumulative.iter().map(|&c| u32::from(c <= single)).sum::<u32>() as usize,
+        _ => cumulative.partition_point(|&c| c <= single),
+    };
+    let index = below.min(cumulative.len().saturating_sub(1));
+    let low = if index > 0 { f64::from(cumulative[index - 1]) } else { 0.0 };
+    let width = f64::from(cumulative[index]) - low;
+    let within = if width > 0.0 { (u - low) / width } else { 0.5 };
+    (index, within.clamp(0.0, 1.0 - f64::EPSILON))
+}
+
+/// Cumulative probabilities in proportion to weights, uniform where all are 0, and their sum.
+pub fn accumulate(weights: &[f64], out: &mut [f64]) -> f64 {
+    let mut sum = 0.0;
+    for (to, weight) in out.iter_mut().zip(weights) {
+        sum += weight;
+        *to = sum;
+    }
+    let n = weights.len();
+    if sum > 0.0 && sum.is_finite() {
+        out.iter_mut().for_each(|c| *c /= sum);
+    } else {
+        out.iter_mut().enumerate().for_each(|(i, c)| *c = (i + 1) as f64 / n as f64);
+    }
+    // From the last that has a share: rounding must not give one to those after it.
+    let last = weights.iter().rposition(|&w| w > 0.0).unwrap_or(n.saturating_sub(1));
+    out[last..].fill(1.0);
+    sum
+}
+
+/// The direction of a point of the octahedral map, from [-1, 1] squared.
+fn unfold(x: f32, y: f32) -> Vec3 {
+    let z = 1.0 - x.abs() - y.abs();
+    let under = (-z).max(0.0);
+    Vec3::new(x - under.copysign(x), y - under.copysign(y), z).normalize()
+}
+
+/// The bin of a normal.
+#[inline]
+fn bin(normal: Option<Vec3>) -> usize {
+    let Some(normal) = normal else { return ANY };
+    let n = normal / (normal.x.abs() + normal.y.abs() + normal.z.abs());
+    let (mut x, mut y) = (n.x, n.y);
+    if n.z < 0.0 {
+        (x, y) = ((1.0 - n.y.abs()).copysign(n.x), (1.0 - n.x.abs()).copysign(n.y));
+    }
+    let index = |v: f32| (((v + 1.0) * (0.5 * SIDE as f32)) as usize).min(SIDE - 1);
+    index(y) * SIDE + index(x)
+}
+
+/// The normals of a bin.
+fn normals(at: usize) -> Cone {
+    let edge = |i: usize| i as f32 * (2.0 / SIDE as f32) - 1.0;
+    let (x, y) = (at % SIDE, at / SIDE);
+    Cone::around(
+        [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)].map(|(x, y)| unfold(edge(x), edge(y))).into_iter(),
+    )
+}
+
+/// The cells of the sky, row by row.
+#[derive(Debug, Clone, Default)]
+pub struct CellGrid {
+    /// Row by row.
+    pub cells: Vec<LightCell>,
+    /// Cells of a row.
+    pub columns: usize,
+}
+
+/// A distribution over the cells of the sky.
+#[derive(Debug, Clone)]
+pub struct LightDistribution {
+    columns: usize,
+    /// Cumulative probability of the rows, then that of the columns of each row.
+    cumulative: Vec<f32>,
+    /// The light that it expects; with none all cells are alike.
+    pub power: f64,
+    /// Solid angle of the cells that it expects light from.
+    pub area: f64,
+}
+
+impl LightDistribution {
+    /// For surfaces whose normals lie in a cone, if light from one side is all they take, the cells that meet
+    /// a cone of directions.
+    pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
+        let CellGrid { cells, columns } = grid;
+        let rows = cells.len() / columns;
+        let cumulative = vec![0.0; rows + cells.len()];
+        let mut distribution = Self { columns: *columns, cumulative, power: 0.0, area: 0.0 };
+        let (to_rows, to_columns) = distribution.cumulative.split_at_mut(rows);
+        let mut exact = vec![0.0; rows.max(*columns)];
+        let mut narrow = |weights: &[f64], to: &mut [f32]| {
+            let sum = accumulate(weights, &mut exact[..weights.len()]);
+            to.iter_mut().zip(&exact).for_each(|(to, from)| *to = *from as f32);
+            sum
+        };
+        let weight = |cell: &LightCell| match to.meets(&cell.cone) {
+            true => cell.power * f64::from(normals.map_or(1.0, |normals| share(cell, &normals))),
+            false => 0.0,
+        };
+        let mut of_rows = Vec::with_capacity(rows);
+        for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(*columns)) {
+            let weights: Vec<f64> = cells.iter().map(weight).collect();
+            let bright = cells.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
+            distribution.area += bright.map(|(cell, _)| cell.area).sum::<f64>();
+            of_rows.push(narrow(&weights, to));
+        }
+        distribution.power = narrow(&of_rows, to_rows);
+        distribution
+    }
+
+    /// Row and column of a cell, and where the point of the unit square lies within the choice.
+    #[inline]
+    pub fn choose(&self, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
+        let (rows, columns) = self.cumulative.split_at(self.rows());
+        let (row, v) = invert(rows, point[0]);
+        let (column, u) = invert(&columns[row * self.columns..(row + 1) * self.columns], point[1]);
+        (row, column, [v, u])
+    }
+
+    fn rows(&self) -> usize {
+        self.cumulative.len() / (self.columns + 1)
+    }
+
+    /// Probability of a cell.
+    #[inline]
+    pub fn probability(&self, row: usize, column: usize) -> f32 {
+        let (rows, columns) = self.cumulative.split_at(self.rows());
+        let share = |c: &[f32], i: usize| c[i] - if i > 0 { c[i - 1] } else { 0.0 };
+        share(rows, row) * share(&columns[row * self.columns..], column)
+    }
+}
+
+/// The share of its power that a cell brings to the middle of some normals, at least half of a bound of what
+/// it can bring to any of them.
+fn share(cell: &LightCell, normals: &Cone) -> f32 {
+    let (to, from) = (cell.cone.cosine, normals.cosine);
+    // Beyond a right angle together nothing can be ruled out.
+    let slack = if to * from <= sine(to) * sine(from) { 3.0 } else { sine(from) * to + from * sine(to) };
+    let most = 0.5 * (cell.cone.axis.dot(normals.axis) + slack);
+    cell.towards.dot(normals.axis).max(most).max(0.0)
+}
+
+/// A distribution for each bin of the sphere of normals, and one for surfaces that light may reach from all
+/// sides.
+pub fn table(grid: &CellGrid) -> Vec<LightDistribution> {
+    (0..=ANY).map(|at| LightDistribution::new(grid, (at < ANY).then(|| normals(at)), &Cone::ALL)).collect()
+}
+
+/// The distribution for a unit normal.
+#[inline]
+pub fn of(table: &[LightDistribution], normal: Option<Vec3>) -> &LightDistribution {
+    &table[bin(normal)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::{Points, circle, stream};
+
+    fn direction(i: u32, pair: u32) -> Vec3 {
+        let [u, v] = Points::new(stream(8, 0, 0), i).pair(pair);
+        let z = 1.0 - 2.0 * v;
+        let (sin, cos) = circle(u);
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        Vec3::new(r * cos, r * sin, z)
+    }
+
+    #[test]
+    fn inversion_skips_what_has_no_weight() {
+        let mut cumulative = [0.0; 5];
+        assert_eq!(accumulate(&[0.0, 1.0, 0.0, 3.0, 0.0], &mut cumulative), 4.0);
+        let single = cumulative.map(|c| c as f32);
+        assert_eq!(invert(&single, 0.0).0, 1);
+        assert_eq!(invert(&single, 0.25), (3, 0.0));
+        assert_eq!(invert(&single, 0.25 - f64::EPSILON).0, 1, "no rounding of where it is asked");
+        assert_eq!(invert(&single, 1.0 - f64::EPSILON).0, 3);
+        assert_eq!(accumulate(&[0.0; 4], &mut cumulative[..4]), 0.0);
+        assert_eq!(invert(&cumulative.map(|c| c as f32)[..4], 0.6).0, 2);
+    }
+
+    // A normal lies within the radius of its bin, so the cone that the bound is made for holds it.
+    #[test]
+    fn directions_fall_into_the_bin_that_shows_them() {
+        for i in 0..20_000 {
+            let normal = direction(i, 0);
+            let at = bin(Some(normal));
+            let centre = |i: usize| (i as f32 + 0.5) * (2.0 / SIDE as f32) - 1.0;
+            let middle = unfold(centre(at % SIDE), centre(at / SIDE));
+            assert!(middle.dot(normal) > 0.985, "{normal} {middle}");
+        }
+        for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
+            assert!(bin(Some(axis)) < ANY);
+        }
+    }
+
+    // The guarantee: where a direction of a cell is above the horizon of a normal, the cell has probability, and at
+    // least a third of what power times cosine asks for.
+    #[test]
+    fn no_light_is_left_out() {
+        let tip = 0.15_f32;
+        let cells: Vec<LightCell> = (0..64)
+            .map(|i| {
+                let axis = direction(i, 1);
+                let cosine = crate::num::f32::cos(tip);
+                LightCell { cone: Cone { axis, cosine }, area: 0.2, power: 1.0, towards: axis * 0.99 }
+            })
+            .collect();
+        let table = table(&CellGrid { cells: cells.clone(), columns: 8 });
+        for i in 0..4_000 {
+            let normal = direction(i, 2);
+            let distribution = of(&table, Some(normal));
+            let total: f32 = (0..64).map(|k| distribution.probability(k / 8, k % 8)).sum();
+            assert!((total - 1.0).abs() < 1e-5);
+            let ideal: f32 = cells.iter().map(|c| c.cone.axis.dot(normal).max(0.0)).sum();
+            for (k, cell) in cells.iter().enumerate() {
+                // The direction of the cell that stands highest above the surface.
+                let angle = crate::num::f32::acos(cell.cone.axis.dot(normal).clamp(-1.0, 1.0)) - tip;
+                let highest = crate::num::f32::cos(angle.max(0.0));
+                let probability = distribution.probability(k / 8, k % 8);
+                assert!(
+                    probability >= 0.3 * highest / ideal || highest <= 0.0,
+                    "{probability} {highest} {ideal}"
+                );
+            }
+        }
+    }
+
+    // What is aimed at from a box is all that can be met from any of its points, and no more cells than need be.
+    #[test]
+    fn cones_hold_every_way_between_two_boxes() {
+        let from = [Vec3::new(-0.2, -0.3, 0.0), Vec3::new(0.3, 0.1, 0.05)];
+        for to in
+            [[Vec3::new(0.5, 1.0, 0.1), Vec3::new(0.9, 1.6, 2.0)], [Vec3::splat(-0.1), Vec3::splat(0.4)]]
+        {
+            let cone = Cone::between(from, to);
+            assert_eq!(cone == Cone::ALL, to[0].x < 0.0);
+            for i in 0..1_000 {
+                let points = Points::new(3, i);
+                let [[a, b], [c, d], [e, f]] = [0, 1, 2].map(|k| points.pair(k));
+                let within = |b: [Vec3; 2], at: Vec3| b[0] + (b[1] - b[0]) * at;
+                let way = within(to, Vec3::new(a, b, c)) - within(from, Vec3::new(d, e, f));
+                assert!(way.normalize().dot(cone.axis) >= cone.cosine);
+                let here = Cone { axis: way.normalize(), cosine: 0.999_9 };
+                assert!(cone.meets(&here) && here.meets(&cone));
+            }
+        }
+        let far = Cone { axis: Vec3::X, cosine: 0.9 };
+        assert!(!far.meets(&Cone { axis: Vec3::Y, cosine: 0.9 }));
+    }
+}

@@ -1,0 +1,193 @@
+//! Surfaces as light transport sees them, and those of the receiver.
+
+use glam::{DVec3, Vec3};
+
+use super::bsdf::Bsdf;
+use super::media::Media;
+use super::subdivide::{Corner, Subdivision};
+use crate::bvh::{Bvh, Hit, Ray};
+use crate::types::Mesh;
+
+/// Albedo of a receiver without vertex colours.
+pub const GREY: f32 = 0.5;
+/// The least albedo of a receiver: nothing out of doors or in is darker, and what reflects nothing has no ratio. A
+/// capture has vertices that no picture shows, and colours so rich that one channel is 0: with them the shadow would
+/// lose a channel, or be lost.
+pub const DARKEST: f32 = 0.01;
+
+/// A point of a surface as light transport sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Surface {
+    /// Where, in the frame of the scene.
+    pub position: Vec3,
+    /// Unit geometric normal on the side of the viewer.
+    pub normal: Vec3,
+    /// How far rays must start off the surface not to meet it again.
+    pub margin: f32,
+    /// How it scatters.
+    pub bsdf: Bsdf,
+    /// What it emits towards the viewer.
+    pub emission: Vec3,
+    /// What is on the side of the viewer, and on the other.
+    pub media: [Media; 2],
+}
+
+impl Surface {
+    /// A ray that leaves the surface.
+    #[inline]
+    pub fn spawn_ray(&self, direction: Vec3) -> Ray {
+        let side = self.margin.copysign(direction.dot(self.normal));
+        Ray::new(self.position + self.normal * side, direction)
+    }
+
+    /// A ray that leaves along the normal from a start that is lifted.
+    pub fn upright(&self, lift: Vec3) -> Ray {
+        let ray = self.spawn_ray(self.normal);
+        Ray { origin: ray.origin + lift, ..ray }
+    }
+
+    /// What a ray is in that leaves the surface.
+    pub fn medium(&self, direction: Vec3) -> Media {
+        self.media[usize::from(direction.dot(self.normal) < 0.0)]
+    }
+}
+
+/// How far rays must start off a triangle not to meet it again: the rounding of corners, barycentrics and the ray's
+/// origin, each a few units in the last place of the largest coordinate.
+pub(super) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
+    a.abs().max(b.abs()).max(c.abs()).max_element() * (8.0 * f32::EPSILON)
+}
+
+/// Position, unit normal of the winding, and margin of a hit.
+pub(super) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
+    let face = Face::new(*corners);
+    (face.at(hit), face.normal, face.margin)
+}
+
+/// A triangle, with what all its points share.
+#[derive(Debug, Clone, Copy)]
+struct Face {
+    corners: [Vec3; 3],
+    /// Unit normal, by its winding.
+    normal: Vec3,
+    /// See [`margin`].
+    margin: f32,
+}
+
+impl Face {
+    fn new(corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
+        Self { corners, normal, margin: margin(&corners) }
+    }
+
+    #[inline]
+    fn at(&self, hit: &Hit) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a * (1.0 - hit.b1 - hit.b2) + b * hit.b1 + c * hit.b2
+    }
+}
+
+/// The mesh that stands for the place.
+#[derive(Debug, Default)]
+pub struct Receiver {
+    /// Its tree.
+    pub bvh: Bvh,
+    faces: Vec<Face>,
+    colours: Vec<[Vec3; 3]>,
+    /// Vertex colours beyond [0, 1] or not finite, which were clamped.
+    pub clamped: u64,
+    /// Vertex colours with a channel below [`DARKEST`], which was raised to it.
+    pub raised: u64,
+}
+
+impl Receiver {
+    /// Triangles of a mesh, relative to `origin`, near which large ones are cut: see `subdivide`.
+    pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
+        let place = |i: u32| mesh.position(i) - origin;
+        let (mut clamped, mut raised) = (0, 0);
+        let albedos: Vec<Vec3> = mesh
+            .colours
+            .iter()
+            .map(|colour| {
+                // An albedo above 1 would make light; NaN fails the comparison and becomes 0.
+                let good = colour.map(|v| if v > 0.0 { v.min(1.0) } else { 0.0 });
+                clamped += u64::from(good != *colour);
+                raised += u64::from(good.iter().any(|&v| v < DARKEST));
+                Vec3::from_array(good).max(Vec3::splat(DARKEST))
+            })
+            .collect();
+        let mut subdivision = Subdivision::of(mesh.triangles.iter().map(|t| t.map(place)));
+        let (mut corners, mut colours) = (Vec::with_capacity(mesh.triangles.len()), Vec::new());
+        for triangle in &mesh.triangles {
+            let albedo = |i: u32| albedos.get(i as usize).copied().unwrap_or_default();
+            subdivision.cut(triangle.map(|i| (place(i), albedo(i))), |piece: [Corner; 3]| {
+                corners.push(piece.map(|(p, _)| p.as_vec3()));
+                if !albedos.is_empty() {
+                    colours.push(piece.map(|(_, colour)| colour));
+                }
+            });
+        }
+        let bvh = Bvh::build(&corners);
+        Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
+    }
+
+    /// The largest albedo of any point, for each channel.
+    pub fn albedo(&self) -> Vec3 {
+        let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
+        most.unwrap_or(if self.faces.is_empty() { Vec3::ZERO } else { Vec3::splat(GREY) })
+    }
+
+    /// The largest margin of the triangles that reach into a box.
+    pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
+        let reaches = |face: &&Face| {
+            let [a, b, c] = face.corners;
+            a.min(b).min(c).cmple(high).all() && a.max(b).max(c).cmpge(low).all()
+        };
+        self.faces.iter().filter(reaches).map(|face| face.margin).fold(0.0, f32::max)
+    }
+
+    /// Unit normal of a triangle, by its winding.
+    #[inline]
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        self.faces[triangle as usize].normal
+    }
+
+    /// Unit normal at a hit, on the side that the ray came from.
+    #[inline]
+    pub fn facing(&self, hit: &Hit) -> Vec3 {
+        let normal = self.normal(hit.triangle);
+        if hit.back { -normal } else { normal }
+    }
+
+    /// The albedo at a hit.
+    #[inline]
+    pub fn albedo_at(&self, hit: &Hit) -> Vec3 {
+        match self.colours.get(hit.triangle as usize) {
+            Some([a, b, c]) => *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2,
+            None => Vec3::splat(GREY),
+        }
+    }
+
+    /// Where rays start from a hit to the side that it was seen from.
+    #[inline]
+    pub fn start(&self, hit: &Hit) -> Vec3 {
+        let face = &self.faces[hit.triangle as usize];
+        face.at(hit) + self.facing(hit) * face.margin
+    }
+
+    /// The surface at a hit, seen from where the ray came, in no body.
+    #[inline]
+    pub fn surface(&self, hit: &Hit) -> Surface {
+        let face = &self.faces[hit.triangle as usize];
+        let normal = self.facing(hit);
+        Surface {
+            position: face.at(hit),
+            normal,
+            margin: face.margin,
+            bsdf: Bsdf::matte(normal, self.albedo_at(hit)),
+            emission: Vec3::ZERO,
+            media: Default::default(),
+        }
+    }
+}

@@ -1,0 +1,288 @@
+//! What is told beside the pictures: notes and the report.
+
+use std::sync::Arc;
+
+use engine::Notes;
+use glam::DVec3;
+
+use super::accumulator::FinishedView;
+use super::auto::Decided;
+use super::contact::LARGEST;
+use super::film::Rays;
+use super::objects::Objects;
+use super::prepared::PreparedScene;
+use super::receiver::margin;
+use super::sample_plan::ReachedError;
+use super::visibility::Block;
+use super::{In, Out, lobes};
+use crate::support::Level;
+use crate::types::{Cell, Images, NamedImage, Report, Table};
+
+/// Rays may leave surfaces from this share of the size of an object off without a word.
+const COARSE: f32 = 1.0 / 512.0;
+
+pub(super) fn columns(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
+/// Tells what the inputs made the node leave out or assume.
+pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
+    let mesh = &prepared.inputs.receiver;
+    if mesh.colours.is_empty() && !mesh.triangles.is_empty() {
+        notes.decision("grey-receiver", "the receiver has no vertex colours and is grey, albedo 0.5");
+    }
+    let receiver = prepared.receiver();
+    let counts = [
+        ("clamped-albedo", receiver.clamped, "vertex colours outside of 0 to 1 were clamped"),
+        ("raised-albedo", receiver.raised, "vertex colours have a channel below 0.01, which counts as 0.01"),
+        ("receiver-not-finite", receiver.bvh.broken, "triangles of the receiver are not finite"),
+        ("receiver-degenerate", receiver.bvh.degenerate, "triangles of the receiver have no area"),
+        ("object-not-finite", objects.bvh.broken, "triangles of the objects are not finite"),
+        ("object-degenerate", objects.bvh.degenerate, "triangles of the objects have no area"),
+        ("dark-texels", prepared.sky().broken, "samples of the environment were negative or not finite"),
+    ];
+    for (id, n, text) in counts {
+        if n > 0 {
+            notes.count(id, n, text);
+        }
+    }
+}
+
+/// A length as people read it.
+fn short(length: f32) -> String {
+    if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
+}
+
+/// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
+/// surface has lost what lies nearer.
+pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
+    for (index, (low, high)) in objects.boxes().into_iter().enumerate() {
+        let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
+        let around = prepared.receiver().margin_within(low - size, high + size);
+        let margin = around.max(margin(&[low, high, high]));
+        if size > 0.0 && margin > COARSE * size {
+            let [size, distance, margin] = [size, distance, margin].map(short);
+            let text = format!(
+                "object {index} is {size} units large and {distance} from the first camera, where coordinates start: rays \
+                 leave surfaces there from {margin} off, and contact shadows and detail below that are lost"
+            );
+            notes.warning("coarse-coordinates", format!("{text}; bring the first camera of the rig nearer"));
+        }
+    }
+}
+
+/// Tells how far the mesh misses the bases of objects that stand on it.
+pub(super) fn report_contact(measured: &[Option<Level>], metres_per_unit: f64, notes: &mut Notes) {
+    // A tenth is shown, and never less than nothing of one.
+    let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
+    let near = |level: &Level| level.height.abs() * metres_per_unit <= LARGEST;
+    for (index, level) in
+        measured.iter().enumerate().filter_map(|(index, measured)| Some((index, (*measured)?)))
+    {
+        if !near(&level) {
+            let (off, side) =
+                (millimetres(level.height.abs()), if level.height > 0.0 { "below" } else { "above" });
+            let text = format!(
+                "object {index} stands {off:.0} mm {side} the receiver, so its shadow does not meet it"
+            );
+            let hint = "`snap` puts it on the mesh; `contact_metres` tells that the mesh is wrong by as much";
+            notes.warning("off-the-ground", format!("{text}; {hint}"));
+        }
+    }
+    let each = measured.iter().enumerate().filter_map(|(index, measured)| {
+        let level = measured.filter(near)?;
+        let (offset, roughness) = (millimetres(level.height), millimetres(level.roughness));
+        Some(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"))
+    });
+    let each: Vec<String> = each.collect();
+    if !each.is_empty() {
+        notes.decision("contact", format!("the receiver is {}", each.join("; ")));
+    }
+}
+
+/// Tells where `variance` is not what it should be.
+pub(super) fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
+    if samples == 1 {
+        let text = "1 sample tells no variance: `variance` is 0, standard errors are not computed, and `denoise` \
+                    leaves the pictures as they are; take 2 or more";
+        notes.warning("no-variance", text);
+    }
+    if beyond > 0 {
+        let text = "values of `variance` are beyond the largest or the smallest number of single precision and stand at it \
+                    or at 0; scale the light of the environment nearer to 1";
+        notes.warning("variance-range", format!("{beyond} {text}"));
+    }
+}
+
+/// How the receiver blocks the environment, in words.
+fn block_text(block: &Block) -> String {
+    match block {
+        Block::Solid => "Solid".to_owned(),
+        Block::Pass => "Pass".to_owned(),
+        Block::FrontFace { max_layers, flip } => {
+            let side = if *flip { ", normals turned round" } else { "" };
+            format!("FrontFace, {max_layers} layers{side}")
+        }
+        Block::PassBeyond { radius, .. } => format!("PassBeyond {radius} units from the point of capture"),
+    }
+}
+
+/// Tells that an error that was asked for takes more samples than `samples` says.
+pub(super) fn tell_first(samples: u32, most: u32, notes: &mut Notes) {
+    if most > samples {
+        let text =
+            format!("`samples` is {samples}, and `max_error` is judged by a first {most}, which are taken");
+        notes.decision("first-samples", text);
+    }
+}
+
+/// Tells how many samples an error that was asked for took.
+pub(super) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
+    let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
+    let text = format!(
+        "`{view}`: {more} of {all} blocks take more than the first samples, {samples:.1} a pixel on average"
+    );
+    notes.decision("sample-plan", format!("{text}; the error is {worst:.4} where {asked} was asked for"));
+    if short > 0 {
+        let text =
+            format!("`{view}`: {most} samples leave {short} of {all} blocks with an error above {asked}");
+        notes.degraded(
+            "error-not-reached",
+            format!("{text}, up to {worst:.4}; raise `samples` or `max_error`"),
+        );
+    }
+}
+
+/// Tells that paths through objects were too long.
+pub(super) fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
+    if share > 0.01 {
+        let text = format!(
+            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and over half of \
+             their light is lost: glass behind glass, and mirrors in mirrors, are too dark",
+            100.0 * share,
+            max_bounces + 1
+        );
+        notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
+    }
+}
+
+/// Tells where objects were not asked what they change.
+pub(super) fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
+    if share > 0.0 {
+        let text = format!(
+            "`{view}`: objects change at most {:.2} % of the light of {:.0} % of the chunks of pixels",
+            100.0 * bound,
+            100.0 * share
+        );
+        notes.decision(
+            "cropped",
+            format!("{text}, where no ray asks what they do; `crop: 0` asks everywhere"),
+        );
+    }
+}
+
+pub(super) fn assemble(
+    inputs: &In,
+    views: Vec<FinishedView>,
+    Decided { rules, probe, twice }: &Decided,
+    centre: DVec3,
+    crop: String,
+) -> Out {
+    let mut sets: [Vec<NamedImage>; 6] = Default::default();
+    let mut rows = Vec::with_capacity(views.len());
+    let mut plans = Vec::new();
+    let mut rays = Rays::default();
+    for (camera, view) in inputs.rig.cameras.iter().zip(views) {
+        let [without, with, object] = view.images;
+        let pictures = [
+            without.into(),
+            with.into(),
+            object.into(),
+            view.depth.into(),
+            view.normal.into(),
+            view.variance.into(),
+        ];
+        for (set, picture) in sets.iter_mut().zip(pictures) {
+            set.push(NamedImage { name: camera.name.clone(), picture });
+        }
+        rows.push(view.row);
+        if let Some(ReachedError { asked, predicted, worst, blocks: [all, more, short], samples }) =
+            view.reached
+        {
+            let mut row = vec![Cell::Text(camera.name.clone())];
+            row.extend([asked, predicted, worst].map(Cell::Number));
+            row.extend([all, more, short].map(Cell::Count));
+            row.push(Cell::Number(samples));
+            plans.push(row);
+        }
+        rays += view.rays;
+    }
+    let [nodes, triangles] = rays.steps_each();
+    let text = |value: String| Cell::Text(value);
+    let mut decisions = vec![
+        vec![text("env_block".to_owned()), text(block_text(&rules.block))],
+        vec![text("bounce".to_owned()), text(if rules.bounce_solid { "Solid" } else { "Env" }.to_owned())],
+        vec![
+            text("object_specular_sees".to_owned()),
+            text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
+        ],
+        vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
+        vec![text("crop".to_owned()), text(crop)],
+        vec![text("point of capture".to_owned()), text(format!("{}, {}, {}", centre.x, centre.y, centre.z))],
+        vec![text("camera rays".to_owned()), Cell::Count(rays.camera)],
+        vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
+        vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],
+        vec![text("rays".to_owned()), Cell::Count(rays.all())],
+        vec![text("nodes of trees that a ray meets".to_owned()), Cell::Number(nodes)],
+        vec![text("triangles that a ray is tested with".to_owned()), Cell::Number(triangles)],
+        vec![text("lobes that no material has".to_owned()), text(lobes::absent(&inputs.objects))],
+    ];
+    if let Some(twice) = twice {
+        decisions.push(vec![text("light that walls counted twice add".to_owned()), Cell::Number(*twice)]);
+    }
+    if let Some(probe) = probe {
+        decisions.push(vec![text("probe rays that leave".to_owned()), Cell::Number(probe.escaped_share())]);
+        decisions
+            .push(vec![text("front faces among the others".to_owned()), Cell::Number(probe.front_share())]);
+    }
+    let mut report = Report {
+        title: "Path tracing".to_owned(),
+        tables: vec![
+            Table { name: "decisions".to_owned(), columns: columns(&["what", "value"]), rows: decisions },
+            Table {
+                name: "views".to_owned(),
+                columns: columns(&[
+                    "view",
+                    "mean luminance of without",
+                    "standard error of a pixel of without",
+                    "mean luminance of with",
+                    "standard error of a pixel of with",
+                    "mean luminance of object",
+                    "standard error of a pixel of object",
+                    "rays",
+                    "share of chunks that no object touches",
+                    "share of chunks that objects are too far from",
+                ]),
+                rows,
+            },
+        ],
+    };
+    if !plans.is_empty() {
+        report.tables.push(Table {
+            name: "samples".to_owned(),
+            columns: columns(&[
+                "view",
+                "error asked for",
+                "error that the first samples promise",
+                "error reached",
+                "blocks",
+                "blocks with more than the first samples",
+                "blocks short of the error",
+                "samples a pixel",
+            ]),
+            rows: plans,
+        });
+    }
+    let [without, with, object, depth, normal, variance] = sets.map(|set| Arc::new(Images(set)));
+    Out { without, with, object, depth, normal, variance, report: Arc::new(report) }
+}

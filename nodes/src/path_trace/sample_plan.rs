@@ -1,0 +1,127 @@
+//! How many samples each part of a picture takes, where an error is asked for.
+//!
+//! The first chunk of samples is taken of the whole picture. Then each block of pixels is judged by its variance
+//! and takes one chunk after the other, as parts are made of them, until it is good enough or has as many as
+//! it may. So the number for a block depends on the inputs and the error asked for alone, and its pixels are
+//! those of a picture that takes as many samples everywhere, bit for bit. A tile that is judged is large beside
+//! a pixel, whose own value hardly decides how many samples it gets: that would bias it.
+
+use engine::NodeError;
+
+use super::accumulator::Accumulator;
+use super::film::{Area, TILE, chunks};
+
+/// Side of the blocks of pixels that take more samples together, in tiles.
+const BLOCK: u32 = 4;
+/// A receiver with less than this share of the median light of `without` counts nothing: `shadow-ratio` leaves it as
+/// it is, by default.
+const DARK: f64 = 1e-3;
+/// What stratified samples gain at most over independent ones, in variance, that is believed.
+const GAIN: f64 = 16.0;
+
+/// What is asked for.
+pub(super) struct ErrorGoal {
+    /// Standard error, see [`ErrorGoal::error`].
+    asked: f64,
+    /// Mean luminance of the objects over what they cover.
+    scale: f64,
+    /// Least luminance of `without` that counts.
+    dark: f64,
+    /// All chunks of samples that may be taken.
+    chunks: Vec<(u32, u32)>,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct ReachedError {
+    /// The error asked for.
+    pub(super) asked: f64,
+    /// The largest error of a tile that the first samples promised for as many as were taken.
+    pub(super) predicted: f64,
+    /// The largest error of a tile.
+    pub(super) worst: f64,
+    /// Blocks of pixels; those that took more samples than the first; those whose samples did not do.
+    pub(super) blocks: [u64; 3],
+    /// Samples a pixel, on the average.
+    pub(super) samples: f64,
+}
+
+impl ErrorGoal {
+    /// The goal for a picture of which the first chunk is known.
+    pub(super) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
+        Self {
+            asked,
+            scale: accumulator.object_luminance(),
+            dark: DARK * accumulator.mean_luminance(),
+            chunks: chunks(most),
+        }
+    }
+
+    /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
+    /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
+    /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
+    /// above 1 its error is relative to it; that of a highlight is relative to the highlight. From one chunk as if samples were independent, from several by how far
+    /// they lie apart.
+    fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
+        let mut worst = 0.0_f64;
+        for tile in area.pieces(TILE) {
+            let (mut alone, mut apart, mut counts) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
+            for pixel in tile.each() {
+                let index = accumulator.whole.index(pixel);
+                let spread = accumulator.variances(index);
+                let seen = 1.0 - accumulator.alpha(index);
+                let of_chunks = accumulator.variances_between_chunks(index, chunks);
+                let [without, with, object_luminance] = accumulator.luminances(index);
+                let scale = self.scale.max(object_luminance);
+                let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
+                let shown = if without > self.dark { seen * without / without.max(with) } else { 0.0 };
+                let weights = [shown * shown, object];
+                for (k, square) in [spread.ratio, spread.object].into_iter().enumerate() {
+                    alone[k] += weights[k] * square;
+                    apart[k] += weights[k] * of_chunks[k];
+                    counts[k] += f64::from(u8::from(weights[k] * square > 0.0));
+                }
+            }
+            for k in 0..2 {
+                let square = if chunks > 1 { apart[k].max(alone[k] / GAIN) } else { alone[k] };
+                worst = worst.max((square / counts[k].max(1.0)).sqrt());
+            }
+        }
+        worst
+    }
+
+    /// Takes what samples each block of a picture needs by `take`, which traces a range of samples of an area. Tells
+    /// the share of the blocks that are done.
+    pub(super) fn reach(
+        &self,
+        accumulator: &mut Accumulator,
+        mut take: impl FnMut(&mut Accumulator, Area, (u32, u32)) -> Result<(), NodeError>,
+        progress: impl Fn(f32),
+    ) -> Result<ReachedError, NodeError> {
+        let mut reached = ReachedError { asked: self.asked, ..ReachedError::default() };
+        let whole = accumulator.whole;
+        let samples =
+            |chunks: usize| chunks.checked_sub(1).map_or(0.0, |last| f64::from(self.chunks[last].1));
+        let mut sum = 0.0;
+        let blocks = whole.pieces(BLOCK * TILE);
+        for (index, &area) in blocks.iter().enumerate() {
+            let first = self.error(accumulator, area, 1);
+            let (mut taken, mut error) = (1, first);
+            while error > self.asked && taken < self.chunks.len() {
+                take(accumulator, area, self.chunks[taken])?;
+                taken += 1;
+                error = self.error(accumulator, area, taken);
+            }
+            let promised = first * (samples(1) / samples(taken)).sqrt();
+            reached.predicted = reached.predicted.max(promised);
+            reached.worst = reached.worst.max(error);
+            reached.blocks[0] += 1;
+            reached.blocks[1] += u64::from(taken > 1);
+            reached.blocks[2] += u64::from(error > self.asked);
+            sum += samples(taken) * area.pixels() as f64;
+            progress((index + 1) as f32 / blocks.len() as f32);
+        }
+        reached.samples = sum / whole.pixels().max(1) as f64;
+        Ok(reached)
+    }
+}

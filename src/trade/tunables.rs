@@ -1,0 +1,177 @@
+//! The knobs of a graph as a search turns them: their values, and where the presets stand.
+
+use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
+
+use crate::session::Error;
+
+/// One knob of the graph with the values it may take, from the least work to the least error.
+pub struct Tunable {
+    pub node: String,
+    pub parameter: &'static str,
+    pub values: Vec<String>,
+    /// How many of them make a step of a search.
+    pub step: usize,
+    /// Which of them the graph has, and each preset.
+    pub now: usize,
+    pub presets: [usize; 4],
+}
+
+/// For each tunable the index of its value.
+pub type Assignment = Vec<usize>;
+
+/// A graph at each of its presets.
+pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> {
+    let preset = |name: &str| {
+        let source = graph.source.clone().with_preset(name, registry);
+        let setting = format!("`--preset {name}`");
+        let wrong = |mistakes: Diagnostics| Error::Setting { setting, why: mistakes.to_string() };
+        Graph::parse(source, registry, graph.root.clone()).map_err(wrong)
+    };
+    let [draft, preview, finer, reference] = PRESETS.map(preset);
+    Ok([draft?, preview?, finer?, reference?])
+}
+
+/// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
+/// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
+pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Tunable>, Error> {
+    let laid = presets(graph, registry)?;
+    let knobs = laid.each_ref().map(|graph| graph.knobs(targets));
+    let mut tunables: Vec<Tunable> = Vec::new();
+    for knob in graph.knobs(targets).into_iter().filter(|knob| !knob.varies) {
+        let of = |level: usize| {
+            let known = knobs[level].iter().find(|k| k.node == knob.node && k.parameter == knob.parameter);
+            known.map_or(knob.value.as_str(), |k| k.value.as_str())
+        };
+        let mut values = knob.knob.values();
+        let order = knob.knob.kind;
+        for value in [knob.value.as_str(), of(0), of(1), of(2), of(3)] {
+            insert(&mut values, value, order);
+        }
+        let least = graph.nodes[graph.find_all(&knob.node)[0]].kind.params.iter();
+        let least = least.filter(|spec| spec.name == knob.parameter).find_map(|spec| spec.range);
+        let step = widen(&mut values, order, least.map_or(1.0, |(least, _)| least));
+        let at = |value: &str| values.iter().position(|known| equal(known, value)).unwrap_or(0);
+        let (now, presets) = (at(&knob.value), [0, 1, 2, 3].map(|level| at(of(level))));
+        tunables.push(Tunable {
+            node: knob.node.clone(),
+            parameter: knob.parameter,
+            now,
+            presets,
+            step,
+            values,
+        });
+    }
+    for (level, form) in laid.iter().enumerate() {
+        for (node, parameter, [here, there]) in graph.fields_otherwise(form, targets) {
+            let known =
+                tunables.iter().position(|tunable| tunable.node == node && tunable.parameter == parameter);
+            let at = known.unwrap_or_else(|| {
+                tunables.push(Tunable {
+                    node,
+                    parameter,
+                    now: 0,
+                    presets: [0; 4],
+                    step: 1,
+                    values: vec![here],
+                });
+                tunables.len() - 1
+            });
+            let tunable = &mut tunables[at];
+            if !tunable.values.contains(&there) {
+                tunable.values.push(there.clone());
+            }
+            tunable.presets[level] = tunable.values.iter().position(|known| *known == there).unwrap_or(0);
+        }
+    }
+    Ok(tunables)
+}
+
+/// Adds what a search may try beside the values of the presets: half and a quarter of the least one, and of samples,
+/// whose work is most of all, what lies between two. Gives how many values make a step.
+fn widen(values: &mut Vec<String>, kind: KnobKind, least: f64) -> usize {
+    let whole = |text: &String| text.parse::<u64>().ok();
+    if values.len() < 2 || !matches!(kind, KnobKind::Samples | KnobKind::Resolution | KnobKind::Depth) {
+        return 1;
+    }
+    if let Some(first) = values.first().and_then(whole) {
+        let below = [first / 2, first / 4].into_iter().filter(|n| *n < first && *n as f64 >= least);
+        below.for_each(|n| insert(values, &n.to_string(), kind));
+    }
+    if kind != KnobKind::Samples {
+        return 1;
+    }
+    let between: Vec<u64> =
+        values.windows(2).filter_map(|two| Some(whole(&two[0])?.midpoint(whole(&two[1])?))).collect();
+    between.iter().for_each(|n| insert(values, &n.to_string(), kind));
+    2
+}
+
+/// Canonical text may write a number otherwise than a ladder does.
+fn equal(a: &str, b: &str) -> bool {
+    a == b || a.parse::<f64>().is_ok_and(|a| b.parse() == Ok(a))
+}
+
+/// Puts a value where it belongs by size, which falls along some ladders; in front where it is no number.
+fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
+    if values.iter().any(|known| equal(known, value)) {
+        return;
+    }
+    let number = |text: &str| {
+        let text = text.strip_prefix("Some(").and_then(|text| text.strip_suffix(')')).unwrap_or(text);
+        match (text.parse::<f64>(), kind) {
+            // No error that may be left, and no limit.
+            _ if text == "None" => Some(0.0),
+            (Ok(0.0), KnobKind::Limit) => Some(f64::INFINITY),
+            (number, _) => number.ok(),
+        }
+    };
+    let ends = values.first().and_then(|v| number(v)).zip(values.last().and_then(|v| number(v)));
+    let place = match (number(value), ends) {
+        (Some(new), Some((first, last))) if first != last => {
+            let before = |known: f64| if first < last { known < new } else { known > new };
+            values.iter().take_while(|known| number(known).is_some_and(before)).count()
+        }
+        _ => 0,
+    };
+    values.insert(place, value.to_owned());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_put_where_they_belong_on_rising_and_falling_ladders() {
+        let with = |ladder: &[&str], value: &str| {
+            let mut values: Vec<String> = ladder.iter().map(|v| (*v).to_owned()).collect();
+            value.split(' ').for_each(|value| insert(&mut values, value, KnobKind::Cutoff));
+            values.join(" ")
+        };
+        let errors = "Some(0.1) Some(0.2) None Some(0.05)";
+        assert_eq!(with(&["None"], errors), "Some(0.2) Some(0.1) Some(0.05) None", "none may be left");
+        let mut limits = vec!["0.0".to_owned()];
+        ["4.0", "2.0", "16.0"].iter().for_each(|value| insert(&mut limits, value, KnobKind::Limit));
+        assert_eq!(limits, ["2.0", "4.0", "16.0", "0.0"], "0 is no limit");
+        assert_eq!(with(&["4", "16", "64"], "32"), "4 16 32 64");
+        assert_eq!(with(&["4", "16", "64"], "16.0"), "4 16 64");
+        assert_eq!(with(&["4", "16", "64"], "100"), "4 16 64 100");
+        assert_eq!(with(&["0.03", "0.01", "0.0"], "0.02"), "0.03 0.02 0.01 0.0");
+        assert_eq!(with(&["0.0"], "1.0"), "1.0 0.0", "a filter that only the reference turns off");
+        assert_eq!(with(&["F32", "F64"], "F16"), "F16 F32 F64");
+    }
+
+    #[test]
+    fn a_search_may_go_below_the_presets_and_between_samples() {
+        let widened = |ladder: &[&str], kind, least| {
+            let mut values: Vec<String> = ladder.iter().map(|v| (*v).to_owned()).collect();
+            let step = widen(&mut values, kind, least);
+            format!("{} by {step}", values.join(" "))
+        };
+        assert_eq!(widened(&["4", "8", "16"], KnobKind::Samples, 1.0), "1 2 3 4 6 8 12 16 by 2");
+        assert_eq!(widened(&["1", "2", "4"], KnobKind::Samples, 1.0), "1 2 3 4 by 2");
+        assert_eq!(widened(&["3", "7"], KnobKind::Depth, 1.0), "1 3 7 by 1");
+        assert_eq!(widened(&["2", "4"], KnobKind::Depth, 0.0), "0 1 2 4 by 1");
+        assert_eq!(widened(&["4"], KnobKind::Depth, 0.0), "4 by 1", "no preset turns it");
+        assert_eq!(widened(&["0.1", "0.01"], KnobKind::Cutoff, 0.0), "0.1 0.01 by 1");
+    }
+}
