@@ -153,9 +153,13 @@ pub struct Ratio {
 
 impl Ratio {
     /// The factor of the background, from R0 and R1 of three channels. Where the mean of R0 around a pixel is less
-    /// than `min_energy` of that of the picture there is none, and up to twice as much the less.
+    /// than `min_energy` of the median of what is lit there is none, and up to twice as much the less.
     pub fn of(&self, without: &[f64], with: &[f64], width: usize) -> Vec<f64> {
-        let mean = without.iter().sum::<f64>() / without.len() as f64;
+        let mut sorted: Vec<f64> = without.iter().copied().filter(|v| *v > 0.0).collect();
+        sorted.sort_by(f64::total_cmp);
+        let bright = sorted[sorted.len() * 9 / 10];
+        let lit: Vec<f64> = sorted.into_iter().filter(|v| *v >= 1e-6 * bright).collect();
+        let level = lit[lit.len() / 2];
         let height = without.len() / 3 / width;
         let factor = |k: usize| {
             let (c, x, y) = (k % 3, (k / 3 % width) as i64, (k / 3 / width) as i64);
@@ -164,8 +168,8 @@ impl Ratio {
                 .filter(|&(x, y)| x >= 0 && y >= 0 && x < width as i64 && y < height as i64)
                 .map(|(x, y)| without[(y as usize * width + x as usize) * 3 + c])
                 .collect();
-            let energy = near.iter().sum::<f64>() / near.len() as f64 / (self.min_energy * mean);
-            let ratio = (with[k] + self.epsilon * mean) / (without[k] + self.epsilon * mean);
+            let energy = near.iter().sum::<f64>() / near.len() as f64 / (self.min_energy * level);
+            let ratio = (with[k] + self.epsilon * level) / (without[k] + self.epsilon * level);
             let ratio = 1.0 + (energy - 1.0).clamp(0.0, 1.0) * (ratio.min(1.0) - 1.0);
             1.0 - self.lambda * (1.0 - num::pow(ratio, self.gamma).max(self.s_min))
         };

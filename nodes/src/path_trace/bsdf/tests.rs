@@ -205,7 +205,7 @@ fn bodies_bend_light_by_their_index() {
 
 /// Extremes stay finite and no sample carries more than its lobe's albedo over its share.
 /// Also seen along the surface and, as a normal map may have it, from behind.
-/// Mutation: `NARROWEST` to 0 in `Ggx::brushed` (seen red).
+/// Mutation: `NARROWEST` to 0 in `Ggx::anisotropic` (seen red).
 #[test]
 fn row_40_extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {
