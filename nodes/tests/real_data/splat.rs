@@ -7,7 +7,7 @@ use fearless_simd::Level;
 use glam::{DMat3, DMat4, DVec3};
 use nodes::load_splats::{self, LoadSplats};
 use nodes::splat::{
-    Around, Blocks, Bounds, Precision, Rendered, Settings, panorama, render, render_at, render_with,
+    Blocks, Bounds, PanoramaCamera, Precision, Rendered, Settings, panorama, render, render_at, render_with,
 };
 use nodes::types::{Camera, Splats};
 
@@ -173,7 +173,7 @@ fn panoramas_of_a_capture_are_exact() {
     let draw = |threads: usize, precision: Precision| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let settings = Settings { precision, ..Settings::default() };
-        let around = Around { eye: DVec3::new(4.02, -31.3, 0.2), up: Up::PlusZ, width_px: 512 };
+        let around = PanoramaCamera { eye: DVec3::new(4.02, -31.3, 0.2), up: Up::PlusZ, width_px: 512 };
         pool.install(|| panorama(&garden, &around, None, &settings, &cx)).unwrap()
     };
     let fast = draw(2, Precision::F32);
