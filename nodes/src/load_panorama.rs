@@ -321,7 +321,7 @@ mod tests {
         }
     }
 
-    // Mutation: `fill_holes` not called (seen red).
+    // Mutation: `fill_holes` not called.
     #[test]
     fn holes_of_a_file_are_filled_and_told() {
         let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);

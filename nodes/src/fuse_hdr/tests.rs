@@ -320,7 +320,7 @@ fn derived_exposures_are_decoded_as_they_were_encoded() {
 }
 
 // The gain of photographs is measured by the sRGB curve, and again by their own.
-// Mutation: `by_own_curve` not asked (seen red).
+// Mutation: `by_own_curve` not asked.
 #[test]
 fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Gamma24, None);
@@ -335,7 +335,7 @@ fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
 }
 
 // A photograph of linear light holds a lamp above white, and its colour.
-// Mutation: codes above 1 taken for 1 in `exposure`, or for clipped in `recolour` (each seen red).
+// Mutation: codes above 1 taken for 1 in `exposure`, or for clipped in `recolour`.
 #[test]
 fn a_photograph_of_linear_light_shows_what_is_above_white() {
     let lamp = |at: usize| if at % W == 63 { [24.0, 15.0, 6.0] } else { [0.2; 3] };

@@ -205,7 +205,7 @@ fn row_24_turning_by_part_of_a_cell_turns_the_gain() {
 }
 
 /// A mirrored panorama has the mirrored light, finer than the grid too. Mutation: `from_start` for `from_end` in
-/// `Grid::new`, or edges read to the right alone (each seen red).
+/// `Grid::new`, or edges read to the right alone.
 #[test]
 fn a_mirrored_panorama_gives_mirrored_light() {
     let scene = |width: usize| {

@@ -112,7 +112,7 @@ fn photographs_tell_the_gain_and_are_the_exposures() {
 }
 
 /// The files are of the place, not of the turned panorama.
-/// Mutation: `turned_deg` 0 in `read` (seen red).
+/// Mutation: `turned_deg` 0 in `read`.
 #[test]
 fn photographs_are_turned_with_their_panorama() {
     let place = Place::new();
@@ -134,7 +134,7 @@ fn photographs_are_turned_with_their_panorama() {
 }
 
 /// A colour is what it is whatever its alpha; a hole shows nothing, and another photograph is asked.
-/// Mutation: `alpha` not asked in `Photograph::shown` (seen red).
+/// Mutation: `alpha` not asked in `Photograph::shown`.
 #[test]
 fn alpha_takes_no_light() {
     let place = Place::new();
@@ -151,7 +151,7 @@ fn alpha_takes_no_light() {
     assert!((out.brackets.exposures[0].rgb(0, 3)[0] - srgb_from_linear(0.125)).abs() < 1e-6);
 }
 
-/// Mutation: `clipped: false` to `Shown::display` for linear files (seen red).
+/// Mutation: `clipped: false` to `Shown::display` for linear files.
 #[test]
 fn linear_light_has_no_ceiling() {
     let place = Place::new();
