@@ -28,7 +28,11 @@ impl Knobs {
         let graph = &loaded.graph;
         let knobs = graph.knobs(&loaded.only);
         // A graph's own preset may set what the program's of that name does not.
-        let laid = presets(graph, &nodes::registry())?.map(|laid| laid.knobs(&loaded.only));
+        let laid = presets(graph, &nodes::registry())?.map(|laid| {
+            // By name, since a preset may take an axis away.
+            let asked = loaded.only.iter().filter_map(|&index| laid.find(&graph.nodes[index].id));
+            laid.knobs(&asked.collect::<Vec<_>>())
+        });
         // What varies under a preset, too, has no value there.
         let levels = |knob: &GraphKnob| {
             let same = |other: &&GraphKnob| other.node == knob.node && other.parameter == knob.parameter;

@@ -12,7 +12,7 @@ use nodes::types::{Images, Report};
 
 use super::judge::{Off, Output, Truth, holds_data, is_bright, outputs};
 use super::search::Steps;
-use super::tunables::{Assignment, Tunable, tunables};
+use super::tunables::{Assignment, Tunable, same_nodes, tunables};
 use super::work::work_of;
 use crate::session::Error;
 
@@ -168,8 +168,10 @@ impl<'e> Bench<'e> {
     /// The graph at an assignment.
     fn graph(&self, assignment: &Assignment) -> Result<Graph, Miss> {
         let source = self.base.source.clone().overlaid("knobs", &self.overlay(assignment));
-        Graph::parse(source, &self.registry, self.base.root.clone())
-            .map_err(|mistakes| Miss::Failed(mistakes.to_string()))
+        let graph = Graph::parse(source, &self.registry, self.base.root.clone())
+            .map_err(|mistakes| Miss::Failed(mistakes.to_string()))?;
+        same_nodes(&self.base, &graph).map_err(Miss::Failed)?;
+        Ok(graph)
     }
 
     /// The point of an assignment: known, or measured now. The first one measured is what others are compared with.

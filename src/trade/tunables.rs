@@ -31,10 +31,30 @@ pub fn presets(graph: &Graph, registry: &Registry) -> Result<[Graph; 4], Error> 
     Ok([draft?, preview?, finer?, reference?])
 }
 
+/// Whether another form of a graph has the same nodes, so that an index means the same in both; else why not. A setting
+/// of a field that varies along an axis takes the axis away from what lies below.
+pub fn same_nodes(graph: &Graph, form: &Graph) -> Result<(), String> {
+    let ids = |graph: &Graph| graph.nodes.iter().map(|node| node.id.clone()).collect::<Vec<_>>();
+    let (all, others) = (ids(graph), ids(form));
+    match all.iter().zip(&others).find(|(id, other)| id != other) {
+        None if all.len() == others.len() => Ok(()),
+        found => {
+            let (id, other) = found.map_or(("", ""), |(id, other)| (id, other));
+            Err(format!(
+                "it sets a field that varies along an axis, so the graph has other nodes (`{other}` for `{id}`), whose pictures cannot be compared; set what does not vary"
+            ))
+        }
+    }
+}
+
 /// The knobs above some nodes with their values, and what else the graph's own presets set there: a reference
 /// may say that a threshold or a crop should be another one. What varies along an axis stays as it is.
 pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result<Vec<Tunable>, Error> {
     let laid = presets(graph, registry)?;
+    for (name, form) in PRESETS.iter().zip(&laid) {
+        let setting = || format!("`--preset {name}`");
+        same_nodes(graph, form).map_err(|why| Error::Setting { setting: setting(), why })?;
+    }
     let knobs = laid.each_ref().map(|graph| graph.knobs(targets));
     let mut tunables: Vec<Tunable> = Vec::new();
     for knob in graph.knobs(targets).into_iter().filter(|knob| !knob.varies) {

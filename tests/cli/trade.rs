@@ -162,3 +162,31 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     let (code, told) = error(&["--max-work", "1e9"]);
     assert!(code == Some(2) && told.contains("no knob reaches `photo`"), "{told}");
 }
+
+/// A preset that sets what varies along an axis makes other nodes: what would compare pictures by place says so.
+#[test]
+fn a_preset_that_takes_an_axis_away_is_named() {
+    let graph = r#"Graph(version: 1, scene: (up: "+z"), axes: (q: List([4, 16])),
+        presets: (reference: (trace: (samples: 32))), nodes: (
+        demo: DemoScene(splats: 4000, width_px: 36, height_px: 26, truth_width_px: 32),
+        pose: Pose(translation: (0.0, 0.0, 0.0)),
+        placed: Place(object: "demo.object", pose: "pose"),
+        trace: PathTrace(receiver: "demo.proxy", objects: ["placed"], rig: "demo.rig", env: "demo.truth_env", samples: Axis("q")),
+        view: SplatRender(splats: "demo.splats", rig: "demo.rig"),
+        shadow: ShadowRatio(without: "trace.without", with: "trace.with"),
+        final: Composite(background: "view", object: "trace.object", shadow: "shadow"),
+    ))"#;
+    let place = Place::new(graph);
+    for verb in [&["report", "graph.ron"][..], &["tune", "graph.ron", "--max-error", "flip=0.1"]] {
+        for only in [&[][..], &["--only", "final"], &["--only", "final/q=4"]] {
+            let told = place.call(&[verb, only].concat());
+            let errors = String::from_utf8_lossy(&told.stderr);
+            assert!(told.status.code() == Some(2), "{errors}");
+            assert!(
+                errors.contains("--preset reference") && errors.contains("varies along an axis"),
+                "{errors}"
+            );
+        }
+    }
+    assert_eq!(place.call(&["knobs", "graph.ron", "--only", "final/q=4"]).status.code(), Some(0));
+}
