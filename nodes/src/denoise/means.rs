@@ -24,6 +24,8 @@ const SIDE: usize = TILE + 2 * PATCH;
 const FLOOR: f32 = 1e-8;
 /// Off the plane of a pixel by this share of the depth is another surface.
 const OFF: f32 = 0.05;
+/// A pixel so many times less sure than another and what is around that one is not averaged with it in full.
+const LESS_SURE: f32 = 16.0;
 /// Sums of values above this could overflow: their weights add up to less than 2^12.
 const ROOM: f32 = f32::MAX / 65536.0;
 /// Values that are averaged together.
@@ -36,6 +38,9 @@ pub struct Pixel {
     pub signal: [f32; 3],
     /// Variance of a channel of the signal, for each alike; 0 leaves the pixel as it is.
     pub variance: f32,
+    /// One over its own variance, and the variance up to which it is averaged with others in full; what
+    /// [`Field::find_doubts`] fills in.
+    pub doubt: [f32; 2],
     /// What is averaged.
     pub values: [f32; VALUES],
     /// Whether it is to be averaged at all.
@@ -67,6 +72,8 @@ pub struct Field {
     pub height: usize,
     /// Row by row.
     pub pixels: Vec<Pixel>,
+    /// Whether pixels that are much less sure than others are kept apart from them.
+    pub doubts: bool,
 }
 
 impl Pixel {
@@ -99,6 +106,34 @@ impl Field {
         for (pixel, variance) in self.pixels.iter_mut().zip(smooth) {
             pixel.variance = variance.max(0.1 * pixel.variance);
         }
+    }
+
+    /// Learns how sure a pixel is against its eight neighbours, before variances are smoothed. The light of a lucky
+    /// path looks like that of all around it, to its own great variance. A mean would splash it over pixels that
+    /// are known well, and take it from where it belongs. So such pairs are averaged less, both ways, by the
+    /// ratio of one's variance to the mean around the other. The largest is left out of that mean, so that a lone
+    /// bright pixel does not vouch for itself.
+    pub fn find_doubts(&mut self) {
+        let around = |x: usize, y: usize| {
+            let (mut sum, mut largest, mut count) = (0.0, 0.0_f32, 0.0);
+            for j in y.saturating_sub(1)..=(y + 1).min(self.height - 1) {
+                for i in x.saturating_sub(1)..=(x + 1).min(self.width - 1) {
+                    let pixel = &self.pixels[j * self.width + i];
+                    if pixel.there {
+                        sum += pixel.variance.min(largest);
+                        largest = largest.max(pixel.variance);
+                        count += 1.0;
+                    }
+                }
+            }
+            sum / f32::max(count - 1.0, 1.0)
+        };
+        let around: Vec<f32> =
+            (0..self.pixels.len()).map(|i| around(i % self.width, i / self.width)).collect();
+        for (pixel, around) in self.pixels.iter_mut().zip(around) {
+            pixel.doubt = [1.0 / pixel.variance.max(1e-30), LESS_SURE * around];
+        }
+        self.doubts = true;
     }
 
     /// Takes the slopes of nearness from the pixels on both sides: the smaller step of the two, none where
@@ -187,6 +222,7 @@ struct Tile {
     nearness: [Vec<f32>; 3],
     /// One over the difference of nearness that makes another surface.
     level: Vec<f32>,
+    doubt: Option<[Vec<f32>; 2]>,
 }
 
 /// The sums of one row of a tile.
@@ -215,6 +251,7 @@ impl Tile {
             normal: [plane(), plane(), plane()],
             nearness: [plane(), plane(), plane()],
             level: plane(),
+            doubt: field.doubts.then(|| [plane(), plane()]),
         };
         for i in 0..stride * stride {
             let (x, y) = (left + i % stride, top + i / stride);
@@ -236,6 +273,9 @@ impl Tile {
             }
             for (plane, value) in tile.values.iter_mut().zip(pixel.values) {
                 plane[i] = value * scale;
+            }
+            if let Some(planes) = &mut tile.doubt {
+                planes.iter_mut().zip(pixel.doubt).for_each(|(plane, doubt)| plane[i] = doubt);
             }
         }
         tile
@@ -275,7 +315,11 @@ impl Tile {
                     self.compare([p, q], reach.strength, &mut rows[y % PATCHES]);
                     if let Some(y) = y.checked_sub(2 * PATCH).filter(|y| noisy.contains(y)) {
                         let q = (at(0, y) as isize + dy * self.stride as isize + dx) as usize;
-                        let weights = self.weigh([at(0, y), q], [dx as f32, dy as f32], reach.bend, rows, y);
+                        let pair = [at(0, y), q];
+                        let mut weights = self.weigh(pair, [dx as f32, dy as f32], reach.bend, rows, y);
+                        if let Some(doubt) = &self.doubt {
+                            keep_apart(doubt, pair, &mut weights);
+                        }
                         sums[y].add(&self.values, q, &weights);
                     }
                 }
@@ -346,6 +390,18 @@ impl Tile {
             out[x] = there[x] * alike * alike * same;
         }
         out
+    }
+}
+
+/// Takes weight from a row of pairs that starts at the pixels p and q where one is much less sure than the other.
+#[inline(always)]
+fn keep_apart([sureness, trust]: &[Vec<f32>; 2], [p, q]: [usize; 2], weights: &mut [f32; TILE]) {
+    let (s, t) = (cut::<TILE>(sureness, p), cut::<TILE>(trust, p));
+    let (u, v) = (cut::<TILE>(sureness, q), cut::<TILE>(trust, q));
+    for x in 0..TILE {
+        let (one, other) = (t[x] * u[x], v[x] * s[x]);
+        let least = if one < other { one } else { other };
+        weights[x] *= if least < 1.0 { least } else { 1.0 };
     }
 }
 

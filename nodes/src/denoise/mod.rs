@@ -23,8 +23,8 @@ engine::params! {
     /// and its variance: the texture of the place does not matter, a pixel whose surroundings no object
     /// touches stays as it is, bit for bit, and an edge of the shadow stays where it is stronger than
     /// the noise. A single pixel that a lucky path has lit far beyond all around it takes their ratio, and is
-    /// counted. The object's colour is averaged within its alpha, which stays. With more samples the filter
-    /// fades by itself.
+    /// counted. The object's colour is averaged within its alpha, which stays; a pixel of it that is much less sure
+    /// than others keeps its light and gives them none. With more samples the filter fades by itself.
     ///
     /// `Oidn` has Open Image Denoise filter the ratio and the object instead, where the same pixels are noisy.
     pub struct Denoise {
@@ -145,7 +145,7 @@ fn guide<'a>(
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
     const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
     type Params = Self;

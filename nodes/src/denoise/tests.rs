@@ -146,6 +146,27 @@ fn objects_are_averaged_within_their_alpha() {
     assert!(errors[1] * 4.0 < errors[0], "{errors:?}");
 }
 
+// One pixel that a lucky path has lit far beyond what is around it.
+// Mutation: `keep_apart` not called (seen red).
+#[test]
+fn a_lucky_path_does_not_splash() {
+    let lit = |light: f32, noise: f32| {
+        let mut inputs = noisy(3);
+        let at = 10 * SIZE + 4;
+        samples_mut(&mut inputs.object)[4 * at..4 * at + 3].fill(light);
+        samples_mut(&mut inputs.variance)[4 * at + 2] = noise;
+        let before = samples(&inputs.object).to_vec();
+        (before, samples(&run(1.0, inputs).object).to_vec(), at)
+    };
+    let (_, calm, at) = lit(0.2, 0.001);
+    let (before, after, _) = lit(16.0, 230.0);
+    let others = (0..SIZE * SIZE).filter(|i| *i != at);
+    let splash = others.map(|i| (after[4 * i] - calm[4 * i]).abs()).fold(0.0, f32::max);
+    assert!(splash < 0.02, "{splash}");
+    let sum = |object: &[f32]| object.chunks(4).map(|o| f64::from(o[0])).sum::<f64>();
+    assert!((sum(&after) / sum(&before) - 1.0).abs() < 0.01, "{} of {}", sum(&after), sum(&before));
+}
+
 #[test]
 fn instruction_sets_do_not_show() {
     let inputs = noisy(8);

@@ -38,7 +38,8 @@ impl View<'_> {
             fill(i, self.object.samples[i * 4 + 3], &mut pixel);
             pixel
         };
-        let mut field = Field { width, height, pixels: (0..width * height).map(pixel).collect() };
+        let mut field =
+            Field { width, height, pixels: (0..width * height).map(pixel).collect(), doubts: false };
         field.find_slopes();
         field
     }
@@ -107,6 +108,7 @@ impl View<'_> {
                 pixel.variance = (known(variance) * exposure * exposure).min(BRIGHTEST);
             }
         });
+        field.find_doubts();
         field.smooth_variance(1);
         field
     }

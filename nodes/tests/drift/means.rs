@@ -20,6 +20,8 @@ pub struct Layers {
 struct Pixel {
     signal: [f64; 3],
     variance: f64,
+    /// Its variance as told, and up to which one it is averaged in full.
+    doubt: [f64; 2],
     /// What is averaged.
     values: [f64; 6],
     there: bool,
@@ -63,6 +65,7 @@ impl Layers {
             Pixel {
                 signal: [0, 1, 2].map(|k| if r0[k] > 0.0 { (r1[k] / r0[k]).clamp(0.0, 8.0) } else { 1.0 }),
                 variance: self.variance[4 * i + 3],
+                doubt: [0.0, f64::INFINITY],
                 values: [r0[0], r0[1], r0[2], r1[0], r1[1], r1[2]],
                 there: self.nearness(i) > 0.0 && luminance(r0) > 0.0,
                 normal: if self.object[4 * i + 3] > 0.0 { DVec3::ZERO } else { self.normal(i) },
@@ -102,11 +105,12 @@ impl Layers {
                 0.0
             },
             values: [o[0], o[1], o[2], o[3], 0.0, 0.0],
+            doubt: [0.0; 2],
             there: o[3] > 0.0,
             normal: self.normal(i),
         };
         let pixels = self.object.chunks_exact(4).enumerate().map(pixel).collect();
-        Field { layers: self, pixels }.smoothed(1)
+        Field { layers: self, pixels }.doubted().smoothed(1)
     }
 
     fn normal(&self, i: usize) -> DVec3 {
@@ -122,6 +126,20 @@ impl Field<'_> {
         let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
         (y.saturating_sub(reach)..(y + reach + 1).min(height))
             .flat_map(move |row| columns.clone().map(move |column| row * width + column))
+    }
+
+    /// A pixel is averaged in full with those of up to 16 times the mean variance of the nine around it without the
+    /// largest.
+    fn doubted(mut self) -> Self {
+        for i in 0..self.pixels.len() {
+            let near = self.around(i, 1).filter(|j| self.pixels[*j].there);
+            let mut near: Vec<f64> = near.map(|j| self.pixels[j].variance).collect();
+            near.sort_by(f64::total_cmp);
+            near.pop();
+            let mean = near.iter().sum::<f64>() / near.len().max(1) as f64;
+            self.pixels[i].doubt = [self.pixels[i].variance, 16.0 * mean];
+        }
+        self
     }
 
     /// Variances are the means of those around, and at least a tenth of their own.
@@ -199,6 +217,8 @@ impl Field<'_> {
                     weight *=
                         (1.0 - (1.0 - p.normal.dot(q.normal)) / bend).clamp(0.0, 1.0) * level.clamp(0.0, 1.0);
                 }
+                let [one, other] = [(p, q), (q, p)].map(|(p, q)| p.doubt[1] / q.doubt[0].max(1e-30));
+                weight *= one.min(other).min(1.0);
                 let weight = if i == j { 1.0 } else { weight };
                 total += weight;
                 sums.iter_mut().zip(q.values).for_each(|(sum, value)| *sum += weight * value);
