@@ -7,7 +7,9 @@ use glam::DVec3;
 
 use crate::equirect::{axes, pixel_solid_angle};
 use crate::error::Error;
-use crate::light::measure::{self, cells, contrast, dominant, irradiance, luminance, spiral};
+use crate::light::measure::{
+    self, brightest, cells, centroid, contrast, irradiance, irradiances, luminance, spiral,
+};
 use crate::light::spheres::{Sphere, sphere_error};
 use crate::num;
 use crate::types::{Cell, Environment, Report, Table};
@@ -19,6 +21,10 @@ engine::params! {
     /// decides how dark a shadow is; of the light found that is what comes from within 15 degrees of where the true
     /// one is, so a light that is farther off counts as missing), the panoramas weighed by solid angle, and what a matte, a glossy and a mirror
     /// sphere would look like, seen along the world's forward.
+    ///
+    /// The six planes and the panorama are taken texel by texel. Planes in every direction, the spheres and the
+    /// dominant light are taken on a grid of 128 columns, contrast and peak on one of 256, into whose cells texels
+    /// fall whole; larger texels are cut. Where no direction stands out, there is no dominant light.
     pub struct ScoreEnv {
         /// Planes, spread evenly over all directions, whose irradiance is compared.
         normals: u32 = 512, range(1, 100000), other("64");
@@ -46,10 +52,12 @@ engine::outputs! {
 /// Columns of the grids for the fine and the coarse measures.
 const FINE: usize = 256;
 const COARSE: usize = 128;
+/// A dominant light is brighter than the mean of the sphere by this, both smoothed by a lobe of 10 degrees.
+const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -112,6 +120,10 @@ fn score(
     }
     let ratio = (sum > 0.0 && sum_truth > 0.0).then(|| num::f64::log2(sum / sum_truth));
     let relative = (power > 0.0).then(|| (error / power).sqrt());
+    let dominant = |coarse: &[measure::Cell], fine: &[measure::Cell]| {
+        let stands_out = brightest(coarse).filter(|(_, over_mean)| *over_mean > STANDS_OUT);
+        stands_out.map(|(around, _)| centroid(fine, around))
+    };
     let light = dominant(&coarse_truth, &fine_truth);
     let found = dominant(&coarse, &fine);
     cx.check()?;
@@ -141,8 +153,9 @@ fn score(
         ("irradiance of a plane that faces forward, log2 of found over true", forward),
         ("irradiance of a plane that faces back, log2 of found over true", -forward),
     ];
-    for (name, normal) in sides {
-        let [found, want] = [&coarse, &coarse_truth].map(|cells| luminance(irradiance(cells, normal)));
+    let [planes, planes_truth] = [env, truth].map(|of| irradiances(of, sides.map(|(_, normal)| normal)));
+    for ((name, _), (found, want)) in sides.into_iter().zip(planes.into_iter().zip(planes_truth)) {
+        let [found, want] = [found, want].map(luminance);
         scores.push((name, "stops", (found > 0.0 && want > 0.0).then(|| num::f64::log2(found / want))));
     }
     let (absolute, energy) = weighed(env, truth);
@@ -293,6 +306,21 @@ mod tests {
         // Of two sizes, by the means of what lies in a texel of the coarser.
         truth.image.samples.iter_mut().for_each(|v| *v *= 1.25);
         assert!((scores(truth, env(256, DVec3::Y, 0.3))[11] - 0.25).abs() < 1e-6);
+    }
+
+    /// A sky without a light has no direction, and its size does not matter.
+    /// Mutation: `STANDS_OUT` of 0 (seen red).
+    #[test]
+    fn skies_without_a_light_have_no_direction() {
+        let sky = |width| env(width, DVec3::Y, 0.3);
+        for (a, b) in [(8, 128), (32, 256), (16, 16)] {
+            for (i, score) in scores(sky(a), sky(b)).into_iter().enumerate() {
+                assert!(
+                    if i == 2 || i == 3 { score.is_nan() } else { score.abs() < 3e-3 },
+                    "{a} {i}: {score}"
+                );
+            }
+        }
     }
 
     #[test]

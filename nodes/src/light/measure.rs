@@ -31,29 +31,65 @@ pub fn luminance(rgb: [f64; 3]) -> f64 {
     0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
 }
 
-/// The environment in cells of at most `columns` x `columns / 2`: every texel's power goes to the cell
-/// its centre lies in, so power is kept whatever the size of the image.
-pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
-    let (width, height) = (env.image.width, env.image.height);
-    let (columns, rows) = (columns.min(width), (columns / 2).min(height).max(1));
-    let mut sums = vec![(DVec3::ZERO, 0.0_f64, [0.0_f64; 3]); columns * rows];
+/// A texel of an environment, or one of the equal parts of a large one.
+struct Texel {
+    direction: DVec3,
+    solid_angle: f64,
+    rgb: [f64; 3],
+    /// Column and row among parts.
+    place: [usize; 2],
+}
+
+/// Into how many columns and rows each texel is cut so that there are about `columns` of them in all.
+fn cuts(env: &Environment, columns: usize) -> [usize; 2] {
+    [columns / env.image.width, columns / 2 / env.image.height].map(|parts| parts.max(1))
+}
+
+/// Gives every texel of an environment, row by row; each is cut into parts, since what is many degrees wide is no point.
+fn each_texel(env: &Environment, [across, down]: [usize; 2], mut give: impl FnMut(Texel)) {
+    let (width, height) = (env.image.width * across, env.image.height * down);
     for y in 0..height {
         let solid_angle = pixel_solid_angle(width, height, y);
-        let row = (2 * y + 1) * rows / (2 * height) * columns;
         for x in 0..width {
-            let cell = &mut sums[row + (2 * x + 1) * columns / (2 * width)];
             let (u, v) = ((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
-            cell.0 += direction(env.up, u, v) * solid_angle;
-            cell.1 += solid_angle;
-            for (sum, value) in cell.2.iter_mut().zip(env.image.rgb(x, y)) {
-                *sum += solid_angle * f64::from(value);
-            }
+            let rgb = env.image.rgb(x / across, y / down).map(f64::from);
+            give(Texel { direction: direction(env.up, u, v), solid_angle, rgb, place: [x, y] });
         }
     }
+}
+
+/// The environment in cells of at most `columns` x `columns / 2`: every texel's power goes to the cell
+/// its centre lies in, so power is kept whatever the size of the image. Texels larger than cells are cut.
+pub fn cells(env: &Environment, columns: usize) -> Vec<Cell> {
+    let cuts = cuts(env, columns);
+    let (width, height) = (env.image.width * cuts[0], env.image.height * cuts[1]);
+    let (columns, rows) = (columns.min(width), (columns / 2).min(height).max(1));
+    let mut sums = vec![(DVec3::ZERO, 0.0_f64, [0.0_f64; 3]); columns * rows];
+    each_texel(env, cuts, |Texel { direction, solid_angle, rgb, place: [x, y] }| {
+        let row = (2 * y + 1) * rows / (2 * height) * columns;
+        let cell = &mut sums[row + (2 * x + 1) * columns / (2 * width)];
+        cell.0 += direction * solid_angle;
+        cell.1 += solid_angle;
+        for (sum, value) in cell.2.iter_mut().zip(rgb) {
+            *sum += solid_angle * value;
+        }
+    });
     let cell = |(toward, solid_angle, sum): (DVec3, f64, [f64; 3])| {
         Some(Cell { direction: toward.try_normalize()?, solid_angle, rgb: sum.map(|s| s / solid_angle) })
     };
     sums.into_iter().filter_map(cell).collect()
+}
+
+/// Irradiance of planes with the given unit normals, texel by texel.
+pub fn irradiances<const N: usize>(env: &Environment, normals: [DVec3; N]) -> [[f64; 3]; N] {
+    let mut sums = [[0.0; 3]; N];
+    each_texel(env, cuts(env, 128), |texel| {
+        for (sum, normal) in sums.iter_mut().zip(normals) {
+            let weight = texel.direction.dot(normal).max(0.0) * texel.solid_angle;
+            sum.iter_mut().zip(texel.rgb).for_each(|(sum, value)| *sum += weight * value);
+        }
+    });
+    sums
 }
 
 /// Irradiance of a plane with the given unit normal.
@@ -84,9 +120,9 @@ pub fn spiral(n: usize) -> Vec<DVec3> {
 /// Cosine of 15 degrees, the radius of what counts as the dominant light.
 pub const DOMINANT_COS: f64 = 0.965_925_826_289_068_3;
 
-/// Direction of the dominant light: where radiance smoothed by a lobe of 10 degrees is largest, moved to
-/// the centroid of luminance within 15 degrees. `None` when there is no light.
-pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
+/// Where radiance smoothed by a lobe of 10 degrees is largest, and how many times its mean over the sphere it is there.
+/// `None` when there is no light.
+pub fn brightest(coarse: &[Cell]) -> Option<(DVec3, f64)> {
     let sharpness = 1.0 / (PI / 18.0 * (PI / 18.0));
     let mut best = (0.0, None);
     for at in coarse {
@@ -100,11 +136,22 @@ pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
             best = (smoothed, Some(at.direction));
         }
     }
-    let around = best.1?;
+    let power: f64 = coarse.iter().map(|cell| cell.solid_angle * cell.luminance()).sum();
+    // The lobe's integral over the sphere is 2 pi / sharpness.
+    Some((best.1?, best.0 * 2.0 * sharpness / power))
+}
+
+/// The centroid of luminance within 15 degrees of a direction.
+pub fn centroid(fine: &[Cell], around: DVec3) -> DVec3 {
     let near = fine.iter().filter(|cell| cell.direction.dot(around) > DOMINANT_COS);
     let sum =
         near.fold(DVec3::ZERO, |sum, cell| sum + cell.direction * (cell.solid_angle * cell.luminance()));
-    sum.try_normalize().or(Some(around))
+    sum.try_normalize().unwrap_or(around)
+}
+
+/// Direction of the dominant light: the [`centroid`] around what is [`brightest`]. `None` when there is no light.
+pub fn dominant(coarse: &[Cell], fine: &[Cell]) -> Option<DVec3> {
+    brightest(coarse).map(|(around, _)| centroid(fine, around))
 }
 
 /// Irradiance of a plane from within 15 degrees of `light`, over that from elsewhere; `None` where nothing comes from
@@ -152,6 +199,22 @@ mod tests {
         let cells = cells(&env(300, |_| 1.0), 128);
         for normal in spiral(40) {
             assert!((irradiance(&cells, normal)[1] - PI).abs() < 2e-3);
+        }
+    }
+
+    // Mutation: `cuts` of 1 and 1 (seen red).
+    #[test]
+    fn texels_are_areas_however_large() {
+        let mut pair = env(2, |_| 1.0);
+        pair.image.samples.fill(1.0);
+        for env in [env(8, |_| 1.0), env(32, |_| 1.0), pair] {
+            let cells = cells(&env, 128);
+            let axes = [DVec3::X, DVec3::Y, DVec3::NEG_Z];
+            for (i, exact) in irradiances(&env, axes).iter().enumerate() {
+                assert!((exact[0] - PI).abs() < 2e-3, "{exact:?}");
+                assert!((irradiance(&cells, axes[i])[0] - PI).abs() < 2e-3);
+            }
+            assert!(brightest(&cells).is_some_and(|(_, over)| over < 1.02), "nothing stands out");
         }
     }
 
