@@ -143,7 +143,6 @@ fn boundaries_between_items_count() {
     assert_ne!(KeyWriter::new("a").finish(), KeyWriter::new("b").finish());
 }
 
-/// Mutation: `value + 0.0` to `value` in `KeyWriter::f64` or `f32` (each seen red).
 #[test]
 fn row_67_zero_has_one_sign_and_nan_no_key() {
     assert_eq!(one(|walk| walk.f64("x", -0.0)), one(|walk| walk.f64("x", 0.0)));

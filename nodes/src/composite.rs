@@ -245,7 +245,6 @@ mod tests {
     }
 
     /// And no shadow leaves the background bit for bit.
-    /// Mutation: `under * (1.0 - cover) + over` to `under + (over - under * cover)` in `Composite::view` (seen red).
     #[test]
     fn row_56_full_and_empty_masks_are_exact() {
         let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);
@@ -255,14 +254,12 @@ mod tests {
     }
 
     /// Light with no coverage is a glow.
-    /// Mutation: the object's colour times its alpha (seen red).
     #[test]
     fn row_57_glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
     /// What an object of a colour and a coverage gives, premultiplied or by the formula for straight alpha.
-    /// Mutation: `1.0 - cover` squared (seen red).
     #[test]
     fn row_58_premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
@@ -275,7 +272,6 @@ mod tests {
     }
 
     /// Holes show the backdrop or stay open, and the alpha that leaves is that of "over".
-    /// Mutation: the backdrop under all of the background, its covered part too (seen red).
     #[test]
     fn row_59_holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();

@@ -264,7 +264,6 @@ mod tests {
     }
 
     /// 8 and 16 bits, grey and alpha.
-    /// Mutation: `r * a` to `r` in `whole` (seen red).
     #[test]
     fn row_64_pngs_are_premultiplied_colour_or_data() {
         let rgba = png_of(4, 255, vec![255, 51, 0, 51]);
@@ -278,7 +277,6 @@ mod tests {
         assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
     }
 
-    /// Mutation: `v.is_nan()` to `false` in `finite` (seen red).
     #[test]
     fn row_63_layers_of_an_exr_are_found_by_name_and_hold_numbers() {
         let plane =

@@ -446,7 +446,6 @@ mod tests {
     }
 
     /// Unusable vertices and faces go, and are counted.
-    /// Mutation: faces of dropped vertices kept in `clean` (seen red).
     #[test]
     fn row_41_unusable_parts_are_dropped_and_counted() {
         let text = String::from_utf8(ascii()).unwrap_or_default();

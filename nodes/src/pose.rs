@@ -166,7 +166,6 @@ mod tests {
         assert_eq!(a, b);
     }
 
-    /// Mutation: `det == 0.0` not asked in `check` (seen red).
     #[test]
     fn row_68_nothing_flat_and_nothing_said_twice() {
         assert!(PoseNode::check(&PoseNode { scale: 0.0, ..plain() }).is_err());

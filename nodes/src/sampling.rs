@@ -263,7 +263,6 @@ mod tests {
     }
 
     /// In one dimension.
-    /// Mutation: `sum += weight` after `cumulative.push(sum)` in `Discrete::new` (seen red).
     #[test]
     fn row_37_inversion_follows_the_weights() {
         let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];

@@ -369,7 +369,6 @@ mod tests {
         assert!(!told(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
     }
 
-    /// Mutation: `energy > 0.0 && energy >= least` not asked in `ratio` (seen red).
     #[test]
     fn row_49_nothing_over_nothing_is_one() {
         for form in [RatioForm::Stable, RatioForm::Paper, RatioForm::Hybrid] {
@@ -384,7 +383,6 @@ mod tests {
         }
     }
 
-    /// Mutation: `epsilon` not scaled by the level of R0 in `ratio` (seen red).
     #[test]
     fn row_52_exposure_does_not_change_the_ratio() {
         for exposure in [1e-6_f32, 1.0, 1e6] {
@@ -399,7 +397,6 @@ mod tests {
     }
 
     /// They are counted, and add no light.
-    /// Mutation: `b.is_finite()` not asked in `view` (seen red).
     #[test]
     fn row_53_dark_and_broken_samples_cast_no_shadow() {
         let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
@@ -428,7 +425,6 @@ mod tests {
     }
 
     /// Monotone in each shaping parameter, and the ends are exact.
-    /// Mutation: the floor before the power in `shape` (seen red).
     #[test]
     fn row_54_shaping_follows_the_paper() {
         let p = plain;
@@ -454,7 +450,6 @@ mod tests {
     }
 
     /// Without it, it is cut, and the share of it told.
-    /// Mutation: `s_max` taken for 1 in `ratio` (seen red).
     #[test]
     fn row_51_added_light_needs_s_max() {
         let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
@@ -469,7 +464,6 @@ mod tests {
         row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
     }
 
-    /// Mutation: any `range` of `ShadowRatio` left out (each seen red).
     #[test]
     fn row_55_parameters_out_of_range_are_named() {
         for (field, values) in [
@@ -498,7 +492,6 @@ mod tests {
     }
 
     /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
-    /// Mutation: `trust` of 1, a threshold in place of the fade, or the energy of the pixel alone (each seen red).
     #[test]
     fn row_50_the_mask_has_no_edge() {
         let at = |least: f64| ratios(&ShadowRatio { min_energy: least, ..plain() }, &[0.5; 3], &[0.1; 3])[1];

@@ -1,8 +1,8 @@
 //! `docs/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
 //!
-//! A test belongs to a row by its name, `row_07_short_name`, and names in its doc comment the changed line
-//! that turns it red (`Mutation:`), with `(seen red)` once that was tried. The page is made by
-//! `tests/extremes/page`; here is checked that it tells of the tests that there are, and that each was tried.
+//! A test belongs to a row by its name, `row_07_short_name`. `mutations.tsv` has changed expressions that turn them
+//! red, which `tests/extremes/mutate.py` tries. The page is made by `tests/extremes/page`; here is checked that it tells
+//! of the tests that there are, and that what a mutation changes is still there.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeMap;
@@ -12,13 +12,49 @@ use std::path::{Path, PathBuf};
 /// Node, extreme, expectation and the reason of the bound of each row.
 const ROWS: &str = include_str!("rows.tsv");
 
+/// Test, file, what stands there, and what it becomes. Where `«»` are in it, what lies between is changed.
+const MUTATIONS: &str = include_str!("mutations.tsv");
+
 /// A test of a row.
 #[derive(Debug)]
 struct Test {
     name: String,
     /// Relative to the workspace.
     file: String,
-    mutation: String,
+}
+
+/// One changed expression.
+struct Mutation {
+    test: &'static str,
+    /// Relative to the workspace.
+    file: &'static str,
+    before: &'static str,
+    after: &'static str,
+}
+
+impl Mutation {
+    fn all() -> impl Iterator<Item = Self> {
+        MUTATIONS.lines().map(|line| {
+            let mut cells = line.split('\t');
+            let mut next = || cells.next().expect("four cells");
+            Self { test: next(), file: next(), before: next(), after: next() }
+        })
+    }
+
+    /// What of `before` is changed.
+    fn part(&self) -> &'static str {
+        let inner = self.before.split_once('«').and_then(|(_, rest)| rest.split_once('»'));
+        inner.map_or(self.before, |(part, _)| part)
+    }
+
+    /// As the page has it.
+    fn told(&self) -> String {
+        let file = self.file.rsplit('/').next().unwrap();
+        match self.after {
+            "" => format!("`{}` left out of `{file}`", self.part()),
+            after => format!("`{}` to `{after}` in `{file}`", self.part()),
+        }
+    }
 }
 
 fn workspace() -> &'static Path {
@@ -55,20 +91,10 @@ fn tests() -> BTreeMap<usize, Vec<Test>> {
     for path in files {
         let text = std::fs::read_to_string(&path).unwrap();
         let file = path.strip_prefix(workspace()).unwrap().to_string_lossy().into_owned();
-        let mut doc = String::new();
-        for line in text.lines().map(str::trim) {
-            if let Some(words) = line.strip_prefix("///") {
-                let _ = write!(doc, " {}", words.trim());
-            } else if let Some((numbers, name)) = named_rows(line) {
-                let mutation = doc.split_once("Mutation:").map(|(_, rest)| rest.trim().to_owned());
-                let mutation = mutation.unwrap_or_default();
-                for number in numbers {
-                    let (name, file, mutation) = (name.to_owned(), file.clone(), mutation.clone());
-                    rows.entry(number).or_default().push(Test { name, file, mutation });
-                }
-                doc.clear();
-            } else if !line.starts_with("#[") {
-                doc.clear();
+        for (numbers, name) in text.lines().filter_map(|line| named_rows(line.trim())) {
+            for number in numbers {
+                let test = Test { name: name.to_owned(), file: file.clone() };
+                rows.entry(number).or_default().push(test);
             }
         }
     }
@@ -110,8 +136,9 @@ fn number(value: f64) -> String {
 fn page(values: impl Fn(usize) -> String) -> String {
     let mut text = "# Numbers at the extremes\n\n\
         Made by `tests/extremes/page`, which runs the tests and writes down what they measured. A value lies within\n\
-        its bound or the test fails; where none is measured, the test asserts bits, counts, messages or ranges. The\n\
-        mutation is one changed line with which the test was seen to fail.\n\n\
+        its bound or the test fails; where none is measured, the test asserts bits, counts, messages or ranges. A\n\
+        mutation is one changed expression that makes a test of the row fail; `tests/extremes/mutate.py` tries all of\n\
+        them (`mutations.tsv`).\n\n\
         | row | node | extreme | what holds | tests | measured, bound | why this bound | mutation |\n\
         |---|---|---|---|---|---|---|---|\n"
         .to_owned();
@@ -123,8 +150,8 @@ fn page(values: impl Fn(usize) -> String) -> String {
         let (node, extreme, expected, why) = (next(), next(), next(), next());
         let of_row = tests.get(&(index + 1)).map(Vec::as_slice).unwrap_or_default();
         let names: Vec<String> = of_row.iter().map(|t| format!("[`{}`](../{})", t.name, t.file)).collect();
-        let mutations: Vec<String> =
-            of_row.iter().map(|t| cell(&t.mutation)).filter(|text| !text.is_empty()).collect();
+        let of_row_too = |m: &Mutation| of_row.iter().any(|test| test.name == m.test);
+        let mutations: Vec<String> = Mutation::all().filter(of_row_too).map(|m| cell(&m.told())).collect();
         let _ = writeln!(
             text,
             "| {} | {node} | {} | {} | {} | {} | {} | {} |",
@@ -147,16 +174,26 @@ fn every_row_has_a_test_and_every_test_of_a_row_names_one_that_there_is() {
     let tests_of = tests();
     let bare: Vec<usize> = (1..=rows).filter(|row| !tests_of.contains_key(row)).collect();
     assert!(bare.is_empty(), "no test is named after rows {bare:?}");
-    let without =
-        |(row, tests): (&usize, &Vec<Test>)| tests.iter().all(|t| t.mutation.is_empty()).then_some(*row);
-    let untold: Vec<usize> = tests_of.iter().filter_map(without).collect();
-    assert!(untold.is_empty(), "no test of rows {untold:?} names a mutation");
-    let untried =
-        tests_of.values().flatten().filter(|t| !t.mutation.is_empty() && !t.mutation.contains("seen red"));
-    let untried: Vec<&str> = untried.map(|t| t.name.as_str()).collect();
-    assert!(untried.is_empty(), "the mutations of {untried:?} were not seen red");
     let wrong: Vec<String> = tests().split_off(&(rows + 1)).into_values().flatten().map(|t| t.name).collect();
     assert!(wrong.is_empty(), "there are {rows} rows, none for {wrong:?}");
+}
+
+#[test]
+fn every_row_has_a_mutation_of_what_stands_in_the_sources() {
+    let bare = |text: &str| text.replace(|c: char| c.is_whitespace() || "«»".contains(c), "");
+    let tests_of = tests();
+    let named: Vec<&str> = tests_of.values().flatten().map(|test| test.name.as_str()).collect();
+    for mutation in Mutation::all() {
+        let Mutation { test, file, before, .. } = mutation;
+        assert!(named.contains(&test), "mutations.tsv names {test}, which is no test of a row");
+        let source = bare(&std::fs::read_to_string(workspace().join(file)).unwrap());
+        let times = source.matches(&bare(before)).count();
+        assert_eq!(times, 1, "`{before}` of mutations.tsv stands {times} times in {file}: follow the source");
+    }
+    let tried = |tests: &[Test]| tests.iter().any(|test| Mutation::all().any(|m| m.test == test.name));
+    let untried: Vec<usize> =
+        tests_of.iter().filter(|(_, tests)| !tried(tests)).map(|(row, _)| *row).collect();
+    assert!(untried.is_empty(), "mutations.tsv has none for rows {untried:?}");
 }
 
 /// With `LIGHTHARMONY_ROWS` set the page is written anew, from what is measured there; with `UPDATE_GOLDEN` with the values

@@ -77,7 +77,6 @@ fn row_66_no_nodes_is_a_mistake() {
     assert!(Lab::in_memory().mistakes(&graph_text("")).contains("the graph has no nodes"));
 }
 
-/// Mutation: `self.todo.push_back(Task::Resolve(below))` to `self.resolve(below)` in `Run` (seen red).
 #[test]
 fn row_66_a_chain_of_a_hundred_thousand_nodes() {
     // On a stack of the size that threads have: a walk that recurses overflows it.
@@ -89,7 +88,6 @@ fn a_fan_and_a_node_that_reads_it_all() {
     assert_linear(|count| times(&fan(count), count), 2_000);
 }
 
-/// Mutation: `slot.unresolved == 0` to `true` in `Run` (seen red).
 #[test]
 fn row_66_diamonds_are_walked_once() {
     assert_linear(|count| times(&diamonds(count), count), 1_500);

@@ -305,7 +305,6 @@ fn row_69_clocks_that_jump_and_half_files_end_as_a_plain_run() {
     assert_eq!(plain.out("sum.txt"), "21.5\n");
 }
 
-/// Mutation: a changed graph not taken in `Session::run` (seen red).
 #[test]
 fn row_69_a_storm_of_saves_ends_as_the_last_one_says() {
     let watch = Session::of(SUM);

@@ -49,7 +49,6 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 }
 
 /// Among them rays along the axes, with components 0 and -0.
-/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::walk` (seen red).
 #[test]
 fn row_44_rays_find_what_brute_force_finds() {
     for (n, size) in [(1, 1.0), (2, 1.0), (5, 0.7), (500, 0.15)] {
@@ -121,7 +120,6 @@ fn closed_meshes_do_not_leak() {
     }
 }
 
-/// Mutation: `is_finite` of a corner not asked in `Bvh::build` (seen red).
 #[test]
 fn row_41_broken_triangles_are_left_out_and_counted() {
     let good = [Vec3::ZERO, Vec3::X, Vec3::Y];
@@ -140,7 +138,6 @@ fn row_41_broken_triangles_are_left_out_and_counted() {
 
 /// No triangle, one, many with equal centroids, and many each half as large as the one before, whose best tree may
 /// be too deep for the stack of a walk.
-/// Mutation: `order.len() / 2` to `1` in `balanced` (seen red).
 #[test]
 fn row_45_identical_triangles_stay_shallow() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);

@@ -238,7 +238,6 @@ fn other_layers_are_refused() {
 }
 
 /// Light of any strength is filtered alike: a power of two changes no bit but the exponents.
-/// Mutation: `exposure` to 1 in `View::inserted` (seen red).
 #[test]
 fn row_48_light_of_any_strength_is_filtered_alike() {
     let object = |exponent: i32| {

@@ -177,7 +177,6 @@ mod tests {
     }
 
     /// 1e-38 and 1e38 lie near the ends of what an exponent of 8 bits tells; 0 is black whatever the mantissas are.
-    /// Mutation: 136 to 128 in `decode` (seen red).
     #[test]
     fn row_64_rgbe_at_the_ends() {
         let body = [200, 100, 50, 0, 174, 174, 174, 2, 151, 0, 0, 255, 128, 128, 128, 129];

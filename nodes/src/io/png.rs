@@ -284,7 +284,6 @@ mod tests {
 
     /// Palettes and low depths are widened, a transparent colour is alpha, and what is said of gamma and profiles is passed
     /// over and told.
-    /// Mutation: `Transformations::EXPAND` to `IDENTITY`, or `- 0.45455` to `- 1.0` (each seen red).
     #[test]
     fn row_64_palettes_low_depths_and_what_is_passed_over() {
         let file = |color, depth, data: &[u8], change: &dyn Fn(&mut png::Info<'_>)| {
@@ -333,7 +332,6 @@ mod tests {
 
     /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes of which width times
     /// height times channels does not fit into 64 bits.
-    /// Mutation: `checked_mul` to `wrapping_mul` in `believable` (seen red).
     #[test]
     fn row_65_sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());

@@ -86,8 +86,6 @@ fn node_transforms_move_points_and_turn_normals_by_the_inverse_transpose() {
 }
 
 /// A mirror turns the triangles over, so that they still face along their normals.
-/// Mutation: the swap of two corners under a negative determinant dropped, or the sign in `inverse_transpose` (each
-/// seen red).
 #[test]
 fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
     let (object, notes) = good(&triangle(json!({"mesh": 0, "scale": [-1.0, 1.0, 1.0]})));
@@ -100,7 +98,6 @@ fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
 }
 
 /// A quaternion of any length turns and does not scale; a matrix may shear, and a normal stays upright on what it shears.
-/// Mutation: `normalize` left out of `rotation`, or `inverse_transpose` to the matrix itself (each seen red).
 #[test]
 fn row_68_quaternions_of_any_length_turn_and_normals_stay_upright_under_shear() {
     for length in [1e-6, 1.0, 7.0] {

@@ -27,7 +27,6 @@ fn near(a: &[f32], b: &[f32], bar: f32) {
     }
 }
 
-/// Mutation: `largest != 0.0` to `largest >= 0.0` in `unit` (seen red).
 #[test]
 fn row_01_zero_quaternions_are_dropped_and_counted() {
     let mut rows = vec![PlyRow::default(); 5];
@@ -39,7 +38,6 @@ fn row_01_zero_quaternions_are_dropped_and_counted() {
     assert_eq!(splats, others);
 }
 
-/// Mutation: `q / length` to `q` in `unit`, or `q.abs()` to `q` (each seen red).
 #[test]
 fn row_02_quaternions_of_any_length_become_units() {
     let rows = [1e-20, 1e20, 3e38, 1e-44].map(|length| PlyRow {
@@ -59,7 +57,6 @@ fn row_02_quaternions_of_any_length_become_units() {
 }
 
 /// Every field of its own, dropped, or named when strict.
-/// Mutation: `!value.is_finite()` to `value.is_nan()` in `Row::activate` (seen red).
 #[test]
 fn row_03_what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
@@ -94,7 +91,6 @@ fn row_03_what_is_not_finite_is_dropped_or_named() {
 }
 
 /// Beyond `max_extent`, 1e6, a scale is no scale; what is within goes on to the renderer, whose rows 4 bound its work.
-/// Mutation: `*s <= max_extent` to `*s <= f64::MAX` in `Row::checked` (seen red).
 #[test]
 fn row_04_scales_that_overflow_are_dropped_and_counted() {
     let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
@@ -104,7 +100,6 @@ fn row_04_scales_that_overflow_are_dropped_and_counted() {
     assert!((splats.scales[0][1] / 984_609.1 - 1.0).abs() < 1e-6);
 }
 
-/// Mutation: `exp(v)` to `exp(v.max(-30.0))` in `Row::activate` (seen red).
 #[test]
 fn row_05_scales_far_below_a_pixel_are_kept() {
     let row = PlyRow { scale: [-40.0; 3], ..PlyRow::default() };
@@ -115,7 +110,6 @@ fn row_05_scales_far_below_a_pixel_are_kept() {
     }
 }
 
-/// Mutation: `1 / (1 + e^-x)` to `e^x / (e^x + 1)` in `Row::activate` (seen red).
 #[test]
 fn row_06_logits_at_both_ends_are_1_and_0() {
     let row = |opacity: f32| PlyRow { opacity, ..PlyRow::default() };
@@ -123,7 +117,6 @@ fn row_06_logits_at_both_ends_are_1_and_0() {
     assert_eq!(splats.opacities, [0.5, 1.0, 0.0, 1.0, 0.0]);
 }
 
-/// Mutation: `bytes.get(start..end)` to `bytes.get(start..)` in `Element::rows` (seen red).
 #[test]
 fn row_07_headers_that_lie_are_told_with_numbers() {
     let bytes = build::ply(&vec![PlyRow::default(); 3], 0);
@@ -144,7 +137,6 @@ fn row_07_headers_that_lie_are_told_with_numbers() {
     assert_eq!(none.len(), 0);
 }
 
-/// Mutation: `filter * filter` to `filter` in `Row::activate` (seen red).
 #[test]
 fn row_08_degrees_extra_fields_and_filters() {
     for degree in 0..=4 {

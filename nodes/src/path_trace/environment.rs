@@ -461,7 +461,6 @@ mod tests {
         }
     }
 
-    /// Mutation: `power == [0.0; 3]` to `false` in `EnvironmentLight::new` (seen red).
     #[test]
     fn row_36_a_black_sky_is_sampled_evenly() {
         let black = EnvironmentLight::new(&constant(Up::PlusZ, [0.0; 3], 16));
@@ -476,7 +475,6 @@ mod tests {
     }
 
     /// Towards the hot texel it is chosen, from behind it never is; its light is found in full either way.
-    /// Mutation: `numbers[*tier] * row.probability` to `row.probability` in `EnvironmentLight::draw` (seen red).
     #[test]
     fn row_37_one_texel_may_outshine_all_others() {
         let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);

@@ -316,8 +316,6 @@ mod tests {
     }
 
     /// Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
-    /// Mutation: any line of `Block::passes` turned round, a bound of `clamp` moved, `t == *slot` not asked (each
-    /// seen red).
     #[test]
     fn row_46_what_lets_the_environment_through() {
         let nothing = squares(&[]);
@@ -349,7 +347,6 @@ mod tests {
     }
 
     /// Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
-    /// Mutation: any line of `Rules::visibility` (each seen red).
     #[test]
     fn row_46_each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {

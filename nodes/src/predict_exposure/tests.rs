@@ -124,7 +124,6 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
 }
 
 /// Each exposure is darker than the next and than the panorama, black alone is black, extremes stay finite, and white is the most that an exposure holds.
-/// Mutation: `.min(1.0)` dropped in `expose` (seen red).
 #[test]
 fn row_23_flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {
@@ -158,7 +157,6 @@ fn row_23_flat_panoramas_stay_monotone_and_finite() {
 }
 
 /// A horizontal roll rolls the prediction, also of one pixel and of a sun on the seam.
-/// Mutation: `% width` to `.min(width - 1)` in `Fields::along_rows` (seen red).
 #[test]
 fn row_24_rolling_the_panorama_rolls_the_gain() {
     let dot = |x: usize, y: usize| if (x, y) == (0, 40) { [1.0; 3] } else { [0.4, 0.5, 0.6] };
@@ -180,8 +178,7 @@ fn row_24_rolling_the_panorama_rolls_the_gain() {
     }
 }
 
-/// Also of a panorama finer than the grid, by less than a cell. Mutation: `start` 0 in
-/// `Grid::new` (seen red).
+/// Also of a panorama finer than the grid, by less than a cell.
 #[test]
 fn row_24_turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;
@@ -294,7 +291,6 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
     }
 }
 
-/// Mutation: `sort_by` dropped in `sorted` (seen red).
 #[test]
 fn row_35_exposures_are_sorted_and_listed_once() {
     assert_eq!(run(room(64), &[-3.0, -20.0, -6.0]).0.evs, [-20.0, -6.0, -3.0]);

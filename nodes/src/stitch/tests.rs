@@ -25,7 +25,6 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
 }
 
 /// Over face sizes down to a pixel, with and without a guard band.
-/// Mutation: `(1.0 - fx) * (1.0 - fy)` to `1.0 - fx * fy` in `Source::add` (seen red).
 #[test]
 fn row_18_constant_faces_stay_constant() {
     let mut largest = 0.0_f64;
@@ -49,7 +48,6 @@ fn row_18_constant_faces_stay_constant() {
 
 /// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the wrap: `Aligned` puts
 /// face centres there.
-/// Mutation: 2 pi to 6.28 in `equirect::pixel_solid_angle` (seen red).
 #[test]
 fn row_19_a_single_pixel_keeps_its_energy() {
     let sphere: f64 = (0..128).map(|y| 256.0 * equirect::pixel_solid_angle(256, 128, y)).sum();
@@ -152,7 +150,6 @@ fn views_from_two_points_are_refused() {
 
 /// A strip of 4096 pixels, one of a single pixel, one of a single column, and a face of 4096 x 4096 among such of one
 /// pixel: every direction of a fine grid is defined, those beyond the views as holes.
-/// Mutation: `.min(n - 1)` left out of `Source::add` (seen red).
 #[test]
 fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
@@ -181,7 +178,6 @@ fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
 }
 
 /// The wrap is as smooth as any other pair of columns, and the polar rows grow constant.
-/// Mutation: `2.0 * PI` to `6.2` in the `columns` of `resample` (seen red).
 #[test]
 fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
     let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;
@@ -206,7 +202,6 @@ fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
 
 /// No point of a panorama has a direction that is not a unit vector, and no direction, however
 /// short, long or close to an axis, a point outside.
-/// Mutation: u = 1 no longer folded to 0 in `equirect::uv` (seen red).
 #[test]
 fn row_22_directions_are_never_degenerate() {
     let mut state = 3_u64;

@@ -76,8 +76,6 @@ fn bases() -> Vec<(String, BsdfParams)> {
 /// White furnace: a base and all that lies over it, at every roughness, keeps or lets through all light, to 1 % and
 /// 4 standard errors. What is left is the interpolation of the tables. Brushed surfaces are seen from along the brush,
 /// from across it and in between.
-/// Mutation: `gain` of 1 or `left` by the largest channel in `Gloss::new`, `under` of 1 in `Layers::new`, the slice below
-/// in `at_index`, or round facets for brushed ones (each seen red).
 #[test]
 fn row_38_white_surfaces_keep_all_light() {
     let mut worst = [0.0_f64; 2];
@@ -133,7 +131,6 @@ fn row_38_white_surfaces_keep_all_light() {
     assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
 }
 
-/// Mutation: `params.base` to `Vec3::ONE` in the `matte` of `Layers::new` (seen red).
 #[test]
 fn row_39_black_surfaces_reflect_only_the_interface() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.5, ..BsdfParams::default() };
@@ -205,7 +202,6 @@ fn bodies_bend_light_by_their_index() {
 
 /// Extremes stay finite and no sample carries more than its lobe's albedo over its share.
 /// Also seen along the surface and, as a normal map may have it, from behind.
-/// Mutation: `NARROWEST` to 0 in `Ggx::anisotropic` (seen red).
 #[test]
 fn row_40_extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {

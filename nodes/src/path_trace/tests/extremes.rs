@@ -29,7 +29,6 @@ fn furnace_holds_in_the_scene() {
 }
 
 /// However it is posed: mirrored, with two axes swapped, sheared, mirrored and sheared, flattened to a hundredth.
-/// Mutation: `.inverse().transpose()` left out in `Objects::new` (seen red).
 #[test]
 fn row_68_a_white_body_is_white_in_every_pose() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -51,7 +50,6 @@ fn row_68_a_white_body_is_white_in_every_pose() {
 
 /// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
 /// as large as a million, and with coordinates of some ten thousand sizes.
-/// Mutation: `8.0` to `0.0` in `margin` (seen red).
 #[test]
 fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
@@ -80,7 +78,6 @@ fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
 
 /// The shadow of a ball on a floor does not depend on what else there is of the floor: a stray triangle far away, or
 /// two triangles that reach to a horizon.
-/// Mutation: `NEAREST` to 1e9 in `Subdivision::of` (seen red).
 #[test]
 fn row_42_a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
@@ -158,7 +155,6 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
 
 /// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
 /// and no light leaks at gap 0.
-/// Mutation: `Vec3::ONE - straight` halved in `Integrator::blocked_light` (seen red).
 #[test]
 fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);
@@ -179,7 +175,6 @@ fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
 
 /// The error of S over a crop falls at least with the root of the samples, for any seed, and one sample is one
 /// too: finite, and right on average.
-/// Mutation: `index: sample` to `index: 0` in `Points::new` (seen red).
 #[test]
 fn row_47_errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();
@@ -211,7 +206,6 @@ fn row_47_errors_fall_with_samples_whatever_the_seed() {
 }
 
 /// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
-/// Mutation: weights of texels not divided by `power` in `EnvironmentLight::new`, `scales` of 1 (seen red).
 #[test]
 fn row_48_light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();
@@ -240,7 +234,6 @@ fn row_48_light_of_any_strength_gives_the_same_picture() {
 
 /// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
 /// finite, and told.
-/// Mutation: `sums[k].sqrt()` left out of `trace_pair`, and `v * v` of `Accumulator::add` (seen red).
 #[test]
 fn row_48_the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();

@@ -187,7 +187,6 @@ mod tests {
     }
 
     /// What is wrong with weights is told by the name of the tensor.
-    /// Mutation: `is_finite` dropped in `Weights::tensor` (seen red).
     #[test]
     fn row_25_wrong_weights_are_refused_by_name() {
         let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");
@@ -280,7 +279,6 @@ mod tests {
     }
 
     /// The largest weights that f16 holds overflow nothing.
-    /// Mutation: `score - largest` to `score` in `Member::shares` (seen red).
     #[test]
     fn row_26_the_largest_weights_stay_finite() {
         let network = changed(|name, _, bytes| {

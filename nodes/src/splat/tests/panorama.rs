@@ -145,7 +145,6 @@ fn exact_bounds_lose_nothing_around_the_seam() {
 }
 
 /// The world turned about up by a number of columns is the picture moved by as many: there is no seam.
-/// Mutation: `(columns + x1)` to `x1` in `camera_model::tiles_around` (seen red).
 #[test]
 fn row_21_turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);
@@ -245,7 +244,6 @@ fn poles_show_what_a_camera_sees() {
 }
 
 /// A splat on the axis through the poles, and beside it, and one that looks at the seam.
-/// Mutation: -1.0 to 1.0 in the second `cap` of `around::panorama_at` (seen red).
 #[test]
 fn row_21_poles_and_the_seam_are_where_they_belong() {
     for up in UPS {
