@@ -2,6 +2,7 @@
 
 use engine::{Context, Scene, Up};
 use fearless_simd::Level;
+use glam::Vec3;
 
 use crate::types::{SplatEncoding, Splats};
 
@@ -43,4 +44,68 @@ pub fn levels() -> Vec<Level> {
     }
     levels.push(best);
     levels
+}
+
+/// Pearson's chi-square of counts against what is expected of them, in deviations of a normal distribution (Wilson and
+/// Hilferty 1931): of right samplers one in 30,000 has more than 4. Bins that expect less than 5 count as one.
+pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
+    assert_eq!(counts.len(), expected.len());
+    let (mut rare, mut sum, mut bins) = ([0.0; 2], 0.0, 0.0);
+    let mut add = |count: f64, expected: f64| {
+        sum += (count - expected) * (count - expected) / expected;
+        bins += 1.0;
+    };
+    for (&count, &expected) in counts.iter().zip(expected) {
+        if expected >= 5.0 {
+            add(count, expected);
+        } else {
+            rare = [rare[0] + count, rare[1] + expected];
+        }
+    }
+    // What is never expected may not come.
+    if rare[0] > 0.0 || rare[1] >= 5.0 {
+        add(rare[0], rare[1].max(1e-9));
+    }
+    let spread = 2.0 / (9.0 * bins);
+    (crate::num::pow(sum / bins, 1.0 / 3.0) - (1.0 - spread)) / spread.sqrt()
+}
+
+/// Bins of equal solid angle over the sphere: rings by height, and sectors of each.
+#[derive(Clone, Copy)]
+pub struct SphereBins {
+    pub rings: usize,
+    pub sectors: usize,
+}
+
+impl SphereBins {
+    pub fn len(self) -> usize {
+        self.rings * self.sectors
+    }
+
+    /// The bin of a unit direction.
+    pub fn of(self, d: Vec3) -> usize {
+        let turns = 0.5 + crate::num::atan2(f64::from(d.y), f64::from(d.x)) / std::f64::consts::TAU;
+        let [ring, sector] = [(0.5 * (f64::from(d.z) + 1.0), self.rings), (turns, self.sectors)]
+            .map(|(at, count)| ((at * count as f64) as usize).min(count - 1));
+        ring * self.sectors + sector
+    }
+
+    /// The integral over each bin of several densities, by `fine` times `fine` points of each.
+    pub fn integrals<const N: usize>(self, fine: usize, pdf: impl Fn(Vec3) -> [f32; N]) -> [Vec<f64>; N] {
+        let mut sums = std::array::from_fn(|_| vec![0.0; self.len()]);
+        let [rings, sectors] = [self.rings * fine, self.sectors * fine];
+        let area = 4.0 * std::f64::consts::PI / (rings * sectors) as f64;
+        for ring in 0..rings {
+            let z = 2.0 * (ring as f32 + 0.5) / rings as f32 - 1.0;
+            let radius = (1.0 - z * z).sqrt();
+            for sector in 0..sectors {
+                let (sin, cos) = crate::sampling::circle((sector as f32 + 0.5) / sectors as f32);
+                let d = Vec3::new(radius * cos, radius * sin, z);
+                for (sums, pdf) in sums.iter_mut().zip(pdf(d)) {
+                    sums[self.of(d)] += f64::from(pdf) * area;
+                }
+            }
+        }
+        sums
+    }
 }

@@ -201,3 +201,41 @@ fn towards(cone: &Cone, [u, v]: [f32; 2]) -> Vec3 {
     let local = Vec3::new(radius * cos, radius * sin, 1.0 - below);
     super::bsdf::Frame::around(cone.axis).from(local)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::{Points, stream};
+    use crate::testing::chi_square;
+
+    /// Chi-square of rays to the objects against their density, by rings and sectors of the cone, and of how often one is
+    /// sent.
+    /// Mutation: `below` to `v * below` in `towards`, or the lower bound of `RAYS` left out of `cone_pdf`.
+    #[test]
+    fn rays_to_the_objects_fill_their_cone_evenly() {
+        let axis = Vec3::new(0.48, -0.6, 0.64);
+        for cosine in [0.1_f32, 0.7, 0.96, 1.0 - 1e-5] {
+            let cone = Cone { axis, cosine };
+            let across = axis.any_orthonormal_vector();
+            let (n, mut counts) = (100_000, vec![0.0; 12 * 12 + 1]);
+            for i in 0..n {
+                let points = Points::new(stream(4, i, 0), 0);
+                let sent = unit(points.bits(TOWARDS + 1)[0]) < cone_pdf(&cone) * cone.solid_angle();
+                let ray = towards(&cone, points.pair(TOWARDS)).as_dvec3();
+                assert!((ray.length() - 1.0).abs() < 1e-5);
+                // What is above 1 - cosine is taken from the chord, which keeps its digits.
+                let below = 0.5 * (ray - axis.as_dvec3()).length_squared() / f64::from(1.0 - cosine);
+                let [x, y] = [across, axis.cross(across)].map(|side| ray.dot(side.as_dvec3()));
+                let turns = crate::num::atan2(y, x) / std::f64::consts::TAU + 0.5;
+                let [ring, sector] = [below, turns].map(|at| ((12.0 * at) as usize).min(11));
+                counts[if sent { ring * 12 + sector } else { 144 }] += 1.0;
+            }
+            let sent = f64::from(cone_pdf(&cone) * cone.solid_angle());
+            assert!(sent <= 1.0 + 1e-6);
+            let mut expected = vec![f64::from(n) * sent / 144.0; 144];
+            expected.push(f64::from(n) * (1.0 - sent).max(0.0));
+            let z = chi_square(&counts, &expected);
+            assert!(z < 4.0, "{cosine}: {z}");
+        }
+    }
+}

@@ -85,3 +85,45 @@ pub fn mean_luminance(triangle: u32, emission: impl Fn(&Hit) -> Vec3) -> f32 {
     }
     sum / (N * (N + 1) / 2) as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::{Points, stream};
+    use crate::testing::chi_square;
+
+    /// Chi-square of points against their density, by sixteenths of triangles of many sizes and strengths, some of which
+    /// do not shine.
+    /// Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left out of `Emitters::new`.
+    #[test]
+    fn points_follow_their_density() {
+        let corners: Vec<[Vec3; 3]> = (0..12)
+            .map(|i| {
+                let [[a, b], [c, d], [e, f]] = [0, 1, 2].map(|k| Points::new(3, i).pair(k));
+                [Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::new(e, a, d) * 0.2 * i as f32]
+            })
+            .collect();
+        let emitters = Emitters::new(&corners, |i| (i % 4) as f32);
+        let n = 200_000;
+        let mut counts = vec![0.0; 12 * 16];
+        for i in 0..n {
+            let points = Points::new(stream(2, i, 0), 0);
+            let EmitterSample { hit, position, pdf, .. } =
+                emitters.sample(&corners, points.bits(0)[0], points.bits(1));
+            let [a, b, c] = corners[hit.triangle as usize];
+            let weights = [1.0 - hit.b1 - hit.b2, hit.b1, hit.b2];
+            assert!((a * weights[0] + b * weights[1] + c * weights[2] - position).length() < 1e-6);
+            assert_eq!(pdf, emitters.pdf(hit.triangle));
+            // A lattice of four to a side: two weights and whether the third falls short tell the small triangle.
+            let [k, l, m] = weights.map(|w| ((4.0 * w) as usize).min(3));
+            let row = 2 * l + usize::from(k + l + m == 2);
+            counts[hit.triangle as usize * 16 + [0, 7, 12, 15][m] + row] += 1.0;
+        }
+        let area = |t: &[Vec3; 3]| f64::from(0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length());
+        let expected = |(i, t)| [f64::from(n) * f64::from(emitters.pdf(i as u32)) * area(t) / 16.0; 16];
+        let expected: Vec<f64> = corners.iter().enumerate().flat_map(expected).collect();
+        assert!((expected.iter().sum::<f64>() / f64::from(n) - 1.0).abs() < 1e-4);
+        let z = chi_square(&counts, &expected);
+        assert!(z < 4.0, "{z}");
+    }
+}

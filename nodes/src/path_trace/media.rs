@@ -11,13 +11,16 @@ use std::cmp::Ordering;
 use glam::Vec3;
 
 use super::objects::{Objects, PlacedPrimitive};
+use super::receiver::margin;
 use crate::bvh::{Hit, Ray};
 use crate::num;
 use crate::sampling::{hash, unit};
 
 /// Bodies inside of one another that a path knows. Where there are more, it forgets the outermost until it
 /// leaves that.
-const MOST: usize = 4;
+pub(super) const MOST: usize = 4;
+/// Places of a surface from which it is felt how many bodies are around it.
+const FEELERS: usize = 64;
 
 /// What is inside of the surfaces of one placed object that bound the same stuff.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,6 +137,36 @@ impl Objects {
             }
         }
         around
+    }
+
+    /// The most bodies that lie in one another, as far as places all over their surfaces tell, if that is more than a path
+    /// knows.
+    pub fn nested_too_deep(&self) -> Option<usize> {
+        if self.bodies.len() <= MOST {
+            return None;
+        }
+        // Just below a surface: around it is each body that a ray from there leaves more often than it enters.
+        let around = |triangle: u32, [a, b, c]: [Vec3; 3]| {
+            let normal = self.normal(triangle);
+            let ray = Ray::new((a + b + c) / 3.0 - normal * margin(&[a, b, c]), -normal);
+            let mut left = vec![0_i32; self.bodies.len()];
+            self.bvh.any(ray, |hit| {
+                if let Some(body) = self.part(hit.triangle).0.body {
+                    left[body as usize] += if hit.back { 1 } else { -1 };
+                }
+                false
+            });
+            left.iter().filter(|&&count| count > 0).count()
+        };
+        let deepest = self.parts.iter().enumerate().filter(|(_, part)| part.body.is_some()).flat_map(
+            |(index, part)| {
+                let end = self.parts.get(index + 1).map_or(self.corners.len(), |next| next.first as usize);
+                let all = part.first as usize..end;
+                let step = all.len().div_ceil(FEELERS).max(1);
+                all.step_by(step).map(|triangle| around(triangle as u32, self.corners[triangle]))
+            },
+        );
+        deepest.max().filter(|&deepest| deepest > MOST)
     }
 
     /// Hits of the surfaces of bodies in the order of the ray. An edge is met by both of its triangles, in

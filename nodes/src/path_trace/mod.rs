@@ -51,8 +51,8 @@ use objects::Objects;
 use pair::{trace_pair, trace_r0};
 use prepared::PreparedScene;
 use reporting::{
-    assemble, report_coarse_coordinates, report_contact, report_cropped, report_cut_paths, report_inputs,
-    report_plan, report_variance, tell_first,
+    assemble, report_coarse_coordinates, report_contact, report_cropped, report_cut_paths, report_darkness,
+    report_inputs, report_plan, report_variance, tell_first,
 };
 use sample_plan::ErrorGoal;
 use visibility::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
@@ -348,6 +348,7 @@ impl Kind for PathTrace {
             }
             report_cropped(&camera.name, view.cropped, &mut notes);
             report_cut_paths(&camera.name, view.cut, params.max_bounces, &mut notes);
+            report_darkness(view, &camera.name, prepared.sky().power, &rules, &mut notes);
             let object = &view.images[2];
             let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
             if !inputs.objects.is_empty() && !seen {

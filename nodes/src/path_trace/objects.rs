@@ -28,7 +28,7 @@ pub(super) struct PlacedPrimitive {
     placed: usize,
     primitive: usize,
     /// Index of its first triangle in the tree.
-    first: u32,
+    pub(super) first: u32,
     /// Normals to the frame of the scene: inverse transpose, columns.
     normals: [Vec3; 3],
     /// Tangents to the frame of the scene, columns.
@@ -46,8 +46,8 @@ pub(super) struct PlacedPrimitive {
 pub struct Objects {
     /// Their tree.
     pub bvh: Bvh,
-    corners: Vec<[Vec3; 3]>,
-    parts: Vec<PlacedPrimitive>,
+    pub(super) corners: Vec<[Vec3; 3]>,
+    pub(super) parts: Vec<PlacedPrimitive>,
     placed: Vec<Arc<Placed>>,
     decode: [f32; 256],
     /// Smaller copies of the textures of each placed object.

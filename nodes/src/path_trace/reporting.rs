@@ -13,10 +13,10 @@ use super::objects::Objects;
 use super::prepared::PreparedScene;
 use super::receiver::margin;
 use super::sample_plan::ReachedError;
-use super::visibility::Block;
-use super::{In, Out, lobes};
+use super::visibility::{Block, Rules};
+use super::{In, Out, lobes, media};
 use crate::support::Level;
-use crate::types::{Cell, Images, NamedImage, Report, Table};
+use crate::types::{Cell, Image, Images, Linear, NamedImage, Report, Table};
 
 /// Rays may leave surfaces from this share of the size of an object off without a word.
 const COARSE: f32 = 1.0 / 512.0;
@@ -45,6 +45,40 @@ pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, not
         if n > 0 {
             notes.count(id, n, text);
         }
+    }
+    if let Some(deepest) = objects.nested_too_deep() {
+        let text = format!(
+            "{deepest} bodies lie in one another, of which a path knows the innermost {}",
+            media::MOST
+        );
+        notes.warning(
+            "nested-bodies",
+            format!("{text}: where it leaves them, it may take the outer ones for air"),
+        );
+    }
+}
+
+/// Tells of a picture that is all black, and why.
+pub(super) fn report_darkness(
+    view: &FinishedView,
+    name: &str,
+    power: [f64; 3],
+    rules: &Rules,
+    notes: &mut Notes,
+) {
+    let black = |image: &Image<Linear>| {
+        image.samples.chunks_exact(image.channels).all(|pixel| pixel[..3].iter().all(|v| *v == 0.0))
+    };
+    if view.images.iter().all(black) {
+        let why = match rules.block {
+            _ if power == [0.0; 3] => "the environment is black",
+            Block::Solid if rules.near.is_none() => {
+                "the receiver lets no light of the environment in; `env_block: FrontFace` lets it into a closed \
+                             mesh, and `near_field: On` makes the mesh the light"
+            }
+            _ => "no light of the environment comes to what the camera sees",
+        };
+        notes.warning("no-light", format!("`{name}` is black: {why}"));
     }
 }
 

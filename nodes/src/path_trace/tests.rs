@@ -19,6 +19,7 @@ mod insertion;
 mod materials;
 mod media;
 mod near_field;
+mod samplers;
 mod sampling;
 mod visibility;
 

@@ -1,10 +1,8 @@
 //! Furnaces, chi-square tests and reciprocity of every lobe.
 
-use std::f64::consts::PI;
-
 use super::*;
 use crate::sampling::stream;
-use crate::testing::row;
+use crate::testing::{SphereBins, chi_square, row};
 
 fn towards(cosine: f32) -> Vec3 {
     Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine)
@@ -243,23 +241,15 @@ fn row_40_extremes_are_finite() {
     }
 }
 
-const Z: usize = 20;
-const P: usize = 16;
-
-/// Bins of equal solid angle over the sphere.
-fn bin(d: Vec3) -> usize {
-    let turns = crate::num::atan2(f64::from(d.y), f64::from(d.x)) / (2.0 * PI);
-    let p = ((turns + 0.5) * P as f64) as usize;
-    (((d.z + 1.0) * 0.5 * Z as f32) as usize).min(Z - 1) * P + p.min(P - 1)
-}
-
-// Chi-square of the sampler of each class against its density, for materials in which each lobe is the
-// most of its class.
+/// Chi-square of the sampler of each class against its density, for materials in which each lobe is the
+/// most of its class, and for the receiver's.
+/// Mutation: `v.sqrt()` to `v` in `cosine`.
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
     let inside = BsdfParams { inside: true, ..glass(0.7, 1.3) };
-    for (name, params, cosine) in [
+    let receiver = Bsdf::matte(towards(0.3), Vec3::splat(0.5));
+    let materials = [
         ("gloss", metal(0.63), 0.7),
         ("grazing gloss", metal(0.84), 0.2),
         ("brush", BsdfParams { anisotropy: 0.6, ..metal(0.6) }, 0.6),
@@ -272,40 +262,19 @@ fn samplers_follow_their_densities() {
         ("wall", BsdfParams { transmission: 1.0, thick: false, ..plastic(0.7) }, 0.6),
         ("into glass", glass(0.8, 1.5), 0.8),
         ("out of glass", inside, 0.85),
-    ] {
-        let bsdf = surface(&params, towards(cosine));
-        let n = 100_000;
-        let mut counts = [vec![0.0_f64; Z * P], vec![0.0; Z * P]];
+    ]
+    .map(|(name, params, cosine)| (name, surface(&params, towards(cosine))));
+    for (name, bsdf) in materials.into_iter().chain([("receiver", receiver)]) {
+        let (bins, n) = (SphereBins { rings: 20, sectors: 16 }, 100_000);
+        let mut counts = [vec![0.0; bins.len()], vec![0.0; bins.len()]];
         for i in 0..n {
             if let Some((lobe, d, _)) = bsdf.sample(&Points::new(stream(3, i, 0), 0), 0) {
-                counts[lobe as usize][bin(d)] += 1.0;
+                counts[lobe as usize][bins.of(d)] += 1.0;
             }
         }
-        let mut expected = [vec![0.0_f64; Z * P], vec![0.0; Z * P]];
-        const FINE: usize = 20;
-        for z in 0..Z * FINE {
-            for p in 0..P * FINE {
-                let c = (z as f32 + 0.5) / (Z * FINE) as f32 * 2.0 - 1.0;
-                let (sin, cos) = circle((p as f32 + 0.5) / (P * FINE) as f32);
-                let r = (1.0 - c * c).sqrt();
-                let d = Vec3::new(r * cos, r * sin, c);
-                let area = 4.0 * PI / (Z * FINE * P * FINE) as f64;
-                for (sum, s) in expected.iter_mut().zip(bsdf.eval(d)) {
-                    sum[bin(d)] += f64::from(n) * f64::from(s.pdf) * area;
-                }
-            }
-        }
-        for (counts, expected) in counts.iter().zip(&expected) {
-            let (mut chi2, mut bins) = (0.0, 0.0);
-            for (count, expected) in counts.iter().zip(expected) {
-                if *expected > 20.0 {
-                    chi2 += (count - expected) * (count - expected) / expected;
-                    bins += 1.0;
-                }
-            }
-            let bound = bins + 4.5 * f64::sqrt(2.0 * bins) + 1.0;
-            assert!(chi2 < bound, "{name}: {chi2} over {bins} bins");
-        }
+        let expected = bins.integrals(20, |d| bsdf.eval(d).map(|s| f64::from(n) as f32 * s.pdf));
+        let z = chi_square(&counts.concat(), &expected.concat());
+        assert!(z < 4.5, "{name}: {z}");
     }
 }
 

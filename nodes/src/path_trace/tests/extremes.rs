@@ -205,6 +205,24 @@ fn row_47_errors_fall_with_samples_whatever_the_seed() {
     row(47, "bias of one sample, by the mean of 32", off, 0.01);
 }
 
+/// The most samples that there may be: what they add up to is their mean in double precision, and a closed form is met as
+/// so many independent ones would, or better.
+/// Mutation: `*sum` kept in single precision by `Accumulator::add`.
+#[test]
+fn row_47_a_million_samples_add_up() {
+    const MOST: u32 = 1 << 20;
+    let one = |receiver: &Mesh, env: &Environment, n| {
+        let camera = rig(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 1e-3, 0.0), 1, 50.0);
+        mean(&render(&params(n, EnvBlock::Pass), receiver, &[], &camera, env).0.without)
+    };
+    let tenth = constant(Up::PlusZ, [0.1; 3], 8);
+    let off = (one(&Mesh::default(), &tenth, MOST) / f64::from(0.1_f32) - 1.0).abs();
+    row(47, "error of the mean of 2^20 equal samples, relative", off, 1e-6);
+    // Half of the sky's light falls on a floor of albedo 1/2 under an even sky.
+    let error = |n| (one(&plane(4.0), &tenth, n) / f64::from(0.05_f32) - 1.0).abs();
+    row(47, "error of 2^20 samples of an even sky, relative", error(MOST), 1e-5);
+}
+
 /// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
 #[test]
 fn row_48_light_of_any_strength_gives_the_same_picture() {

@@ -6,7 +6,8 @@ use crate::equirect;
 use crate::path_trace::environment::EnvironmentLight;
 use crate::path_trace::near_field::NearFieldLight;
 use crate::path_trace::receiver::Receiver;
-use crate::sampling::{Points, circle};
+use crate::sampling::{Points, stream};
+use crate::testing::{SphereBins, chi_square};
 
 /// Where the panoramas below were taken.
 const EYE: DVec3 = DVec3::new(-0.9, -0.7, 1.1);
@@ -115,31 +116,42 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     assert!(decided(400.0, None).starts_with("Off: the environment has no point of capture"));
 }
 
-// The density of light samples, per steradian of a point that sees all that the point of capture sees,
-// integrates to 1, and samples follow it: the share that falls on a side of the room is its integral there.
+/// Chi-square of light samples against the density that scattered rays ask for, by the direction in which a point sees
+/// them: in a room, in one with a cupboard that hides some, and over a patch of ground.
+/// Mutation: `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of what is sky from both left out of
+/// `NearFieldLight::eval`.
 #[test]
-fn light_samples_have_the_density_they_claim() {
-    let env = sunny();
-    let (receiver, sky) = (Receiver::new(&room(), DVec3::ZERO), EnvironmentLight::new(&env));
-    let near = NearFieldLight { receiver: &receiver, sky: &sky, eye: EYE.as_vec3() };
-    let (point, n) = (Vec3::new(1.1, 0.4, 2.5), 1 << 16);
-    for side in [None, Some(Vec3::new(0.6, 0.0, 0.8))] {
-        let (mut total, mut right, mut sampled) = (0.0, 0.0, 0.0);
-        for i in 0..n {
-            let [u, v] = Points::new(1, i).pair(0);
-            let z = 1.0 - 2.0 * v;
-            let ((sin, cos), r) = (circle(u), (1.0 - z * z).max(0.0).sqrt());
-            let ray = Ray::new(point, Vec3::new(r * cos, r * sin, z));
-            let hit = receiver.bvh.closest(ray, |_| true).expect("a closed room");
-            let (found, place) = near.eval(ray, side, Some(&hit)).expect("all is seen");
-            let pdf = f64::from(found.pdf) * 4.0 * std::f64::consts::PI / f64::from(n);
-            total += pdf;
-            right += if place.expect("a wall").position.x > 1.999 { pdf } else { 0.0 };
-            let (_, place) = near.sample(point, side, Points::new(2, i).bits(0)).expect("light");
-            sampled += f64::from(u8::from(place.expect("a wall").position.x > 1.999)) / f64::from(n);
+fn light_samples_follow_their_density() {
+    let mut env = constant(Up::PlusZ, [0.0; 3], 16);
+    // Without edges that the integral would miss.
+    for (i, v) in env.image.samples.iter_mut().enumerate() {
+        *v = 1.0 + 0.3 * crate::sampling::unit(crate::sampling::mix(i as u32 / 3));
+    }
+    let sky = EnvironmentLight::new(&env);
+    let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);
+    for (name, mesh) in [("room", room()), ("cupboard", merge(room(), cupboard)), ("ground", plane(4.0))] {
+        let receiver = Receiver::new(&mesh, DVec3::ZERO);
+        let near = NearFieldLight { receiver: &receiver, sky: &sky, eye: EYE.as_vec3() };
+        let (point, bins, n) = (Vec3::new(1.1, 0.4, 1.5), SphereBins { rings: 12, sectors: 12 }, 40_000);
+        for side in [None, Some(Vec3::new(0.6, 0.0, 0.8))] {
+            let [expected] = bins.integrals(24, |d| {
+                let ray = Ray::new(point, d);
+                let hit = receiver.bvh.closest(ray, |_| true);
+                [near.eval(ray, side, hit.as_ref()).map_or(0.0, |(light, _)| light.pdf * n as f32)]
+            });
+            let mut counts = vec![0.0; bins.len()];
+            for i in 0..n {
+                let bits = Points::new(stream(2, i, 0), 0).bits(0);
+                let (light, place) = near.sample(point, side, bits).expect("light");
+                let ray = NearFieldLight::towards(Ray::new(point, light.direction), place.as_ref());
+                // What the point does not see from its side has no light.
+                if light.radiance != Vec3::ZERO && near.reaches(ray, place.as_ref()) {
+                    counts[bins.of(light.direction)] += 1.0;
+                }
+            }
+            let z = chi_square(&counts, &expected);
+            assert!(z < 4.0, "{name}, {side:?}: {z}");
         }
-        assert!((total - 1.0).abs() < 0.01, "{total}");
-        assert!((right - sampled).abs() < 0.01, "{right} {sampled}");
     }
 }
 
@@ -223,6 +235,39 @@ fn the_sun_through_a_window_lights_its_patch() {
         let got = of(&near(64), &walls, &env, DVec3::new(x, y, 0.0), DVec3::Z);
         let is = if lit { expected } else { 0.0 };
         assert!((got - is).abs() < 0.02 * expected, "{x} {y}: {got} for {is}");
+    }
+}
+
+/// In a room so large that all of the picture sees the walls in the same directions, the receiver as the light is a far
+/// one, through tinted bodies and glass in one another too.
+/// Mutation: `surface.medium(sample.direction)` to `Media::default()` in `Integrator::light_sample`.
+#[test]
+fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
+    let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);
+    let mut env = constant(Up::PlusZ, [0.0; 3], 16);
+    for (i, v) in env.image.samples[..16 * 4 * 3].iter_mut().enumerate() {
+        *v = 0.5 + crate::sampling::unit(crate::sampling::mix(i as u32));
+    }
+    env.origin = Some(DVec3::new(0.1, 0.2, 1.0));
+    let tinted = |ior| materials::clear(1.0, Some([0.9, 0.3, 0.0]), ior);
+    let camera = rig(DVec3::new(0.0, -3.0, 3.0), DVec3::new(0.0, 0.0, 0.4), 16, 2.5);
+    let slab = placed(&box_mesh([-0.8, -0.6, 0.1], [0.8, 0.6, 1.1], false), tinted(1.2), DVec3::ZERO);
+    let ball = ball(0.3, tinted(1.5), DVec3::new(0.2, 0.0, 0.6));
+    for (name, objects) in [("tinted", vec![slab.clone()]), ("nested", vec![slab, ball])] {
+        let light = |near_field| {
+            let block = if near_field == NearField::On { EnvBlock::Auto } else { EnvBlock::Pass };
+            let p = PathTrace { near_field, max_bounces: 16, ..params(256, block) };
+            let (out, _) = render(&p, &hall, &objects, &camera, &env);
+            let of = |images: &Images, channels: usize, k: usize| {
+                samples(images).iter().skip(k).step_by(channels).map(|v| f64::from(*v)).sum::<f64>()
+            };
+            [0, 1, 2].map(|k| [of(&out.without, 3, k), of(&out.with, 3, k), of(&out.object, 4, k)])
+        };
+        for (near, far) in light(NearField::On).iter().zip(light(NearField::Off)) {
+            for (layer, (near, far)) in ["without", "with", "object"].iter().zip(near.iter().zip(far)) {
+                assert!((near / far - 1.0).abs() < 0.01, "{name}, {layer}: {near} for {far}");
+            }
+        }
     }
 }
 
