@@ -114,31 +114,91 @@ impl TileBounds {
     }
 }
 
-/// A part of the sphere that holds the directions from the points of a place to a box: a range of azimuths about the
-/// normal, from the horizon of any of its normals up to some elevation.
+/// A part of the sphere that holds the directions from the points of a place to a box: a cone about the way to its
+/// middle, and, where the box is aside, a [`Wedge`].
 struct Window {
-    /// Towards the middle, aside of that, and up along the normals.
-    axes: [DVec3; 3],
+    /// Middle of the normals.
+    up: DVec3,
+    /// Sine and tangent of the angle to the farthest normal.
+    tilt: [f64; 2],
+    /// Middle of the cone, cosine and sine of the angle to its edge; of a cone of less than a right angle.
+    cone: Option<(DVec3, [f64; 2])>,
+    /// Squared sine of the angle from the middle of the box to its edge, for the nearest of the points.
+    ball: f64,
+    wedge: Option<Wedge>,
+}
+
+/// A range of azimuths about the normal, from the horizon of any of its normals up to some elevation.
+struct Wedge {
+    /// Towards the middle, and aside of that.
+    axes: [DVec3; 2],
     /// Tangent of half of the range of azimuths.
     side: f64,
     /// Tangent of the highest elevation.
     rise: f64,
-    /// Tangent of the angle to the farthest normal.
-    tilt: f64,
 }
 
 impl Window {
-    /// Of a box or a triangle by its corners; none where it may be anywhere above the points.
+    /// Of a box or a triangle by its corners; none where it may be all around the points.
     fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
         let up = tile.normals.axis.as_dvec3();
         let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
         let above = heights.fold(f64::NEG_INFINITY, f64::max) - f64::from(tile.height);
         let cosine = f64::from(tile.normals.cosine);
-        let tilt =
-            if cosine > 0.0 { (1.0 - cosine * cosine).max(0.0).sqrt() / cosine } else { f64::INFINITY };
-        if above <= 0.0 && tilt == 0.0 {
-            return Some(Self { axes: [DVec3::X, DVec3::Y, up], side: 0.0, rise: 0.0, tilt });
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let tilt = [sine, if cosine > 0.0 { sine / cosine } else { f64::INFINITY }];
+        if above <= 0.0 && sine == 0.0 {
+            let wedge = Wedge { axes: [DVec3::X, DVec3::Y], side: 0.0, rise: 0.0 };
+            return Some(Self { up, tilt, cone: None, ball: 0.0, wedge: Some(wedge) });
         }
+        let [low, high] = corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], corner| {
+            [low.min(*corner), high.max(*corner)]
+        });
+        let cone = Cone::between([tile.low, tile.high], [low, high]);
+        let cosine = f64::from(cone.cosine);
+        let cone = (cosine > 0.0).then(|| (cone.axis.as_dvec3(), [cosine, (1.0 - cosine * cosine).sqrt()]));
+        let wedge = Wedge::of(tile, corners, above).filter(|_| tilt[1] < 1.0);
+        let (middle, radius) = ((low + high).as_dvec3() * 0.5, (high - low).as_dvec3().length() * 0.5);
+        let way = middle - middle.clamp(tile.low.as_dvec3(), tile.high.as_dvec3());
+        let ball = (radius * radius / way.length_squared()).min(1.0);
+        let any = cone.is_some() || wedge.is_some() || ball < 1.0;
+        any.then_some(Self { up, tilt, cone, ball, wedge })
+    }
+
+    /// A bound of its projected solid angle for any of the normals.
+    fn projected(&self) -> f64 {
+        let of_cone = self.cone.map_or(PI, |(axis, [cosine, sine])| {
+            // Most where the normal is its axis; and all of it times the cosine of the least angle to a normal: that to
+            // the axis, less those from there to the edge and to the farthest normal.
+            let angle = axis.dot(self.up).clamp(-1.0, 1.0);
+            let away = (1.0 - angle * angle).sqrt();
+            let (near, off) = (angle * cosine + away * sine, away * cosine - angle * sine);
+            let [tilt, tangent] = self.tilt;
+            let flat = (1.0 - tilt * tilt).sqrt();
+            let faces = off <= 0.0 || off * flat <= near * tilt || tangent == f64::INFINITY;
+            let least = if faces { 1.0 } else { (near * flat + off * tilt).max(0.0) };
+            (PI * sine * sine).min(2.0 * PI * sine * sine / (1.0 + cosine) * least)
+        });
+        let tilt = self.tilt[1];
+        // Of any cone less than a hemisphere a surface sees the most that faces it.
+        of_cone.min(PI * self.ball).min(self.wedge.as_ref().map_or(PI, |wedge| wedge.projected(tilt)))
+    }
+
+    /// A bound of the cosine to any normal for what lies within `radius` of a unit direction; 0 if none of that is in the
+    /// window.
+    fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
+        // The cosine to the cone's axis changes by no more than the way that a direction goes.
+        let inside = self.cone.is_none_or(|(axis, [cosine, _])| direction.dot(axis) + radius >= cosine);
+        let above = direction.dot(self.up);
+        let within = inside && self.wedge.as_ref().is_none_or(|wedge| wedge.holds(direction, above, radius));
+        if within { (above + self.tilt[1] + radius).clamp(0.0, 1.0) } else { 0.0 }
+    }
+}
+
+impl Wedge {
+    /// Of corners whose highest is so far above the points; none where they may be anywhere above the points.
+    fn of(tile: &TileBounds, corners: &[Vec3], above: f64) -> Option<Self> {
+        let up = tile.normals.axis.as_dvec3();
         let [low, high] = [tile.low, tile.high].map(|p| p.as_dvec3());
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
         let way = corners.iter().map(|corner| corner.as_dvec3() - middle).sum::<DVec3>();
@@ -152,31 +212,28 @@ impl Window {
             nearest = nearest.min(ahead);
             side = side.max(aside / ahead);
         }
-        let there = nearest > 0.0 && side.is_finite() && tilt < 1.0;
-        there.then(|| Self { axes: [x, y, up], side, rise: (above / nearest).max(0.0), tilt })
+        let there = nearest > 0.0 && side.is_finite();
+        there.then(|| Self { axes: [x, y], side, rise: (above / nearest).max(0.0) })
     }
 
-    /// A bound of its projected solid angle for any of the normals: its width times the integral of the sine of the
-    /// elevation over that normal.
-    fn projected(&self) -> f64 {
-        let steep = self.rise * self.tilt;
+    /// Its width times the integral of the sine of the elevation over any normal up to so far from the middle.
+    fn projected(&self, tilt: f64) -> f64 {
+        let steep = self.rise * tilt;
         if steep >= 1.0 {
             return PI;
         }
-        let rise = (self.rise + self.tilt) / (1.0 - steep);
+        let rise = (self.rise + tilt) / (1.0 - steep);
         let square = rise * rise;
         (2.0 * self.side * square / (1.0 + square + (1.0 + square).sqrt())).min(PI)
     }
 
-    /// A bound of the cosine to any normal for what lies within `radius` of a unit direction; 0 if none of that is in the
-    /// window.
-    fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
-        let [ahead, aside, above] = self.axes.map(|axis| axis.dot(direction));
+    /// Whether some of what lies within `radius` of a unit direction, which is so far above, may be in it.
+    fn holds(&self, direction: DVec3, above: f64, radius: f64) -> bool {
+        let [ahead, aside] = self.axes.map(|axis| axis.dot(direction));
         let level = (ahead * ahead + aside * aside).sqrt();
-        let within = ahead + radius > 0.0
+        ahead + radius > 0.0
             && aside.abs() <= self.side * ahead + radius * (1.0 + self.side)
-            && above <= self.rise * level + radius * (1.0 + self.rise);
-        if within { (above + self.tilt + radius).clamp(0.0, 1.0) } else { 0.0 }
+            && above <= self.rise * level + radius * (1.0 + self.rise)
     }
 }
 

@@ -48,6 +48,14 @@ fn what_is_left_out_is_within_the_bound() {
         ("floor in the sun", Afar::new(sunny(), matte(0.5)), 0.002),
         ("dark ground", Afar { receiver: dark, ..Afar::new(sunny(), matte(0.9)) }, 0.01),
         ("mirror under a sky", Afar::new(white(), mirror), 0.004),
+        (
+            "overhead",
+            Afar {
+                object: ball(2.0, matte(0.5), DVec3::new(0.0, 0.0, 30.0)),
+                ..Afar::new(white(), matte(0.5))
+            },
+            0.03,
+        ),
     ];
     for (name, scene, limit) in scenes {
         // Samples of one chunk, which decides for itself, and more of them for the truth.
