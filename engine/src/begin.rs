@@ -6,6 +6,7 @@ use std::sync::mpsc::Sender;
 use std::time::Instant;
 
 use crate::action::last_keys;
+use crate::cpu;
 use crate::event::{Event, State, Totals};
 use crate::graph::Graph;
 use crate::job::Message;
@@ -26,7 +27,7 @@ impl<'a> Run<'a> {
         sender: Sender<Message>,
         tell: &'a mut dyn FnMut(Event),
     ) -> Self {
-        let start = Instant::now();
+        let (start, start_cpu) = (Instant::now(), cpu::of_process());
         let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
         let wanted = wanted(graph, &options.only);
         let mut rank = vec![0; graph.nodes.len()];
@@ -112,6 +113,7 @@ impl<'a> Run<'a> {
             whole,
             tracer,
             start,
+            start_cpu,
         }
     }
 }

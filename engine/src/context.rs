@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::{Digest, Lease};
@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::action::Action;
 use crate::artifact::{Artifact, decode_all, encode_to_vec};
+use crate::cpu;
 use crate::error::NodeError;
 use crate::event::Counts;
 use crate::graph::Graph;
@@ -122,12 +123,14 @@ pub(crate) trait PartStore: Send + Sync {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Effort {
     pub seconds: f64,
+    pub cpu_seconds: f64,
     pub counts: Counts,
 }
 
 impl Effort {
     pub fn add(&mut self, other: &Self) {
         self.seconds += other.seconds;
+        self.cpu_seconds += other.cpu_seconds;
         for (name, n) in &other.counts {
             *self.counts.entry(name.clone()).or_default() += n;
         }
@@ -159,6 +162,8 @@ pub struct Context {
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
+    /// Nanoseconds that threads spent on it.
+    pub(crate) cpu: AtomicU64,
     /// What parts that were known once took.
     pub(crate) known: Mutex<Effort>,
 }
@@ -180,6 +185,7 @@ impl Context {
             progress: Box::new(|_| {}),
             parts: None,
             counts: Mutex::default(),
+            cpu: AtomicU64::default(),
             known: Mutex::default(),
         }
     }
@@ -301,9 +307,21 @@ impl Context {
         // One by one: tiles may differ much in work, and a thread that is done takes over half of what another has left.
         (0..n).into_par_iter().with_max_len(1).try_for_each(|index| {
             self.check()?;
-            tile(index);
+            self.on_cpu(|| tile(index));
             Ok(())
         })
+    }
+
+    /// Runs code of the node, and counts the CPU time that this thread spends on it.
+    pub(crate) fn on_cpu<T>(&self, code: impl FnOnce() -> T) -> T {
+        let (value, spent) = cpu::measured(code);
+        self.cpu.fetch_add(spent.as_nanos() as u64, Ordering::Relaxed);
+        value
+    }
+
+    /// CPU time of all threads for the node so far.
+    pub(crate) fn cpu_seconds(&self) -> f64 {
+        self.cpu.load(Ordering::Relaxed) as f64 * 1e-9
     }
 
     /// Adds to a deterministic count of work, such as `rays` or `blends`.
@@ -344,9 +362,10 @@ impl Context {
         if let Some(known) = load() {
             return Ok(known);
         }
-        let (start, before) = (std::time::Instant::now(), self.counts());
-        let made = value()?;
-        let mut spent = Effort { seconds: start.elapsed().as_secs_f64(), counts: Counts::new() };
+        let (start, cpu, before) = (std::time::Instant::now(), self.cpu_seconds(), self.counts());
+        let made = self.on_cpu(value)?;
+        let (seconds, cpu_seconds) = (start.elapsed().as_secs_f64(), self.cpu_seconds() - cpu);
+        let mut spent = Effort { seconds, cpu_seconds, counts: Counts::new() };
         for (name, n) in self.counts() {
             let n = n - before.get(name).copied().unwrap_or(0);
             if n > 0 {

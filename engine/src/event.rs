@@ -95,6 +95,8 @@ pub enum Event {
         key: Option<Digest>,
         /// Wall time of its code.
         seconds: f64,
+        /// CPU time of its code on all threads.
+        cpu_seconds: f64,
         /// Work of this run.
         counts: Counts,
         /// What it has to say, the same whether it ran or was cached.
@@ -206,6 +208,8 @@ pub struct Totals {
     pub stopped: bool,
     /// Wall time of the run.
     pub seconds: f64,
+    /// CPU time of this process in it: also that of storing what was made.
+    pub cpu_seconds: f64,
     /// The most bytes of values that were in memory at once, as far as their types tell.
     pub peak_bytes: u64,
     /// Work of everything that ran.

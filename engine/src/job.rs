@@ -188,7 +188,7 @@ impl Job<'_> {
             bytes_of(ports.flat_map(|(port, values)| values.iter().map(|value| (port.artifact, value))));
         let of_files = context.sources.iter().fold(0, |sum, source| sum + source.bytes);
         let start = Instant::now();
-        let outcome = node.step.run(self.inputs, &context);
+        let outcome = context.on_cpu(|| node.step.run(self.inputs, &context));
         let seconds = start.elapsed().as_secs_f64();
         self.tracer.tell(&node.id, "code", seconds);
         // What a codec says of bytes that ended because of the stop is no failure either.
@@ -202,6 +202,7 @@ impl Job<'_> {
         let files = files
             .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
             .collect();
+        let cpu_seconds = context.cpu_seconds();
         let mut counts: Counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
         let made = bytes_of(node.kind.outputs.iter().map(|port| port.artifact).zip(&values));
         let memory = self.memory.max(made);
@@ -209,9 +210,10 @@ impl Job<'_> {
         // Not those of parts that were known, which are no inputs.
         counts.insert(BYTES_READ.to_owned(), of_values + of_files);
         counts.insert(BYTES_MADE.to_owned(), made);
-        let effort = Effort { seconds, counts };
+        let effort = Effort { seconds, cpu_seconds, counts };
         whole.add(&effort);
-        let spent = Spent { seconds: whole.seconds, work: self.work, memory, counts: whole.counts };
+        let Effort { seconds, cpu_seconds, counts } = whole;
+        let spent = Spent { seconds, cpu_seconds, work: self.work, memory, counts };
         let record = Record { outputs, files, notes, spent };
         Ok((Finished { record, values, effort, ran: true }, encoded))
     }

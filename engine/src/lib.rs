@@ -91,6 +91,7 @@ mod bundle;
 mod check;
 mod compiled_graph;
 mod context;
+mod cpu;
 mod diag;
 mod diff;
 mod document;

@@ -14,6 +14,7 @@ use cache::{Digest, FileStamp, Store};
 use crate::action::book;
 use crate::artifact::{Corrupt, Decoder, Encoder};
 use crate::compiled_graph::shape;
+use crate::cpu;
 use crate::diag::Source;
 use crate::event::{Event, State, Totals};
 use crate::graph::Graph;
@@ -143,7 +144,7 @@ fn read(
     root: &SourceRoot,
     out: &Path,
 ) -> Result<Option<(Vec<Event>, Totals)>, Corrupt> {
-    let start = std::time::Instant::now();
+    let (start, start_cpu) = (std::time::Instant::now(), cpu::of_process());
     let mut from = Decoder::new(bytes);
     let was = Digest::from_bytes(from.array()?);
     if premise(source, root, out) != Some(was) {
@@ -189,10 +190,23 @@ fn read(
         }
         totals.add(State::Cached);
         totals.degraded += usize::from(degraded);
-        let (state, seconds, counts, error) = (State::Cached, 0.0, BTreeMap::new(), None);
-        events.push(Event::Node { id, kind, state, key, seconds, counts, notes, degraded, error });
+        let (state, counts, error) = (State::Cached, BTreeMap::new(), None);
+        let (seconds, cpu_seconds) = (0.0, 0.0);
+        events.push(Event::Node {
+            id,
+            kind,
+            state,
+            key,
+            seconds,
+            cpu_seconds,
+            counts,
+            notes,
+            degraded,
+            error,
+        });
     }
     from.end()?;
     totals.seconds = start.elapsed().as_secs_f64();
+    totals.cpu_seconds = (cpu::of_process() - start_cpu).as_secs_f64();
     Ok(Some((events, totals)))
 }

@@ -32,6 +32,8 @@ pub(crate) struct FileRecord {
 pub struct Spent {
     /// Wall time, that of parts that were known included.
     pub seconds: f64,
+    /// CPU time of all threads, likewise.
+    pub cpu_seconds: f64,
     /// [`crate::Kind::work`].
     pub work: f64,
     /// Bytes: what it was admitted with, or its outputs where they were more. Its inputs come on top.
@@ -55,6 +57,7 @@ impl PartRecord {
         to.u64(u64::MAX);
         digest(&mut to, &self.blob);
         to.f64(self.spent.seconds);
+        to.f64(self.spent.cpu_seconds);
         counts(&mut to, &self.spent.counts);
         to.finish()
     }
@@ -64,8 +67,8 @@ impl PartRecord {
         if from.u64()? != u64::MAX {
             return Err(Corrupt("no part".to_owned()));
         }
-        let (blob, seconds) = (read_digest(&mut from)?, from.f64()?);
-        let spent = Effort { seconds, counts: read_counts(&mut from)? };
+        let (blob, seconds, cpu_seconds) = (read_digest(&mut from)?, from.f64()?, from.f64()?);
+        let spent = Effort { seconds, cpu_seconds, counts: read_counts(&mut from)? };
         from.end()?;
         Ok(Self { blob, spent })
     }
@@ -119,6 +122,7 @@ impl Record {
         }
         write_notes(&mut to, &self.notes);
         to.f64(self.spent.seconds);
+        to.f64(self.spent.cpu_seconds);
         to.f64(self.spent.work);
         to.u64(self.spent.memory);
         counts(&mut to, &self.spent.counts);
@@ -149,10 +153,11 @@ impl Record {
             .map(|_| Ok(FileRecord { view: from.str()?, digest: read_digest(&mut from)? }))
             .collect::<Result<_, Corrupt>>()?;
         let notes = read_notes(&mut from)?;
-        let (seconds, work, memory) = (from.f64()?, from.f64()?, from.u64()?);
+        let (seconds, cpu_seconds, work) = (from.f64()?, from.f64()?, from.f64()?);
+        let memory = from.u64()?;
         let counts = read_counts(&mut from)?;
         from.end()?;
-        Ok(Self { outputs, files, notes, spent: Spent { seconds, work, memory, counts } })
+        Ok(Self { outputs, files, notes, spent: Spent { seconds, cpu_seconds, work, memory, counts } })
     }
 
     /// The stored blobs that a record of any kind of node names.

@@ -17,6 +17,7 @@ use crate::action::{digest_sources, known_sources, look_up, prepare, remember};
 use crate::artifact::AnyArtifact;
 use crate::context::Effort;
 use crate::context::ReadSource;
+use crate::cpu;
 use crate::diag::{Diagnostic, Diagnostics};
 use crate::error::NodeError;
 use crate::event::{Event, State, Totals};
@@ -102,6 +103,7 @@ pub(crate) struct Run<'a> {
     pub totals: Totals,
     pub tracer: Tracer,
     pub start: Instant,
+    pub start_cpu: Duration,
 }
 
 impl<'a> Run<'a> {
@@ -371,6 +373,7 @@ impl<'a> Run<'a> {
             state,
             key: slot.key,
             seconds: effort.seconds,
+            cpu_seconds: effort.cpu_seconds,
             counts: effort.counts,
             notes: record.notes.iter().cloned().collect(),
             degraded: slot.degraded,
@@ -415,6 +418,7 @@ impl<'a> Run<'a> {
             noop_check::keep(store, self.graph, &self.options.out, &self.slots);
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
+        self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();
         (self.tell)(Event::Done(self.totals.clone()));
         let failures = (!self.failures.is_empty())
             .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));

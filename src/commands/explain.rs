@@ -60,10 +60,11 @@ impl Explain {
             text.push_str(&format!("{line}\n"));
         }
         if let Some(last) = past.spent {
-            let (seconds, memory) = (seconds_text(last.seconds), bytes_text(last.memory));
+            let [seconds, cpu] = [last.seconds, last.cpu_seconds].map(seconds_text);
+            let memory = bytes_text(last.memory);
             let counts = counts_text(&last.counts);
             text.push_str(&format!(
-                "\nits code took {seconds} the last time, admitted with about {memory} of memory{counts}\n"
+                "\nits code took {seconds} ({cpu} of CPU) the last time, admitted with about {memory} of memory{counts}\n"
             ));
         }
         if let Some(seconds) = node.forecast {

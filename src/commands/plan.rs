@@ -43,9 +43,12 @@ impl Plan {
             text.push_str(&format!("{:<12} {:<16} {about:<14} {why}\n", node.id, node.kind));
             let past = self.verbose.then(|| engine.past(graph, index, node));
             if let Some(last) = past.and_then(|past| past.spent) {
-                let (seconds, memory) = (seconds_text(last.seconds), bytes_text(last.memory));
-                let counts = counts_text(&last.counts);
-                text.push_str(&format!("{:<29} last time {seconds}, admitted with {memory}{counts}\n", ""));
+                let [seconds, cpu] = [last.seconds, last.cpu_seconds].map(seconds_text);
+                let (memory, counts) = (bytes_text(last.memory), counts_text(&last.counts));
+                text.push_str(&format!(
+                    "{:<29} last time {seconds} ({cpu} of CPU), admitted with {memory}{counts}\n",
+                    ""
+                ));
             }
         }
         text.push_str(&forecast_text(&Forecast::of(&plan)));
@@ -79,10 +82,10 @@ pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned
         Fate::Follows(above) => ("follows", &[][..], Some(above)),
         Fate::Fails(_) => ("fails", &[][..], None),
     };
-    let last = engine
-        .past(graph, index, node)
-        .spent
-        .map(|last| json!({"seconds": last.seconds, "memory_bytes": last.memory, "counts": last.counts}));
+    let last = engine.past(graph, index, node).spent.map(|last| {
+        json!({"seconds": last.seconds, "cpu_seconds": last.cpu_seconds, "memory_bytes": last.memory,
+               "counts": last.counts})
+    });
     json!({
         "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after,
         "forecast": node.forecast, "why": reason(graph, index, &node.fate),

@@ -51,7 +51,11 @@ pub struct Run {
 impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
-        let seconds = self.time.as_deref().map(super::cache::time).transpose()?;
+        let begin = Instant::now();
+        let time = self.time.as_deref().map(super::cache::time).transpose()?;
+        if time.is_some_and(|time| time.is_zero()) {
+            return Err(Error::NoCost { option: "--time", value: 0.0 });
+        }
         let mut texts = Vec::new();
         let origin = self.graph.read(&mut texts)?;
         if let Some(outcome) = self.unchanged(&origin)? {
@@ -76,12 +80,11 @@ impl Run {
                 self.tell_chosen(json!({"max_error": error}), &chosen, why);
             }
         }
-        if let Some(seconds) = seconds {
-            let begin = Instant::now();
+        if let Some(time) = time {
             if let Some(code) = self.pilot(&loaded, &engine, &cancel)? {
                 return Ok(code);
             }
-            loaded = self.in_time(loaded, &engine, seconds.saturating_sub(begin.elapsed()))?;
+            loaded = self.in_time(loaded, &engine, time.saturating_sub(begin.elapsed()))?;
         }
         let (graph, only) = (&loaded.graph, &loaded.only);
         let locked = self.locked.then(|| lock::read(&loaded)).transpose()?;
@@ -115,6 +118,13 @@ impl Run {
         }
         if let Some(failures) = &outcome.failures {
             report::mistakes(failures, self.json);
+        }
+        if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
+            let [took, asked] = [begin.elapsed(), time].map(|time| report::seconds_text(time.as_secs_f64()));
+            report.tell(&Event::Warning {
+                id: "time-missed",
+                text: format!("the run took {took}, where {asked} was asked for"),
+            });
         }
         end.iter().for_each(|end| report.tell(end));
         if let Some(lock) = &locked {
@@ -163,9 +173,20 @@ impl Run {
         let mut report = self.report();
         let outcome = engine.run(&graph, &options, |event| match event {
             // The run itself tells what there is to say of its results.
-            Event::Node { id, kind, state, key, seconds, counts, error, .. } => {
+            Event::Node { id, kind, state, key, seconds, cpu_seconds, counts, error, .. } => {
                 let (notes, degraded) = (Vec::new(), false);
-                report.tell(&Event::Node { id, kind, state, key, seconds, counts, notes, degraded, error });
+                report.tell(&Event::Node {
+                    id,
+                    kind,
+                    state,
+                    key,
+                    seconds,
+                    cpu_seconds,
+                    counts,
+                    notes,
+                    degraded,
+                    error,
+                });
             }
             Event::Done(_) => {}
             event => report.tell(&event),

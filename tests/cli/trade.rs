@@ -61,7 +61,7 @@ fn a_run_is_given_a_time() {
     // Nothing is known of samples at first, so a few are taken to find out, and kept.
     let all = (["trace.samples=4", "trace.samples=16"], ["trace.samples=16"]);
     let few = (["trace.samples=4", "trace.samples=4"], ["trace.samples=4"]);
-    for (time, (cold, warm)) in [("9d", all), ("0s", few)] {
+    for (time, (cold, warm)) in [("9d", all), ("1ms", few)] {
         let _ = std::fs::remove_dir_all(place.path("cache"));
         for (yaw, settings) in [("50", &cold[..]), ("70", &warm[..])] {
             let told = place.run(&["--time", time, "--set", &format!("pose.yaw_deg={yaw}")]);
@@ -69,12 +69,14 @@ fn a_run_is_given_a_time() {
             let chosen: Vec<&str> = chosen.map(|event| event["settings"][0].as_str().unwrap()).collect();
             assert_eq!((told.code, chosen), (0, settings.to_vec()), "{}", told.errors);
             assert_eq!(told.events.iter().filter(|event| event["event"] == "done").count(), 1);
+            let missed = told.events.iter().any(|event| event["id"] == "time-missed");
+            assert_eq!(missed, time == "1ms", "a time that was not kept is told");
         }
     }
     let told = place.outputs();
     let plain = place.run(&["--set", "trace.samples=4", "--set", "pose.yaw_deg=70"]);
     assert_eq!((plain.code, place.outputs()), (0, told), "the same as where the number was given");
-    assert_eq!(place.run(&["--time", "soon"]).code, 2);
+    assert_eq!([["--time", "soon"], ["--time", "0s"]].map(|time| place.run(&time).code), [2, 2]);
 }
 
 #[test]

@@ -52,7 +52,9 @@ fn is_unchanged(lab: &Lab) -> bool {
 /// The events but for how long it took, in an order of their own.
 fn told(events: &[Event]) -> Vec<String> {
     let line = |event: &Event| match event {
-        Event::Done(totals) => format!("{:?}", engine::Totals { seconds: 0.0, ..totals.clone() }),
+        Event::Done(totals) => {
+            format!("{:?}", engine::Totals { seconds: 0.0, cpu_seconds: 0.0, ..totals.clone() })
+        }
         event => format!("{event:?}"),
     };
     let mut lines: Vec<String> = events.iter().map(line).collect();
