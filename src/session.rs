@@ -8,8 +8,8 @@ use cache::{Fsync, Store, TempFolder};
 use clap::Args;
 use engine::{Diagnostics, EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, SourceRoot};
 
-use crate::origin::{Origin, OriginArgs};
-use crate::report::names;
+use crate::origin::{Origin, OriginArgs, is_picture};
+use crate::report::{self, names};
 
 /// Why a verb cannot begin. Exit code 2.
 #[derive(Debug, thiserror::Error)]
@@ -256,6 +256,17 @@ impl GraphArgs {
         self.check(origin, &texts, |source, registry, root| {
             Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
         })
+    }
+
+    /// The same for work on knobs, where it matters that the recipe of a picture knows less than its graph did.
+    pub fn load_to_turn(&self) -> Result<Loaded, Error> {
+        if is_picture(&self.graph) {
+            report::remark(
+                "the recipe of a picture has no presets of its graph and other names of nodes, so settings of these knobs fit \
+                 the picture and not the graph",
+            );
+        }
+        self.load()
     }
 
     /// The same for a watch. `known` is the graph as it was, where no file that its nodes read has changed since: what

@@ -13,7 +13,7 @@ engine::params! {
     /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, a stable sort (equal keys
     /// stay in file order) and the same bytes on every machine. Colours are blended in the encoding they
     /// were trained in, over black, and are not clipped: un-premultiply, then linearise, where light is
-    /// meant. The reference for error tables is `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
+    /// meant. The exact sum is that of `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
     pub struct SplatRender {
         /// What orders the splats of a pixel.
         sort: Sort = Sort::Depth, other("Distance");

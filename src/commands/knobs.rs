@@ -24,7 +24,7 @@ pub struct Knobs {
 impl Knobs {
     /// Prints one line a knob.
     pub fn run(self) -> Result<u8, Error> {
-        let loaded = self.graph.load()?;
+        let loaded = self.graph.load_to_turn()?;
         let graph = &loaded.graph;
         let knobs = graph.knobs(&loaded.only);
         // A graph's own preset may set what the program's of that name does not.

@@ -36,7 +36,7 @@ pub struct MakeReport {
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     out: PathBuf,
     /// What errors are told in: flip, flip95, rmse, psnr, ciede2000, mae, relmse; `touched.` in front counts only
-    /// what the object changes
+    /// what the object changes, `object.` of that what it covers, `shadow.` the rest
     #[arg(long, value_name = "METRIC", default_value = "flip")]
     metric: String,
     /// Leave out the runs in which all but one node are at the reference, which cost most
@@ -52,7 +52,7 @@ impl MakeReport {
     pub fn run(self) -> Result<u8, Error> {
         let unknown = || Error::Metric { text: self.metric.clone(), known: Metric::known() };
         let metric = Metric::of(&self.metric).ok_or_else(unknown)?;
-        let loaded = self.graph.load()?;
+        let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
@@ -98,7 +98,7 @@ fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<
             Miss::Stopped => Stop::Asked,
             Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
         })?;
-        bench.remarks().iter().for_each(|remark| report::remark(remark));
+        bench.new_remarks().iter().for_each(|remark| report::remark(remark));
         let point = &bench.points[at];
         let error = metric.told(metric.error(&point.off));
         report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
@@ -149,11 +149,11 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribut
             .iter()
             .map(|node| {
                 json!({"id": node.id, "kind": node.kind, "work": node.work, "seconds": node.seconds,
-                       "counts": node.counts, "notes": node.notes})
+                       "cpu_seconds": node.cpu_seconds, "counts": node.counts, "notes": node.notes})
             })
             .collect();
         json!({"setting": bench.name(&point.assignment), "as_it_is": index == now, "work": point.work, "nodes_run": actions(point),
-               "seconds": point.seconds, "error": error(metric.error(&point.off)), "off": off, "nodes": nodes})
+               "seconds": point.seconds, "cpu_seconds": point.cpu_seconds, "error": error(metric.error(&point.off)), "off": off, "nodes": nodes})
     };
     let attribution = |b: &Attribution| {
         json!({"node": b.node, "error_with_it_alone_at_the_reference": error(b.alone),
@@ -171,6 +171,7 @@ fn told(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribut
         "reports": reports.iter().map(|(name, report)| (name.clone(), tables(report)))
             .collect::<serde_json::Map<_, _>>(),
         "left_out": bench.unjudged,
+        "remarks": bench.remarks,
         "not_modelled": left_out(&bench.points[now].nodes, &reports).iter().map(skipped).collect::<Vec<_>>(),
     })
 }
@@ -186,17 +187,21 @@ fn page(
     facts(&mut page, bench, metric, now, attributions);
     page.words(&format!(
         "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
-         weighed as rays. Work and errors are the same in every run; seconds are wall times of the nodes' code when \
-         it ran, and depend on the machine and its load.",
+         weighed as rays. Work and errors are the same in every run. CPU-s are the CPU seconds of the nodes' code on \
+         all threads when it ran: one measurement, which differs by some per cent from run to run, and which \
+         nothing here is decided by. Wall times are not told.",
         metric.name
     ));
+    if !bench.remarks.is_empty() {
+        page.words(&format!("Of the pictures: {}.", bench.remarks.join("; ")));
+    }
     pictures(&mut page, bench, presets, now)?;
     plots(&mut page, bench, metric, presets, now);
     page.heading("Presets");
     let mut rows = Vec::new();
     for (name, &at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&now])) {
         let point = &bench.points[at];
-        let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.seconds)];
+        let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.cpu_seconds)];
         for region in ["whole", "touched"] {
             for of in ["flip", "rmse"] {
                 let column = Metric::of(&format!("{region}.{of}"));
@@ -205,8 +210,7 @@ fn page(
         }
         rows.push(row);
     }
-    let columns =
-        ["preset", "work", "seconds", "FLIP, whole", "RMSE, whole", "FLIP, touched", "RMSE, touched"];
+    let columns = ["preset", "work", "CPU-s", "FLIP, whole", "RMSE, whole", "FLIP, touched", "RMSE, touched"];
     page.table(&columns, &rows);
     attribution(&mut page, bench, metric, now, attributions);
     baselines(&mut page, bench, now);
@@ -244,7 +248,7 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
     page.facts(&[
         ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
-        ("code ran", format!("{} s", tick_text(point.seconds))),
+        ("code ran", format!("{} CPU-s", tick_text(point.cpu_seconds))),
         ("nodes", actions(point).to_string()),
         ("bottleneck", bottleneck),
         ("result", stands.to_owned()),
@@ -366,8 +370,7 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
          its shadow. `touched` is what the object covers, shades or lights in the reference, `object` the part that it \
          covers by more than half, `shadow` the rest.",
     );
-    let cell =
-        |row: &Off, column: &str| row.values.get(column).map_or("not computed".to_owned(), |v| tick_text(*v));
+    let cell = |row: &Off, column: &str| row.value(column).map_or("not computed".to_owned(), tick_text);
     let rows: Vec<Vec<String>> = bench.points[now]
         .off
         .iter()
@@ -427,7 +430,7 @@ fn attribution(
 fn costs(page: &mut Page, point: &Point) {
     page.heading("Cost of each node");
     let mut nodes: Vec<_> = point.nodes.iter().collect();
-    nodes.sort_by(|a, b| b.work.total_cmp(&a.work).then(b.seconds.total_cmp(&a.seconds)));
+    nodes.sort_by(|a, b| b.work.total_cmp(&a.work).then(b.cpu_seconds.total_cmp(&a.cpu_seconds)));
     let rows: Vec<Vec<String>> = nodes
         .iter()
         .map(|node| {
@@ -435,8 +438,8 @@ fn costs(page: &mut Page, point: &Point) {
             let counts: Vec<String> =
                 node.counts.iter().map(|(name, n)| format!("{name} {}", tick_text(*n as f64))).collect();
             let (id, kind) = (node.id.clone(), node.kind.to_owned());
-            vec![id, kind, tick_text(node.work), share, tick_text(node.seconds), counts.join(", ")]
+            vec![id, kind, tick_text(node.work), share, tick_text(node.cpu_seconds), counts.join(", ")]
         })
         .collect();
-    page.table(&["node", "kind", "work", "share", "seconds", "counts"], &rows);
+    page.table(&["node", "kind", "work", "share", "CPU-s", "counts"], &rows);
 }

@@ -11,9 +11,14 @@ use super::knobs::columns;
 use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
 use crate::trade::Metric;
+use crate::trade::below::{Below, below};
 use crate::trade::bench::{Bench, Miss};
 use crate::trade::plot::tick_text;
-use crate::trade::search::{Goal, SearchResult, Tried, pareto, search};
+use crate::trade::search::{self, Goal, SearchResult, Tried, pareto, search};
+use crate::trade::tunables::Assignment;
+
+/// Most settings that are measured to find out whether any costs less than half of a preset.
+const FEW: usize = 30;
 
 /// Looks for settings of the knobs that reach an error with little work, by measuring.
 ///
@@ -27,17 +32,17 @@ pub struct Tune {
     #[command(flatten)]
     engine: EngineArgs,
     /// The least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.` counts
-    /// only what the object changes
+    /// only what the object changes, `object.` of that what it covers, `shadow.` the rest
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
-    /// The least error with at most so many seconds of node code, as measured when it ran
+    /// The least error with at most so many CPU seconds of node code, as measured when it ran
     #[arg(long, value_name = "SECONDS", conflicts_with = "max_work")]
     max_seconds: Option<f64>,
     /// The least error with at most so much work, in rays (other counts are weighed as rays)
     #[arg(long, value_name = "RAYS")]
     max_work: Option<f64>,
     /// What is least where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae, relmse, with
-    /// `touched.` in front for what the object changes
+    /// `touched.`, `object.` or `shadow.` in front
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
     /// Most settings to measure
@@ -55,49 +60,36 @@ impl Tune {
     /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was stopped.
     pub fn run(self) -> Result<u8, Error> {
         let (metric, goal) = self.goal()?;
-        let loaded = self.graph.load()?;
+        let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
-        let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
+        let bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
         let steps = bench.steps();
         // The first one is what others are compared with.
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
-        let (mut left, mut wrong) = (self.budget, None);
-        let by_seconds = self.max_seconds.is_some();
-        let SearchResult { tried, best, finished } = search(&starts, &steps, goal, |assignment| {
-            left = left.checked_sub(1)?;
-            let assignment = assignment.to_vec();
-            match bench.measure(&assignment) {
-                Ok(at) => {
-                    bench.remarks().iter().for_each(|remark| report::remark(remark));
-                    let point = &bench.points[at];
-                    let error = metric.error(&point.off);
-                    let cost = if by_seconds { point.seconds } else { point.work };
-                    if !self.json {
-                        let (work, seconds) = (tick_text(point.work), tick_text(point.seconds));
-                        let (error, name) = (metric.told(error), bench.name(&assignment));
-                        report::remark(&format!(
-                            "measured work {work:>8}, {seconds:>7} s, error {error:>8}  {name}"
-                        ));
-                    }
-                    if error.is_none() {
-                        wrong = Some(Error::NotComputed { metric: metric.name.clone(), why: metric.needs() });
-                    }
-                    Some((cost, error?))
-                }
-                Err(Miss::Stopped) => None,
-                Err(Miss::Failed(why)) => {
-                    wrong = Some(Error::Setting { setting: bench.name(&assignment), why });
-                    None
-                }
-            }
-        });
+        let mut asked = Measuring { tune: &self, metric: &metric, bench, left: self.budget, wrong: None };
+        let SearchResult { mut tried, mut best, finished } =
+            search(&starts, &steps, goal, |at| asked.measure(at));
         if best.is_none()
-            && let Some(wrong) = wrong.take()
+            && let Some(wrong) = asked.wrong.take()
         {
             return Err(wrong);
         }
+        let naive = naive(&starts, &tried, goal);
+        let mut half = None;
+        if let (true, Goal::Error(_), Some(found), Some((_, preset))) = (finished, goal, best, &naive)
+            && tried[found].cost >= 0.5 * preset.cost
+        {
+            half = below(&steps, 0.5 * preset.cost, FEW, |at| asked.measure(at));
+            for more in half.iter().flat_map(|half| half.all.iter().chain([&half.least])) {
+                if !tried.contains(more) {
+                    tried.push(more.clone());
+                }
+            }
+            best = search::best(&tried, goal);
+        }
+        let Measuring { bench, left, wrong, .. } = asked;
         let stopped = cancel.load(Ordering::Relaxed);
         let Some(best) = best else {
             let least = |of: fn(&Tried) -> f64| tried.iter().map(of).reduce(f64::min);
@@ -125,13 +117,23 @@ impl Tune {
             (false, false) if left == 0 => "the budget is spent, so there may be better ones",
             (false, false) => "a setting failed, so there may be better ones",
         };
-        let summary = summary(&metric, goal, found, naive(&bench, &tried, goal));
+        let mut summary = summary(&metric, goal, found, naive.as_ref());
+        if let (Some(half), Some((_, preset))) = (&half, &naive)
+            && found.cost >= 0.5 * preset.cost
+        {
+            summary.push_str(&format!("; {}", none_below_half(&metric, half)));
+        }
         let summary = format!("{summary}; {} settings measured: {ended}", tried.len());
         let text = format!("// {summary}\n{}", bench.overlay(&found.assignment));
         cache::publish_file(&self.out, text.as_bytes())?;
         if self.json {
             let mut told = self.told(&bench, &metric, &tried, best);
             (told["finished"], told["ended"]) = (json!(finished), json!(ended));
+            told["below_half"] = half.as_ref().map_or(json!(null), |half| {
+                let least =
+                    half.all.iter().map(|t| t.error).reduce(f64::min).map(|error| metric.value(error));
+                json!({"settings": half.all.len(), "least_error": least, "least_cost": half.least.cost})
+            });
             super::print(&format!("{told}\n"))?;
         } else {
             self.print(&bench, &metric, &tried, best)?;
@@ -163,7 +165,7 @@ impl Tune {
 
     fn print(&self, bench: &Bench<'_>, metric: &Metric, tried: &[Tried], best: usize) -> Result<(), Error> {
         let front = pareto(tried);
-        let mut rows = vec![["", "work", "seconds", "error", "setting"].map(str::to_owned).to_vec()];
+        let mut rows = vec![["", "work", "CPU-s", "error", "setting"].map(str::to_owned).to_vec()];
         for (index, t) in tried.iter().enumerate() {
             let Some(point) = bench.points.iter().find(|point| point.assignment == t.assignment) else {
                 continue;
@@ -176,7 +178,7 @@ impl Tune {
                 ""
             };
             let (work, seconds, error) =
-                (tick_text(point.work), tick_text(point.seconds), metric.told(Some(t.error)));
+                (tick_text(point.work), tick_text(point.cpu_seconds), metric.told(Some(t.error)));
             rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.assignment)]);
         }
         super::print(&columns(&rows))
@@ -191,6 +193,7 @@ impl Tune {
                 "error": metric.value(t.error),
                 "work": point.map(|p| p.work),
                 "seconds": point.map(|p| p.seconds),
+                "cpu_seconds": point.map(|p| p.cpu_seconds),
                 "front": front.contains(&index),
                 "best": index == best,
             })
@@ -202,21 +205,81 @@ impl Tune {
     }
 }
 
-/// The preset that one would take without measuring: the cheapest that fits.
-fn naive<'t>(bench: &Bench<'_>, tried: &'t [Tried], goal: Goal) -> Option<(&'static str, &'t Tried)> {
-    let presets = (0..PRESETS.len()).filter_map(|level| {
-        let assignment = bench.preset(level);
-        tried.iter().find(|t| t.assignment == assignment).map(|t| (PRESETS[level], t))
-    });
-    let fits = |t: &Tried| match goal {
-        Goal::Error(most) => t.error <= most,
-        Goal::Cost(most) => t.cost <= most,
-    };
-    let serves = |t: &Tried| if matches!(goal, Goal::Error(_)) { t.cost } else { t.error };
-    presets.filter(|(_, t)| fits(t)).reduce(|a, b| if serves(b.1) < serves(a.1) { b } else { a })
+/// Measures settings, and tells each.
+struct Measuring<'t> {
+    tune: &'t Tune,
+    metric: &'t Metric,
+    bench: Bench<'t>,
+    /// How many may still be measured.
+    left: usize,
+    wrong: Option<Error>,
 }
 
-fn summary(metric: &Metric, goal: Goal, found: &Tried, naive: Option<(&str, &Tried)>) -> String {
+impl Measuring<'_> {
+    /// Cost and error; `None` where there is no more measuring.
+    fn measure(&mut self, assignment: &[usize]) -> Option<(f64, f64)> {
+        let assignment = assignment.to_vec();
+        let known = self.bench.points.len();
+        if self.left == 0 && !self.bench.points.iter().any(|point| point.assignment == assignment) {
+            return None;
+        }
+        let at = match self.bench.measure(&assignment) {
+            Ok(at) => at,
+            Err(Miss::Stopped) => return None,
+            Err(Miss::Failed(why)) => {
+                self.wrong = Some(Error::Setting { setting: self.bench.name(&assignment), why });
+                return None;
+            }
+        };
+        self.bench.new_remarks().iter().for_each(|remark| report::remark(remark));
+        let point = &self.bench.points[at];
+        let error = self.metric.error(&point.off);
+        if at == known {
+            self.left -= 1;
+            if !self.tune.json {
+                let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
+                let (error, name) = (self.metric.told(error), self.bench.name(&assignment));
+                report::remark(&format!(
+                    "measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"
+                ));
+            }
+        }
+        if error.is_none() {
+            self.wrong =
+                Some(Error::NotComputed { metric: self.metric.name.clone(), why: self.metric.needs() });
+        }
+        let cost = if self.tune.max_seconds.is_some() { point.cpu_seconds } else { point.work };
+        Some((cost, error?))
+    }
+}
+
+/// The preset that one would take without measuring: the cheapest that fits, or the best within a cost.
+fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static str, Tried)> {
+    let presets = PRESETS.into_iter().rev().zip(starts);
+    let known =
+        presets.filter_map(|(name, start)| Some((name, tried.iter().find(|t| t.assignment == *start)?)));
+    let (names, tried): (Vec<_>, Vec<_>) = known.map(|(name, t)| (name, t.clone())).unzip();
+    search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
+}
+
+/// That nothing reaches the goal for half of what the preset costs, which was found out.
+fn none_below_half(metric: &Metric, half: &Below) -> String {
+    let least = half.all.iter().map(|t| t.error).reduce(f64::min);
+    match least {
+        Some(_) => {
+            let (count, least) = (half.all.len(), metric.told(least));
+            format!(
+                "none of the {count} settings that cost less than half of it reaches it (least error {least})"
+            )
+        }
+        None => {
+            let cost = tick_text(half.least.cost);
+            format!("none costs less than half of it: with every knob at its least it is {cost}")
+        }
+    }
+}
+
+fn summary(metric: &Metric, goal: Goal, found: &Tried, naive: Option<&(&str, Tried)>) -> String {
     let error = metric.told(Some(found.error));
     let mut text = format!("{} {error} for {} of cost", metric.name, tick_text(found.cost));
     if let Some((name, preset)) = naive {

@@ -8,6 +8,7 @@ use engine::{
     Artifact, Counts, Digest, Engine, Event, Graph, Note, PRESETS, Registry, RunOptions, Source, Wire,
     overlay_text,
 };
+use nodes::compare::Space;
 use nodes::types::{Images, Report};
 
 use super::judge::{Off, Output, Truth, holds_data, is_bright, outputs};
@@ -23,8 +24,9 @@ pub struct NodeCost {
     pub kind: &'static str,
     /// In rays.
     pub work: f64,
-    /// Wall time of its code when it ran.
+    /// Wall and CPU time of its code when it ran.
     pub seconds: f64,
+    pub cpu_seconds: f64,
     pub counts: Counts,
     pub notes: Vec<Note>,
     /// Whether it is there once for each point of axes.
@@ -37,8 +39,9 @@ pub struct NodeCost {
 pub struct Point {
     pub assignment: Assignment,
     pub work: f64,
-    /// Sum of the wall times of the nodes' code.
+    /// Sums of those of the nodes.
     pub seconds: f64,
+    pub cpu_seconds: f64,
     pub nodes: Vec<NodeCost>,
     pub off: Vec<Off>,
 }
@@ -53,7 +56,10 @@ pub struct Bench<'e> {
     pub tunables: Vec<Tunable>,
     /// Pictures that are not judged.
     pub unjudged: Vec<String>,
-    remarks: Vec<String>,
+    /// What is to be said of pictures.
+    pub remarks: Vec<String>,
+    /// How many of these were told.
+    told: usize,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
     pub points: Vec<Point>,
@@ -98,12 +104,13 @@ impl<'e> Bench<'e> {
             return Err(Error::NoKnob(unjudged.join("`, `")));
         }
         let unreached = |name: &String| format!("no knob reaches `{name}`, so it is left out");
-        let remarks = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
+        let mut remarks: Vec<String> = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
         let outputs = kept;
         let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
         targets.sort_unstable();
         targets.dedup();
         let tunables = tunables(&base, &targets, &registry)?;
+        remarks.extend(tunables.iter().filter_map(Tunable::finer_than_the_reference));
         let (truth, points) = (None, Vec::new());
         Ok(Self {
             engine,
@@ -114,6 +121,7 @@ impl<'e> Bench<'e> {
             tunables,
             unjudged,
             remarks,
+            told: 0,
             cancel,
             truth,
             points,
@@ -206,6 +214,7 @@ impl<'e> Bench<'e> {
                 kind: node.kind.name,
                 work: work_of(&spent.counts),
                 seconds: spent.seconds,
+                cpu_seconds: spent.cpu_seconds,
                 counts: spent.counts,
                 notes,
                 varies: !node.point.is_empty(),
@@ -214,8 +223,9 @@ impl<'e> Bench<'e> {
         }
         let mut pictures = self.pictures(&graph)?;
         let off = self.off(&graph, &mut pictures)?;
-        let (work, seconds) = nodes.iter().fold((0.0, 0.0), |(w, s), n| (w + n.work, s + n.seconds));
-        self.points.push(Point { assignment: assignment.clone(), work, seconds, nodes, off });
+        let sum = |of: fn(&NodeCost) -> f64| nodes.iter().fold(0.0, |sum, node| sum + of(node));
+        let (work, seconds, cpu_seconds) = (sum(|n| n.work), sum(|n| n.seconds), sum(|n| n.cpu_seconds));
+        self.points.push(Point { assignment: assignment.clone(), work, seconds, cpu_seconds, nodes, off });
         Ok(self.points.len() - 1)
     }
 
@@ -229,10 +239,16 @@ impl<'e> Bench<'e> {
             }
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
-            let bright = self.outputs.iter().zip(&*pictures).filter(|(_, images)| is_bright(images));
-            self.remarks.extend(bright.map(|(output, _)| {
-                format!("`{}` holds light far above white, which is judged as white", output.name)
-            }));
+            let remark = |(output, images): (&Output, &Arc<Images>)| match output.space {
+                Space::Display => is_bright(images).then(|| {
+                    format!("`{}` holds light far above white, which is judged as white", output.name)
+                }),
+                Space::Linear => Some(format!(
+                    "`{}` goes to OpenEXR alone and is judged in linear light: FLIP is HDR-FLIP, and light above white counts",
+                    output.name
+                )),
+            };
+            self.remarks.extend(self.outputs.iter().zip(&*pictures).filter_map(remark));
         }
         let fits =
             |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();
@@ -260,9 +276,10 @@ impl<'e> Bench<'e> {
         }
     }
 
-    /// What is to be said of pictures and was not yet.
-    pub fn remarks(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.remarks)
+    /// The remarks that were not told yet.
+    pub fn new_remarks(&mut self) -> &[String] {
+        let told = std::mem::replace(&mut self.told, self.remarks.len());
+        &self.remarks[told..]
     }
 
     /// The pictures of the last run of a graph.
@@ -308,7 +325,7 @@ impl<'e> Bench<'e> {
 
     /// FLIP of each pixel between pictures and those of the reference, by output.
     pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
-        self.truth.as_ref().map(|truth| truth.flip_maps(pictures)).unwrap_or_default()
+        self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }
 
     /// The names of the nodes that have a tunable with more than one value, in the order of the file.

@@ -9,6 +9,7 @@ use nodes::composite::{self, Composite};
 use nodes::layers::linear;
 use nodes::metrics::PIXELS_PER_DEGREE;
 use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
+use nodes::write_exr::WriteExr;
 
 /// How far one view of a picture is off, in one region.
 #[derive(Debug, Clone)]
@@ -23,10 +24,19 @@ pub struct Off {
     pub values: BTreeMap<String, f64>,
 }
 
+impl Off {
+    /// The value of a column: of FLIP that of HDR-FLIP, where the picture is judged in linear light.
+    pub fn value(&self, column: &str) -> Option<f64> {
+        self.values.get(column).or_else(|| self.values.get(&format!("hdr-{column}"))).copied()
+    }
+}
+
 /// A picture to judge.
 pub struct Output {
     pub name: String,
     pub wire: Wire,
+    /// In linear light what goes to OpenEXR alone, and else what a display of 8 bits shows.
+    pub space: Space,
     inserted: Option<Insertion>,
 }
 
@@ -100,7 +110,8 @@ impl Truth {
     pub fn off(&self, outputs: &[Output], pictures: &[Arc<Images>]) -> Result<Vec<Off>, NodeError> {
         let mut all = Vec::new();
         for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
-            let (out, _) = compare(picture, &self.pictures[index], self.inserted[index].clone())?;
+            let inserted = self.inserted[index].clone();
+            let (out, _) = compare(picture, &self.pictures[index], inserted, output.space)?;
             for table in &out.tables {
                 all.extend(table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row)));
             }
@@ -109,11 +120,11 @@ impl Truth {
     }
 
     /// FLIP of each pixel, by output.
-    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
-        let map = |((_, picture), truth): (&(String, Arc<Images>), &Arc<Images>)| {
-            compare(picture, truth, None).map(|(_, flip)| flip).unwrap_or_default()
+    pub fn flip_maps(&self, outputs: &[Output], pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
+        let map = |((output, (_, picture)), truth): ((&Output, &(String, Arc<Images>)), &Arc<Images>)| {
+            compare(picture, truth, None, output.space).map(|(_, flip)| flip).unwrap_or_default()
         };
-        pictures.iter().zip(&self.pictures).map(map).collect()
+        outputs.iter().zip(pictures).zip(&self.pictures).map(map).collect()
     }
 }
 
@@ -132,6 +143,7 @@ fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
     inserted: Option<Inserted>,
+    space: Space,
 ) -> Result<(Report, Arc<Images>), NodeError> {
     let (regions, background, no_shadow) = match inserted {
         Some(Inserted { regions, nothing, no_shadow }) => (regions, Some(nothing), no_shadow),
@@ -139,7 +151,7 @@ fn compare(
     };
     let (names, regions) = regions.into_iter().map(|(name, mask)| (name.to_owned(), mask)).unzip();
     let params = Compare {
-        space: Space::Display,
+        space,
         quantise: true,
         names,
         gain: 1.0,
@@ -233,16 +245,22 @@ fn touched(picture: &Images, background: &Images) -> Option<Images> {
 pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
-    let (mut wires, mut layers, mut told): (Vec<Wire>, Vec<Wire>, Vec<String>) = Default::default();
+    let (mut wires, mut layers, mut shown): (Vec<Wire>, Vec<Wire>, Vec<Wire>) = Default::default();
+    let mut told = Vec::new();
     for &target in asked {
         let node = &graph.nodes[target];
         if node.sink_path.is_none() {
             let first = Wire { node: target, port: 0 };
-            wires.extend(Some(first).filter(|_| !node.kind.outputs.is_empty()).filter(is_picture));
+            let first = Some(first).filter(|_| !node.kind.outputs.is_empty()).filter(is_picture);
+            wires.extend(first);
+            shown.extend(first);
             continue;
         }
         for (port, read) in node.kind.inputs.iter().zip(&node.inputs) {
             let pictures = read.iter().filter(|wire| is_picture(wire));
+            if node.kind.name != WriteExr::NAME {
+                shown.extend(pictures.clone());
+            }
             if ["image", "frames"].contains(&port.name) { &mut wires } else { &mut layers }.extend(pictures);
         }
     }
@@ -269,7 +287,8 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
             Some(Insertion { background, object, front: read("front"), params: node.params()? })
         };
         let inserted = if node.kind.name == Composite::NAME { insertion() } else { None };
-        Output { name, wire, inserted }
+        let space = if shown.contains(&wire) { Space::Display } else { Space::Linear };
+        Output { name, wire, space, inserted }
     };
     (wires.into_iter().map(output).collect(), told)
 }

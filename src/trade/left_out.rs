@@ -226,6 +226,7 @@ mod tests {
             kind,
             work: 0.0,
             seconds: 0.0,
+            cpu_seconds: 0.0,
             counts: engine::Counts::new(),
             notes: Vec::new(),
             varies: false,

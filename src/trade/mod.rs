@@ -1,6 +1,7 @@
 //! Work against error, measured: what `tune` and `report` share.
 
 pub mod attribution;
+pub mod below;
 pub mod bench;
 pub mod judge;
 pub mod left_out;
@@ -37,6 +38,7 @@ const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
 /// Names of metrics, and what each takes.
 const METRICS: [(&str, Of); 7] = [
+    // Of a picture in linear light the column of HDR-FLIP.
     ("flip", Of::Column("flip mean")),
     ("flip95", Of::Column("flip p95")),
     ("rmse", Of::Rmse),
@@ -105,8 +107,8 @@ impl Metric {
         let rows =
             off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
         let value = |row: &Off| match self.of {
-            Of::Column(column) => row.values.get(column).copied(),
-            Of::Rmse | Of::Psnr => row.values.get("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
+            Of::Column(column) => row.value(column),
+            Of::Rmse | Of::Psnr => row.value("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
         };
         rows.map(value).reduce(|a, b| Some(a?.max(b?))).flatten()
     }

@@ -1,4 +1,4 @@
-//! The search for settings: one knob at a time by measured error for work, among values in a known order.
+//! The search for settings: knobs turned one at a time, and together as those turns are forecast to add up.
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +59,12 @@ pub fn pareto(tried: &[Tried]) -> Vec<usize> {
     by_cost
 }
 
+/// What serves a goal best of all that fits; of equal ones the first.
+pub fn best(tried: &[Tried], goal: Goal) -> Option<usize> {
+    let fitting = (0..tried.len()).filter(|&at| tried[at].fits(goal));
+    fitting.reduce(|a, b| if tried[b].beats(&tried[a], goal) { b } else { a })
+}
+
 /// What a search found.
 #[derive(Debug, PartialEq)]
 pub struct SearchResult {
@@ -70,27 +76,6 @@ pub struct SearchResult {
     pub finished: bool,
 }
 
-/// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
-/// error of an assignment, `None` once there is to be no more measuring; an assignment is measured once.
-///
-/// From the best start that fits every knob is turned by one step, down where work is to be saved and up where error
-/// is, and the turns are tried together in the order of what each gained for what it lost, each kept where the goal
-/// still holds; and so on until no turn helps, half a step neither. A start may spend on knobs that do little, and
-/// turning others does not give that back. So the same is done from the start that misses the goal by the least, which
-/// is first brought to it by the turns that gain most for what they lose; and to save error from the cheapest start,
-/// keeping of a round the best turn alone. From the best of these local optima a knob is turned beyond the goal, and
-/// others bring it back, as long as that is better.
-pub fn search(
-    starts: &[Vec<usize>],
-    knobs: &[Steps],
-    goal: Goal,
-    measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
-) -> SearchResult {
-    let mut search = Search { knobs, goal, measure, tried: Vec::new() };
-    let finished = search.whole(starts).is_some();
-    SearchResult { best: search.best(|a, b| a.beats(b, goal)), tried: search.tried, finished }
-}
-
 /// How far a knob can be turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Steps {
@@ -100,6 +85,34 @@ pub struct Steps {
     pub step: usize,
 }
 
+/// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
+/// error of an assignment, `None` once there is to be no more measuring; an assignment is measured once.
+///
+/// From the best start that fits every knob is turned alone, by one step. What turns do to cost and error is then
+/// forecast for all of them together, and the best of those is measured; from there the next, now that it is known how
+/// far the forecast was off; a few times, and all of it again from what is better. First what saves is turned, then what
+/// is bounded is made room for, then half steps are. A start may spend on knobs that do little, or on two that help
+/// together alone, so the same is done from the start that misses the goal by the least.
+pub fn search(
+    starts: &[Vec<usize>],
+    knobs: &[Steps],
+    goal: Goal,
+    measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
+) -> SearchResult {
+    let mut search = Search { knobs, goal, measure, tried: Vec::new() };
+    let finished = search.whole(starts).is_some();
+    SearchResult { best: search.best(), tried: search.tried, finished }
+}
+
+/// How often a forecast is followed from one position.
+const FOLLOWED: usize = 5;
+/// What is forecast to save less of the cost or the error is not worth measuring.
+const GAIN: f64 = 0.01;
+/// How many turns beyond the goal are tried to be made room for.
+const BEYOND: usize = 3;
+/// Most combinations of turns that are kept while others are added to them.
+const COMBINATIONS: usize = 2000;
+
 struct Search<'s, M> {
     knobs: &'s [Steps],
     goal: Goal,
@@ -107,13 +120,35 @@ struct Search<'s, M> {
     tried: Vec<Tried>,
 }
 
-/// Which way knobs are turned.
+/// What a turn does: costs are multiplied, and squares of errors add up, as those of independent causes do.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Direction {
-    /// To less work.
-    Down,
-    /// To less error.
-    Up,
+struct Effect {
+    cost: f64,
+    square: f64,
+}
+
+impl Effect {
+    const NONE: Self = Self { cost: 1.0, square: 0.0 };
+
+    fn between(from: &Tried, to: &Tried) -> Self {
+        // A graph may have nothing that is counted.
+        let cost = |tried: &Tried| tried.cost + 1e-9;
+        Self { cost: cost(to) / cost(from), square: to.error * to.error - from.error * from.error }
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { cost: self.cost * other.cost, square: self.square + other.square }
+    }
+
+    fn reversed(self) -> Self {
+        Self { cost: 1.0 / self.cost, square: -self.square }
+    }
+
+    /// What it makes of a position.
+    fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
+        let error = (from.error * from.error + self.square).max(0.0).sqrt();
+        Tried { assignment, cost: from.cost * self.cost, error }
+    }
 }
 
 impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
@@ -122,30 +157,42 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         for start in starts {
             self.measured(start)?;
         }
-        let goal = self.goal;
-        let cheapest = self.best(|a, b| a.cost < b.cost);
-        let best = self.best(|a, b| a.beats(b, goal));
-        // What costs more than the best already would not come to beat it.
-        let bar = best.map_or(f64::INFINITY, |best| self.tried[best].paid(goal));
-        let missing = (0..self.tried.len())
-            .filter(|&index| !self.tried[index].fits(goal) && self.tried[index].paid(goal) < bar);
-        let nearest = missing
-            .reduce(|a, b| if self.tried[b].bounded(goal) < self.tried[a].bounded(goal) { b } else { a });
-        if let Some(best) = best {
-            self.climb(best, usize::MAX)?;
+        let best = self.best();
+        let missing = (0..self.tried.len()).filter(|&at| !self.tried[at].fits(self.goal) && self.saves(at));
+        let nearest = missing.reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a });
+        for from in best.into_iter().chain(nearest) {
+            self.improve(from)?;
         }
-        if let (Goal::Cost(_), Some(cheapest)) = (goal, cheapest) {
-            self.climb(cheapest, 1)?;
-        }
-        if let Some(nearest) = nearest
-            && let Some(reached) = self.reach(nearest, None)?
-        {
-            self.climb(reached, usize::MAX)?;
-        }
-        while let Some(better) = self.exchange()? {
-            self.climb(better, usize::MAX)?;
+        while let Some(best) = self.best() {
+            for from in self.beyond(best) {
+                self.improve(from)?;
+            }
+            if self.best() == Some(best) {
+                break;
+            }
         }
         Some(())
+    }
+
+    /// What a single turn of a position led to that would save most, and does not fit.
+    fn beyond(&self, from: usize) -> Vec<usize> {
+        let here = &self.tried[from];
+        let turned = |t: &Tried| t.assignment.iter().zip(&here.assignment).filter(|(a, b)| a != b).count();
+        let mut all: Vec<usize> = (0..self.tried.len())
+            .filter(|&at| turned(&self.tried[at]) == 1 && !self.tried[at].fits(self.goal) && self.saves(at))
+            .collect();
+        all.sort_by(|&a, &b| self.tried[a].paid(self.goal).total_cmp(&self.tried[b].paid(self.goal)));
+        all.truncate(BEYOND);
+        all
+    }
+
+    fn bounded(&self, at: usize) -> f64 {
+        self.tried[at].bounded(self.goal)
+    }
+
+    /// Whether a position pays less than the best that fits, as far as is known.
+    fn saves(&self, at: usize) -> bool {
+        self.best().is_none_or(|best| self.tried[at].paid(self.goal) < self.tried[best].paid(self.goal))
     }
 
     /// The index of an assignment among what was tried.
@@ -158,152 +205,151 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         Some(self.tried.len() - 1)
     }
 
-    /// Of what fits, that which `better` says of.
-    fn best(&self, better: impl Fn(&Tried, &Tried) -> bool) -> Option<usize> {
-        let fitting = (0..self.tried.len()).filter(|&index| self.tried[index].fits(self.goal));
-        fitting.reduce(|best, index| if better(&self.tried[index], &self.tried[best]) { index } else { best })
+    fn best(&self) -> Option<usize> {
+        best(&self.tried, self.goal)
     }
 
-    /// An assignment with one knob turned by so many values, or to its end.
-    fn stepped(
-        &self,
-        assignment: &[usize],
-        knob: usize,
-        direction: Direction,
-        values: usize,
-    ) -> Option<Vec<usize>> {
-        let (at, last) = (assignment[knob], self.knobs[knob].values - 1);
-        let to = match direction {
-            Direction::Down => at.saturating_sub(values),
-            Direction::Up => (at + values).min(last),
-        };
-        let mut assignment = assignment.to_vec();
-        assignment[knob] = to;
-        (to != at).then_some(assignment)
+    /// Goes on from a position to better ones until nothing is forecast to be, and no single turn is.
+    fn improve(&mut self, mut from: usize) -> Option<()> {
+        let mut stage = 0;
+        while stage < if self.tried[from].fits(self.goal) { 5 } else { 2 } {
+            let before = self.best();
+            self.turn_each(from, stage)?;
+            let nearer = self.follow(from)?;
+            let better = self.best().filter(|_| self.best() != before);
+            match better.or(nearer) {
+                Some(next) => (from, stage) = (next, 0),
+                None => stage += 1,
+            }
+        }
+        Some(())
     }
 
-    /// Turns knobs, at most so many in a round, until none helps. What did not help once is asked again only where
-    /// nothing else does.
-    fn climb(&mut self, mut from: usize, most: usize) -> Option<()> {
-        let goal = self.goal;
-        let direction = if matches!(goal, Goal::Error(_)) { Direction::Down } else { Direction::Up };
-        let all: Vec<usize> = (0..self.knobs.len()).collect();
-        let (mut open, mut whole) = (all.clone(), true);
+    /// Turns every knob alone of which it is not known what that does: of what fits in turn to save and to make room,
+    /// by whole steps and then by halves, and at last to save where it is known as well; else towards fitting.
+    fn turn_each(&mut self, from: usize, stage: usize) -> Option<()> {
+        let here = self.tried[from].clone();
+        let fits = here.fits(self.goal);
+        let down = (fits && stage.is_multiple_of(2)) == matches!(self.goal, Goal::Error(_));
+        let (halves, again) = (stage >= if fits { 2 } else { 1 }, stage == 4);
+        let effects = self.effects(&here);
+        for (knob, Steps { values, step }) in self.knobs.iter().enumerate() {
+            let (at, by) = (here.assignment[knob], if halves { 1 } else { *step });
+            let to = if down { at.saturating_sub(by) } else { (at + by).min(values - 1) };
+            if again || effects[knob].iter().all(|(value, _)| *value != to) {
+                let mut assignment = here.assignment.clone();
+                assignment[knob] = to;
+                self.measured(&assignment)?;
+            }
+        }
+        Some(())
+    }
+
+    /// Measures what is forecast to be best, and from there again, until it is. From what does not fit gives, where nothing
+    /// is forecast to, a position that is nearer to it.
+    fn follow(&mut self, from: usize) -> Option<Option<usize>> {
+        let (before, mut at) = (self.best(), from);
+        for _ in 0..FOLLOWED {
+            let Some(next) = self.forecast(at, true) else { break };
+            at = self.measured(&next)?;
+            if self.best() != before {
+                return Some(None);
+            }
+        }
+        if self.tried[from].fits(self.goal) {
+            return Some(None);
+        }
+        let Some(next) = self.forecast(from, false) else { return Some(None) };
+        let next = self.measured(&next)?;
+        Some(Some(next).filter(|&next| self.bounded(next) < self.bounded(from)))
+    }
+
+    /// The assignment not yet measured that is forecast to serve the goal best, and better than all that is known; else the one
+    /// to come nearest to fitting for less.
+    fn forecast(&self, from: usize, fitting: bool) -> Option<Vec<usize>> {
+        let (here, goal) = (&self.tried[from], self.goal);
+        let bar = self.best().map_or(f64::INFINITY, |best| (1.0 - GAIN) * self.tried[best].paid(goal));
+        let key = |t: &Tried| if fitting { t.paid(goal) } else { t.bounded(goal) };
+        let known = |t: &Tried| self.tried.iter().any(|tried| tried.assignment == t.assignment);
+        let all = combinations(here, &self.effects(here)).into_iter();
+        let able = all.filter(|t| t.paid(goal) < bar && (!fitting || t.fits(goal)) && !known(t));
+        let next = able.reduce(|a, b| if key(&b) < key(&a) { b } else { a })?;
+        (fitting || next.bounded(goal) < here.bounded(goal)).then_some(next.assignment)
+    }
+
+    /// For each knob the values it can be turned to from a position and what that does, its own value first: as measured
+    /// by turns of it alone, the shortest and those where most other knobs stood as they do here.
+    fn effects(&self, here: &Tried) -> Vec<Vec<(usize, Effect)>> {
+        let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); self.knobs.len()];
+        for (index, a) in self.tried.iter().enumerate() {
+            for b in &self.tried[..index] {
+                let mut other = (0..self.knobs.len()).filter(|&k| a.assignment[k] != b.assignment[k]);
+                if let (Some(knob), None) = (other.next(), other.next()) {
+                    let rest = (0..self.knobs.len()).filter(|&k| k != knob);
+                    let apart = rest.filter(|&k| a.assignment[k] != here.assignment[k]).count();
+                    let (from, to) = (a.assignment[knob], b.assignment[knob]);
+                    let (way, effect) = ((apart + 1) * from.abs_diff(to), Effect::between(a, b));
+                    turns[knob].push(Turn { way, from, to, effect });
+                    turns[knob].push(Turn { way, from: to, to: from, effect: effect.reversed() });
+                }
+            }
+        }
+        turns.iter().zip(&here.assignment).map(|(turns, &at)| Turn::all_from(at, turns)).collect()
+    }
+}
+
+/// A turn of one knob that was measured.
+#[derive(Debug, Clone)]
+struct Turn {
+    from: usize,
+    to: usize,
+    effect: Effect,
+    /// How little it says of a turn elsewhere.
+    way: usize,
+}
+
+impl Turn {
+    /// Where turns lead from a value, one after the other, by the shortest way.
+    fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
+        let mut known = vec![(at, Effect::NONE, 0)];
+        let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);
         loop {
-            let here = self.tried[from].clone();
-            let mut turns = Vec::new();
-            for &knob in &open {
-                let values = if whole { self.knobs[knob].step } else { 1 };
-                let Some(assignment) = self.stepped(&here.assignment, knob, direction, values) else {
-                    continue;
-                };
-                let at = self.measured(&assignment)?;
-                let there = &self.tried[at];
-                if there.fits(goal) && there.beats(&here, goal) {
-                    let saved = here.paid(goal) - there.paid(goal);
-                    let lost = there.bounded(goal) - here.bounded(goal);
-                    // What gains and loses nothing comes first.
-                    turns.push((saved / lost.max(1e-12), knob, values));
-                }
+            let next = turns.iter().filter(|turn| place(&known, turn.to).is_none());
+            let next = next.filter_map(|turn| {
+                let (_, before, way) = known[place(&known, turn.from)?];
+                Some((turn.to, before.and(turn.effect), way + turn.way))
+            });
+            match next.min_by_key(|(.., way)| *way) {
+                Some(next) => known.push(next),
+                None => return known.into_iter().map(|(to, effect, _)| (to, effect)).collect(),
             }
-            turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-            let helped: Vec<usize> = turns.iter().map(|(_, knob, _)| *knob).collect();
-            let mut at = from;
-            for (_, knob, values) in turns.into_iter().take(most) {
-                let Some(assignment) = self.stepped(&self.tried[at].assignment, knob, direction, values)
-                else {
-                    continue;
-                };
-                let next = self.measured(&assignment)?;
-                if self.tried[next].fits(goal) && self.tried[next].beats(&self.tried[at], goal) {
-                    at = next;
-                }
-            }
-            match (at == from, open.len() == all.len()) {
-                (false, _) => open.retain(|knob| helped.contains(knob)),
-                (true, false) => open.clone_from(&all),
-                (true, true) if whole => whole = false,
-                (true, true) => return Some(()),
-            }
-            from = at;
         }
     }
+}
 
-    /// A better position than the best one, by one knob half a step beyond the goal, those that save most first, and
-    /// others back to it; the inner `None` where there is none.
-    fn exchange(&mut self) -> Option<Option<usize>> {
-        let goal = self.goal;
-        let Some(best) = self.best(|a, b| a.beats(b, goal)) else { return Some(None) };
-        let here = self.tried[best].clone();
-        let direction = if matches!(goal, Goal::Error(_)) { Direction::Down } else { Direction::Up };
-        let mut beyond = Vec::new();
-        for knob in 0..self.knobs.len() {
-            let Some(assignment) = self.stepped(&here.assignment, knob, direction, 1) else { continue };
-            let at = self.measured(&assignment)?;
-            let saved = 1.0 - self.tried[at].paid(goal) / here.paid(goal);
-            // What saves less is not worth the measuring.
-            if saved > 0.02 {
-                beyond.push((saved, knob, at));
-            }
+/// Of all that turns from a position can be combined to, what no other combination is forecast to beat in both.
+fn combinations(here: &Tried, effects: &[Vec<(usize, Effect)>]) -> Vec<Tried> {
+    let mut front = vec![(Vec::new(), Effect::NONE)];
+    for values in effects {
+        let mut all = Vec::with_capacity(front.len() * values.len());
+        for (assignment, effect) in &front {
+            all.extend(values.iter().map(|(value, more)| {
+                let mut assignment = assignment.clone();
+                assignment.push(*value);
+                (assignment, effect.and(*more))
+            }));
         }
-        beyond.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        for (_, knob, at) in beyond {
-            let reached = self.reach(at, Some((knob, best)))?;
-            if let Some(reached) = reached.filter(|&at| self.tried[at].beats(&here, goal)) {
-                return Some(Some(reached));
-            }
-        }
-        Some(None)
+        all.sort_by(|(_, a), (_, b)| a.cost.total_cmp(&b.cost).then(a.square.total_cmp(&b.square)));
+        let mut least = f64::INFINITY;
+        all.retain(|(_, effect)| {
+            let better = effect.square < least;
+            least = least.min(effect.square);
+            better
+        });
+        let every = all.len().div_ceil(COMBINATIONS);
+        front = all.into_iter().step_by(every.max(1)).collect();
     }
-
-    /// Turns knobs until the goal holds; the inner `None` where that does not come about. `beside` has a knob to leave
-    /// as it is, and what is to be beaten.
-    fn reach(&mut self, mut from: usize, beside: Option<(usize, usize)>) -> Option<Option<usize>> {
-        let goal = self.goal;
-        let direction = if matches!(goal, Goal::Error(_)) { Direction::Up } else { Direction::Down };
-        // What a turn gains towards the goal, and what it loses.
-        let gained = |a: &Tried, b: &Tried| (a.bounded(goal) - b.bounded(goal), b.paid(goal) - a.paid(goal));
-        while !self.tried[from].fits(goal) {
-            let here = self.tried[from].clone();
-            if beside.is_some_and(|(_, best)| here.paid(goal) >= self.tried[best].paid(goal)) {
-                return Some(None);
-            }
-            let mut turns = Vec::new();
-            let open = (0..self.knobs.len()).filter(|&knob| beside.is_none_or(|(fixed, _)| fixed != knob));
-            for knob in open {
-                let Some(assignment) = self.stepped(&here.assignment, knob, direction, self.knobs[knob].step)
-                else {
-                    continue;
-                };
-                let at = self.measured(&assignment)?;
-                let (gain, loss) = gained(&here, &self.tried[at]);
-                if gain > 0.0 {
-                    turns.push((gain / loss.max(1e-12), knob));
-                }
-            }
-            turns.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-            let mut at = from;
-            for (_, knob) in turns {
-                let assignment = &self.tried[at].assignment;
-                let Some(assignment) = self.stepped(assignment, knob, direction, self.knobs[knob].step)
-                else {
-                    continue;
-                };
-                let next = self.measured(&assignment)?;
-                if gained(&self.tried[at], &self.tried[next]).0 > 0.0 {
-                    at = next;
-                }
-                if self.tried[at].fits(goal) {
-                    break;
-                }
-            }
-            if at == from {
-                return Some(None);
-            }
-            from = at;
-        }
-        Some(Some(from))
-    }
+    front.into_iter().map(|(assignment, effect)| effect.on(here, assignment)).collect()
 }
 
 #[cfg(test)]
@@ -439,7 +485,8 @@ mod tests {
         let SearchResult { tried, best, finished } = search(&[vec![8]], &one, Goal::Error(3.0), measure);
         assert!(finished && tried[best.unwrap()].assignment == [5], "{tried:?}");
         let order: Vec<usize> = tried.iter().map(|t| t.assignment[0]).collect();
-        assert_eq!(order, [8, 6, 4, 5]);
+        assert_eq!(order[..4], [8, 6, 4, 5]);
+        assert!(order.len() <= 6, "{order:?}");
     }
 
     #[test]

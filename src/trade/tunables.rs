@@ -14,6 +14,23 @@ pub struct Tunable {
     /// Which of them the graph has, and each preset.
     pub now: usize,
     pub presets: [usize; 4],
+    /// Whether it is a knob, whose values have an order.
+    pub knob: bool,
+}
+
+impl Tunable {
+    /// What has a finer value than the reference, which is what everything is compared with.
+    pub fn finer_than_the_reference(&self) -> Option<String> {
+        let [draft, preview, finer, reference] = self.presets;
+        let all = [(draft, "`draft`"), (preview, "`preview`"), (finer, "`final`"), (self.now, "the graph")];
+        let (at, name) =
+            all.into_iter().filter(|(at, _)| self.knob && *at > reference).max_by_key(|(at, _)| *at)?;
+        let Self { node, parameter, values, .. } = self;
+        Some(format!(
+            "`reference` has {node}.{parameter}={} and {name} {}: what that gains counts as error",
+            values[reference], values[at]
+        ))
+    }
 }
 
 /// For each tunable the index of its value.
@@ -79,6 +96,7 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
             presets,
             step,
             values,
+            knob: true,
         });
     }
     for (level, form) in laid.iter().enumerate() {
@@ -93,6 +111,7 @@ pub fn tunables(graph: &Graph, targets: &[usize], registry: &Registry) -> Result
                     presets: [0; 4],
                     step: 1,
                     values: vec![here],
+                    knob: false,
                 });
                 tunables.len() - 1
             });
@@ -178,6 +197,27 @@ mod tests {
         assert_eq!(with(&["0.03", "0.01", "0.0"], "0.02"), "0.03 0.02 0.01 0.0");
         assert_eq!(with(&["0.0"], "1.0"), "1.0 0.0", "a filter that only the reference turns off");
         assert_eq!(with(&["F32", "F64"], "F16"), "F16 F32 F64");
+    }
+
+    #[test]
+    fn a_reference_that_is_coarser_than_what_it_judges_is_told() {
+        let values: Vec<String> = ["64", "128", "256"].map(str::to_owned).to_vec();
+        let of = |now, presets, knob| Tunable {
+            node: "pano".to_owned(),
+            parameter: "width_px",
+            values: values.clone(),
+            step: 1,
+            now,
+            presets,
+            knob,
+        };
+        assert_eq!(of(1, [0, 1, 2, 2], true).finer_than_the_reference(), None);
+        let told = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
+        assert!(told.is_some_and(|t| t.contains("pano.width_px=128 and `final` 256")));
+        assert!(
+            of(2, [0, 0, 0, 1], true).finer_than_the_reference().is_some_and(|t| t.contains("the graph 256"))
+        );
+        assert_eq!(of(2, [0, 0, 0, 1], false).finer_than_the_reference(), None, "its values have no order");
     }
 
     #[test]

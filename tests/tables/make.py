@@ -131,9 +131,12 @@ def tune(work):
             shutil.rmtree(os.path.join(work, "fresh"))
             if pictures[0] != pictures[1]:
                 sys.exit(f"{name} {bound}: the overlay gives other pictures when it is run afresh")
-            ratio = best["work"] / naive["work"]
+            ratio, half, why = best["work"] / naive["work"], told["below_half"], ""
+            if ratio >= 0.5 and half:
+                why = (f"; none of {half['settings']} below half reaches it, least error {half['least_error']:.4f}" if half["settings"]
+                       else f"; none is below half, the least is {half['least_cost'] / naive['work']:.2f}")
             text += (f"| {name} | {bound} | `{naive['setting']}`: {naive['work'] / 1e6:.2f} M, {naive['error']:.4f} | "
-                     f"{best['work'] / 1e6:.2f} M, {best['error']:.4f} | {ratio:.2f} | {len(told['measured'])} |\n")
+                     f"{best['work'] / 1e6:.2f} M, {best['error']:.4f} | {ratio:.2f}{why} | {len(told['measured'])} |\n")
     return text
 
 # CPU-seconds and errors of other programs on the sunny plane, measured on a machine of the same sort: the object by

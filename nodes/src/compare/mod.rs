@@ -16,8 +16,8 @@ engine::choices! {
     pub enum Space {
         /// Display-encoded with the sRGB curve, cut off to 0 to 1; as papers do.
         Display,
-        /// Linear light, not cut off; PSNR and SSIM still take white as 1, and FLIP is HDR-FLIP over the
-        /// exposures that the reference asks for.
+        /// Linear light, not cut off; PSNR and SSIM still take white as 1, and in place of FLIP there is HDR-FLIP over the
+        /// exposures that the reference asks for, in columns of that name.
         Linear,
     }
 }
@@ -32,8 +32,8 @@ engine::params! {
     /// the mean of `|ln a - ln b|`, where what is below 0.001 counts as that, and how far the two agree on what is
     /// shadow (below 0.98) as intersection over union. What cannot be computed is left out of its row, never 0.
     ///
-    /// A region's SSIM and FLIP average the map over it. In `Linear` FLIP is that of high dynamic range (HDR-FLIP), and
-    /// CIEDE2000 and LPIPS are not computed, which is told. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
+    /// A region's SSIM and FLIP average the map over it. In `Linear` the columns of FLIP are of high dynamic range
+    /// (`hdr-flip mean`, `hdr-flip p95`), and CIEDE2000 and LPIPS are not computed, which is told. Judge an inserted object beside two baselines, since whole-picture numbers hardly move: wire
     /// `background` for the row "nothing inserted" and `no_shadow` for "no shadow"; without its wire a
     /// baseline is not computed.
     ///
@@ -45,7 +45,7 @@ engine::params! {
         space: Space = Space::Display, other("Linear");
         /// Rounds display values to 8 bits first, as papers do that read PNG files.
         quantise: bool = true, other("false");
-        /// Names of the regions, in the order of the wires.
+        /// Names of the regions, in the order of the wires: each another one, and none `whole`.
         names: Vec<String> = Vec::new(), other("[\"shadow\"]"), inert("without regions there is nothing to name");
         /// Multiplies the difference picture.
         gain: f64 = 1.0, range(0, 1e6), other("4.0");
@@ -70,7 +70,7 @@ engine::inputs! {
         image: Arc<Images>,
         /// The truth.
         reference: Arc<Images>,
-        /// Only pixels where its first channel is above 0.5 count.
+        /// Only pixels where its first channel is above 0.5 count, for the row `whole` and every region.
         mask: Option<Arc<Images>>,
         /// Regions to report on their own: masks whose first channel is above 0.5 inside.
         regions: Vec<Arc<Images>>,
@@ -106,6 +106,9 @@ const COLOUR: [&str; 10] = [
     "largest error",
     "relative mse (linear, eps 0.01)",
 ];
+/// Where the columns of FLIP begin, and what they are in `Linear`.
+const FLIP: usize = 3;
+const HDR_FLIP: [&str; 2] = ["hdr-flip mean", "hdr-flip p95"];
 const RATIO: [&str; 5] = [
     "psnr (dB)",
     "mean absolute error",
@@ -119,7 +122,7 @@ const DARKEST: f64 = 0.001;
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -229,7 +232,11 @@ impl Kind for Compare {
         };
         let mut tables = Vec::new();
         if !colour.is_empty() || ratio.is_empty() {
-            tables.push(table("compare", &COLOUR, colour));
+            let mut columns = COLOUR;
+            if p.space == Space::Linear {
+                columns[FLIP..].iter_mut().zip(HDR_FLIP).for_each(|(column, hdr)| *column = hdr);
+            }
+            tables.push(table("compare", &columns, colour));
         }
         if !ratio.is_empty() {
             tables.push(table("ratio", &RATIO, ratio));
@@ -265,6 +272,12 @@ fn prompt(scores: &[[f64; 2]]) -> Table {
 }
 
 fn check_names(p: &Compare, regions: usize) -> Result<(), NodeError> {
+    for (at, name) in p.names.iter().enumerate() {
+        if name == "whole" || p.names[..at].contains(name) {
+            let what = format!("two rows of each view would be called `{name}`");
+            return Err(NodeError::new(what).at("names").hint("give every region a name of its own"));
+        }
+    }
     if p.names.is_empty() || p.names.len() == regions {
         return Ok(());
     }
@@ -487,6 +500,20 @@ mod tests {
     }
 
     #[test]
+    fn no_two_rows_of_a_view_have_one_name() {
+        let twice = |names: [&str; 2]| {
+            let names = names.map(str::to_owned).to_vec();
+            let all = In { regions: vec![left_half(), left_half()], ..inputs(flat(0.2), flat(0.6)) };
+            Compare::run(&Compare { names, ..node() }, all, &context()).map(|_| ())
+        };
+        assert!(twice(["left", "right"]).is_ok());
+        for names in [["left", "left"], ["left", "whole"]] {
+            let error = twice(names).expect_err("is refused");
+            assert!(error.to_string().contains(names[1]), "{error}");
+        }
+    }
+
+    #[test]
     fn ratios_have_their_own_table() {
         let map = |dark: f32| {
             one(Image::<Data>::from_samples(
@@ -542,6 +569,15 @@ mod tests {
         );
         assert_eq!(table.rows[0][at + 3], Cell::Missing, "LPIPS without weights");
         assert_eq!(notes.iter().count(), 0, "nobody asked for LPIPS");
+        let linear = Compare { space: Space::Linear, ..node() };
+        let (hdr, _) = Compare::run(&linear, inputs(flat(0.2), flat(0.6)), &context()).expect("runs");
+        let columns = &hdr.report.tables[0].columns;
+        assert_eq!(
+            columns[at..at + 2],
+            ["hdr-flip mean", "hdr-flip p95"],
+            "another measure has another name"
+        );
+        assert_eq!(columns[..at], table.columns[..at]);
         let broken = Compare { lpips: Some(InputFile("none".into())), ..node() };
         assert!(Compare::run(&broken, inputs(flat(0.2), flat(0.6)), &context()).is_err());
     }

@@ -199,7 +199,7 @@ fn hdr_flip_agrees_with_the_published_tool() {
         assert!((exposures.stop_ev - number(&theirs["stop"])).abs() < 5e-5, "{name}");
         let linear = Compare { space: Space::Linear, ..plain() };
         let (out, _) = Compare::run(&linear, pair(file("test"), file("ref"), Vec::new()), &cx()).unwrap();
-        let off = table(&out.report, 0, "flip mean") - number(&theirs["mean"]);
+        let off = table(&out.report, 0, "hdr-flip mean") - number(&theirs["mean"]);
         let fixed = Exposures { start_ev: -4.0, stop_ev: 2.0, count: 3 };
         let map = hdr_flip_map(&plane(&file("ref")), &plane(&file("test")), fixed, PIXELS_PER_DEGREE, &cx());
         let map = map.unwrap();
