@@ -111,7 +111,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "rays where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
-        force: "none: not a bit would be another one",
+        force: "none: it is where samples go, not what is modelled",
         kinds: TRACE,
         judge: |seen| {
             let shares = seen.column("views", "share of chunks that no object touches").into_iter();
@@ -125,7 +125,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "directions and harmonics above degree 0",
         check: "the degree of the scene, and `sh_degree`",
-        force: "a file with harmonics of 0: not a bit is another one",
+        force: "`skip_harmonics: false`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
@@ -136,7 +136,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "lobes that materials lack",
         check: "the strength of each, after its texture",
-        force: "none: not a bit would be another one",
+        force: "`skip_lobes: false`",
         kinds: TRACE,
         judge: |seen| {
             let absent = seen.value("decisions", "lobes that no material has")?;

@@ -120,6 +120,7 @@ impl Case {
             contact_metres: Some(0.0),
             coarse_px: 1,
             crop,
+            skip_lobes: true,
         };
         let run = |rig: Arc<Rig>| {
             let inputs = path_trace::In {

@@ -100,6 +100,8 @@ engine::params! {
         /// `with` is `without` and no ray asks. What they change is bounded, not estimated, so that in shadow, near
         /// bright things, and wherever a wall may throw their light back nothing is left out. 0 asks everywhere.
         crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
+        /// Whether to leave out lobes that a material does not have; evaluated all the same they give the same bits.
+        skip_lobes: bool = true, inert("what is left out has no strength: only work is saved");
     }
 }
 
@@ -175,6 +177,8 @@ struct Extra<'a> {
     contact: Option<([f64; 3], Option<f64>)>,
     /// What may be left out; absent likewise.
     crop: Option<f64>,
+    /// Evaluates what is 0, for those who want to see that; in the key, so that it is done.
+    every_lobe: bool,
 }
 
 impl Kind for PathTrace {
@@ -257,7 +261,8 @@ impl Kind for PathTrace {
         };
         let decided = params.decide(&prepared, centre, cx.metres_per_unit(), &mut notes);
         let rules = decided.rules;
-        let objects = Objects::new(&inputs.objects, origin)?;
+        let mut objects = Objects::new(&inputs.objects, origin)?;
+        objects.every_lobe = !params.skip_lobes;
         report_inputs(&prepared, &objects, &mut notes);
         if !objects.is_empty() {
             EnvResolution::of(&inputs.env, &inputs.objects).report(&inputs.env, &mut notes);
@@ -301,6 +306,7 @@ impl Kind for PathTrace {
                 range,
                 contact: objects.map(|(contact, _)| contact),
                 crop: objects.and_then(|(_, crop)| crop),
+                every_lobe: objects.is_some() && !params.skip_lobes,
             };
             let take = |accumulator: &mut Accumulator, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
                 let part = Part { name: "r0", version: 8, inputs: &["receiver", "env"] };

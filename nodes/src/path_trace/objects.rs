@@ -55,6 +55,8 @@ pub struct Objects {
     opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
+    /// Whether lobes are evaluated that their materials do not have.
+    pub every_lobe: bool,
     /// The insides that light can be in, and the box around them.
     pub(super) bodies: Vec<Body>,
     pub(super) held: Option<(Vec3, Vec3)>,
@@ -90,6 +92,7 @@ impl Objects {
                 .collect(),
             opaque: true,
             clear: false,
+            every_lobe: false,
             bodies: Vec::new(),
             held: None,
             emitters: Emitters::new(&[], |_| 0.0),
@@ -275,7 +278,7 @@ impl Objects {
         };
         let bent =
             |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &point, &map, smooth)));
-        let mut params = params(&filtered, material);
+        let mut params = BsdfParams { every_lobe: self.every_lobe, ..params(&filtered, material) };
         params.inside = params.thick && hit.back && !straight;
         if part.body.is_some() {
             let [near, far] = self.indices(media);
@@ -435,7 +438,6 @@ mod tests {
     use crate::bvh::Ray;
 
     /// A mirror keeps the outside outside.
-    /// Mutation: `[a, c, b]` to `[a, b, c]` in `wound` (seen red).
     #[test]
     fn row_68_mirrored_objects_keep_their_front() {
         let object = Object {

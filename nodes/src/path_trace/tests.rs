@@ -129,6 +129,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         contact_metres: Some(0.0),
         coarse_px: 1,
         crop: 0.0,
+        skip_lobes: true,
     }
 }
 

@@ -340,12 +340,16 @@ impl<'a, L: CameraModel> Projection<'a, L> {
 
         let mut direction = [0.0; 3];
         // The constant function asks for none.
-        if self.degree > 0 {
+        if self.degree > 0 || !settings.skip_harmonics {
             direction = (offset / offset.length()).to_array().map(|c| c as f32);
             out.directed += 1;
         }
         let each = splats.sh_len();
-        let rgb = sh::colour(self.degree, &splats.sh[index * each..(index + 1) * each], direction);
+        let coefficients = &splats.sh[index * each..(index + 1) * each];
+        let rgb = match settings.skip_harmonics {
+            true => sh::colour(self.degree, coefficients, direction),
+            false => sh::colour_of_all(self.degree, coefficients, direction),
+        };
         out.held += u64::from(rgb.contains(&sh::LARGEST));
         let by = match settings.sort {
             Sort::Depth => depth,

@@ -70,6 +70,9 @@ engine::params! {
         /// Whether to leave out blocks of splats that cannot be in a picture, where there are several pictures to
         /// save more than it takes to find the blocks; the pictures are the same bits.
         skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
+        /// Whether to leave out harmonics above the degree that the file and `sh_degree` have, and the direction where
+        /// that is 0; summed all the same, with coefficients of 0, they give the same bits.
+        skip_harmonics: bool = true, inert("what is left out is 0: only work is saved");
     }
 }
 
@@ -89,6 +92,7 @@ impl Default for Drawing {
             depth: of.depth,
             count_blends: of.count_blends,
             skip_unseen: of.skip_unseen,
+            skip_harmonics: of.skip_harmonics,
         }
     }
 }
@@ -123,6 +127,7 @@ impl Drawing {
             depth: self.depth,
             count_blends: self.count_blends,
             skip_unseen: self.skip_unseen,
+            skip_harmonics: self.skip_harmonics,
             list_bytes: LIST_BYTES,
         }
     }
@@ -169,6 +174,8 @@ pub struct Settings {
     pub count_blends: bool,
     /// True to leave out blocks of splats that cannot be in the picture.
     pub skip_unseen: bool,
+    /// Whether to leave out harmonics above the degree that there is.
+    pub skip_harmonics: bool,
     /// Most bytes that the lists of tiles take, beyond what one row lists once a splat; never changes a bit.
     pub list_bytes: u64,
 }
@@ -201,6 +208,7 @@ impl Default for Settings {
             depth: DepthMode::Expected,
             count_blends: false,
             skip_unseen: true,
+            skip_harmonics: true,
             list_bytes: LIST_BYTES,
         }
     }

@@ -68,6 +68,14 @@ pub(super) fn colour(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]
     rgb.map(|c| if c + 0.5 < LARGEST { (c + 0.5).max(0.0) } else { LARGEST })
 }
 
+/// [`colour`] as the sum over all functions there are, those above `degree` times 0: the same bits.
+pub(super) fn colour_of_all(degree: u32, coefficients: &[[f32; 3]], direction: [f32; 3]) -> [f32; 3] {
+    let used = ((degree + 1) * (degree + 1)) as usize;
+    let mut all = [[0.0; 3]; MAX_LEN];
+    all[..used].copy_from_slice(&coefficients[..used]);
+    colour(4, &all, direction)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -112,6 +112,7 @@ const F64: Settings = Settings {
     depth: DepthMode::Expected,
     count_blends: false,
     skip_unseen: true,
+    skip_harmonics: true,
     list_bytes: settings::LIST_BYTES,
 };
 

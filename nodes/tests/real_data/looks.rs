@@ -67,6 +67,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
         contact_metres: Some(0.0),
         coarse_px: 1,
         crop: 0.0,
+        skip_lobes: true,
     };
     let inputs = path_trace::In {
         receiver: Arc::new(floor),

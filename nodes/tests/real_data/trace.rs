@@ -102,6 +102,7 @@ impl Case {
             contact_metres: Some(0.0),
             coarse_px: 1,
             crop: 0.0,
+            skip_lobes: true,
         };
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),

@@ -88,20 +88,21 @@ impl Glass {
     pub fn new(params: &BsdfParams, gloss: &Gloss) -> Option<Self> {
         let share = params.transmission * (1.0 - params.metallic);
         let albedo = tint(params) * gloss.left * share;
-        if share <= 0.0 || params.blocked {
+        if (share <= 0.0 && !params.every_lobe) || params.blocked {
             return None;
         }
-        let eta = params.thick.then_some(gloss.eta);
-        let kept = if params.thick { gloss.facets.passed } else { gloss.facets.all };
+        // A body that lets nothing in is none.
+        let body = params.thick && share > 0.0;
+        let eta = body.then_some(gloss.eta);
+        let kept = if body { gloss.facets.passed } else { gloss.facets.all };
         let (metal, clear) = (params.metallic, (1.0 - params.metallic) * params.transmission);
         // Beyond the critical angle a smooth body lets nothing through, so that there is nothing to give back.
         (kept > 1e-3).then(|| Self { eta, weight: albedo / kept, metal, clear, albedo })
     }
 
-    /// The same that lets nothing pass.
-    #[cfg(test)]
-    pub fn of_no_strength(self) -> Self {
-        Self { weight: Vec3::ZERO, albedo: Vec3::ZERO, ..self }
+    /// Whether anything passes.
+    pub fn passes(&self) -> bool {
+        self.clear > 0.0
     }
 
     /// Whether it bounds a body, and is no thin wall.

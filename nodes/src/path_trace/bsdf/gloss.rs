@@ -91,7 +91,7 @@ impl Gloss {
         let tinted = (params.specular.1 * glass::f0_of_ior(params.ior)).min(Vec3::ONE);
         let strength = interface.strength;
         let (share, index, thickness) = params.film;
-        let film = |f0: Vec3, rise: f32| match share > 0.0 {
+        let film = |f0: Vec3, rise: f32| match share > 0.0 || params.every_lobe {
             true => f0.lerp(thin_film::f0(index, thickness, f0, cosine, rise), share),
             false => f0,
         };

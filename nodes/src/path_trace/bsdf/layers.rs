@@ -48,7 +48,7 @@ impl Sheen {
     /// Of a surface, seen at an angle; none where it has none.
     fn new(params: &BsdfParams, cosine: f32) -> Option<Self> {
         let (colour, roughness) = params.sheen;
-        (colour != Vec3::ZERO && !params.inside).then(|| {
+        ((colour != Vec3::ZERO || params.every_lobe) && !params.inside).then(|| {
             let white = albedo::sheen(cosine, roughness);
             Self { colour: colour / white.max(1.0), roughness, albedo: colour * white.min(1.0) }
         })
@@ -94,12 +94,13 @@ pub struct Layers {
     /// What coat and sheen leave to the base.
     under: f32,
     shares: [f32; 6],
+    every_lobe: bool,
 }
 
 impl Layers {
     /// See [`Bsdf::lit_side`](super::Bsdf::lit_side).
     pub fn lit_side(&self) -> Option<Vec3> {
-        let passes = self.glass.is_some() || self.through != Vec3::ZERO;
+        let passes = self.glass.is_some_and(|glass| glass.passes()) || self.through != Vec3::ZERO;
         (!passes).then(|| self.frame.normal())
     }
 
@@ -119,7 +120,7 @@ impl Layers {
         let through = colour * (below * passing);
         let glass = Glass::new(params, &gloss);
         let sheen = Sheen::new(params, viewer.z);
-        let coat = (params.coat.0 > 0.0 && !params.inside).then(|| {
+        let coat = ((params.coat.0 > 0.0 || params.every_lobe) && !params.inside).then(|| {
             let (share, roughness) = params.coat;
             let (params, out) = (clear(roughness), coated.viewer(out));
             let gloss = Gloss::new(&params, &Interface::new(&params, out), out);
@@ -140,6 +141,7 @@ impl Layers {
             coat,
             under,
             shares: [0.0; 6],
+            every_lobe: params.every_lobe,
         };
         layers.share();
         layers
@@ -169,6 +171,10 @@ impl Layers {
         }
     }
 
+    fn evaluates(&self, lobe: usize) -> bool {
+        self.shares[lobe] > 0.0 || self.every_lobe
+    }
+
     /// See [`Bsdf::eval`](super::Bsdf::eval).
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
         let i = self.frame.to(incident);
@@ -179,7 +185,7 @@ impl Layers {
             class.pdf += self.shares[lobe] * pdf;
         };
         if above && i.z > 0.0 {
-            if self.shares[MATTE] > 0.0 {
+            if self.evaluates(MATTE) {
                 let pdf = i.z * FRAC_1_PI;
                 let coupling = self.coupling * (1.0 - self.interface.albedo(i.z));
                 add(&mut diffuse, MATTE, self.matte * coupling * (self.under * pdf), pdf);
@@ -189,7 +195,7 @@ impl Layers {
                 let under = self.coat.map_or(1.0, |coat| coat.under);
                 add(&mut diffuse, SHEEN, value * under, sheen::UNIFORM);
             }
-            if self.shares[GLOSS] > 0.0 {
+            if self.evaluates(GLOSS) {
                 let (s, facing) = self.gloss.eval(self.out, i);
                 let mirrors =
                     self.glass.and_then(|glass| glass.reflection_probability(facing)).unwrap_or(1.0);
@@ -197,7 +203,7 @@ impl Layers {
             }
         }
         if !above && i.z < 0.0 {
-            if self.shares[THROUGH] > 0.0 {
+            if self.evaluates(THROUGH) {
                 let pdf = -i.z * FRAC_1_PI;
                 let coupling = self.coupling * (1.0 - self.interface.albedo(-i.z));
                 add(&mut diffuse, THROUGH, self.through * coupling * (self.under * pdf), pdf);
@@ -260,38 +266,29 @@ mod tests {
     use super::*;
     use crate::sampling::{Points, unit};
 
-    // The switch that forces what `new` leaves out: layers of no strength that are evaluated and chosen among like any
-    // other. They change no bit, of values, densities or chosen directions. Seen red with a coat of a share of 1e-3.
+    /// Layers of no strength that are evaluated, and chosen among, like any other change no bit, of values, densities or
+    /// chosen directions. Seen red with a coat of a share of 1e-3.
     #[test]
     fn layers_of_no_strength_change_no_bit_where_they_are_evaluated() {
         let upright = Frame::around(Vec3::Z);
+        let gold =
+            BsdfParams { base: Vec3::splat(0.9), metallic: 1.0, roughness: 0.1, ..BsdfParams::default() };
+        let paint = BsdfParams { base: Vec3::new(0.7, 0.4, 0.1), roughness: 0.3, ..BsdfParams::default() };
         for (params, tilt) in [
             (BsdfParams::default(), 0.2_f32),
-            (BsdfParams { base: Vec3::new(0.7, 0.4, 0.1), roughness: 0.3, ..BsdfParams::default() }, 0.9),
-            (
-                BsdfParams { base: Vec3::splat(0.9), metallic: 1.0, roughness: 0.1, ..BsdfParams::default() },
-                0.5,
-            ),
+            (paint, 0.9),
+            (BsdfParams { thick: true, ..paint }, 0.6),
+            (gold, 0.5),
             (BsdfParams { ior: 1.0, ..BsdfParams::default() }, 0.7),
+            (BsdfParams { transmission: 0.6, thick: true, roughness: 0.2, ..paint }, 0.4),
         ] {
             let out = Vec3::new(tilt, 0.1, 1.0).normalize();
-            let left_out = Layers::new([upright; 2], Vec3::Z, out, &params);
-            assert!(left_out.sheen.is_none() && left_out.coat.is_none() && left_out.glass.is_none());
-            let wall = BsdfParams { transmission: 1.0, metallic: 0.0, ..params };
-            let (viewer, clear) =
-                (upright.viewer(out), BsdfParams { roughness: 0.2, ..BsdfParams::default() });
-            let gloss = Gloss::new(&clear, &Interface::new(&clear, viewer), viewer);
-            let mut open = left_out.gloss;
-            open.left = Vec3::ONE;
-            let mut forced = Layers {
-                sheen: Some(Sheen { colour: Vec3::ZERO, roughness: 0.5, albedo: Vec3::ZERO }),
-                coat: Some(Coat { frame: upright, out: viewer, gloss, share: 0.0, under: 1.0 }),
-                glass: Glass::new(&wall, &open).map(Glass::of_no_strength),
-                ..left_out
-            };
-            assert!(forced.glass.is_some());
-            forced.share();
-            assert_eq!(forced.shares, left_out.shares);
+            let [left_out, forced] = [false, true].map(|every_lobe| {
+                Layers::new([upright; 2], Vec3::Z, out, &BsdfParams { every_lobe, ..params })
+            });
+            assert!(left_out.sheen.is_none() && left_out.coat.is_none());
+            assert!(forced.sheen.is_some() && forced.coat.is_some() && forced.glass.is_some());
+            assert_eq!((forced.shares, forced.lit_side()), (left_out.shares, left_out.lit_side()));
             for i in 0..400 {
                 let points = Points::new(3, i);
                 let ([u, v], [choice, _]) = (points.pair(0), points.pair(1));

@@ -74,6 +74,8 @@ pub struct BsdfParams {
     pub sheen: (Vec3, f32),
     /// Share and roughness of the clear coat.
     pub coat: (f32, f32),
+    /// Whether lobes of no strength are evaluated like any other.
+    pub every_lobe: bool,
 }
 
 impl Default for BsdfParams {
@@ -94,6 +96,7 @@ impl Default for BsdfParams {
             film: (0.0, 1.3, 0.0),
             sheen: (Vec3::ZERO, 0.0),
             coat: (0.0, 0.0),
+            every_lobe: false,
         }
     }
 }
