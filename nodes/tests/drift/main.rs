@@ -6,6 +6,8 @@
 //! there is a change of a picture: look at it, then renew the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
+mod direct;
+mod ground;
 mod lights;
 mod means;
 mod moved;
@@ -93,6 +95,14 @@ fn cases(run: &Run) -> Vec<Case> {
     let splatted = scenes::splatted(&run.value::<Splats>("demo.splats"), camera);
     let nearest =
         scenes::nearest(&run.value::<Mesh>("demo.proxy"), &run.value::<Placed>("placed.placed"), camera);
+    let around = run.value::<Panorama>("around.pano");
+    let (belt, known) = scenes::belt(&run.value::<Splats>("demo.splats"), around.origin, 96);
+    let rows = run.picture("around.image");
+    let off = apart(&rows[3 * 96 * 8..3 * 96 * 40], &belt).into_iter().enumerate();
+    let around = off.filter_map(|(k, error)| (known[k / 3] > 0.999).then_some(error)).collect();
+    let stands = ground::found(&run.value::<Mesh>("demo.proxy"), &run.value::<Placed>("raised.placed"), 0.5);
+    let direct = direct::Direct::new(256);
+    let [sun, shade, top] = [&direct.without, &direct.with, &direct.object];
     let layers = means::Layers {
         width: 64,
         without: without.clone(),
@@ -140,6 +150,8 @@ fn cases(run: &Run) -> Vec<Case> {
             apart(&lights::told(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
         ),
         exact("splat-render, EWA as published", 1e-5, apart(&view, &splatted)),
+        exact("splat-panorama, EWA as published", 1e-4, around),
+        exact("snap, metres and normal", 1e-5, apart(&ground::told(&run.value("stands.report")), &stands)),
         // Where nothing is met both are infinite.
         exact(
             "path-trace depth, relative",
@@ -147,6 +159,24 @@ fn cases(run: &Run) -> Vec<Case> {
             relative(&layers.depth, &nearest, 0.0).into_iter().filter(|off| !off.is_nan()).collect(),
         ),
         exact("denoise, relative", 1e-4, relative(&cleaned, &layers.averaged(), 0.01)),
+        finer(
+            "path-trace direct R0, relative",
+            "float64, all directions",
+            1.0,
+            relative(&sun[0], &sun[1], 0.5),
+        ),
+        finer(
+            "path-trace direct R1, relative",
+            "float64, all directions",
+            1.0,
+            relative(&shade[0], &shade[1], 0.5),
+        ),
+        finer(
+            "path-trace direct object, relative",
+            "float64, all directions",
+            1.0,
+            relative(&top[0], &top[1], 0.5),
+        ),
         finer("splat-render, arithmetic", "F64", 1e-4, apart(&view, &run.picture("double.colour"))),
         finer(
             "splat-panorama, arithmetic",
@@ -215,4 +245,24 @@ fn no_error_drifts() {
         assert_eq!(line, known, "if it is meant, run with UPDATE_GOLDEN=1");
     }
     assert_eq!(text.lines().count(), known.lines().count());
+}
+
+/// In the mean the light is that of the sum over all directions: pixels lie on both sides of it, and no farther off than
+/// their own variance says.
+#[test]
+fn direct_light_is_that_of_all_directions() {
+    let direct = direct::Direct::new(64);
+    let luminance = |v: &Vec<f64>| v.chunks_exact(3).map(references::luminance).collect::<Vec<_>>();
+    for ([traced, expected], variance) in [&direct.without, &direct.with].into_iter().zip(&direct.variance) {
+        let off = luminance(traced).into_iter().zip(luminance(expected)).zip(variance);
+        let off: Vec<f64> =
+            off.filter(|(_, variance)| **variance > 0.0).map(|((a, b), v)| (a - b) / v.sqrt()).collect();
+        let n = off.len() as f64;
+        let (mean, square) = (off.iter().sum::<f64>() / n, off.iter().map(|z| z * z).sum::<f64>() / n);
+        assert!(n > 100.0 && mean.abs() < 4.0 / n.sqrt(), "{mean} of {n}");
+        assert!(square < 1.3, "{square}");
+    }
+    // The top of the box sees all of the sky, so its light is known to the samples alone.
+    let [traced, expected] = direct.object.map(|light| light.iter().sum::<f64>());
+    assert!((traced / expected - 1.0).abs() < 0.01, "{traced} {expected}");
 }

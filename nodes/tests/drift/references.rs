@@ -13,7 +13,7 @@ fn decoded(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { num::pow((v + 0.055) / 1.055, 2.4) }
 }
 
-fn encoded(v: f64) -> f64 {
+pub fn encoded(v: f64) -> f64 {
     if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * num::pow(v, 1.0 / 2.4) - 0.055 }
 }
 
@@ -22,7 +22,7 @@ pub fn luminance(rgb: &[f64]) -> f64 {
 }
 
 /// Premultiplied display values as premultiplied linear light.
-fn light(pixel: &[f64]) -> [f64; 4] {
+pub fn light(pixel: &[f64]) -> [f64; 4] {
     let alpha = pixel[3];
     let linear = |c: usize| if alpha > 0.0 { decoded(pixel[c] / alpha) * alpha } else { 0.0 };
     [linear(0), linear(1), linear(2), alpha]

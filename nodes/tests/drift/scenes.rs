@@ -2,9 +2,12 @@
 
 use std::f64::consts::PI;
 
+use engine::Up;
 use glam::{DMat3, DQuat, DVec3};
-use nodes::num;
 use nodes::types::{Camera, Mesh, Placed, Splats};
+use nodes::{equirect, num};
+
+use super::references::{encoded, light};
 
 /// Real spherical harmonics in a unit direction, degree after degree and -l to l within one, by the recurrence of the
 /// associated Legendre functions, with the sign (-1)^m of Condon and Shortley.
@@ -44,6 +47,53 @@ struct Footprint {
     rgb: [f64; 3],
 }
 
+impl Footprint {
+    /// Of a splat whose centre stands there and whose axes come to these columns and rows; 0.3 is the filter.
+    fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
+        let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
+        let determinant = xx * yy - xy * xy;
+        let basis = harmonics(splats.sh_degree, (splats.mean(i) - eye).normalize());
+        let triples = &splats.sh[i * basis.len()..][..basis.len()];
+        let channel = |c: usize| basis.iter().zip(triples).map(|(b, sh)| b * f64::from(sh[c])).sum::<f64>();
+        Self {
+            depth,
+            centre,
+            shape: [yy / determinant, -xy / determinant, xx / determinant],
+            opacity: f64::from(splats.opacities[i]),
+            rgb: [0, 1, 2].map(|c| (channel(c) + 0.5).max(0.0)),
+        }
+    }
+}
+
+/// The axes of a splat in the world, as long as its standard deviations.
+fn axes(splats: &Splats, i: usize) -> DMat3 {
+    let [w, x, y, z] = splats.quats[i].map(f64::from);
+    let turn = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+    turn * DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)))
+}
+
+/// Premultiplied colour and alpha of sorted splats at a place; one of a period goes on at the other edge.
+fn blended(footprints: &[Footprint], at: [f64; 2], period: Option<f64>) -> [f64; 4] {
+    let (mut rgb, mut clear) = ([0.0; 3], 1.0);
+    for Footprint { centre, shape: [xx, xy, yy], opacity, rgb: colour, .. } in footprints {
+        let [dx, dy] = [at[0] - centre[0], at[1] - centre[1]];
+        let dx = period.map_or(dx, |period| dx - period * (dx / period).round());
+        let power = -0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy);
+        // Nothing that is cut is worth an exponential.
+        let alpha = if power < -6.0 { 0.0 } else { (opacity * num::f64::exp(power)).min(0.99) };
+        if alpha < 1.0 / 255.0 {
+            continue;
+        }
+        if clear * (1.0 - alpha) < 1e-4 {
+            break;
+        }
+        rgb.iter_mut().zip(colour).for_each(|(sum, c)| *sum += clear * alpha * c);
+        clear *= 1.0 - alpha;
+    }
+    let [r, g, b] = rgb;
+    [r, g, b, 1.0 - clear]
+}
+
 /// Premultiplied colour and alpha of each pixel: EWA splatting as Zwicker et al.
 /// 2001 and Kerbl et al. 2023 have it, with the constants of the latter.
 pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
@@ -57,9 +107,7 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
         if p.z <= 0.2 {
             return None;
         }
-        let [w, x, y, z] = splats.quats[i].map(f64::from);
-        let axes = turn * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-        let axes = axes * DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)));
+        let axes = turn * axes(splats, i);
         // Far outside of the picture the slope of the projection is held.
         let held = |k: usize| (p[k] / p.z).clamp(-0.65 * size[k] / focal[k], 0.65 * size[k] / focal[k]);
         let rows = [0, 1].map(|k| {
@@ -68,42 +116,60 @@ pub fn splatted(splats: &Splats, camera: &Camera) -> Vec<f64> {
             row.z = -focal[k] * held(k) / p.z;
             axes.transpose() * row
         });
-        let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
-        let determinant = xx * yy - xy * xy;
-        let basis = harmonics(splats.sh_degree, (splats.mean(i) - eye).normalize());
-        let triples = &splats.sh[i * basis.len()..][..basis.len()];
-        let channel = |c: usize| basis.iter().zip(triples).map(|(b, sh)| b * f64::from(sh[c])).sum::<f64>();
-        Some(Footprint {
-            depth: p.z,
-            centre: [focal[0] * p.x / p.z + camera.cx, focal[1] * p.y / p.z + camera.cy],
-            shape: [yy / determinant, -xy / determinant, xx / determinant],
-            opacity: f64::from(splats.opacities[i]),
-            rgb: [0, 1, 2].map(|c| (channel(c) + 0.5).max(0.0)),
-        })
+        let centre = [focal[0] * p.x / p.z + camera.cx, focal[1] * p.y / p.z + camera.cy];
+        Some(Footprint::new(splats, i, eye, p.z, centre, rows))
     };
     let mut footprints: Vec<Footprint> = (0..splats.len()).filter_map(footprint).collect();
     footprints.sort_by(|a, b| a.depth.total_cmp(&b.depth));
-    let mut colours = Vec::new();
-    for pixel in 0..camera.width_px * camera.height_px {
-        let at = [pixel % camera.width_px, pixel / camera.width_px].map(|k| f64::from(k) + 0.5);
-        let (mut rgb, mut clear) = ([0.0; 3], 1.0);
-        for Footprint { centre, shape: [xx, xy, yy], opacity, rgb: colour, .. } in &footprints {
-            let [dx, dy] = [at[0] - centre[0], at[1] - centre[1]];
-            let power = -0.5 * (xx * dx * dx + 2.0 * xy * dx * dy + yy * dy * dy);
-            // Nothing that is cut is worth an exponential.
-            let alpha = if power < -6.0 { 0.0 } else { (opacity * num::f64::exp(power)).min(0.99) };
-            if alpha < 1.0 / 255.0 {
-                continue;
-            }
-            if clear * (1.0 - alpha) < 1e-4 {
-                break;
-            }
-            rgb.iter_mut().zip(colour).for_each(|(sum, c)| *sum += clear * alpha * c);
-            clear *= 1.0 - alpha;
+    let places = (0..camera.width_px * camera.height_px)
+        .map(|pixel| [pixel % camera.width_px, pixel / camera.width_px].map(|k| f64::from(k) + 0.5));
+    places.flat_map(|at| blended(&footprints, at, None)).collect()
+}
+
+/// Display values of the belt of a panorama with z up, between 30 degrees from either pole, and how much of each pixel is
+/// seen: the mean light of 2 by 2 samples a pixel, each blended as above in the plane of both angles, nearest first. The
+/// derivatives of the angles are differences.
+pub fn belt(splats: &Splats, eye: DVec3, width: usize) -> (Vec<f64>, Vec<f64>) {
+    let fine = 2.0 * width as f64;
+    let angles = |p: DVec3| {
+        let (u, v) = equirect::uv(Up::PlusZ, p);
+        [u * fine, v * 0.5 * fine]
+    };
+    let footprint = |i: usize| {
+        let p = splats.mean(i) - eye;
+        let (rho, distance) = (p.truncate().length(), p.length());
+        // What is drawn out along all of a row shows in a cap alone.
+        if distance <= 0.2 || rho < 0.005 * distance {
+            return None;
         }
-        colours.extend(rgb.into_iter().chain([1.0 - clear]));
+        let h = 1e-6 * rho;
+        let axes = axes(splats, i).transpose();
+        let wrapped = |d: f64| d - fine * (d / fine).round();
+        let by = |axis: DVec3| {
+            let (a, b) = (angles(p + axis * h), angles(p - axis * h));
+            [wrapped(a[0] - b[0]) / (2.0 * h), (a[1] - b[1]) / (2.0 * h)]
+        };
+        let columns = DVec3::AXES.map(by);
+        let rows = [0, 1].map(|k| axes * DVec3::from(columns.map(|column| column[k])));
+        Some(Footprint::new(splats, i, eye, distance, angles(p), rows))
+    };
+    let mut footprints: Vec<Footprint> = (0..splats.len()).filter_map(footprint).collect();
+    footprints.sort_by(|a, b| a.depth.total_cmp(&b.depth));
+    let (mut colours, mut seen) = (Vec::new(), Vec::new());
+    for pixel in width * (width / 12)..width * (width / 2 - width / 12) {
+        let (mut sum, mut area) = ([0.0; 4], 0.0);
+        for sample in 0..4 {
+            let at = [2 * (pixel % width) + sample % 2, 2 * (pixel / width) + sample / 2].map(|k| k as f64);
+            let edge = |row: f64| num::f64::cos(2.0 * PI * row / fine);
+            let solid = edge(at[1]) - edge(at[1] + 1.0);
+            let shown = light(&blended(&footprints, at.map(|k| k + 0.5), Some(fine)));
+            sum.iter_mut().zip(shown).for_each(|(sum, v)| *sum += solid * v);
+            area += solid;
+        }
+        seen.push(sum[3] / area);
+        colours.extend([0, 1, 2].map(|c| encoded(sum[c] / sum[3])));
     }
-    colours
+    (colours, seen)
 }
 
 /// Planar depth at the centre of each pixel of the nearest of all triangles, +inf where there is none.
