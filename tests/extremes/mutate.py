@@ -74,7 +74,8 @@ def build(copy, crate, which):
     done = subprocess.run(command, cwd=copy, stdout=subprocess.PIPE, text=True, check=True)
     made = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     [program] = [message["executable"] for message in made if message.get("executable")]
-    return program
+    # Another build into the same folder must not take its place.
+    return shutil.copy(program, pathlib.Path(copy, f"{crate}-tests"))
 
 
 def passes(program, crate, test, number):
