@@ -84,7 +84,7 @@ macro_rules! number_params {
     ($($type:ty => $name:literal),*) => { $(
         impl ParamType for $type {
             fn describe() -> String { $name.to_owned() }
-            fn within(&self, low: f64, high: f64) -> bool { low <= *self as f64 && *self as f64 <= high }
+            fn within(&self, low: f64, high: f64) -> bool { (low as Self..=high as Self).contains(self) }
         }
     )* };
 }
@@ -370,4 +370,17 @@ macro_rules! choices {
             fn describe() -> String { [$(stringify!($variant)),*].join(" | ") }
         }
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ParamType;
+
+    // Mutation: the bounds of f32 compared in f64.
+    #[test]
+    fn the_ends_of_a_range_are_in_it() {
+        assert!(0.999_f32.within(0.05, 0.999) && 0.05_f32.within(0.05, 0.999));
+        assert!(!0.9991_f32.within(0.05, 0.999) && !f32::NAN.within(0.05, 0.999));
+        assert!(3_u32.within(3.0, 4.0) && !5_u32.within(3.0, 4.0) && !(-1_i32).within(0.0, 4.0));
+    }
 }

@@ -74,6 +74,13 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
     })
 }
 
+/// Whether a text begins as a choice does that holds something: with its name and a bracket.
+fn begins(choice: &str, text: &str) -> bool {
+    choice.split_once('(').is_some_and(|(name, _)| {
+        text.strip_prefix(name).is_some_and(|rest| rest.trim_start().starts_with('('))
+    })
+}
+
 /// What is wrong with the text of a parameter. `range` is what is said where it has one.
 pub(crate) fn value_mistake<T: ParamType>(
     name: &str,
@@ -108,6 +115,12 @@ pub(crate) fn value_mistake<T: ParamType>(
             .label(range.unwrap_or_else(|| format!("expected {wanted}"))),
         _ if let Some(what) = wrong_items(described, text) => {
             mistake(format!("`{name}` takes {wanted}, {what}"))
+        }
+        // The choice is right and what it holds is not.
+        _ if described.split(" | ").any(|choice| begins(choice, text)) => {
+            let why = error.to_string();
+            let (first, rest) = why.split_at(why.chars().next().map_or(0, char::len_utf8));
+            mistake(format!("`{name}`: {}{rest}", first.to_lowercase())).label(format!("expected {wanted}"))
         }
         _ => {
             let sort = sort_of(text);

@@ -17,6 +17,9 @@ mod plan;
 mod report;
 mod run;
 mod splats;
+#[cfg(not(feature = "learned"))]
+#[path = "train_absent.rs"]
+mod train_exposure;
 #[cfg(feature = "learned")]
 mod train_exposure;
 #[cfg(feature = "learned")]
@@ -80,8 +83,7 @@ enum Verb {
     Convert(convert::Convert),
     /// Tells what a scene of splats is like: size, floor, up, what looks wrong
     Inspect(inspect::Inspect),
-    /// Trains the learned exposure prediction on HDR panoramas
-    #[cfg(feature = "learned")]
+    /// Trains the learned exposure prediction on HDR panoramas (in builds with the feature `learned`)
     TrainExposure(train_exposure::TrainExposure),
     /// Prints completions for a shell
     Completions(completions::Completions),
@@ -152,7 +154,6 @@ impl Command {
             Verb::Pack(verb) => verb.run(),
             Verb::Unpack(verb) => verb.run(),
             Verb::Verify(verb) => verb.run(),
-            #[cfg(feature = "learned")]
             Verb::TrainExposure(verb) => verb.run(),
             Verb::Completions(verb) => verb.run(),
             Verb::Manual(verb) => verb.run(),

@@ -172,6 +172,32 @@ fn a_missing_file_is_told_beside_what_else_is_wrong_with_its_node() {
     assert!(told.contains("`gone.hdr` does not exist") && told.contains("`scale` is out of range"), "{told}");
 }
 
+// What a choice holds is told by itself, not as if the choice were wrong; the ends of a range are in it.
+// Mutation: `begins` always false; `within` of f32 in f64.
+#[test]
+fn what_a_method_holds_wrongly_is_told() {
+    let errors = |method: &str| {
+        let place = Place::new(&INSERT.replace("method: Region", &format!("method: {method}")));
+        text(&place.call(&["check", "graph.ron"]).stderr)
+    };
+    let three = errors("Manual(emitters: [(0.0, 0.0, 10.0)])");
+    assert!(three.contains("an emitter (azimuth, elevation, radius, stops)"), "{three}");
+    assert!(!three.contains("not a word"), "{three}");
+    assert!(!errors("Manual(emitters: [[0.0, 0.0, 10.0, 3.0]])").contains("not a word"));
+    let fuse = INSERT.replace("brackets: \"dark\"", "brackets: \"dark\", threshold: 0.999");
+    assert!(fuse != INSERT);
+    let place = Place::new(&fuse);
+    assert_eq!(place.call(&["check", "graph.ron"]).status.code(), Some(0));
+}
+
+#[cfg(not(feature = "learned"))]
+#[test]
+fn what_is_not_built_in_is_told() {
+    let told = Place::new("").call(&["train-exposure", "panoramas", "--out", "a.safetensors"]);
+    assert_eq!(told.status.code(), Some(2));
+    assert!(text(&told.stderr).contains("--features learned"), "{}", text(&told.stderr));
+}
+
 #[test]
 fn programs_are_told_mistakes_as_json() {
     let place = Place::new(&INSERT.replace("gamma: 0.8", "gama: 0.8"));
