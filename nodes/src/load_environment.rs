@@ -45,7 +45,7 @@ engine::outputs! {
 
 impl Kind for LoadEnvironment {
     const NAME: &'static str = "load-environment";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;

@@ -57,7 +57,7 @@ engine::outputs! {
 
 impl Kind for LoadImage {
     const NAME: &'static str = "load-image";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;

@@ -60,7 +60,7 @@ const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -74,7 +74,7 @@ impl Kind for LoadPanorama {
     fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
         // Premultiplied colours as they were and turned, rows while they turn or the levels that holes are filled from,
         // what they become, and for a photograph its luminance.
-        let copies = 4 + u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
+        let copies = 4 + 3 * u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
             reading.max(floats.saturating_mul(copies)).saturating_add(file.bytes)
@@ -90,8 +90,17 @@ impl Kind for LoadPanorama {
         let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
         drop(picture);
         let turned = if linear { p.rotation_deg } else { whole_columns(p.rotation_deg, width, &mut notes) };
+        // Filled before it turns, so that turning changes nothing but where things are.
+        let filled = fill_holes(&pixels, width, linear, &mut notes, cx)?;
         let (mut samples, alpha) = straight(turn(&pixels, width, turned, cx)?);
-        fill_holes(&mut samples, &alpha, width, linear, &mut notes, cx)?;
+        drop(pixels);
+        if let Some(filled) = filled {
+            let filled = turn(&filled, width, turned, cx)?;
+            let pixels = samples.as_chunks_mut::<3>().0.iter_mut().zip(&alpha).zip(filled);
+            for ((rgb, _), [r, g, b, _]) in pixels.filter(|((_, alpha), _)| **alpha < HOLE_ALPHA) {
+                *rgb = [r, g, b];
+            }
+        }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
                 let error = NodeError::new("the file holds display colours, which are a photograph already");
@@ -163,39 +172,39 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Fills what is transparent from around it, as `stitch` does.
+/// The colours with what is transparent filled from around it, as `stitch` does; `None` where nothing is.
 fn fill_holes(
-    samples: &mut [f32],
-    alpha: &[f32],
+    pixels: &[[f32; 4]],
     width: usize,
     linear: bool,
     notes: &mut Notes,
     cx: &Context,
-) -> Result<(), NodeError> {
-    let rgb = samples.as_chunks_mut::<3>().0;
-    let open: Vec<usize> = (0..alpha.len()).filter(|&at| alpha[at] < HOLE_ALPHA).collect();
+) -> Result<Option<Vec<[f32; 4]>>, NodeError> {
+    let open: Vec<usize> = (0..pixels.len()).filter(|&at| pixels[at][3] < HOLE_ALPHA).collect();
     if open.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
-    let height = alpha.len() / width;
+    let height = pixels.len() / width;
+    if open.len() == pixels.len() {
+        notes.warning("no-light", "the panorama is transparent everywhere, and so black");
+        return Ok(None);
+    }
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
     notes.decision(
         "holes",
         format!("{:.2} % of the sphere is transparent; filled from around it", 100.0 * share),
     );
-    let light = |v: f32| if linear { v } else { linear_from_srgb(v) };
-    let premultiplied: Vec<[f32; 4]> = rgb
-        .iter()
-        .zip(alpha)
-        .map(|(rgb, a)| {
-            let [r, g, b] = rgb.map(|v| light(v) * a);
-            [r, g, b, *a]
-        })
-        .collect();
-    let filled = holes::fill(&premultiplied, width, HOLE_ALPHA, cx)?;
-    let code = |v: f32| if linear { v } else { srgb_from_linear(v) };
-    open.into_iter().for_each(|at| rgb[at] = filled[at].map(code));
-    Ok(())
+    // Light is filled, not codes.
+    let light = |[r, g, b, a]: &[f32; 4]| {
+        let [r, g, b] = [r, g, b].map(|v| if linear || *a <= 0.0 { *v } else { linear_from_srgb(v / a) * a });
+        [r, g, b, *a]
+    };
+    let filled = holes::fill(&pixels.iter().map(light).collect::<Vec<_>>(), width, HOLE_ALPHA, cx)?;
+    let code = |rgb: [f32; 3]| {
+        let [r, g, b] = rgb.map(|v| if linear { v } else { srgb_from_linear(v) });
+        [r, g, b, 1.0]
+    };
+    Ok(Some(filled.into_iter().map(code).collect()))
 }
 
 /// What a camera takes of the light, and the light at the camera's exposure.

@@ -4,7 +4,7 @@ use super::png::believable;
 use super::stretch::Stretch;
 use crate::Error;
 
-/// Linear RGB of a Radiance file, with `EXPOSURE` already divided out, row 0 at the top.
+/// Linear RGB of a Radiance file, with `EXPOSURE` and `COLORCORR` already divided out, row 0 at the top.
 pub struct Radiance {
     /// Columns.
     pub width: usize,
@@ -25,7 +25,8 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     if !bytes.starts_with(b"#?") {
         return Err(bad("not a Radiance picture: it does not start with `#?`"));
     }
-    let (mut rest, mut exposure) = (bytes, 1.0_f64);
+    // What the file was multiplied by, of each channel.
+    let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
         let end = rest
             .iter()
@@ -48,11 +49,19 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
         }
         if let Some(value) = text.strip_prefix("EXPOSURE=") {
             let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is no number"))?;
-            exposure *= value;
+            scale = scale.map(|scale| scale * value);
+        }
+        if let Some(values) = text.strip_prefix("COLORCORR=") {
+            let values: Option<Vec<f64>> =
+                values.split_ascii_whitespace().map(|value| value.parse().ok()).collect();
+            let Some([r, g, b]) = values.as_deref() else {
+                return Err(bad("COLORCORR is not three numbers"));
+            };
+            scale.iter_mut().zip([r, g, b]).for_each(|(scale, value)| *scale *= value);
         }
     }
-    if !(exposure > 0.0 && exposure.is_finite()) {
-        return Err(bad("EXPOSURE is not above 0"));
+    if scale.iter().any(|scale| !(*scale > 0.0 && scale.is_finite())) {
+        return Err(bad("EXPOSURE or COLORCORR is not above 0"));
     }
     let size = line(&mut rest)?;
     let words: Vec<&str> = size.split_ascii_whitespace().collect();
@@ -70,20 +79,21 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
         stretch.reach(row as f32 / height as f32)?;
         scanline(&mut rest, &mut scan)
             .ok_or_else(|| Error::format(file, format!("row {row} of {height} is cut off or broken")))?;
-        rgb.extend(scan.iter().flat_map(|texel| decode(*texel, exposure)));
+        rgb.extend(scan.iter().flat_map(|texel| decode(*texel, scale)));
     }
     Ok(Radiance { width, height, rgb })
 }
 
 /// The value of a texel, as OpenImageIO, OpenCV and the references have it. (Radiance's own reader adds
 /// half a unit to each mantissa; pictures rendered with the two differ by 0.3 % of their dark parts.)
-fn decode([r, g, b, e]: [u8; 4], exposure: f64) -> [f32; 3] {
+fn decode([r, g, b, e]: [u8; 4], scale: [f64; 3]) -> [f32; 3] {
     if e == 0 {
         return [0.0; 3];
     }
     // Exact: a power of two of an exponent in -135..=119.
-    let unit = f64::from_bits(((i64::from(e) - 136 + 1023) as u64) << 52) / exposure;
-    [r, g, b].map(|m| (f64::from(m) * unit).min(f64::from(f32::MAX)) as f32)
+    let unit = f64::from_bits(((i64::from(e) - 136 + 1023) as u64) << 52);
+    let light = |m: u8, scale: f64| (f64::from(m) * (unit / scale)).min(f64::from(f32::MAX)) as f32;
+    [light(r, scale[0]), light(g, scale[1]), light(b, scale[2])]
 }
 
 fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
@@ -174,6 +184,18 @@ mod tests {
         assert_eq!(picture.rgb[..3], [5.0, 10.0, 15.0]);
         assert_eq!(picture.rgb[6..9], picture.rgb[..3], "an old run");
         assert_eq!(picture.rgb[9], 2.5);
+    }
+
+    /// What a file was multiplied by is divided out, of each channel. Mutation: `COLORCORR` not asked.
+    #[test]
+    fn exposure_and_colour_correction_are_divided_out() {
+        let texel = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));
+        let head = "EXPOSURE=2\nCOLORCORR= 0.5 1 2\nCOLORCORR=1 1 4\n";
+        assert_eq!(texel(head).map(|p| p.rgb).unwrap_or_default(), [10.0, 10.0, 1.875]);
+        for wrong in ["COLORCORR=1 1\n", "COLORCORR=1 a 1\n", "COLORCORR=1 0 1\n", "COLORCORR=1 nan 1\n"] {
+            let why = texel(wrong).map(|_| ()).expect_err("is wrong").to_string();
+            assert!(why.contains("COLORCORR"), "{why}");
+        }
     }
 
     /// 1e-38 and 1e38 lie near the ends of what an exponent of 8 bits tells; 0 is black whatever the mantissas are.

@@ -1,5 +1,6 @@
 //! JPEG: reading to 8-bit codes, and writing.
 
+use image::metadata::Orientation;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
@@ -44,8 +45,15 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     }
     let mut codes = Vec::with_capacity(raw.len());
     stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
-    let ignored =
-        if decoder.icc_profile().is_some() { vec!["an ICC profile".to_owned()] } else { Vec::new() };
+    let turned = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
+    let ignored = [
+        (decoder.icc_profile().is_some(), "an ICC profile"),
+        (
+            turned.is_some_and(|turn| turn != Orientation::NoTransforms),
+            "an orientation other than upright (EXIF)",
+        ),
+    ];
+    let ignored = ignored.into_iter().filter(|(is, _)| *is).map(|(_, what)| what.to_owned()).collect();
     Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored })
 }
 
