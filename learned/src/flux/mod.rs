@@ -51,13 +51,6 @@ pub use watch::Watch;
 
 pub use candle_core::{DType, Device};
 
-/// Which files a user must supply, where they are, and what they cost: for the message that misses one.
-pub const WHERE: &str = "the weights are yours to supply: Flux.1 Kontext [dev] from \
-    huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
-    `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits a weight) and `ae.safetensors` \
-    (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
-    the transformer's size in memory and 7 GB more. docs/kontext.md tells each";
-
 /// A GPU where the build knows one (feature `cuda`) and there is one; else the CPU.
 pub fn device() -> Result<Device> {
     Ok(Device::cuda_if_available(0)?)

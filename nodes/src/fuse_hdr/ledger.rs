@@ -7,13 +7,13 @@ use super::{Fused, Gain};
 use crate::color::luminance;
 use crate::equirect::{axes, direction, pixel_solid_angle};
 use crate::light::energy::Energy;
-use crate::light::linear::LinearPixels;
+use crate::light::linear::{LinearPixels, max3};
 use crate::light::{measure, regions};
 use crate::num;
 use crate::types::{Cell, Report, Table};
 
 /// Lights listed one by one; the rest are summed in a last row.
-const LISTED: usize = 32;
+pub(super) const LISTED: usize = 32;
 /// Less than this share of the predicted light may be left out, and of all light taken, without a word.
 const UNUSED: f64 = 0.01;
 /// The ramp may be made up for by at most this factor within a light.
@@ -74,7 +74,13 @@ impl Lights {
     }
 
     /// Warns where light was predicted for what does not count as clipped here.
-    pub(super) fn tell_unused(&self, pixels: &LinearPixels, log2_gain: &[f32], notes: &mut Notes) {
+    pub(super) fn tell_unused(
+        &self,
+        threshold: f32,
+        pixels: &LinearPixels,
+        log2_gain: &[f32],
+        notes: &mut Notes,
+    ) {
         let mut used = vec![false; log2_gain.len()];
         self.members.iter().flatten().for_each(|&at| used[at] = true);
         let (mut all, mut unused, mut count) = (0.0, 0.0, 0_u64);
@@ -88,9 +94,15 @@ impl Lights {
         }
         if unused > UNUSED * all {
             let percent = 100.0 * unused / all;
+            let clipped = |(rgb, gain): &(&[f32; 3], &f32)| max3(**rgb) > threshold && **gain == 0.0;
+            let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
+                0 => String::new(),
+                _ if !pixels.ceiling => String::new(),
+                n => format!("; {n} that are get none: is `base` the panorama that it was predicted for?"),
+            };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out"),
+                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out{without}"),
             );
         }
     }
@@ -129,6 +141,11 @@ impl Lights {
             );
             notes.warning("flux-held-back", text);
         }
+    }
+
+    /// How many lights the report lists together.
+    pub(super) fn unlisted(&self) -> u64 {
+        self.members.len().saturating_sub(LISTED) as u64
     }
 
     /// The tables of lights, of energy before and after, and of both at each step.
@@ -179,7 +196,7 @@ impl Lights {
         Energy::of(up, pixels.width, &luminance)
     }
 
-    /// One column for each step: the whole, then each light that is listed.
+    /// One column for each step: the whole, then each light that is listed, then the others together.
     fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
         let row = |name: String, values: Vec<f64>| {
             std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
@@ -196,6 +213,11 @@ impl Lights {
                 row(format!("irradiance facing light {}", i + 1), light.irradiance.clone())
             }),
         );
+        if let Some(rest) = lights.get(LISTED..).filter(|rest| !rest.is_empty()) {
+            let power = |step: usize| rest.iter().map(|light| light.power[step]).sum();
+            let name = format!("power of the {} lights not listed (sr)", rest.len());
+            rows.push(row(name, (0..self.steps.len()).map(power).collect()));
+        }
         let names = self.steps.iter().map(|(name, _)| (*name).to_owned());
         let columns = std::iter::once(String::new()).chain(names).collect();
         Table { name: "steps".to_owned(), columns, rows }
@@ -210,22 +232,24 @@ impl Lights {
             members.iter().fold(DVec3::ZERO, |s, &at| s + toward(at) * (size(at) * fused[at].luminance));
         let centre = sum.try_normalize().unwrap_or(axes(up)[2]);
         let facing: Vec<f64> = members.iter().map(|&at| toward(at).dot(centre).max(0.0) * size(at)).collect();
-        let irradiance =
-            |values: &Vec<f64>| values.iter().zip(&facing).map(|(value, facing)| value * facing).sum();
+        let sizes: Vec<f64> = members.iter().map(|&at| size(at)).collect();
+        let weighed = |by: &[f64]| -> Vec<f64> {
+            let sum = |values: &Vec<f64>| values.iter().zip(by).map(|(value, weight)| value * weight).sum();
+            self.steps.iter().map(|(_, lights)| sum(&lights[i])).collect()
+        };
         let mut light = Light {
             direction: centre,
             solid_angle: 0.0,
-            irradiance: self.steps.iter().map(|(_, lights)| irradiance(&lights[i])).collect(),
+            irradiance: weighed(&facing),
+            power: weighed(&sizes),
             peak: 0.0,
             by_source: vec![0.0; sources + 1],
             bound: 0.0,
-            flux: 0.0,
         };
         for &at in members {
             let (own, new, size) = (luminance_of(pixels, at), fused[at].luminance, size(at));
             light.solid_angle += size;
             light.peak = light.peak.max(new);
-            light.flux += new * size;
             light.by_source[sources] += own * size;
             light.by_source[fused[at].source.min(sources - 1)] += (new - own) * size;
             light.bound += if fused[at].saturated { new * size } else { 0.0 };
@@ -239,11 +263,12 @@ struct Light {
     solid_angle: f64,
     /// Of a plane that faces it, after each step.
     irradiance: Vec<f64>,
+    /// Luminance times solid angle, after each step.
+    power: Vec<f64>,
     peak: f64,
     /// Flux by source, the base last; then that of lower bounds.
     by_source: Vec<f64>,
     bound: f64,
-    flux: f64,
 }
 
 impl Light {
@@ -256,9 +281,14 @@ impl Light {
         self.irradiance.last().copied().unwrap_or(0.0)
     }
 
+    fn flux(&self) -> f64 {
+        self.power.last().copied().unwrap_or(0.0)
+    }
+
     fn row(&self, up: Up) -> Vec<Cell> {
         let (azimuth, elevation) = measure::angles_deg(up, self.direction);
-        let share = |part: f64| if self.flux > 0.0 { part / self.flux } else { 0.0 };
+        let flux = self.flux();
+        let share = |part: f64| if flux > 0.0 { part / flux } else { 0.0 };
         let (base, predicted) = self.by_source.split_last().map_or((0.0, &[][..]), |(b, p)| (*b, p));
         let mut row =
             vec![azimuth, elevation, self.solid_angle, self.before(), self.after(), self.peak, share(base)];
@@ -277,7 +307,7 @@ fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
         row.push(count);
         row
     };
-    let rest: f64 = unlisted.iter().map(|light| light.flux).sum();
+    let rest: f64 = unlisted.iter().map(Light::flux).sum();
     let columns = ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"];
     Table {
         name: "energy".to_owned(),

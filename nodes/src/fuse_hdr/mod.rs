@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::num;
 use crate::predict_exposure::{Shown, measured};
-use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report};
+use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report, Taken};
 
 mod feather;
 mod ledger;
@@ -109,7 +109,7 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -144,7 +144,7 @@ impl Kind for FuseHdr {
             let text = "there is no exposure to fuse, since the prediction's `evs` is empty: the panorama is kept; `gain: Direct` needs none";
             notes.warning("no-exposures", text);
         } else {
-            lights.tell_unused(&pixels, &brackets.log2_gain.samples, &mut notes);
+            lights.tell_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
         }
         lights.tell_darker(&pixels, &fused, &mut notes);
         lights.enter("blended", |at| fused[at].luminance);
@@ -180,6 +180,7 @@ impl Kind for FuseHdr {
         }
         cx.check()?;
         lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
+        notes.count("lights-not-listed", lights.unlisted(), "lights have no row of their own in the report");
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image, up: base.up, origin: Some(base.origin) };
         let image = Arc::new(Images::single("env", env.image.clone()));
@@ -214,7 +215,7 @@ fn by_own_curve(
     brackets: Arc<Brackets>,
     cx: &Context,
 ) -> Result<Arc<Brackets>, NodeError> {
-    if !brackets.photographed || params.transfer == Transfer::Srgb {
+    if brackets.taken != Taken::Display || params.transfer == Transfer::Srgb {
         return Ok(brackets);
     }
     let rows = cx.for_each_tile(pixels.height, |y| {
@@ -255,9 +256,15 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
     let kept = |saturated| (Fused { saturated, ..own }, own.luminance);
     let darkest = match params.gain {
         _ if !pixels.ceiling => return kept(false),
-        Gain::Direct => direct(pixels, brackets, at),
+        Gain::Direct => {
+            let taken = n > 0 && brackets.taken == Taken::Display;
+            let bound = taken && exposure(params, brackets, 0, at).1.saturated;
+            Fused { saturated: bound, ..direct(pixels, brackets, at) }
+        }
         // The panorama itself is then the darkest exposure.
         Gain::Brackets if n == 0 => return kept(max3(base) >= WHITE),
+        // Linear light is nowhere clipped, so the brightest photograph shows all, and most finely.
+        Gain::Brackets if brackets.taken == Taken::Linear => exposure(params, brackets, n - 1, at).1,
         Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {
             let (linear, step) = exposure(params, brackets, i, at);
             merge(params, fused, linear, step)
@@ -267,20 +274,17 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
     (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
 }
 
-/// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i. Only a photograph of linear light
-/// holds more than 1, and is not clipped there.
+/// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i.
 fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32; 3], Fused) {
     let encoded = brackets.exposures[i].samples[3 * at..3 * at + 3].iter();
-    let transfer = if brackets.photographed { params.transfer } else { Transfer::Srgb };
+    let transfer = if brackets.taken == Taken::Display { params.transfer } else { Transfer::Srgb };
     let mut linear = [0.0; 3];
     for (to, value) in linear.iter_mut().zip(encoded) {
         *to = transfer.linear(*value);
     }
     let scaled = f64::from(luminance(linear)) * num::f64::exp2(-brackets.evs[i]);
-    (
-        linear,
-        Fused { luminance: scaled, source: i, saturated: i == 0 && (WHITE..=1.0).contains(&max3(linear)) },
-    )
+    let saturated = i == 0 && brackets.taken != Taken::Linear && max3(linear) >= WHITE;
+    (linear, Fused { luminance: scaled, source: i, saturated })
 }
 
 /// How far a picture is clipped, by its brightest channel: 0 at the threshold, 1 at white.
@@ -329,7 +333,8 @@ fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 
         return fused;
     }
     let seen = (0..brackets.evs.len()).rev().map(|i| exposure(params, brackets, i, at).0);
-    let Some(colour) = seen.into_iter().find(|rgb| max3(*rgb) <= params.threshold || max3(*rgb) > 1.0) else {
+    let open = |rgb: &[f32; 3]| brackets.taken == Taken::Linear || max3(*rgb) <= params.threshold;
+    let Some(colour) = seen.into_iter().find(open) else {
         return fused;
     };
     let (own, wanted) = (f64::from(luminance(colour)), f64::from(luminance(fused)));

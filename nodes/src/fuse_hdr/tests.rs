@@ -64,7 +64,7 @@ fn photograph(
         log2_gain: Image::<Data>::from_samples(W, H, 1, (0..W * H).map(gain).collect()),
         evs: evs.to_vec(),
         exposures: evs.iter().map(|&ev| take(ev)).collect(),
-        photographed: true,
+        taken: Taken::Display,
         report: Report::default(),
     };
     (Arc::new(pano), Arc::new(brackets))
@@ -297,12 +297,46 @@ fn predicted_light_that_is_left_out_is_told() {
     }
 }
 
+// What photographs hold no more of is a lower bound by either gain. Mutation: `bound` false.
+#[test]
+fn light_that_is_white_in_the_darkest_photograph_is_a_lower_bound() {
+    let lit = |at: usize| if at == 500 { [4000.0; 3] } else { [0.2; 3] };
+    let (base, brackets) = photograph(&lit, &[-6.0, -3.0], Transfer::Srgb, None);
+    let derived = Arc::new(Brackets { taken: Taken::Derived, ..(*brackets).clone() });
+    for (gain, brackets, bound) in
+        [(Gain::Direct, &brackets, true), (Gain::Brackets, &brackets, true), (Gain::Direct, &derived, false)]
+    {
+        let (out, notes) = run(&FuseHdr { gain, ..params() }, (base.clone(), brackets.clone()));
+        assert_eq!(notes.iter().any(|note| note.id == "saturated-at-darkest"), bound, "{gain:?}");
+        let share = out.report.tables[0].rows[0].last().cloned();
+        assert_eq!(matches!(share, Some(Cell::Number(share)) if share > 0.9), bound, "{share:?}");
+    }
+}
+
+// Lights that have no row of their own are in the books together. Mutation: `LISTED..` to `..LISTED` in `table`.
+#[test]
+fn lights_that_are_not_listed_are_in_the_books() {
+    let even = |at: usize| at.is_multiple_of(2) && (at / W).is_multiple_of(2);
+    let lamps = |at: usize| even(at) && at % W < 40 && (8..16).contains(&(at / W));
+    let lit = |at: usize| if lamps(at) { [30.0; 3] } else { [0.2; 3] };
+    let (base, brackets) = photograph(&lit, &[], Transfer::Srgb, None);
+    let (out, notes) = run(&params(), (base, brackets));
+    let all = (0..W * H).filter(|&at| lamps(at)).count();
+    assert_eq!(out.report.tables[0].rows.len(), ledger::LISTED);
+    let told = notes.iter().find(|note| note.id == "lights-not-listed").map(|note| note.text.clone());
+    assert!(told.is_some_and(|text| text.starts_with(&format!("{} ", all - ledger::LISTED))), "{all}");
+    let last = steps(&out.report, out.report.tables[2].rows.len() - 1);
+    let (before, after) = (last[0].1, last[last.len() - 1].1);
+    assert!((after / before / 30.0 - 1.0).abs() < 1e-3, "{last:?}");
+    assert_eq!(out.report.tables[1].rows[2][1], Cell::Number(after));
+}
+
 // Exposures that were derived are sRGB whatever the panorama is taken for, so a light is the same by either gain.
-// Mutation: `brackets.photographed` not asked.
+// Mutation: `brackets.taken` not asked.
 #[test]
 fn derived_exposures_are_decoded_as_they_were_encoded() {
     let (base, brackets) = photograph(&ramp, &[-6.0], Transfer::Srgb, None);
-    let derived = Arc::new(Brackets { photographed: false, ..(*brackets).clone() });
+    let derived = Arc::new(Brackets { taken: Taken::Derived, ..(*brackets).clone() });
     let peak = |gain| {
         let params = FuseHdr { gain, transfer: Transfer::Gamma24, ..params() };
         run(&params, (base.clone(), derived.clone())).0.env.image.samples[63 * 3]
@@ -327,24 +361,25 @@ fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     assert!((peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Brackets));
 }
 
-// A photograph of linear light holds a lamp above white, and its colour.
-// Mutation: codes above 1 taken for 1 in `exposure`, or for clipped in `recolour`.
+// A photograph of linear light holds what a lamp is, and its colour, below white, at it and above.
+// Mutation: `Taken::Linear` not asked in `fuse`, `exposure` or `recolour`.
 #[test]
-fn a_photograph_of_linear_light_shows_what_is_above_white() {
-    let lamp = |at: usize| if at % W == 63 { [24.0, 15.0, 6.0] } else { [0.2; 3] };
-    let (base, brackets) = photograph(&lamp, &[-3.0], Transfer::Srgb, None);
-    let codes = (0..W * H).flat_map(|at| lamp(at).map(|v| srgb_from_linear(v / 8.0))).collect();
-    let linear = Brackets {
-        exposures: vec![Image::from_samples(W, H, 3, codes)],
-        photographed: false,
-        ..(*brackets).clone()
-    };
-    for gain in [Gain::Direct, Gain::Brackets] {
-        let params = FuseHdr { gain, hue: Hue::Exposures, ..params() };
-        let (out, notes) = run(&params, (base.clone(), Arc::new(linear.clone())));
-        let found = out.env.image.rgb(63, 2);
-        assert!(found.iter().zip([24.0, 15.0, 6.0]).all(|(a, b)| (a / b - 1.0).abs() < 1e-3), "{found:?}");
-        assert!(notes.iter().all(|note| note.id != "saturated-at-darkest"), "{notes:?}");
+fn a_photograph_of_linear_light_has_no_ceiling() {
+    for lamp in [[24.0, 15.0, 6.0], [8.0, 4.0, 1.6], [7.6, 4.0, 1.6]] {
+        let light = |at: usize| if at % W == 63 { lamp } else { [0.2; 3] };
+        let (base, brackets) = photograph(&light, &[-6.0, -3.0], Transfer::Srgb, None);
+        let codes = |ev: f32| (0..W * H).flat_map(|at| light(at).map(|v| srgb_from_linear(v * ev))).collect();
+        let exposures = [1.0 / 64.0, 1.0 / 8.0].map(|ev| Image::from_samples(W, H, 3, codes(ev))).to_vec();
+        let linear = Brackets { exposures, taken: Taken::Linear, ..(*brackets).clone() };
+        for (gain, blend) in
+            [(Gain::Direct, Blend::Ramp), (Gain::Brackets, Blend::Ramp), (Gain::Brackets, Blend::Hard)]
+        {
+            let params = FuseHdr { gain, blend, hue: Hue::Exposures, ..params() };
+            let (out, notes) = run(&params, (base.clone(), Arc::new(linear.clone())));
+            let found = out.env.image.rgb(63, 2);
+            assert!(found.iter().zip(lamp).all(|(a, b)| (a / b - 1.0).abs() < 1e-3), "{found:?} {lamp:?}");
+            assert!(notes.iter().all(|note| note.id != "saturated-at-darkest"), "{notes:?}");
+        }
     }
 }
 
@@ -453,7 +488,7 @@ fn the_ramp_keeps_the_flux_of_a_light() {
         log2_gain: gain,
         evs: vec![],
         exposures: vec![],
-        photographed: false,
+        taken: Taken::Derived,
         report: Report::default(),
     };
     let (out, _) = run(&params(), (base, Arc::new(brackets)));

@@ -15,7 +15,7 @@ pub(super) struct Grid {
     pub width: usize,
     /// Rows, at most 128.
     pub height: usize,
-    /// Mean linear light of each cell.
+    /// Mean linear light of what is seen of each cell, or was filled in where nothing is.
     pub rgb: Vec<[f64; 3]>,
     /// Whether any pixel of the cell is clipped, so that a sun smaller than a cell is found.
     pub clipped: Vec<bool>,
@@ -32,9 +32,10 @@ impl Grid {
         let (w, h) = (pixels.width, pixels.height);
         let (width, height) = (WIDTH.min(w), (WIDTH / 2).min(h));
         let n = width * height;
-        let start = if w > WIDTH { first_column(pixels) } else { 0 };
-        let (mut sums, mut rgb) = (vec![0.0; n], vec![[0.0; 3]; n]);
-        let (mut clipped, mut seen) = (vec![false; n], vec![false; n]);
+        let start = if w > WIDTH { first_column(pixels, alpha) } else { 0 };
+        // Of each cell: light and solid angle of what is seen, and of what was filled in.
+        let mut sums = vec![[[0.0_f64; 4]; 2]; n];
+        let mut clipped = vec![false; n];
         let mut cell_of = Vec::with_capacity(w * h);
         for y in 0..h {
             let solid_angle = pixel_solid_angle(w, h, y);
@@ -47,17 +48,21 @@ impl Grid {
                 let column = if from_end == from_start { column } else { width - 1 - column };
                 let cell = (2 * y + 1) * height / (2 * h) * width + column;
                 cell_of.push(cell as u32);
-                sums[cell] += solid_angle;
-                for (sum, value) in rgb[cell].iter_mut().zip(pixels.rgb[at]) {
+                let sums = &mut sums[cell][usize::from(alpha[at] < super::SEEN)];
+                sums[3] += solid_angle;
+                for (sum, value) in sums.iter_mut().zip(pixels.rgb[at]) {
                     *sum += solid_angle * f64::from(value);
                 }
                 clipped[cell] |= mask[at];
-                seen[cell] |= alpha[at] >= super::SEEN;
             }
         }
-        for (rgb, sum) in rgb.iter_mut().zip(&sums) {
-            *rgb = rgb.map(|v| v / sum.max(f64::MIN_POSITIVE));
-        }
+        let seen: Vec<bool> = sums.iter().map(|[seen, _]| seen[3] > 0.0).collect();
+        // What was filled in is not the same when the panorama is turned, so it counts only where nothing was seen.
+        let mean = |([own, filled], seen): (&[[f64; 4]; 2], &bool)| {
+            let [r, g, b, size] = if *seen { own } else { filled };
+            [r, g, b].map(|v| v / size.max(f64::MIN_POSITIVE))
+        };
+        let rgb = sums.iter().zip(&seen).map(mean).collect();
         Self { width, height, rgb, clipped, seen, cell_of, start: (start, w) }
     }
 
@@ -87,13 +92,11 @@ impl Grid {
 
 /// The edge at which the sums of columns, read to the right or to the left and round, come last in order, as the column to
 /// the right of it. Cells that begin there lie the same on a panorama that was turned by any number of pixels or mirrored.
-fn first_column(pixels: &LinearPixels) -> usize {
+fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
     let width = pixels.width;
     let mut sums = vec![0.0_f64; width];
-    for row in pixels.rgb.chunks_exact(width) {
-        for (sum, rgb) in sums.iter_mut().zip(row) {
-            *sum += f64::from(rgb[0]) + f64::from(rgb[1]) + f64::from(rgb[2]);
-        }
+    for (at, rgb) in pixels.rgb.iter().enumerate().filter(|(at, _)| alpha[*at] >= super::SEEN) {
+        sums[at % width] += rgb.iter().copied().map(f64::from).sum::<f64>();
     }
     let mut edges: Vec<(usize, bool)> =
         [true, false].into_iter().flat_map(|r| (0..width).map(move |x| (x, r))).collect();

@@ -8,6 +8,7 @@ use learned::flux::{
     DType, Error as Flux, Files, Kontext, Pair, TrainSettings, Trainer, Watch, device, picture,
 };
 
+use super::kontext::WHERE;
 use super::kontext::picture::{STOPS, shrunk};
 use crate::color::{linear_from_srgb, luminance};
 use crate::equirect::pixel_solid_angle;
@@ -129,7 +130,7 @@ pub fn train(
     };
     for file in [&files.transformer, &files.vae, &files.prompt] {
         if !file.exists() {
-            let what = format!("is not there; {}", learned::flux::WHERE);
+            let what = format!("is not there; {}", WHERE);
             return Err(Error::format(file.display().to_string(), what));
         }
     }

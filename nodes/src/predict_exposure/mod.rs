@@ -17,7 +17,9 @@ use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::light::measure;
 use crate::light::regions::{self, Regions};
 use crate::num;
-use crate::types::{Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Table};
+use crate::types::{
+    Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Table, Taken,
+};
 
 mod grid;
 mod kontext;
@@ -95,7 +97,7 @@ const SEEN: f32 = 0.5;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -152,8 +154,9 @@ impl Kind for PredictExposure {
         let clipped = mask.iter().filter(|&&m| m).count() as u64;
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
+        tell_unseen(&pixels, &pano.alpha.samples, &mut notes);
         if clipped == 0 {
-            tell_nothing_clipped(&pixels, params.force, &mut notes);
+            tell_nothing_clipped(&pixels, &pano.alpha.samples, params.force, &mut notes);
         }
         let nothing = || (vec![0.0; mask.len()], Vec::new());
         let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
@@ -210,13 +213,13 @@ impl Kind for PredictExposure {
         if regions.iter().any(|region| region.sun) {
             notes.decision(
                 "sun",
-                "a small clipped region above the horizon, amid more blue than red, is taken for the sun",
+                "a small clipped region above the horizon, in a sky bluer than the ground, is taken for the sun",
             );
         }
         notes.count("clipped-regions", regions.len() as u64, "clipped regions");
         let (width, height) = (pixels.width, pixels.height);
         let evs = sorted(&params.evs);
-        let photographed = photographs.as_ref().is_some_and(Photographs::display);
+        let taken = photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
         let exposures = match &photographs {
             Some(taken) => taken.pictures(&pixels, &log2_gain, cx)?,
             None => cx.for_each_tile(evs.len(), |i| {
@@ -233,7 +236,7 @@ impl Kind for PredictExposure {
             .map(|(ev, image)| NamedImage { name: format!("ev_{ev}"), picture: image.clone().into() });
         let pictures = Arc::new(Images(named.collect()));
         let table = Arc::new(report.clone());
-        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, photographed, report });
+        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, taken, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
 }
@@ -344,8 +347,21 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels) -> Vec<bool> {
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
-fn tell_nothing_clipped(pixels: &LinearPixels, force: bool, notes: &mut Notes) {
-    let brightest = pixels.rgb.iter().map(|rgb| max3(*rgb)).fold(0.0, f32::max);
+/// White that was mostly filled in is not taken for clipped, and gets no light.
+fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], notes: &mut Notes) {
+    let white = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > CLIPPED;
+    let count = pixels.rgb.iter().zip(alpha).filter(white).count();
+    if pixels.ceiling && count > 0 {
+        let text = format!(
+            "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
+        );
+        notes.decision("white-unseen", text);
+    }
+}
+
+fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], force: bool, notes: &mut Notes) {
+    let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
+    let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
             "no pixel is clipped: the brightest reaches {brightest:.3} of white, clipping is told from {CLIPPED} on"
@@ -359,13 +375,13 @@ fn tell_nothing_clipped(pixels: &LinearPixels, force: bool, notes: &mut Notes) {
 
 /// What a camera would take at `ev`: display-encoded, no more than white.
 fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
-    pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev)).collect()
+    pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev, 1.0)).collect()
 }
 
-/// The same of one pixel.
-fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64) -> [f32; 3] {
+/// The same of one pixel, no more than `white`.
+fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64, white: f32) -> [f32; 3] {
     let scale = num::f64::exp2(f64::from(log2_gain) + ev);
-    rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(1.0)))
+    rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(white)))
 }
 
 fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -> Report {

@@ -59,10 +59,11 @@ pub(super) fn predict(
     for (i, (&stops, &sun)) in regression.iter().zip(&suns).enumerate() {
         // The fit took whole cells for clipped, so its gain acts on their area.
         let flux = spread.cell_flux[i];
-        let least = if sun && flux > 0.0 { num::f64::log2(sun::FLUX * unclipped / flux) } else { 0.0 };
+        let least = sun * sun::FLUX * unclipped;
+        let least = if least > 0.0 && flux > 0.0 { num::f64::log2(least / flux) } else { 0.0 };
         let stops = stops.max(least).clamp(STOPS.0, STOPS.1);
         let given = spread.apply(i, (num::f64::exp2(stops) - 1.0) * flux, pixels, &mut log2_gain);
-        found.push(RegionLight { sun, ..clipped.found(i, spread.solid_angle[i], given) });
+        found.push(RegionLight { sun: sun > 0.0, ..clipped.found(i, spread.solid_angle[i], given) });
     }
     Ok((log2_gain, found))
 }

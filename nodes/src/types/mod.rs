@@ -20,7 +20,7 @@ pub use material::{
 pub use mesh::Mesh;
 pub(crate) use mesh::grouped;
 pub use object::{Object, Placed, Primitive};
-pub use panorama::{Brackets, Panorama};
+pub use panorama::{Brackets, Panorama, Taken};
 pub use pose::Pose;
 pub use report::{Cell, Report, Table};
 pub use rig::{Camera, Rig};

@@ -24,6 +24,17 @@ pub struct Panorama {
     pub turned_deg: f64,
 }
 
+/// How the exposures of [`Brackets`] came about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taken {
+    /// From the gain map: sRGB, clipped to 1.
+    Derived,
+    /// By a camera, as display colours, clipped to 1: their codes follow the curve of the panorama's own.
+    Display,
+    /// By a camera, as linear light, in sRGB codes: they go on above 1, and nothing in them is clipped.
+    Linear,
+}
+
 /// A panorama with the light that its clipped pixels hide.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Brackets {
@@ -35,9 +46,8 @@ pub struct Brackets {
     /// What a camera would have taken at each of `evs`: display-encoded, one view each; clipped to 1, but for photographs
     /// of linear light, which hold more.
     pub exposures: Vec<Image<Srgb>>,
-    /// Whether a camera took them, as display colours. Their codes then follow the curve of the panorama's own, whatever
-    /// that is; those that were derived, or photographed in linear light, follow the sRGB curve.
-    pub photographed: bool,
+    /// How the exposures came about.
+    pub taken: Taken,
     /// Which method made it, and each region it found.
     pub report: Report,
 }
@@ -124,7 +134,7 @@ impl Artifact for Panorama {
 
 impl Artifact for Brackets {
     const TYPE: &'static str = "brackets";
-    const FORMAT: u32 = 2;
+    const FORMAT: u32 = 3;
 
     fn encode(&self, to: &mut Encoder) {
         encode_picture(&Picture::Data(self.log2_gain.clone()), to);
@@ -132,7 +142,7 @@ impl Artifact for Brackets {
         for exposure in &self.exposures {
             encode_picture(&Picture::Srgb(exposure.clone()), to);
         }
-        to.bool(self.photographed);
+        to.u8(self.taken as u8);
         self.report.encode(to);
     }
 
@@ -148,7 +158,13 @@ impl Artifact for Brackets {
                 _ => Err(Corrupt("an exposure is display-encoded".to_owned())),
             })
             .collect::<Result<_, _>>()?;
-        Ok(Self { log2_gain, evs, exposures, photographed: from.bool()?, report: Report::decode(from)? })
+        let taken = match from.u8()? {
+            0 => Taken::Derived,
+            1 => Taken::Display,
+            2 => Taken::Linear,
+            other => return Err(Corrupt(format!("exposures of kind {other}"))),
+        };
+        Ok(Self { log2_gain, evs, exposures, taken, report: Report::decode(from)? })
     }
 
     fn bytes(&self) -> usize {

@@ -74,7 +74,7 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
         log2_gain: Image::new(width, height, 1),
         evs: vec![-6.0, -3.0],
         exposures,
-        photographed: true,
+        taken: nodes::types::Taken::Display,
         report: nodes::types::Report::default(),
     };
     let params = fusion(Gain::Brackets);

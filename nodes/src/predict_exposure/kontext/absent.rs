@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 
-use super::Kontext;
+use super::{Kontext, WHERE};
 use crate::light::books::Books;
 use crate::light::linear::LinearPixels;
 
@@ -10,7 +10,7 @@ impl Kontext<'_> {
     pub(in super::super) fn check(&self) -> Result<(), NodeError> {
         Err(NodeError::new("this build has no diffusion model: it lacks the feature `learned`")
             .at("method")
-            .hint("build it with `--features learned`, or use another method; docs/kontext.md tells which weights it needs"))
+            .hint(format!("build it with `--features learned`, or use another method; {WHERE}")))
     }
 
     pub(in super::super) fn memory(&self, _width: usize) -> u64 {

@@ -11,12 +11,15 @@ mod model;
 #[cfg(feature = "learned")]
 pub(super) mod picture;
 
-/// Where its weights are to be had.
-#[cfg(feature = "learned")]
-pub(super) const SUPPLIED: Option<&str> = Some(learned::flux::WHERE);
-/// A build without it says that instead.
-#[cfg(not(feature = "learned"))]
-pub(super) const SUPPLIED: Option<&str> = None;
+/// Which files a user must supply, where they are, and what they cost: for the message that misses one.
+pub(super) const WHERE: &str = "the weights are yours to supply: Flux.1 Kontext [dev] from \
+    huggingface.co/black-forest-labs/FLUX.1-Kontext-dev, under its non-commercial licence, which you accept there: \
+    `flux1-kontext-dev.safetensors` (23.8 GB; a GGUF of it has 6.7 GB with four bits a weight) and `ae.safetensors` \
+    (0.3 GB); the encoded prompt (4 MB) and a LoRA for exposure (`train-exposure --backend flux-kontext`). It needs \
+    the transformer's size in memory and 7 GB more. docs/kontext.md tells each";
+
+/// What is told where one of its files is missing; a build without it says what it lacks instead.
+pub(super) const SUPPLIED: Option<&str> = if cfg!(feature = "learned") { Some(WHERE) } else { None };
 
 /// `Method::FluxKontext` as it is used.
 pub(super) struct Kontext<'a> {

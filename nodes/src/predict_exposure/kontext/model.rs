@@ -4,8 +4,8 @@ use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
 
 use super::super::photographs::tell_still;
-use super::Kontext;
 use super::picture::{STOPS, gains, shrunk};
+use super::{Kontext, WHERE};
 use crate::color::{linear_from_srgb, luminance};
 use crate::light::books::Books;
 use crate::light::linear::LinearPixels;
@@ -48,9 +48,9 @@ impl Kontext<'_> {
             }
         }
         match files.iter().find(|file| !file.path.exists()) {
-            Some(missing) => Err(NodeError::new(format!("cannot find `{}`", missing.name))
-                .at("method")
-                .hint(learned::flux::WHERE)),
+            Some(missing) => {
+                Err(NodeError::new(format!("cannot find `{}`", missing.name)).at("method").hint(WHERE))
+            }
             None => Ok(files),
         }
     }
@@ -111,7 +111,7 @@ impl Kontext<'_> {
             *gain = found;
             still += usize::from(clipped);
         }
-        tell_still(still, -STOPS * passes as f64, notes);
+        tell_still(still, notes);
         Ok(log2_gain)
     }
 }

@@ -59,8 +59,8 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 impl Hidden {
     /// The sun of a clear sky gives at least what it must, however little the networks say.
     pub fn with_suns(mut self, scene: &Scene) -> Self {
-        let least = sun::FLUX * scene.open_flux;
-        for region in (0..scene.suns.len()).filter(|&region| scene.suns[region]) {
+        for (region, sun) in scene.suns.iter().enumerate() {
+            let least = sun * sun::FLUX * scene.open_flux;
             let own = || scene.cells.iter().enumerate().filter(|(_, cell)| cell.region == region);
             let told: f64 = own().map(|(i, _)| self.cells[i]).sum();
             if told > 0.0 && told < least {
@@ -135,7 +135,7 @@ pub(super) fn predict(
         let ratio = (num::f64::exp2(given.mean_log2_gain) - 1.0) * num::f64::exp2(error);
         let uncertainty = Some(num::f64::log2(1.0 + ratio) - given.mean_log2_gain);
         found.push(RegionLight {
-            sun: scene.suns[i],
+            sun: scene.suns[i] > 0.0,
             uncertainty,
             ..clipped.found(i, spread.solid_angle[i], given)
         });

@@ -28,7 +28,7 @@ pub(in super::super) struct Scene {
     /// Luminance times solid angle of everything seen and not clipped.
     pub open_flux: f64,
     /// Which regions are taken for the sun.
-    pub suns: Vec<bool>,
+    pub suns: Vec<f64>,
 }
 
 /// One clipped cell.
@@ -110,7 +110,7 @@ impl<'a> View<'a> {
             let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.rgb[c]);
             let white = r.min(self.rgb[c][1]).min(b) > WHITE;
             let clipped = if self.grid.clipped[c] { all } else { 0.0 };
-            let white = if white { all } else { 0.0 };
+            let white = if white && self.grid.seen[c] { all } else { 0.0 };
             [clipped, self.luminance[c] * open, r * open, b * open, open, white, all]
         };
         let fields = Fields { width: self.grid.width, values: self.cells().map(field).collect() };

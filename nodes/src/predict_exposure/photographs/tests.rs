@@ -147,6 +147,12 @@ fn alpha_takes_no_light() {
     let (out, notes) = place.measure(pano(0), &["hole.png"], &[-3.0]).expect("runs");
     assert_eq!(out.brackets.log2_gain.samples[0], 0.0);
     assert!(told(&notes, "photographs-have-holes")[0].starts_with("32 clipped pixels"), "{notes:?}");
+    // White at EV -3 and a hole at -6: the darkest that shows it is the one that is white.
+    place.take("white.png", -0.1, (W, H), None);
+    place.take("hole-6.png", -6.0, (W, H), Some((255, true)));
+    let (_, notes) = place.gains(&["white.png", "hole-6.png"], &[-0.1, -6.0]);
+    let still = told(&notes, "still-clipped")[0];
+    assert!(still.contains("in the darkest exposure that shows them"), "{still}");
     // The exposure is not black there: it shows what is known.
     assert!((out.brackets.exposures[0].rgb(0, 3)[0] - srgb_from_linear(0.125)).abs() < 1e-6);
 }
@@ -161,13 +167,13 @@ fn linear_light_has_no_ceiling() {
     assert_eq!(notes.iter().map(|note| note.id.as_str()).collect::<Vec<_>>(), ["clipped-regions"]);
     let code = out.brackets.exposures[0].rgb(2, 0)[0];
     assert!((crate::color::linear_from_srgb(code) / 112.5 - 1.0).abs() < 1e-5, "{code}");
-    assert!(!out.brackets.photographed, "its codes are sRGB, whatever the curve of the panorama");
+    assert_eq!(out.brackets.taken, Taken::Linear, "its codes are sRGB, whatever the curve of the panorama");
     let error = place.measure(pano(0), &["a.exr", "b.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("differ");
     assert!(error.to_string().contains("`b.png` display colours"), "{error}");
 }
 
 /// Files that were exchanged, or taken elsewhere, are found by what the panorama shows too.
-/// Mutation: `middle` taken for 0, and `apart` for 0.
+/// Mutation: `middle` taken for 0, `apart` for 0, or `short` for 0.
 #[test]
 fn photographs_that_contradict_the_panorama_are_told() {
     let place = Place::new();
@@ -181,6 +187,11 @@ fn photographs_that_contradict_the_panorama_are_told() {
     place.write("elsewhere.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
     assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
+    // Turned by a column: the dim ground is nearly the same, but lamps lie beside white.
+    let turned = Panorama { turned_deg: 0.0, ..pano(1) };
+    let (_, notes) = place.measure(turned, &["a.png", "b.png"], &[-3.0, -6.0]).expect("runs");
+    let found = told(&notes, "photograph-disagrees");
+    assert!(found.len() == 2 && found[1].contains("is it of another place, or turned?"), "{notes:?}");
     // Nothing of what the panorama shows can be seen at EV -15.
     place.take("night.png", -15.0, (W, H), None);
     let (_, notes) = place.gains(&["night.png"], &[-15.0]);
