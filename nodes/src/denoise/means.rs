@@ -9,7 +9,7 @@
 use std::ops::Range;
 
 use engine::{Context, NodeError};
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Level, dispatch, f32x8, prelude::*};
 use glam::Vec3;
 
 /// Side of the square tiles that are filtered at once, in pixels.
@@ -18,8 +18,10 @@ const TILE: usize = 32;
 const PATCH: usize = 2;
 /// Rows, and columns, of a patch.
 const PATCHES: usize = 2 * PATCH + 1;
-/// Side of the region whose pixels are compared for the patches of a tile.
-const SIDE: usize = TILE + 2 * PATCH;
+/// Pixels that go through a vector register together.
+const LANES: usize = 8;
+/// Pixels of a row that are compared for the patches of a tile, in whole vectors.
+const SIDE: usize = (TILE + 2 * PATCH).next_multiple_of(LANES);
 /// Variance below this is nothing, for signals near 1.
 const FLOOR: f32 = 1e-8;
 /// Off the plane of a pixel by this share of the depth is another surface.
@@ -186,7 +188,7 @@ impl Field {
             let radius = if rows.is_empty() { 0 } else { reach.radius };
             cx.count("taps", ((2 * radius + 1) * (2 * radius + 1) * rows.len() * TILE) as u64);
             let reach = Reach { radius, ..reach };
-            dispatch!(level, _simd => tile.average(reach, rows))
+            dispatch!(level, simd => tile.average(simd, reach, rows))
         })?;
         let mut out: Vec<_> = self.pixels.iter().map(|pixel| pixel.values).collect();
         for (index, tile) in tiles.iter().enumerate() {
@@ -207,6 +209,21 @@ impl Field {
     }
 }
 
+/// Numbers of a pixel, each a plane of a tile: what is compared, its variance, whether the pixel is there,
+const SIGNAL: usize = 0;
+const VARIANCE: usize = 3;
+const THERE: usize = 4;
+/// its normal and the sum of that's absolute components, nearness and its slopes, one over the difference of
+/// nearness that makes another surface,
+const NORMAL: usize = 5;
+const FACED: usize = 8;
+const NEARNESS: usize = 9;
+const LEVEL: usize = 12;
+/// what is averaged,
+const AVERAGED: usize = 13;
+/// and, if pixels are kept apart, one over its own variance and up to which one it is averaged in full.
+const DOUBT: usize = AVERAGED + VALUES;
+
 /// A tile and what surrounds it, one plane for each number, so that rows run through vector registers. No lane
 /// depends on another, so vectors of any width give the same bits.
 struct Tile {
@@ -214,15 +231,10 @@ struct Tile {
     rim: usize,
     /// Length of a row.
     stride: usize,
-    signal: [Vec<f32>; 3],
-    variance: Vec<f32>,
-    values: [Vec<f32>; VALUES],
-    there: Vec<f32>,
-    normal: [Vec<f32>; 3],
-    nearness: [Vec<f32>; 3],
-    /// One over the difference of nearness that makes another surface.
-    level: Vec<f32>,
-    doubt: Option<[Vec<f32>; 2]>,
+    /// Length of a plane.
+    size: usize,
+    planes: Vec<f32>,
+    doubts: bool,
 }
 
 /// The sums of one row of a tile.
@@ -231,75 +243,85 @@ struct Sums {
     weight: [f32; TILE],
 }
 
-/// A piece of a plane.
+/// Eight numbers of a row.
 #[inline(always)]
-fn cut<const N: usize>(plane: &[f32], start: usize) -> &[f32; N] {
-    plane[start..].first_chunk().expect("a tile lies within its planes")
+fn lanes<S: Simd, const N: usize>(simd: S, row: &[f32; N], vector: usize) -> f32x8<S> {
+    f32x8::from_slice(simd, &row[vector * LANES..(vector + 1) * LANES])
+}
+
+/// Between 0 and 1.
+#[inline(always)]
+fn share<S: Simd>(simd: S, v: f32x8<S>) -> f32x8<S> {
+    v.max(f32x8::splat(simd, 0.0)).min(f32x8::splat(simd, 1.0))
 }
 
 impl Tile {
     fn cut(field: &Field, [left, top]: [usize; 2], rim: usize, scale: f32) -> Self {
         let stride = TILE + 2 * rim;
-        let plane = || vec![0.0; stride * stride];
-        let mut tile = Self {
-            rim,
-            stride,
-            signal: [plane(), plane(), plane()],
-            variance: plane(),
-            values: std::array::from_fn(|_| plane()),
-            there: plane(),
-            normal: [plane(), plane(), plane()],
-            nearness: [plane(), plane(), plane()],
-            level: plane(),
-            doubt: field.doubts.then(|| [plane(), plane()]),
-        };
-        for i in 0..stride * stride {
-            let (x, y) = (left + i % stride, top + i / stride);
-            if x < rim || y < rim || x - rim >= field.width || y - rim >= field.height {
-                continue;
-            }
-            let pixel = &field.pixels[(y - rim) * field.width + x - rim];
-            // What is left out may be infinite, which no weight of 0 takes away.
-            if !pixel.there {
-                continue;
-            }
-            tile.there[i] = 1.0;
-            tile.variance[i] = pixel.variance;
-            tile.level[i] = 1.0 / (OFF * pixel.nearness[0]).max(1e-30);
-            for k in 0..3 {
-                tile.signal[k][i] = pixel.signal[k];
-                tile.normal[k][i] = pixel.normal[k];
-                tile.nearness[k][i] = pixel.nearness[k];
-            }
-            for (plane, value) in tile.values.iter_mut().zip(pixel.values) {
-                plane[i] = value * scale;
-            }
-            if let Some(planes) = &mut tile.doubt {
-                planes.iter_mut().zip(pixel.doubt).for_each(|(plane, doubt)| plane[i] = doubt);
+        // The last row may be read beyond its end.
+        let size = stride * stride + LANES;
+        let mut planes = vec![0.0; size * if field.doubts { DOUBT + 2 } else { DOUBT }];
+        let (columns, rows) =
+            (rim.saturating_sub(left)..stride.min(field.width + rim - left), rim.saturating_sub(top)..stride);
+        for y in rows.take_while(|y| top + y - rim < field.height) {
+            for x in columns.clone() {
+                let pixel = &field.pixels[(top + y - rim) * field.width + left + x - rim];
+                // What is left out may be infinite, which no weight of 0 takes away.
+                if !pixel.there {
+                    continue;
+                }
+                let mut set = |plane: usize, value: f32| planes[plane * size + y * stride + x] = value;
+                set(VARIANCE, pixel.variance);
+                set(THERE, 1.0);
+                set(LEVEL, 1.0 / (OFF * pixel.nearness[0]).max(1e-30));
+                let normal = pixel.normal.to_array();
+                set(FACED, normal[0].abs() + normal[1].abs() + normal[2].abs());
+                for k in 0..3 {
+                    set(SIGNAL + k, pixel.signal[k]);
+                    set(NORMAL + k, normal[k]);
+                    set(NEARNESS + k, pixel.nearness[k]);
+                }
+                for (k, value) in pixel.values.iter().enumerate() {
+                    set(AVERAGED + k, value * scale);
+                }
+                if field.doubts {
+                    pixel.doubt.iter().enumerate().for_each(|(k, doubt)| set(DOUBT + k, *doubt));
+                }
             }
         }
-        tile
+        Self { rim, stride, size, planes, doubts: field.doubts }
     }
 
-    /// Whether the pixel at an index of the planes takes an average.
-    fn noisy(&self, i: usize) -> bool {
-        self.there[i] > 0.0 && self.variance[i] > 0.0
+    /// A piece of a row of a plane.
+    #[inline(always)]
+    fn row<const N: usize>(&self, plane: usize, start: usize) -> &[f32; N] {
+        self.planes[plane * self.size + start..].first_chunk().expect("a tile lies within its planes")
+    }
+
+    /// The place of a pixel of the tile in the planes.
+    fn at(&self, x: usize, y: usize) -> usize {
+        (y + self.rim) * self.stride + x + self.rim
+    }
+
+    /// Whether a pixel of the tile takes an average.
+    fn noisy(&self, x: usize, y: usize) -> bool {
+        let at = self.at(x, y);
+        self.row::<1>(THERE, at)[0] > 0.0 && self.row::<1>(VARIANCE, at)[0] > 0.0
     }
 
     /// The rows of the tile from the first to the last in which any pixel does.
     fn noisy_rows(&self) -> Range<usize> {
-        let noisy = |y: &usize| (0..TILE).any(|x| self.noisy((y + self.rim) * self.stride + x + self.rim));
+        let noisy = |y: &usize| (0..TILE).any(|x| self.noisy(x, *y));
         let first = (0..TILE).find(noisy).unwrap_or(TILE);
         first..(first..TILE).rfind(noisy).map_or(first, |last| last + 1)
     }
 
     /// Averages of the tile's pixels, row by row.
     #[inline(always)]
-    fn average(&self, reach: Reach, noisy: Range<usize>) -> Vec<[f32; VALUES]> {
-        let at = |x: usize, y: usize| (y + self.rim) * self.stride + x + self.rim;
+    fn average<S: Simd>(&self, simd: S, reach: Reach, noisy: Range<usize>) -> Vec<[f32; VALUES]> {
         // The pixel itself counts once.
         let own = |y: usize| Sums {
-            values: self.values.each_ref().map(|plane| *cut(plane, at(0, y))),
+            values: std::array::from_fn(|k| *self.row(AVERAGED + k, self.at(0, y))),
             weight: [1.0; TILE],
         };
         let mut sums: Vec<Sums> = (0..TILE).map(own).collect();
@@ -310,26 +332,30 @@ impl Tile {
         for dy in -radius..=radius {
             for y in noisy.start..noisy.end + 2 * PATCH {
                 let p = (y + self.rim - PATCH) * self.stride + self.rim - PATCH;
-                for (dx, rows) in (-radius..=radius).zip(&mut along).filter(|(dx, _)| (*dx, dy) != (0, 0)) {
-                    let q = (p as isize + dy * self.stride as isize + dx) as usize;
-                    self.compare([p, q], reach.strength, &mut rows[y % PATCHES]);
-                    if let Some(y) = y.checked_sub(2 * PATCH).filter(|y| noisy.contains(y)) {
-                        let q = (at(0, y) as isize + dy * self.stride as isize + dx) as usize;
-                        let pair = [at(0, y), q];
-                        let mut weights = self.weigh(pair, [dx as f32, dy as f32], reach.bend, rows, y);
-                        if let Some(doubt) = &self.doubt {
-                            keep_apart(doubt, pair, &mut weights);
-                        }
-                        sums[y].add(&self.values, q, &weights);
+                for (dx, rows) in (-radius..=radius).zip(&mut along) {
+                    if (dx, dy) == (0, 0) {
+                        continue;
+                    }
+                    let offset = dy * self.stride as isize + dx;
+                    let q = (p as isize + offset) as usize;
+                    self.compare(simd, [p, q], reach.strength, &mut rows[y % PATCHES]);
+                    let Some(y) = y.checked_sub(2 * PATCH) else { continue };
+                    if y >= noisy.start {
+                        let p = self.at(0, y);
+                        let q = (p as isize + offset) as usize;
+                        let row = |k: usize| &rows[(y + k) % PATCHES];
+                        let rows = [row(0), row(1), row(2), row(3), row(4)];
+                        self.add(simd, [p, q], [dx as f32, dy as f32], reach.bend, rows, &mut sums[y]);
                     }
                 }
             }
         }
         let mean = |i: usize| {
             let (x, y) = (i % TILE, i / TILE);
-            match self.noisy(at(x, y)) {
-                true => sums[y].values.map(|row| row[x] / sums[y].weight[x]),
-                false => self.values.each_ref().map(|plane| plane[at(x, y)]),
+            let Sums { values, weight } = &sums[y];
+            match self.noisy(x, y) {
+                true => values.map(|row| row[x] / weight[x]),
+                false => std::array::from_fn(|k| self.row::<1>(AVERAGED + k, self.at(x, y))[0]),
             }
         };
         (0..TILE * TILE).map(mean).collect()
@@ -338,83 +364,74 @@ impl Tile {
     /// Distances of a row of pairs of single pixels that starts at the pixels p and q, summed over the columns of
     /// patches.
     #[inline(always)]
-    fn compare(&self, [p, q]: [usize; 2], strength: f32, out: &mut [f32; TILE]) {
+    fn compare<S: Simd>(&self, simd: S, [p, q]: [usize; 2], strength: f32, out: &mut [f32; TILE]) {
         let k = strength * strength;
-        let [a, b, c] = self.signal.each_ref().map(|plane| cut::<SIDE>(plane, p));
-        let [d, e, f] = self.signal.each_ref().map(|plane| cut::<SIDE>(plane, q));
-        let (v, w) = (cut::<SIDE>(&self.variance, p), cut::<SIDE>(&self.variance, q));
-        let (t, u) = (cut::<SIDE>(&self.there, p), cut::<SIDE>(&self.there, q));
-        let mut single = [0.0; SIDE];
-        for x in 0..SIDE {
-            let [a, b, c] = [a[x] - d[x], b[x] - e[x], c[x] - f[x]];
+        let [a, b, c] = [self.row::<SIDE>(SIGNAL, p), self.row(SIGNAL + 1, p), self.row(SIGNAL + 2, p)];
+        let [d, e, f] = [self.row::<SIDE>(SIGNAL, q), self.row(SIGNAL + 1, q), self.row(SIGNAL + 2, q)];
+        let [v, w] = [self.row::<SIDE>(VARIANCE, p), self.row(VARIANCE, q)];
+        let [t, u] = [self.row::<SIDE>(THERE, p), self.row(THERE, q)];
+        let mut single = [f32x8::splat(simd, 0.0); SIDE / LANES];
+        for (i, single) in single.iter_mut().enumerate() {
+            let a = lanes(simd, a, i) - lanes(simd, d, i);
+            let b = lanes(simd, b, i) - lanes(simd, e, i);
+            let c = lanes(simd, c, i) - lanes(simd, f, i);
             let squared = (a * a + b * b + c * c) * (1.0 / 3.0);
-            let noise = v[x] + if v[x] < w[x] { v[x] } else { w[x] };
-            single[x] = t[x] * u[x] * (squared - noise) / (FLOOR + k * (v[x] + w[x]));
+            let (v, w) = (lanes(simd, v, i), lanes(simd, w, i));
+            let there = lanes(simd, t, i) * lanes(simd, u, i);
+            *single = there * (squared - (v + v.min(w))) / ((v + w) * k + FLOOR);
         }
-        for x in 0..TILE {
-            out[x] = single[x] + single[x + 1] + single[x + 2] + single[x + 3] + single[x + 4];
+        for i in 0..TILE / LANES {
+            let (here, next) = (single[i], single[i + 1]);
+            let sum = here + here.slide::<1>(next) + here.slide::<2>(next);
+            let sum = sum + here.slide::<3>(next) + here.slide::<4>(next);
+            sum.store_slice(&mut out[i * LANES..(i + 1) * LANES]);
         }
     }
 
-    /// Weights of a row of pairs that starts at the pixels p and q, from the rows of distances around it.
+    /// Adds to the sums of a row that starts at the pixel p the pixels of one that starts at q, by weights from the
+    /// rows of distances around it.
     #[inline(always)]
-    fn weigh(
+    fn add<S: Simd>(
         &self,
+        simd: S,
         [p, q]: [usize; 2],
         [dx, dy]: [f32; 2],
         bend: f32,
-        rows: &[[f32; TILE]; PATCHES],
-        first: usize,
-    ) -> [f32; TILE] {
+        rows: [&[f32; TILE]; PATCHES],
+        sums: &mut Sums,
+    ) {
+        let (zero, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let straight = 1.0 / bend;
-        let there = cut::<TILE>(&self.there, q);
-        let [near, columns, lines] = self.nearness.each_ref().map(|plane| cut::<TILE>(plane, p));
-        let other = cut::<TILE>(&self.nearness[0], q);
-        let (own, its) = (cut::<TILE>(&self.level, p), cut::<TILE>(&self.level, q));
-        let n = self.normal.each_ref().map(|plane| cut::<TILE>(plane, p));
-        let m = self.normal.each_ref().map(|plane| cut::<TILE>(plane, q));
-        let [r0, r1, r2, r3, r4] = std::array::from_fn(|k| &rows[(first + k) % PATCHES]);
-        let mut out = [0.0; TILE];
-        for x in 0..TILE {
-            let far = r0[x] + r1[x] + r2[x] + r3[x] + r4[x];
+        let there = self.row::<TILE>(THERE, q);
+        let [near, other] = [self.row::<TILE>(NEARNESS, p), self.row(NEARNESS, q)];
+        let [columns, lines] = [self.row::<TILE>(NEARNESS + 1, p), self.row(NEARNESS + 2, p)];
+        let [own, its] = [self.row::<TILE>(LEVEL, p), self.row(LEVEL, q)];
+        let [faced, facing] = [self.row::<TILE>(FACED, p), self.row(FACED, q)];
+        let [a, b, c] = [self.row::<TILE>(NORMAL, p), self.row(NORMAL + 1, p), self.row(NORMAL + 2, p)];
+        let [d, e, f] = [self.row::<TILE>(NORMAL, q), self.row(NORMAL + 1, q), self.row(NORMAL + 2, q)];
+        for i in 0..TILE / LANES {
+            let at = |row: &[f32; TILE]| lanes(simd, row, i);
+            let far = at(rows[0]) + at(rows[1]) + at(rows[2]) + at(rows[3]) + at(rows[4]);
             // (1 - d/4)^4 falls like exp(-d), and to nothing at 4.
-            let alike = (1.0 - far * (0.25 / (PATCHES * PATCHES) as f32)).clamp(0.0, 1.0);
+            let alike = share(simd, one - far * (0.25 / (PATCHES * PATCHES) as f32));
             let alike = alike * alike;
-            let cosine = n[0][x] * m[0][x] + n[1][x] * m[1][x] + n[2][x] * m[2][x];
-            let lengths = (n[0][x].abs() + n[1][x].abs() + n[2][x].abs())
-                * (m[0][x].abs() + m[1][x].abs() + m[2][x].abs());
-            let turned = (1.0 - (1.0 - cosine) * straight).clamp(0.0, 1.0);
-            let off = (other[x] - near[x] - columns[x] * dx - lines[x] * dy).abs();
-            let level = (1.0 - off * if own[x] < its[x] { own[x] } else { its[x] }).clamp(0.0, 1.0);
-            let same = if lengths > 0.0 { turned * level } else { 1.0 };
-            out[x] = there[x] * alike * alike * same;
-        }
-        out
-    }
-}
-
-/// Takes weight from a row of pairs that starts at the pixels p and q where one is much less sure than the other.
-#[inline(always)]
-fn keep_apart([sureness, trust]: &[Vec<f32>; 2], [p, q]: [usize; 2], weights: &mut [f32; TILE]) {
-    let (s, t) = (cut::<TILE>(sureness, p), cut::<TILE>(trust, p));
-    let (u, v) = (cut::<TILE>(sureness, q), cut::<TILE>(trust, q));
-    for x in 0..TILE {
-        let (one, other) = (t[x] * u[x], v[x] * s[x]);
-        let least = if one < other { one } else { other };
-        weights[x] *= if least < 1.0 { least } else { 1.0 };
-    }
-}
-
-impl Sums {
-    /// Adds a row of pixels that starts at q by their weights.
-    #[inline(always)]
-    fn add(&mut self, values: &[Vec<f32>; VALUES], q: usize, weights: &[f32; TILE]) {
-        for (sum, weight) in self.weight.iter_mut().zip(weights) {
-            *sum += weight;
-        }
-        for (sums, plane) in self.values.iter_mut().zip(values) {
-            for ((sum, value), weight) in sums.iter_mut().zip(cut::<TILE>(plane, q)).zip(weights) {
-                *sum += weight * value;
+            let cosine = at(a) * at(d) + at(b) * at(e) + at(c) * at(f);
+            let turned = share(simd, one - (one - cosine) * straight);
+            let off = (at(other) - at(near) - at(columns) * dx - at(lines) * dy).abs();
+            let level = share(simd, one - off * at(own).min(at(its)));
+            let faced = (at(faced) * at(facing)).simd_gt(zero);
+            let mut weight = at(there) * alike * alike * faced.select(turned * level, one);
+            if self.doubts {
+                let of = |k: usize, start: usize| at(self.row(DOUBT + k, start));
+                // Less where one of the two is much less sure than the other.
+                weight *= (of(1, p) * of(0, q)).min(of(1, q) * of(0, p)).min(one);
+            }
+            let more = |sum: &mut [f32; TILE], value: f32x8<S>| {
+                (lanes(simd, sum, i) + value).store_slice(&mut sum[i * LANES..(i + 1) * LANES]);
+            };
+            more(&mut sums.weight, weight);
+            for (k, sum) in sums.values.iter_mut().enumerate() {
+                more(sum, weight * at(self.row(AVERAGED + k, q)));
             }
         }
     }

@@ -147,7 +147,7 @@ fn objects_are_averaged_within_their_alpha() {
 }
 
 // One pixel that a lucky path has lit far beyond what is around it.
-// Mutation: `keep_apart` not called (seen red).
+// Mutation: `self.doubts` to `false` in `Tile::add` (seen red).
 #[test]
 fn a_lucky_path_does_not_splash() {
     let lit = |light: f32, noise: f32| {
