@@ -239,16 +239,18 @@ impl<'e> Bench<'e> {
             }
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
-            let remark = |(output, images): (&Output, &Arc<Images>)| match output.space {
-                Space::Display => is_bright(images).then(|| {
-                    format!("`{}` holds light far above white, which is judged as white", output.name)
-                }),
-                Space::Linear => Some(format!(
-                    "`{}` goes to OpenEXR alone and is judged in linear light: FLIP is HDR-FLIP, and light above white counts",
-                    output.name
-                )),
+            let told = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
+                let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
+                let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
+                (!names.is_empty()).then(|| format!("{}: {text}", names.join(", ")))
             };
-            self.remarks.extend(self.outputs.iter().zip(&*pictures).filter_map(remark));
+            let linear = |output: &Output, _: &Images| output.space == Space::Linear;
+            let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
+            let remarks = [
+                told(&cut, "holds light far above white, which is judged as white"),
+                told(&linear, "goes to OpenEXR alone and is judged in linear light, FLIP as HDR-FLIP"),
+            ];
+            self.remarks.extend(remarks.into_iter().flatten());
         }
         let fits =
             |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();

@@ -121,10 +121,11 @@ impl Truth {
 
     /// FLIP of each pixel, by output.
     pub fn flip_maps(&self, outputs: &[Output], pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
-        let map = |((output, (_, picture)), truth): ((&Output, &(String, Arc<Images>)), &Arc<Images>)| {
+        let all = outputs.iter().zip(pictures).zip(&self.pictures);
+        all.map(|((output, (_, picture)), truth)| {
             compare(picture, truth, None, output.space).map(|(_, flip)| flip).unwrap_or_default()
-        };
-        outputs.iter().zip(pictures).zip(&self.pictures).map(map).collect()
+        })
+        .collect()
     }
 }
 
