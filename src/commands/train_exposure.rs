@@ -35,7 +35,8 @@ pub struct TrainExposure {
     /// Steps of training of each network
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     steps: u64,
-    /// A folder for what each network of the cross-validation recovers of the panoramas it never saw
+    /// A folder for what the networks of the cross-validation recover of panoramas they never saw, and for what
+    /// they tell of each region (`regions.csv`)
     #[arg(long)]
     recovered: Option<PathBuf>,
     /// A file for the numbers that the amount of hidden light was fitted to, as comma-separated values
@@ -106,6 +107,8 @@ impl TrainExposure {
             for (name, bytes) in &trained.recovered {
                 cache::publish_file(&folder.join(format!("{name}.exr")), bytes).map_err(|e| e.to_string())?;
             }
+            let path = folder.join("regions.csv");
+            cache::publish_file(&path, trained.regions.as_bytes()).map_err(|e| e.to_string())?;
         }
         if let Some(path) = &self.numbers {
             cache::publish_file(path, trained.numbers.as_bytes()).map_err(|e| e.to_string())?;

@@ -241,12 +241,9 @@ impl Course {
         scaled
     }
 
-    /// The plain photographs of the places of one part.
-    pub fn held_out(&self, fold: usize, folds: usize, mut f: impl FnMut(&str, &Example)) {
-        for (name, place, example) in &self.held {
-            if Self::fold(*place, folds) == fold {
-                f(name, example);
-            }
-        }
+    /// The plain photographs of the places of one part, by name of the panorama.
+    pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = (&str, &Example)> {
+        let held = self.held.iter().filter(move |(_, place, _)| Self::fold(*place, folds) == fold);
+        held.map(|(name, _, example)| (name.as_str(), example))
     }
 }

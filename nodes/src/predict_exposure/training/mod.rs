@@ -2,6 +2,7 @@
 
 mod amount;
 mod examples;
+mod judge;
 mod procedural;
 mod truth;
 mod weights;
@@ -13,11 +14,10 @@ use learned::exposure;
 pub use learned::exposure::Recipe;
 
 use self::examples::Course;
-use self::truth::{Example, shrink};
-use super::network::{CELL, Network as Forward, OVERVIEW, hidden};
+use self::judge::Judged;
+use self::truth::shrink;
+use super::network::{CELL, Network as Forward, OVERVIEW};
 use crate::error::Error;
-use crate::io::exr::{self, Channel, Depth};
-use crate::num;
 use crate::types::{Image, Linear};
 use crate::whole_sphere::light;
 
@@ -78,6 +78,8 @@ pub struct Trained {
     pub scores: Vec<Score>,
     /// The light recovered from each panorama by networks that never saw its place, as EXR, by name.
     pub recovered: Vec<(String, Vec<u8>)>,
+    /// What was told of each clipped region of those panoramas, and what is true, as comma-separated values.
+    pub regions: String,
     /// What the amount was fitted to, as comma-separated values, a line for each photograph.
     pub numbers: String,
 }
@@ -143,86 +145,23 @@ pub fn train(
         }
         weights::file(&scales, &amount, &members, residual as f32).map(Some)
     };
-    let (mut scores, mut squares, mut pictures) = (Vec::new(), Vec::new(), Vec::new());
+    let mut regions = judge::COLUMNS.to_owned();
+    let mut held = Vec::new();
     for fold in 0..plan.folds {
         let Some(file) = team(Some(fold), 0.0)? else { return Ok(None) };
         let forward = Forward::parse("cross-validation", &file, OVERVIEW, CELL)?;
-        course.held_out(fold, plan.folds, |name, example| {
-            let (score, errors) = judge(name, example, &forward);
-            scores.push(score);
-            squares.extend(errors);
-            pictures.push(recovered(example, &forward).map(|bytes| (name.to_owned(), bytes)));
-        });
-    }
-    scores.sort_by(|a, b| a.name.cmp(&b.name));
-    let residual = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt();
-    let weights = team(None, residual)?;
-    let recovered = pictures.into_iter().collect::<Result<_, _>>()?;
-    Ok(weights.map(|weights| Trained { weights, scores, recovered, numbers: course.numbers() }))
-}
-
-/// Regions count for the uncertainty that hold at least this share of the hidden light.
-const MATTERS: f64 = 0.05;
-/// Errors of regions are cut off at so many stops.
-const LARGEST_ERROR: f64 = 4.0;
-
-/// Scores the prediction for one example, and gives for each region that matters the square of its error in
-/// stops less that of the disagreement.
-fn judge(name: &str, example: &Example, network: &Forward) -> (Score, Vec<f64>) {
-    let regions = regions_of(example);
-    let predicted = hidden(network, &example.scene, regions);
-    let errors = |cells: &[f64]| {
-        let mut sums = example.visible;
-        for (hidden, toward) in cells.iter().zip(&example.toward) {
-            sums[0] += hidden;
-            sums[1] += hidden * toward[0];
-            sums[2] += hidden * toward[1];
+        for (name, example) in course.held_out(fold, plan.folds) {
+            let judged = Judged::new(name, example, &forward)?;
+            regions += &judged.lines(fold);
+            held.push(judged);
         }
-        let contrast = |[_, near, far]: [f64; 3]| (near / far.max(1e-9)).max(1e-4);
-        let log = |a: f64, b: f64| num::f64::log2(a / b);
-        [log(sums[0], example.truth[0]), log(contrast(sums), contrast(example.truth))]
-    };
-    let before = errors(&vec![0.0; predicted.cells.len()]);
-    let mut of_region = vec![[0.0; 2]; regions];
-    for (cell, (told, real)) in example.scene.cells.iter().zip(predicted.cells.iter().zip(&example.hidden)) {
-        of_region[cell.region][0] += told;
-        of_region[cell.region][1] += real;
     }
-    let total: f64 = example.hidden.iter().sum();
-    let square = |(region, [told, real]): (usize, &[f64; 2])| {
-        let error = num::f64::log2(told.max(1e-12) / real).clamp(-LARGEST_ERROR, LARGEST_ERROR);
-        let disagreement = predicted.disagreement[region];
-        (*real > MATTERS * total && total > 0.0).then_some(error * error - disagreement * disagreement)
-    };
-    let squares = of_region.iter().enumerate().filter_map(square).collect();
-    let after = errors(&predicted.with_suns(&example.scene).cells);
-    let score =
-        Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] };
-    (score, squares)
-}
-
-/// The light recovered from the plain photograph of a panorama, as EXR.
-fn recovered(example: &Example, network: &Forward) -> Result<Vec<u8>, Error> {
-    let predicted = hidden(network, &example.scene, regions_of(example)).with_suns(&example.scene);
-    let mut samples: Vec<f32> = example.rgb.iter().flat_map(|rgb| rgb.map(|v| v as f32)).collect();
-    for (cell, hidden) in example.scene.cells.iter().zip(&predicted.cells) {
-        let gain = 1.0 + hidden / cell.flux.max(1e-12);
-        samples[3 * cell.index..][..3].iter_mut().for_each(|v| *v = (f64::from(*v) * gain) as f32);
-    }
-    file(&samples)
-}
-
-fn regions_of(example: &Example) -> usize {
-    example.scene.cells.iter().map(|cell| cell.region + 1).max().unwrap_or(0)
-}
-
-fn file(samples: &[f32]) -> Result<Vec<u8>, Error> {
-    let channel = |(c, name): (usize, &str)| {
-        let samples = samples.iter().skip(c).step_by(3).copied().collect();
-        (Channel { name: name.to_owned(), samples }, Depth::Float)
-    };
-    let channels = ["R", "G", "B"].into_iter().enumerate().map(channel).collect();
-    Ok(exr::write(WIDTH, WIDTH / 2, channels, "linear", None)?.0)
+    held.sort_by(|a, b| a.score.name.cmp(&b.score.name));
+    let residual = judge::residual(&held);
+    let Some(weights) = team(None, residual)? else { return Ok(None) };
+    let scores = held.iter().map(|judged| judged.score.clone()).collect();
+    let recovered = held.into_iter().map(|judged| (judged.score.name, judged.recovered)).collect();
+    Ok(Some(Trained { weights, scores, recovered, regions, numbers: course.numbers() }))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@ use learned::exposure::{Network, Scale};
 use super::super::network::LIMITS;
 use super::truth::{Shot, Truth};
 use super::*;
+use crate::num;
 
 #[test]
 fn files_of_one_place_go_together() {
@@ -34,6 +35,8 @@ fn a_training_repeats_and_resumes() {
     let fresh = run(tempfile::tempdir().expect("a folder").path(), 1000).expect("is done");
     assert!(resumed.weights == fresh.weights && resumed.scores.len() == 4);
     assert!(Forward::parse("w", &fresh.weights, OVERVIEW, CELL).is_ok());
+    assert!(fresh.regions.starts_with(judge::COLUMNS) && fresh.regions == resumed.regions);
+    assert!(fresh.regions.lines().all(|line| line.split(',').count() == 9), "{}", fresh.regions);
 }
 
 // Clipping hides what it hides: visible and hidden light add up to the truth where nothing is softened.
