@@ -1,13 +1,18 @@
 """The cross-validation of docs/light.md, and its picture.
 
     lightharmony train-exposure HDRI --recovered RECOVERED
-    python tests/tables/light.py HDRI PEERS learned=RECOVERED [NAME=FOLDER ..] [--picture light.jpg NAME,NAME,..]
+    python tests/tables/light_baselines.py HDRI PEERS BASELINES
+    python tests/tables/light.py HDRI PEERS learned=RECOVERED region=BASELINES/region network=BASELINES/network \
+        [--picture light.jpg NAME,NAME,..]
 
 HDRI holds the panoramas, PEERS the script of measures that was fixed before (`eval_pano.py`, whose EV 0 rule and spheres
-are used), each FOLDER one EXR of recovered light for each panorama, by name. Prints the mean of each measure, strong
-lights and others apart, and differences with intervals of 95 % (paired, 10,000 resamples of panoramas).
+are used), each FOLDER one EXR of recovered light for each panorama, by name, from what never saw its place. Prints the
+mean of each measure, of each folder also by the paper's bracket and one to -15; strong lights and others apart;
+differences of the first folder with intervals of 95 % (paired, 10,000 resamples of places); and, of a folder with
+`regions.csv`, how often the truth lies within the uncertainty that is told, and what the rule for suns brings.
 """
 
+import csv
 import os
 import sys
 
@@ -24,6 +29,7 @@ folders = {name: os.path.abspath(folder) for name, folder in (text.split("=") fo
 sys.path.insert(0, peers)
 import eval_pano as ev  # noqa: E402
 import panolib as pl  # noqa: E402
+from light_places import PARTS, places_of  # noqa: E402
 
 MEASURES = ["clipRMSE", "dirErr", "irrRel", "irrLog2", "contrastLog2", "si_diffuse", "si_glossy", "si_mirror"]
 # A light is strong where six stops of true exposures miss contrast by more than this.
@@ -32,12 +38,17 @@ STRONG = 0.5
 truth = {name: image * pl.expose_scale(image) for name, image in pl.load_dir(hdri).items()}
 light = {"as photographed": {}, "true exposures, paper's bracket": {}, "true exposures to -15": {}}
 light |= {name: pl.load_dir(folder) for name, folder in folders.items()}
+BRACKETS = [("paper's bracket", "paper", "paper"), ("to -15", "ext", "maxc")]
+light |= {f"{name}, {title}": {} for name in folders for title, _, _ in BRACKETS}
 for name, image in truth.items():
     photograph = pl.ldr(image)
     light["as photographed"][name] = photograph**pl.G
-    for title, stops, mode in [("true exposures, paper's bracket", "paper", "paper"), ("true exposures to -15", "ext", "maxc")]:
+    for title, stops, mode in BRACKETS:
         evs = ev.BR[stops]
-        light[title][name] = pl.fuse([pl.ldr(image, e) for e in evs[:-1]] + [photograph], evs, mode)
+        exposures = [pl.ldr(image, e) for e in evs[:-1]] + [photograph]
+        light["true exposures" + (" " if title[0] == "t" else ", ") + title][name] = pl.fuse(exposures, evs, mode)
+        for folder in folders:
+            light[f"{folder}, {title}"][name] = ev.bracket_hdr(photograph, light[folder][name] @ pl.W, evs, mode)
 
 if picture:
     import cv2
@@ -80,11 +91,55 @@ for title, rows in scores.items():
     parts = [" / ".join(f"{v:.2f}" for v in rows[chosen].mean(0)[two]) for chosen in (strong, ~strong)]
     print(f"| {title} | {parts[0]} | {parts[1]} |")
 
-sampled = np.random.default_rng(7).integers(0, len(truth), (10_000, len(truth)))
-for better in folders:
-    for other in scores:
-        if other != better:
-            off = scores[better] - scores[other]
-            low, high = np.percentile(off[sampled].mean(1), [2.5, 97.5], axis=0)
-            cells = [f"{m:+.2f} ({a:+.2f} to {b:+.2f})" for m, a, b in zip(off.mean(0), low, high)]
-            print(f"| {better} minus {other} | " + " | ".join(cells) + " |")
+places = np.array(places_of(truth))
+drawn = np.random.default_rng(7).integers(0, places.max() + 1, (10_000, places.max() + 1))
+counts = np.stack([np.bincount(row, minlength=places.max() + 1) for row in drawn])[:, places]
+counts = counts / counts.sum(1, keepdims=True)
+better = next(iter(folders))
+print(f"\n{places.max() + 1} places")
+for other in scores:
+    if other != better:
+        off = scores[better] - scores[other]
+        low, high = np.percentile(counts @ off, [2.5, 97.5], axis=0)
+        cells = [f"{m:+.2f} ({a:+.2f} to {b:+.2f})" for m, a, b in zip(off.mean(0), low, high)]
+        print(f"| {better} minus {other} | " + " | ".join(cells) + " |")
+
+
+def regions(path):
+    """Uncertainty told for regions of unseen places, whose residual is from the other parts, and the rule for suns."""
+    names, *numbers = zip(*list(csv.reader(open(path)))[1:])
+    part, open_flux, sun, visible, hidden, told, given, apart = np.array(numbers, float)
+    index = np.unique(names, return_inverse=True)[1]
+    total = np.bincount(index, hidden)[index]
+    matters = (hidden > 0.05 * total) & (total > 0)
+    error = np.clip(np.log2(np.maximum(told, 1e-12) / np.maximum(hidden, 1e-30)), -4, 4)
+    squares = np.where(matters, error**2 - apart**2, np.nan)
+    residual = np.array([np.sqrt(max(0, np.nanmean(squares[part != p]))) for p in range(PARTS)])[part.astype(int)]
+    ratio = given / np.maximum(visible, 1e-12)
+    gain = np.log2(1 + ratio)
+    uncertainty = np.log2(1 + ratio * 2 ** np.hypot(residual, apart)) - gain
+    off = np.abs(gain - np.log2(1 + hidden / np.maximum(visible, 1e-12)))
+    print(f"\n{len(off)} regions of unseen places; residual {residual.min():.2f} to {residual.max():.2f} stops")
+    for title, chosen in [("all", off >= 0), ("with 5 % of the hidden light or more", matters)]:
+        within = [(off[chosen] <= k * uncertainty[chosen]).mean() for k in (1, 2)]
+        rms = np.sqrt(np.mean((off[chosen] / np.maximum(uncertainty[chosen], 1e-6)) ** 2))
+        print(f"{title} ({chosen.sum()}): {within[0]:.0%} within one, {within[1]:.0%} within two, rms {rms:.2f}")
+
+    def irradiance(flux):
+        """Error of each panorama where the sun gives at least `flux` of what is open."""
+        light = np.where((sun > 0) & (told > 0), np.maximum(told, sun * flux * open_flux), told)
+        seen = np.bincount(index, visible) + open_flux[np.unique(index, return_index=True)[1]]
+        return np.abs(np.log2((seen + np.bincount(index, light)) / (seen + np.bincount(index, hidden))))
+
+    of = part[np.unique(index, return_index=True)[1]].astype(int)
+    rules = {flux: irradiance(flux) for flux in (0, 0.25, 0.5, 1, 1.7)}
+    print("suns:", sorted({names[i] for i in np.flatnonzero(sun > 0)}))
+    print("error of irradiance by the least flux of a sun:", {k: round(v.mean(), 3) for k, v in rules.items()})
+    best = [min(rules, key=lambda flux: rules[flux][of != p].mean()) for p in range(PARTS)]
+    chosen = np.mean([rules[best[p]][i] for i, p in enumerate(of)])
+    print(f"chosen by the other parts: {best}, error {chosen:.3f}")
+
+
+for folder in folders.values():
+    if os.path.exists(os.path.join(folder, "regions.csv")):
+        regions(os.path.join(folder, "regions.csv"))
