@@ -276,16 +276,13 @@ impl Tile {
                 set(LEVEL, 1.0 / (OFF * pixel.nearness[0]).max(1e-30));
                 let normal = pixel.normal.to_array();
                 set(FACED, normal[0].abs() + normal[1].abs() + normal[2].abs());
-                for k in 0..3 {
-                    set(SIGNAL + k, pixel.signal[k]);
-                    set(NORMAL + k, normal[k]);
-                    set(NEARNESS + k, pixel.nearness[k]);
+                for (first, values) in [(SIGNAL, pixel.signal), (NORMAL, normal), (NEARNESS, pixel.nearness)]
+                {
+                    (0..3).for_each(|k| set(first + k, values[k]));
                 }
-                for (k, value) in pixel.values.iter().enumerate() {
-                    set(AVERAGED + k, value * scale);
-                }
+                (0..VALUES).for_each(|k| set(AVERAGED + k, pixel.values[k] * scale));
                 if field.doubts {
-                    pixel.doubt.iter().enumerate().for_each(|(k, doubt)| set(DOUBT + k, *doubt));
+                    (0..2).for_each(|k| set(DOUBT + k, pixel.doubt[k]));
                 }
             }
         }
