@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::bsdf::{Lobe, Scatter};
-use super::environment::{Distributions, DrawnDirection, EnvironmentLight, TIERS};
+use super::environment::{Distributions, DrawnDirection, EnvironmentLight, LightSample, TIERS};
 use super::film::Rays;
 use super::media::Media;
 use super::near_field::{ArrivingLight, NearFieldLight};
@@ -384,14 +384,26 @@ impl<'a> Integrator<'a> {
             };
             told = Some((block, passes));
             if passes {
-                let share = match surface.bsdf.is_matte() && near.is_none() {
-                    true => 1.0,
-                    false => power_heuristic(sample.pdf, scatter.pdf),
-                };
-                arrived += unshaded * scatter.value * share;
+                arrived += unshaded * scatter.value * power_heuristic(sample.pdf, scatter.pdf);
             }
         }
         arrived * sample.radiance / sample.pdf
+    }
+
+    /// The same for a matte surface and a light that is far: light samples bring it all of that.
+    fn matte_light_sample(&mut self, surface: &Surface, lift: Vec3, sample: &LightSample, key: u32) -> Vec3 {
+        let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
+        if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let ray = surface.spawn_ray(sample.direction);
+        let to_objects = Ray { origin: ray.origin + lift, ..ray };
+        let [unshaded, _] =
+            self.object_transmittance(to_objects, key, None, surface.medium(sample.direction));
+        if unshaded == Vec3::ZERO || !self.passes(self.scene.rules.visibility(Lobe::Diffuse).shadow, ray) {
+            return Vec3::ZERO;
+        }
+        unshaded * scatter.value * sample.radiance / sample.pdf
     }
 
     /// Radiance that comes back along a ray of the camera, of unit direction, from the vertex that it found. What
@@ -463,7 +475,10 @@ impl<'a> Integrator<'a> {
                 let lights = drawn.each_ref().map(|drawn| drawn.as_ref().map(|drawn| sky.light(drawn)));
                 for (number, sample) in lights.iter().flatten().enumerate() {
                     let key = key.wrapping_add(number as u32);
-                    lit += self.light_sample(&surface, lift, &(*sample, None), None, key);
+                    lit += match surface.bsdf.is_matte() {
+                        true => self.matte_light_sample(&surface, lift, sample, key),
+                        false => self.light_sample(&surface, lift, &(*sample, None), None, key),
+                    };
                 }
             }
             light += rules.clamped(bounce, throughput * lit);

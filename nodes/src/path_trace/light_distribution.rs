@@ -159,6 +159,7 @@ pub struct CellGrid {
 /// A distribution over the cells of the sky.
 #[derive(Debug, Clone)]
 pub struct LightDistribution {
+    rows: usize,
     columns: usize,
     /// Cumulative probability of the rows, then that of the columns of each row.
     cumulative: Vec<f32>,
@@ -175,7 +176,7 @@ impl LightDistribution {
         let CellGrid { cells, columns } = grid;
         let rows = cells.len() / columns;
         let cumulative = vec![0.0; rows + cells.len()];
-        let mut distribution = Self { columns: *columns, cumulative, power: 0.0, area: 0.0 };
+        let mut distribution = Self { rows, columns: *columns, cumulative, power: 0.0, area: 0.0 };
         let (to_rows, to_columns) = distribution.cumulative.split_at_mut(rows);
         let mut exact = vec![0.0; rows.max(*columns)];
         let mut narrow = |weights: &[f64], to: &mut [f32]| {
@@ -201,20 +202,16 @@ impl LightDistribution {
     /// Row and column of a cell, and where the point of the unit square lies within the choice.
     #[inline]
     pub fn choose(&self, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
-        let (rows, columns) = self.cumulative.split_at(self.rows());
+        let (rows, columns) = self.cumulative.split_at(self.rows);
         let (row, v) = invert(rows, point[0]);
         let (column, u) = invert(&columns[row * self.columns..(row + 1) * self.columns], point[1]);
         (row, column, [v, u])
     }
 
-    fn rows(&self) -> usize {
-        self.cumulative.len() / (self.columns + 1)
-    }
-
     /// Probability of a cell.
     #[inline]
     pub fn probability(&self, row: usize, column: usize) -> f32 {
-        let (rows, columns) = self.cumulative.split_at(self.rows());
+        let (rows, columns) = self.cumulative.split_at(self.rows);
         let share = |c: &[f32], i: usize| c[i] - if i > 0 { c[i - 1] } else { 0.0 };
         share(rows, row) * share(&columns[row * self.columns..], column)
     }
