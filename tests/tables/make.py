@@ -202,10 +202,10 @@ def tables(data, work):
     bench = ["cargo", "bench", "-q", "-p", "lightharmony-nodes", "--bench"]
     script = lambda name, *words: call("python3", f"{HERE}/{name}.py", PROGRAM, *words, os.path.join(work, name))
     return {
-        "presets": ("docs/trade.md", "7 and 1", 6, "bench-case", lambda: presets(work)),
+        "presets": ("docs/trade.md", "7 and 1", 12, "bench-case", lambda: presets(work)),
         "bad": ("docs/trade.md", 3, 1, None, lambda: bad(work)),
-        "tune": ("docs/trade.md", "7, 1, 7 and 3", 12, "splats/garden_sog", lambda: tune(work)),
-        "coverage": ("docs/trade.md", "0 to 19", 3, "bench-case", lambda: call(*bench, "coverage")),
+        "tune": ("docs/trade.md", "7, 1, 7 and 3", 25, "splats/garden_sog", lambda: tune(work)),
+        "coverage": ("docs/trade.md", "0 to 19", 10, "bench-case", lambda: call(*bench, "coverage")),
         "weights": ("docs/trade.md", 7, 3, None, lambda: script("weights")),
         "errors": ("docs/trade.md", 7, 4, "render-refs", lambda: script("errors", data)),
         "skips": ("docs/trade.md", 3, 1, None, lambda: script("skips")),
