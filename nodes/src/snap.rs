@@ -139,7 +139,7 @@ fn on_mesh(
     let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
     let bvh = Bvh::build(&corners);
     let axes = Foot::axes(up);
-    let (mut points, mut below) = (Vec::new(), Vec::new());
+    let (mut points, mut below, mut steep) = (Vec::new(), Vec::new(), false);
     for k in 0..GRID * GRID {
         cx.check()?;
         let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
@@ -154,11 +154,19 @@ fn on_mesh(
                 let side = if facing > 0.0 { &mut points } else { &mut below };
                 side.push([x, y, reach - f64::from(hit.t)]);
             }
+            steep |= facing.abs() < STEEPEST;
             false
         });
         // The tree has no order, and tells an edge twice.
         points[first[0]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
         below[first[1]..].sort_by(|a, b| a[2].total_cmp(&b[2]));
+    }
+    if points.is_empty() && below.is_empty() && steep {
+        let hint =
+            "move the pose to where it is less steep, or leave `snap` out and place the object by its pose";
+        return Err(NodeError::new("the ground under the object is steeper than 45 degrees")
+            .at("pose")
+            .hint(hint));
     }
     if points.is_empty() && !below.is_empty() {
         let text = "no face under the object looks up, so those that look down are taken for the ground";
@@ -265,6 +273,8 @@ mod tests {
         }
         let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
         assert!(error.message().contains("0.5 m"), "{error}");
+        let error = run(Some(plane(0.0, 1.2)), None, 0.2, false).map(|_| ()).expect_err("too steep");
+        assert!(error.message().contains("steeper than 45 degrees"), "{error}");
         assert!(run(None, None, 0.0, false).is_err());
     }
 

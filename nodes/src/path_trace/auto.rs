@@ -78,7 +78,11 @@ impl PathTrace {
             && self.object_specular_sees == SpecularSees::Auto;
         let held = probe.unwrap_or_default().held_share();
         let (near, why) = match (self.near_field, prepared.inputs.env.origin) {
-            (NearField::On, _) => (true, "as set".to_owned()),
+            (NearField::On, _) if left_to_us => (true, "as set".to_owned()),
+            (NearField::On, _) => (
+                true,
+                "as set, so that `env_block`, `bounce` and `object_specular_sees` have no say".to_owned(),
+            ),
             (NearField::Off, _) => (false, "as set".to_owned()),
             (_, None) => (false, "the environment has no point of capture".to_owned()),
             (_, Some(_)) if !left_to_us => {

@@ -74,7 +74,9 @@ impl EnvResolution {
             format!("the environment has {there} columns where {} do: {surface}, {light}", self.columns);
         notes.decision(
             "finer-than-needed",
-            format!("{text}; lower `width_px` of the panorama, and the faces' size"),
+            format!(
+                "{text}; a smaller panorama looks the same and is faster: `width_px` where the graph makes it"
+            ),
         );
     }
 }

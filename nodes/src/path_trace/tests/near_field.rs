@@ -96,7 +96,9 @@ fn a_white_room_is_half_lit() {
         let p = PathTrace { max_bounces, env_block, ..near(256) };
         let (out, notes) = render(&p, &room(), &[], &inside(), &env);
         assert!((mean(&out.without) - 0.5).abs() < 1.5e-3, "{}", mean(&out.without));
-        assert!(notes.iter().any(|n| n.id == "near-field" && n.text.starts_with("On")));
+        let told = notes.iter().find(|note| note.id == "near-field").expect("a decision");
+        assert!(told.text.starts_with("On: as set"));
+        assert_eq!(told.text.contains("have no say"), env_block != EnvBlock::Auto);
     }
 }
 
