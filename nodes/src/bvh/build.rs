@@ -8,6 +8,10 @@ use obvhs::{BvhBuildParams, bvh2::Bvh2, bvh2::builder::build_bvh2};
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK};
 
+/// So many triangles may have one centre. The builder joins one pair of them in each of its passes, which takes the
+/// square of their number.
+const CROWD: usize = 1024;
+
 impl Bvh {
     /// A tree over triangles given by their corners.
     pub fn build(corners: &[[Vec3; 3]]) -> Self {
@@ -36,16 +40,36 @@ impl Bvh {
         }
         let mut build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
         // Each level but the last leaves three children waiting.
-        if 3 * build.build_tree() >= STACK {
+        if most_in_one_place(&boxes) > CROWD || 3 * build.build_tree() >= STACK {
             build.out.nodes.clear();
             build.out.packets.clear();
             let mut order: Vec<u32> = (0..kept.len() as u32).collect();
             let mut tree = Vec::new();
             balanced(&boxes, &mut order, 0, &mut tree);
-            build.fold(&tree, &order);
+            build.fold(&tree, &order, Opens::Fullest);
         }
         build.out
     }
+}
+
+/// The most boxes that share a centre.
+fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
+    if boxes.len() <= CROWD {
+        return 0;
+    }
+    let mut centres: Vec<[u32; 3]> =
+        boxes.iter().map(|(a, b)| (a + b).to_array().map(f32::to_bits)).collect();
+    centres.sort_unstable();
+    centres.chunk_by(|a, b| a == b).map(<[_]>::len).max().unwrap_or(0)
+}
+
+/// Which child of a node is folded into it first.
+#[derive(Clone, Copy)]
+pub(super) enum Opens {
+    /// The one that most rays meet.
+    Largest,
+    /// The one with the most triangles, so that the folded tree is half as deep.
+    Fullest,
 }
 
 /// A binary tree before folding: boxes come from the leaves, so only the topology is kept.
@@ -88,15 +112,20 @@ impl Fold<'_> {
                 count => Branch::Leaf { first: node.first_index, count },
             })
             .collect();
-        self.fold(&branches, &tree.primitive_indices)
+        self.fold(&branches, &tree.primitive_indices, Opens::Largest)
     }
 
     /// Folds a binary tree whose root is its first branch; gives the depth.
-    pub(super) fn fold(&mut self, tree: &[Branch], order: &[u32]) -> usize {
-        // Boxes of every branch, children before parents by an explicit walk.
+    pub(super) fn fold(&mut self, tree: &[Branch], order: &[u32], opens: Opens) -> usize {
+        // Boxes and triangles of every branch, children before parents by an explicit walk.
         let mut bounds = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); tree.len()];
+        let mut counts = vec![0; tree.len()];
         let mut visit = vec![(0_u32, false)];
         while let Some((at, done)) = visit.pop() {
+            counts[at as usize] = match tree[at as usize] {
+                Branch::Inner(left, right) => counts[left as usize] + counts[right as usize],
+                Branch::Leaf { count, .. } => count,
+            };
             bounds[at as usize] = match tree[at as usize] {
                 Branch::Inner(left, right) if !done => {
                     visit.extend([(at, true), (left, false), (right, false)]);
@@ -113,9 +142,12 @@ impl Fold<'_> {
             };
         }
         self.out.bounds = Some(bounds[0]);
-        let area = |at: u32| {
+        let weight = |at: u32| {
             let size = bounds[at as usize].1 - bounds[at as usize].0;
-            size.x * size.y + size.y * size.z + size.z * size.x
+            match opens {
+                Opens::Largest => size.x * size.y + size.y * size.z + size.z * size.x,
+                Opens::Fullest => counts[at as usize] as f32,
+            }
         };
         let mut deepest = 0;
         let mut todo = vec![(0_u32, usize::MAX, 0, 1)];
@@ -130,7 +162,7 @@ impl Fold<'_> {
             while children.len() < 4 {
                 let inner = |&&c: &&u32| matches!(tree[c as usize], Branch::Inner(..));
                 let Some(&open) =
-                    children.iter().filter(inner).max_by(|&&a, &&b| area(a).total_cmp(&area(b)))
+                    children.iter().filter(inner).max_by(|&&a, &&b| weight(a).total_cmp(&weight(b)))
                 else {
                     break;
                 };

@@ -1,6 +1,6 @@
 //! Hits against a reference, at edges and for extremes.
 
-use super::build::{Fold, balanced};
+use super::build::{Fold, Opens, balanced};
 use super::*;
 use crate::sampling::{mix, unit};
 use crate::testing::row;
@@ -38,6 +38,18 @@ fn brute(corners: &[[Vec3; 3]], ray: Ray) -> Option<(f64, usize)> {
     best
 }
 
+/// How many triangles a ray crosses off their edges, in f64.
+fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
+    let inside = |t: &&[Vec3; 3]| {
+        let [a, b, c] = t.map(|p| p.as_dvec3() - ray.origin.as_dvec3());
+        let d = ray.direction.as_dvec3();
+        let sides = [b.cross(c).dot(d), c.cross(a).dot(d), a.cross(b).dot(d)];
+        let sum: f64 = sides.iter().sum();
+        sum != 0.0 && sides.iter().all(|s| s / sum > 1e-3) && a.cross(b).dot(c) / sum > 0.0
+    };
+    corners.iter().filter(inside).count() as u32
+}
+
 fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
     let mut random = Random(seed);
     (0..n)
@@ -46,6 +58,47 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
             [p, p + random.point() * size, p + random.point() * size]
         })
         .collect()
+}
+
+/// Rays in the planes of boxes and triangles, from points of them: a slab that a ray lies in is 0 times infinity. All that
+/// they cross off an edge is met; an edge on the side of a box may belong to what is beyond.
+/// Mutation: `1e30_f32.copysign(d)` to `f32::INFINITY` in `Bvh::walk`.
+#[test]
+fn row_44_rays_in_the_planes_of_boxes_find_what_stands_across() {
+    // Unit squares across each axis on a lattice, so that all boxes share their planes.
+    let mut corners = Vec::new();
+    for i in 0..6 * 6 * 6_u32 {
+        let at = Vec3::new((i % 6) as f32, (i / 6 % 6) as f32, (i / 36) as f32);
+        let [u, v] = [[Vec3::Y, Vec3::Z], [Vec3::Z, Vec3::X], [Vec3::X, Vec3::Y]][(i % 3) as usize];
+        corners.extend([[at, at + u, at + u + v], [at, at + u + v, at + v]]);
+    }
+    let bvh = Bvh::build(&corners);
+    let mut random = Random(17);
+    let mut lattice = |steps: f32| (random.next() * steps).floor() * (6.0 / steps);
+    let mut unequal = 0;
+    for i in 0..20_000 {
+        let origin = Vec3::new(lattice(12.0), lattice(12.0), lattice(12.0));
+        let way = Vec3::new(lattice(3.0), lattice(3.0), lattice(3.0)) - Vec3::splat(2.0);
+        if way == Vec3::ZERO {
+            continue;
+        }
+        // Zeros of either sign.
+        let way = if i % 2 == 0 { way } else { way * Vec3::new(1.0, -1.0, 1.0) };
+        let ray = Ray::new(origin, way);
+        let mut met = 0;
+        bvh.any(ray, |hit| {
+            let inside = [hit.b1, hit.b2, 1.0 - hit.b1 - hit.b2].iter().all(|w| *w > 1e-3);
+            met += u32::from(inside);
+            false
+        });
+        unequal += u32::from(met != crossed(&corners, ray));
+    }
+    row(
+        44,
+        "rays of 20,000 in planes of boxes that do not cross what brute force crosses",
+        f64::from(unequal),
+        0.0,
+    );
 }
 
 /// Among them rays along the axes, with components 0 and -0.
@@ -136,7 +189,7 @@ fn row_41_broken_triangles_are_left_out_and_counted() {
     assert_eq!(behind.map(|h| (h.triangle, h.back)), Some((3, true)));
 }
 
-/// No triangle, one, many with equal centroids, and many each half as large as the one before, whose best tree may
+/// No triangle, one, half a million with equal centroids, and many each half as large as the one before, whose best tree may
 /// be too deep for the stack of a walk.
 #[test]
 fn row_45_identical_triangles_stay_shallow() {
@@ -152,6 +205,21 @@ fn row_45_identical_triangles_stay_shallow() {
     let mut tree = Vec::new();
     balanced(&boxes, &mut order, 0, &mut tree);
     assert!(tree.len() < 5_000);
+    // In one place, of one size or of many, as many as a large mesh has: a tree whose walk does not overflow its stack, and
+    // which takes no square of their number to build.
+    for grows in [0.0, 1e-6] {
+        let n = 1 << 19;
+        let around = |k: u32| [Vec3::X, Vec3::Y, -Vec3::X - Vec3::Y].map(|p| p * (1.0 + grows * k as f32));
+        let crowd = Bvh::build(&(0..n).map(around).collect::<Vec<_>>());
+        let ray = Ray::new(Vec3::new(0.01, 0.02, 1.0), Vec3::NEG_Z);
+        assert_eq!(crowd.closest(ray, |_| true).map(|hit| hit.triangle), Some(0));
+        let mut met = 0;
+        crowd.any(ray, |_| {
+            met += 1;
+            false
+        });
+        assert_eq!(met, n);
+    }
     let halved = |k: u32| {
         let side = f32::from_bits((127 + 40 - k) << 23);
         [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| (Vec3::ONE + axis) * side)
@@ -178,7 +246,7 @@ fn hits_do_not_depend_on_the_tree() {
     let mut tree = Vec::new();
     balanced(&boxes, &mut order, 0, &mut tree);
     let mut fold = Fold { corners: &corners, kept: &kept, boxes: &boxes, out: Bvh::default() };
-    fold.fold(&tree, &order);
+    fold.fold(&tree, &order, Opens::Fullest);
     let mut random = Random(4);
     for _ in 0..20_000 {
         let ray = Ray::new(random.point(), random.point());

@@ -307,3 +307,30 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
         assert!(left[0] < raw[0] && left[1] < raw[1], "{samples} samples: {left:?} of {raw:?}");
     }
 }
+
+/// Ten million triangles: all in one place, and a rough ground.
+/// Mutation: `most_in_one_place` of 0 in `Bvh::build`.
+#[test]
+fn row_45_ten_million_triangles_are_built_and_met() {
+    use glam::Vec3;
+    use nodes::bvh::{Bvh, Ray};
+    use nodes::sampling::{mix, unit};
+
+    let down = |x: f32, y: f32| Ray::new(Vec3::new(x, y, 2.0), Vec3::NEG_Z);
+    let crowd = Bvh::build(&vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 10_000_000]);
+    assert_eq!(crowd.closest(down(0.2, 0.2), |_| true).map(|hit| hit.triangle), Some(0));
+    drop(crowd);
+    let side = 2237_u32;
+    let at = |i: u32, j: u32| Vec3::new(i as f32, j as f32, unit(mix(i * 4096 + j)));
+    let squares = (0..side * side).map(|k| (k / side, k % side));
+    let halves = |(i, j)| {
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    };
+    let ground = Bvh::build(&squares.flat_map(halves).collect::<Vec<_>>());
+    for k in 0..10_000 {
+        let [x, y] = [2 * k, 2 * k + 1].map(|k| unit(mix(k)) * side as f32);
+        let hit = ground.closest(down(x, y), |_| true).expect("ground");
+        assert_eq!(hit.triangle / 2, x as u32 * side + y as u32);
+    }
+}
