@@ -338,7 +338,7 @@ mod tests {
     use super::*;
     use crate::equirect;
     use crate::sampling::{Points, stream};
-    use crate::testing::row;
+    use crate::testing::{chi_square, row};
 
     fn noisy(width: usize, height: usize) -> Environment {
         let mut environment = constant(Up::PlusY, [0.0; 3], 2);
@@ -522,32 +522,82 @@ mod tests {
         row(37, "relative error of the irradiance of 4096 points", (got / exact - 1.0).abs(), 1e-4);
     }
 
-    // Chi-square of the sampler against its density, by texel, with several texels a cell.
-    #[test]
-    fn sampler_follows_its_density() {
-        let sky = EnvironmentLight::new(&noisy(80, 40));
-        let normal = Vec3::new(0.48, 0.64, -0.6);
-        let n = 200_000;
-        let mut counts = vec![0.0_f64; 80 * 40];
-        for i in 0..n {
-            // Scrambled anew for each sample: independent points, as the test assumes.
-            let s = sky.sample_one(Some(normal), Points::new(stream(5, i, 1), 0).bits(0)).expect("light");
-            let (x, y) = sky.texel_grid.texel(s.direction);
-            counts[y * 80 + x] += 1.0;
+    /// Chi-square of samples against the density that they claim, by quarters of texels.
+    fn follows(
+        what: &str,
+        sky: &EnvironmentLight,
+        draw: impl Fn(u32) -> Vec<LightSample>,
+        pdf: impl Fn(Vec3) -> f32,
+    ) {
+        let (n, [width, height]) = (100_000, [sky.texel_grid.width, sky.texel_grid.height].map(|k| 2 * k));
+        let place = |bin: usize| [(bin % width) as f64 + 0.5, (bin / width) as f64 + 0.5];
+        let towards = |bin: usize| {
+            let [x, y] = place(bin);
+            equirect::direction(Up::PlusY, x / width as f64, y / height as f64).as_vec3()
+        };
+        let mut counts = vec![0.0; width * height];
+        for sample in (0..n).flat_map(draw) {
+            let (u, v) = equirect::uv(Up::PlusY, sample.direction.as_dvec3());
+            let [x, y] =
+                [(u, width), (v, height)].map(|(at, size)| ((at * size as f64) as usize).min(size - 1));
+            counts[y * width + x] += 1.0;
+            let told = pdf(sample.direction);
+            // Rounding may move a direction across an edge.
+            let same = (sample.pdf - told).abs() <= 1e-3 * told;
+            assert!(
+                same || sky.radiance(sample.direction) != sample.radiance,
+                "{what}: {sample:?} for {told}"
+            );
         }
-        let (mut chi2, mut bins, mut total) = (0.0, 0.0, 0.0);
-        for (i, count) in counts.iter().enumerate() {
-            let direction =
-                equirect::direction(Up::PlusY, (i % 80) as f64 / 80.0 + 1e-3, (i / 80) as f64 / 40.0 + 1e-3);
-            let pdf = f64::from(sky.eval_one(Some(normal), direction.as_vec3()).pdf);
-            let expected = f64::from(n) * pdf * pixel_solid_angle(80, 40, i / 80);
-            total += expected;
-            if expected > 10.0 {
-                chi2 += (count - expected) * (count - expected) / expected;
-                bins += 1.0;
+        let density = |bin| f64::from(n) * f64::from(pdf(towards(bin)));
+        let expected: Vec<f64> = (0..counts.len())
+            .map(|bin| density(bin) * pixel_solid_angle(width, height, bin / width))
+            .collect();
+        let all = expected.iter().sum::<f64>() / counts.iter().sum::<f64>();
+        assert!((all - 1.0).abs() < 1e-3, "{what}: the density integrates to {all}");
+        let z = chi_square(&counts, &expected);
+        assert!(z < 4.0, "{what}: {z}");
+    }
+
+    /// Every way to draw directions: tiers, cells, texels and places in them.
+    /// Mutation: `numbers[tier]` left out of `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability`
+    /// squared, `of_row` left out of `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of
+    /// `eval_defensive` swapped.
+    #[test]
+    fn samples_follow_their_densities() {
+        let mut lamps = noisy(24, 12);
+        for (x, y) in [(3, 2), (4, 2), (17, 9)] {
+            lamps.image.pixel_mut(x, y).copy_from_slice(&[900.0, 300.0, 700.0]);
+        }
+        let point = |i: u32, pair: u32| Points::new(stream(5, i, 1), 0).bits(pair);
+        let normal = Vec3::new(0.48, 0.64, -0.6);
+        for (name, environment) in [("noise", noisy(80, 20)), ("lamps", lamps), ("one texel", noisy(1, 1))] {
+            let sky = &EnvironmentLight::new(&environment);
+            for side in [None, Some(normal)] {
+                let what = format!("{name}, {side:?}");
+                let one = |i| sky.sample_one(side, point(i, 0)).into_iter().collect();
+                follows(&what, sky, one, |d| sky.eval_one(side, d).pdf);
+                let defensive = |i| sky.sample_defensive(side, point(i, 0)).into_iter().collect();
+                follows(&format!("{what}, defensive"), sky, defensive, |d| sky.eval_defensive(side, d).pdf);
+            }
+            // As the first vertex of a path draws them: several of each tier, for the normals of a tile, and from where
+            // the objects are seen.
+            let normals = Cone { axis: normal, cosine: 0.995 };
+            for to in [Cone::ALL, Cone { axis: normal, cosine: 0.3 }] {
+                let distributions = sky.distributions_within(Some(normals), &to);
+                let distributions = distributions.each_ref();
+                // A tier without light there is not drawn from.
+                let lights = [0, 1].map(|k| if distributions[k].power > 0.0 { sky.lights[k] } else { 0 });
+                let numbers = sky.numbers(distributions, Some(lights));
+                let several = |i| -> Vec<LightSample> {
+                    let tier =
+                        |tier: usize| (0..lights[tier]).map(move |k| (tier, point(i, 2 * k + tier as u32)));
+                    let draws: Vec<_> = (0..TIERS).flat_map(tier).collect();
+                    sky.sample::<8>(distributions, numbers, &draws).into_iter().flatten().collect()
+                };
+                let what = format!("{name}, several within {}", to.cosine);
+                follows(&what, sky, several, |d| sky.eval(distributions, numbers, d).pdf);
             }
         }
-        assert!((total / f64::from(n) - 1.0).abs() < 1e-4, "{total}");
-        assert!(bins > 300.0 && chi2 < bins + 4.5 * f64::sqrt(2.0 * bins), "{chi2} over {bins}");
     }
 }
