@@ -438,6 +438,8 @@ impl<'a> Integrator<'a> {
         // How wide the ray is at the vertex, and how fast it widens.
         let (mut width, mut spread) = (0.0, if start == 0 { self.spread } else { BLUR });
         let (mut out, mut light) = (-state.direction, Vec3::ZERO);
+        // Whether the vertex is in the place of the one before.
+        let mut touches = false;
         for bounce in start..=rules.max_bounces + 1 {
             width += spread * vertex.distance();
             let surface = self.surface(&vertex, out, width, media);
@@ -497,7 +499,17 @@ impl<'a> Integrator<'a> {
             let visibility = rules.visibility(lobe);
             let ray = surface.spawn_ray(direction);
             let to_objects = Ray { origin: ray.origin + lift, ..ray };
-            let object = self.object(to_objects, key ^ 1, lobe);
+            let touching = match (&vertex, lobe) {
+                (Vertex::Object(hit), Lobe::Specular)
+                    if !touches && self.scene.objects.parts.len() > 1 && direction.dot(surface.normal) < 0.0 =>
+                {
+                    self.rays.scattered += 1;
+                    self.scene.objects.touching(hit, &surface, direction, key ^ 1).map(Vertex::Object)
+                }
+                _ => None,
+            };
+            touches = touching.is_some();
+            let object = touching.or_else(|| self.object(to_objects, key ^ 1, lobe));
             let to_sky = near.is_some() || !matte;
             let landed = if visibility.lands && (go_on || (to_sky && visibility.block == Block::Solid)) {
                 self.rays.scattered += 1;

@@ -315,7 +315,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 11, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 12, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
                     let (scene, crop) = (scene(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {
@@ -357,7 +357,8 @@ impl Kind for PathTrace {
             report_darkness(view, &camera.name, prepared.sky().power, &rules, &mut notes);
             let object = &view.images[2];
             let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
-            if !inputs.objects.is_empty() && !seen {
+            // A coarse look may miss what is there.
+            if !inputs.objects.is_empty() && !seen && params.coarse_px == 1 {
                 let text = format!(
                     "`{}` sees no object; do pose, rig and mesh share a frame and a scale?",
                     camera.name

@@ -15,7 +15,7 @@ use super::emitters::{EmitterSample, Emitters, mean_luminance};
 use super::media::{Body, Media};
 use super::mipmap::Mipmap;
 use super::receiver::{Surface, geometry, margin};
-use crate::bvh::{Bvh, Hit};
+use crate::bvh::{Bvh, Hit, Ray};
 use crate::color::linear_from_srgb8;
 use crate::error::Error;
 use crate::num;
@@ -240,14 +240,25 @@ impl Objects {
         straight(&params, normal.dot(direction).abs())
     }
 
-    /// How far along its ray the receiver counts as met before an object: where a body stands on it, the two are in
-    /// one place, and what leaves the body is the receiver's.
+    /// How far along its ray the receiver counts as met before an object: where glass stands on it, the two are in
+    /// one place, and what leaves the glass is the receiver's.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
-        if !hit.back || self.part(hit.triangle).0.body.is_none() {
+        let part = self.part(hit.triangle).0;
+        if !hit.back || !(part.clear || part.body.is_some()) {
             return hit.t;
         }
         let slant = self.normal(hit.triangle).dot(direction).abs().max(0.01);
         hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
+    }
+
+    /// A surface of another part in the very place of a hit, beyond which a ray that passes the first would start: that of
+    /// a table on which glass stands, or of what fills the glass.
+    pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
+        let slant = direction.dot(surface.normal).abs().max(0.01);
+        let start = surface.position + surface.normal * surface.margin;
+        let ray = Ray { t_max: 2.0 * surface.margin / slant, ..Ray::new(start, direction) };
+        let own = self.part(hit.triangle).0.first;
+        self.bvh.closest(ray, |hit| self.part(hit.triangle).0.first != own && self.accepts(hit, key, false))
     }
 
     /// The surface at a hit, seen from the unit direction `out` by a ray of some width there; without what passes
@@ -435,7 +446,6 @@ fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::Ray;
 
     /// A mirror keeps the outside outside.
     #[test]

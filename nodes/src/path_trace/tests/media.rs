@@ -170,6 +170,47 @@ fn nested_glass_keeps_white_light() {
     }
 }
 
+/// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and lit as
+/// from a millimetre above: through clear stuff of index 1, a body or a thin wall, as if nothing were there.
+/// Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach`.
+#[test]
+fn glass_on_a_table_changes_nothing() {
+    let table = slab(0.2, 0.5, 300.0, matte(0.5));
+    let p = PathTrace { object_specular_sees: SpecularSees::Receiver, ..params(256, EnvBlock::Solid) };
+    for (name, volume) in [("body", Some([0.0; 3])), ("wall", None)] {
+        let glass = |foot: f32| slab(foot, foot + 1.0, 200.0, clear(1.0, volume, 1.0));
+        for objects in [[table.clone(), glass(0.5)], [glass(0.5), table.clone()]] {
+            let (out, _) = render(&p, &Mesh::default(), &objects, &above(40.0), &white());
+            near(red_and_blue(&out.object, 4), [0.5; 2], 0.02, &format!("{name} on a table"));
+        }
+        let (out, _) = render(&p, &plane(400.0), &[glass(0.0)], &above(40.0), &white());
+        near(red_and_blue(&out.object, 4), [0.5; 2], 0.02, &format!("{name} on the floor"));
+    }
+}
+
+/// A body that ends where one around it does, and one that fills the hollow of another, absorb over their own ways.
+/// Mutation: `touching` to `None` in `Integrator::path_radiance`.
+#[test]
+fn bodies_may_share_a_face() {
+    let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);
+    let red = clear(1.0, Some([ln(2.0), 0.0, 0.0]), 1.0);
+    let blue = clear(1.0, Some([0.0, 0.0, ln(2.0)]), 1.0);
+    let hollow = placed(&merge(block(0.4, 1.3, false), block(0.7, 1.0, true)), blue.clone(), DVec3::ZERO);
+    let fill = placed(&block(0.7, 1.0, false), red.clone(), DVec3::ZERO);
+    let whole = placed(&block(0.4, 1.3, false), blue, DVec3::ZERO);
+    let flush = placed(&block(0.8, 1.3, false), red, DVec3::ZERO);
+    for (name, [a, b], ways) in
+        [("filled", [hollow, fill], [0.3, 0.6]), ("flush", [whole, flush], [0.5, 0.4])]
+    {
+        let expected = ways.map(|way: f32| f64::from(exp(-way * ln(2.0))));
+        for objects in [[a.clone(), b.clone()], [b, a]] {
+            let (out, _) =
+                render(&params(256, EnvBlock::Solid), &Mesh::default(), &objects, &above(40.0), &white());
+            near(red_and_blue(&out.object, 4), expected, 0.02, name);
+        }
+    }
+}
+
 /// Mean and the square of its standard error, of each channel.
 fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
     let values = || (0..n).map(|i| value(i).as_dvec3());
@@ -181,7 +222,6 @@ fn estimate(n: u32, value: impl Fn(u32) -> Vec3) -> [DVec3; 2] {
 /// The two strategies by which a matte surface finds the sky see the same of it through whatever stands in the way, each
 /// alone: light samples, which bodies dim, and scattered rays, which they let pass at random. A z-test of each colour, on
 /// the floor, in a body and below one that stands in the floor.
-/// Mutation: `/ probability` left out of `Objects::along_straight`, `hit.t - from` to `hit.t` in `Objects::through`.
 #[test]
 fn light_samples_and_scattered_rays_agree_through_bodies() {
     let wall = Material { base_colour: [0.9, 0.6, 0.3, 1.0], ..clear(1.0, None, 1.5) };
