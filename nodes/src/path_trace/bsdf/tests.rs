@@ -324,6 +324,29 @@ fn lobes_are_reciprocal() {
     assert!((there / back / (eta * eta) - 1.0).abs() < 1e-2, "{there} {back}");
 }
 
+/// A white surface under a gloss absorbs nothing, so what a lamp at any angle brings to it is mirrored by the interface or
+/// given back by what lies below, to viewers all around.
+/// Mutation: `1.0 - self.interface.albedo(i.z)` left out of `Layers::eval`.
+#[test]
+fn a_lamp_is_mirrored_or_given_back() {
+    for (ior, roughness) in [1.5, 1.8].into_iter().flat_map(|ior| [0.0, 0.3, 0.8, 1.0].map(|r| (ior, r))) {
+        let white = BsdfParams { ior, ..plastic(roughness) };
+        for cosine in [0.087, 0.292, 0.7, 1.0] {
+            let (lamp, n) = (towards(cosine), 4096);
+            let given = (0..n).map(|i| {
+                let viewer = super::cosine(Points::new(3, i).pair(0));
+                f64::from(surface(&white, viewer).eval(lamp)[Lobe::Diffuse as usize].value.x / lamp.z)
+            });
+            let given = given.sum::<f64>() * std::f64::consts::PI / f64::from(n);
+            let mirrored = furnace(&BsdfParams { base: Vec3::ZERO, ..white }, cosine);
+            assert!(
+                (given + mirrored - 1.0).abs() < 0.01,
+                "{ior} {roughness} {cosine}: {given} and {mirrored}"
+            );
+        }
+    }
+}
+
 // Of each colour a film lets pass what it does not reflect, whatever lies below.
 #[test]
 fn films_pass_what_they_do_not_reflect() {
