@@ -263,6 +263,10 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
         }
         // The panorama itself is then the darkest exposure.
         Gain::Brackets if n == 0 => return kept(max3(base) >= WHITE),
+        // Derived exposures show the panorama itself there, but for rounding.
+        Gain::Brackets if brackets.taken == Taken::Derived && brackets.log2_gain.samples[at] == 0.0 => {
+            return kept(false);
+        }
         // Linear light is nowhere clipped, so the brightest photograph shows all, and most finely.
         Gain::Brackets if brackets.taken == Taken::Linear => exposure(params, brackets, n - 1, at).1,
         Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {
@@ -329,7 +333,8 @@ fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 
         Blend::Hard => 0.0,
         Blend::Ramp => ramp(params, base),
     };
-    if clipped == 0.0 {
+    // What fusion left as it is keeps its colour.
+    if clipped == 0.0 || fused == base {
         return fused;
     }
     let seen = (0..brackets.evs.len()).rev().map(|i| exposure(params, brackets, i, at).0);

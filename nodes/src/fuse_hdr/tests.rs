@@ -297,6 +297,25 @@ fn predicted_light_that_is_left_out_is_told() {
     }
 }
 
+// Where no light was predicted nothing changes, to the bit, though `threshold` lies below what counts as clipped.
+// Mutation: the arm of `Taken::Derived` dropped in `fuse`, or `fused == base` in `recolour`.
+#[test]
+fn what_got_no_light_is_kept_to_the_bit() {
+    let light = |at: usize| {
+        [0.90 + 0.1 * (at % W) as f32 / W as f32, 0.7, 0.5].map(|v| if at == 9 { 9.0 } else { v })
+    };
+    let (base, brackets) = photograph(&light, &[-6.0, -3.0], Transfer::Srgb, None);
+    let derived = Arc::new(Brackets { taken: Taken::Derived, ..(*brackets).clone() });
+    let own = linear_pixels(&base.image, Transfer::Srgb).rgb;
+    for (gain, brackets) in [(Gain::Direct, &derived), (Gain::Brackets, &derived), (Gain::Direct, &brackets)]
+    {
+        let params = FuseHdr { gain, hue: Hue::Exposures, ..params() };
+        let (out, _) = run(&params, (base.clone(), brackets.clone()));
+        assert!((0..W * H).all(|at| at == 9 || out.env.image.rgb(at % W, at / W) == own[at]), "{gain:?}");
+        assert_eq!(out.report.tables[0].rows.len(), 1);
+    }
+}
+
 // What photographs hold no more of is a lower bound by either gain. Mutation: `bound` false.
 #[test]
 fn light_that_is_white_in_the_darkest_photograph_is_a_lower_bound() {
