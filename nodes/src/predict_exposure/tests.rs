@@ -1,5 +1,6 @@
 use super::*;
 use crate::equirect::pixel_solid_angle;
+use crate::testing::row;
 use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
 use glam::DVec3;
@@ -156,6 +157,15 @@ fn row_23_flat_panoramas_stay_monotone_and_finite() {
     assert_eq!(expose(&white, &[9.0], -3.0), [1.0; 3], "a light that outshines an exposure is white in it");
 }
 
+/// How far the gain of a turned panorama is off the gain turned by as many columns.
+fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
+    let width = plain.log2_gain.width;
+    let from = |at: usize| plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];
+    let off =
+        turned.log2_gain.samples.iter().enumerate().map(|(at, gain)| f64::from((gain - from(at)).abs()));
+    off.fold(0.0, f64::max)
+}
+
 /// A horizontal roll rolls the prediction, also of one pixel and of a sun on the seam.
 #[test]
 fn row_24_rolling_the_panorama_rolls_the_gain() {
@@ -168,13 +178,7 @@ fn row_24_rolling_the_panorama_rolls_the_gain() {
             _ => unreachable!(),
         });
         let rolled = run_by(method.clone(), rolled, &[-3.0]).0;
-        for y in 0..128 {
-            for x in 0..256 {
-                let a = plain.log2_gain.pixel((x + shift) % 256, y)[0];
-                let b = rolled.log2_gain.pixel(x, y)[0];
-                assert!((a - b).abs() < 2e-4, "({x}, {y}) {a} {b}");
-            }
-        }
+        row(24, "stops that a roll by 77 columns changes", off_turned(&plain, &rolled, shift), 2e-4);
     }
 }
 
@@ -193,10 +197,7 @@ fn row_24_turning_by_part_of_a_cell_turns_the_gain() {
         for shift in [1, 151] {
             let turned = pano(width, |x, y| scene((x + shift) % width, y));
             let turned = run_by(method.clone(), turned, &[-3.0]).0;
-            for (at, gain) in turned.log2_gain.samples.iter().enumerate() {
-                let from = plain.log2_gain.pixel((at % width + shift) % width, at / width)[0];
-                assert!((gain - from).abs() < 2e-4, "{shift}: {at} {gain} {from}");
-            }
+            row(24, "stops that a turn by part of a cell changes", off_turned(&plain, &turned, shift), 2e-4);
         }
     }
 }
