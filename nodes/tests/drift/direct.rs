@@ -173,7 +173,7 @@ fn summed(
 
 /// The pixels that show nothing but the top of the box.
 fn on_top(camera: &Camera, traced: &[f64], directions: &[(DVec3, [f64; 3])]) -> [Vec<f64>; 2] {
-    let expected = summed(camera, &directions, [BOX; 3], HIGH.z, false);
+    let expected = summed(camera, directions, [BOX; 3], HIGH.z, false);
     let on_top = |pixel: u32| {
         [[0, 0], [1, 0], [0, 1], [1, 1]].into_iter().all(|[i, j]| {
             let ray = camera.direction(f64::from(pixel % WIDTH + i), f64::from(pixel / WIDTH + j));
