@@ -501,7 +501,9 @@ impl<'a> Integrator<'a> {
             let to_objects = Ray { origin: ray.origin + lift, ..ray };
             let touching = match (&vertex, lobe) {
                 (Vertex::Object(hit), Lobe::Specular)
-                    if !touches && self.scene.objects.parts.len() > 1 && direction.dot(surface.normal) < 0.0 =>
+                    if !touches
+                        && self.scene.objects.parts.len() > 1
+                        && direction.dot(surface.normal) < 0.0 =>
                 {
                     self.rays.scattered += 1;
                     self.scene.objects.touching(hit, &surface, direction, key ^ 1).map(Vertex::Object)
