@@ -62,7 +62,7 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 
 /// Rays in the planes of boxes and triangles, from points of them: a slab that a ray lies in is 0 times infinity. All that
 /// they cross off an edge is met; an edge on the side of a box may belong to what is beyond.
-/// Mutation: `1e30_f32.copysign(d)` to `f32::INFINITY` in `Bvh::walk`.
+/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::walk`.
 #[test]
 fn row_44_rays_in_the_planes_of_boxes_find_what_stands_across() {
     // Unit squares across each axis on a lattice, so that all boxes share their planes.

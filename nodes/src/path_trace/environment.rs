@@ -562,7 +562,7 @@ mod tests {
     /// Every way to draw directions: tiers, cells, texels and places in them.
     /// Mutation: `numbers[tier]` left out of `EnvironmentLight::eval`, `share(rows, row)` of `LightDistribution::probability`
     /// squared, `of_row` left out of `LightCells::divide`, `v` squared in `TexelGrid::within`, `0.75` and `0.25` of
-    /// `eval_defensive` swapped.
+    /// `eval_defensive` swapped (each seen red).
     #[test]
     fn samples_follow_their_densities() {
         let mut lamps = noisy(24, 12);

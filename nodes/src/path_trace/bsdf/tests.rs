@@ -243,7 +243,7 @@ fn row_40_extremes_are_finite() {
 
 /// Chi-square of the sampler of each class against its density, for materials in which each lobe is the
 /// most of its class, and for the receiver's.
-/// Mutation: `v.sqrt()` to `v` in `cosine`.
+/// Mutation: `v.sqrt()` to `v` in `cosine` (seen red).
 #[test]
 fn samplers_follow_their_densities() {
     let black = BsdfParams { base: Vec3::ZERO, ior: 1.0, ..BsdfParams::default() };
@@ -326,7 +326,7 @@ fn lobes_are_reciprocal() {
 
 /// A white surface under a gloss absorbs nothing, so what a lamp at any angle brings to it is mirrored by the interface or
 /// given back by what lies below, to viewers all around.
-/// Mutation: `1.0 - self.interface.albedo(i.z)` left out of `Layers::eval`.
+/// Mutation: `1.0 - self.interface.albedo(i.z)` left out of `Layers::eval` (seen red).
 #[test]
 fn a_lamp_is_mirrored_or_given_back() {
     for (ior, roughness) in [1.5, 1.8].into_iter().flat_map(|ior| [0.0, 0.3, 0.8, 1.0].map(|r| (ior, r))) {

@@ -207,7 +207,7 @@ fn row_47_errors_fall_with_samples_whatever_the_seed() {
 
 /// The most samples that there may be: what they add up to is their mean in double precision, and a closed form is met as
 /// so many independent ones would, or better.
-/// Mutation: `*sum` kept in single precision by `Accumulator::add`.
+/// Mutation: `*sum` kept in single precision by `Accumulator::add` (seen red).
 #[test]
 fn row_47_a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;

@@ -172,7 +172,7 @@ fn nested_glass_keeps_white_light() {
 
 /// Where glass stands exactly on a table that is an object too, or on the floor, the ground under it is seen and lit as
 /// from a millimetre above: through clear stuff of index 1, a body or a thin wall, as if nothing were there.
-/// Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach`.
+/// Mutation: `touching` to `None` in `Integrator::path_radiance`, `part.clear` not asked in `Objects::reach` (each seen red).
 #[test]
 fn glass_on_a_table_changes_nothing() {
     let table = slab(0.2, 0.5, 300.0, matte(0.5));
@@ -189,7 +189,7 @@ fn glass_on_a_table_changes_nothing() {
 }
 
 /// A body that ends where one around it does, and one that fills the hollow of another, absorb over their own ways.
-/// Mutation: `touching` to `None` in `Integrator::path_radiance`.
+/// Mutation: `touching` to `None` in `Integrator::path_radiance` (seen red).
 #[test]
 fn bodies_may_share_a_face() {
     let block = |low: f32, high: f32, inward| box_mesh([-100.0, -100.0, low], [100.0, 100.0, high], inward);

@@ -121,7 +121,7 @@ fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
 /// Chi-square of light samples against the density that scattered rays ask for, by the direction in which a point sees
 /// them: in a room, in one with a cupboard that hides some, and over a patch of ground.
 /// Mutation: `square.sqrt()` to `1.0` in `NearFieldLight::spread`, the density of what is sky from both left out of
-/// `NearFieldLight::eval`.
+/// `NearFieldLight::eval` (each seen red).
 #[test]
 fn light_samples_follow_their_density() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
@@ -242,7 +242,6 @@ fn the_sun_through_a_window_lights_its_patch() {
 
 /// In a room so large that all of the picture sees the walls in the same directions, the receiver as the light is a far
 /// one, through tinted bodies and glass in one another too.
-/// Mutation: `surface.medium(sample.direction)` to `Media::default()` in `Integrator::light_sample`.
 #[test]
 fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);

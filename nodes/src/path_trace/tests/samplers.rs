@@ -36,7 +36,7 @@ fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
 }
 
 /// A box filter: the first sample of each of many seeds lies anywhere in its pixel, as likely as elsewhere.
-/// Mutation: `points.pair(0)` squared in `CameraRays::sample`.
+/// Mutation: `points.pair(0)` squared in `CameraRays::sample` (seen red).
 #[test]
 fn samples_fill_their_pixel_evenly() {
     let (rig, ground) = (inside(), Ground::default());
@@ -59,7 +59,7 @@ fn samples_fill_their_pixel_evenly() {
 }
 
 /// Paths that bring little end at random, and those that go on carry what the others would have brought.
-/// Mutation: `throughput / survival` to `throughput`, `0.05` to `0.2`.
+/// Mutation: `throughput / survival` to `throughput`, `0.05` to `0.2` (each seen red).
 #[test]
 fn russian_roulette_keeps_what_paths_bring() {
     let (receiver, objects) =
@@ -83,7 +83,8 @@ fn russian_roulette_keeps_what_paths_bring() {
 }
 
 /// A surface of some alpha is met so often, one that lets light pass straight as often as it does not, whichever ray asks.
-/// Mutation: `< alpha` to `<= alpha * alpha` in `Objects::accepts`, `!key` to `1` in `Objects::closest_straight`.
+/// Mutation: `< alpha` to `<= alpha * alpha` in `Objects::accepts`, `!key` to `1` in `Objects::closest_straight`
+/// (each seen red).
 #[test]
 fn surfaces_are_met_as_often_as_they_hide() {
     let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), Vec3::NEG_Z);

@@ -112,7 +112,7 @@ fn both_strategies_together_are_exact_for_any_sky() {
 /// What a slab of the receiver takes from the floor of a room below it is its form factor, by Lambert's sum over the
 /// edges of its underside; where the receiver passes it takes nothing. The notes give 0.3576 and 0.3360 for a slab
 /// under a sun, whose size and camera they do not tell; this is the same from a closed form.
-/// Mutation: `hit.back` not asked in `Block::passes`.
+/// Mutation: `hit.back` not asked in `Block::passes` (seen red).
 #[test]
 fn a_slab_takes_its_form_factor_from_the_floor() {
     let furnished = merge(room(), box_mesh([-0.8, -0.8, 0.9], [0.8, 0.8, 1.0], false));
