@@ -10,7 +10,7 @@ use engine::NodeError;
 use glam::{DMat3, DVec3, Vec3};
 
 use super::attributes::SurfacePoint;
-use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, straight};
+use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
 use super::emitters::{EmitterSample, Emitters, mean_luminance};
 use super::media::{Body, Media};
 use super::mipmap::Mipmap;
@@ -285,7 +285,8 @@ impl Objects {
         let facing = |normal: Vec3| {
             // A bent normal may turn away from the viewer; bend it back to just this side of the horizon.
             let (normal, lift) = (normal * side, 0.01 - normal.dot(out) * side);
-            if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal }
+            let seen = if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal };
+            mirroring(seen, geometric, out)
         };
         let bent =
             |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &point, &map, smooth)));

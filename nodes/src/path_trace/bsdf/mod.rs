@@ -148,6 +148,23 @@ impl Frame {
     }
 }
 
+/// The normal nearest to a bent one, on the way to that of the surface, off which the viewer sees what lies above the
+/// surface: light mirrored from below it would be lost.
+pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
+    let least = (0.9 * out.dot(surface)).min(0.01);
+    let sees_above = |normal: Vec3| 2.0 * normal.dot(out) * normal.dot(surface) - out.dot(surface) >= least;
+    if sees_above(bent) {
+        return bent;
+    }
+    let between = |t: f32| bent.lerp(surface, t).normalize_or(surface);
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..10 {
+        let middle = 0.5 * (low + high);
+        if sees_above(between(middle)) { high = middle } else { low = middle }
+    }
+    between(high)
+}
+
 /// A direction over the frame in proportion to its cosine.
 fn cosine([u, v]: [f32; 2]) -> Vec3 {
     let (sin, cos) = circle(u);

@@ -129,6 +129,31 @@ fn row_38_white_surfaces_keep_all_light() {
     assert!((furnace(&matte, 0.4) - 1.0).abs() < 1e-5, "Lambert is exact");
 }
 
+/// However its normal is bent, a smooth mirror shows what is above the surface, all of it; a normal that does is left.
+/// Mutation: `bent` returned at once by `mirroring` (seen red).
+#[test]
+fn bent_mirrors_keep_all_light() {
+    for cosine in COSINES {
+        let out = towards(cosine);
+        for i in 0..64 {
+            let [u, v] = Points::new(9, i).pair(0);
+            let bent = cosine_towards(out, super::cosine([u, v]));
+            let normal = mirroring(bent, Vec3::Z, out);
+            let layers = Layers::new([Frame::around(normal); 2], Vec3::Z, out, &metal(0.0));
+            let (_, seen, s) = Bsdf::Layers(layers).sample(&Points::new(1, 7), 0).expect("light from above");
+            assert!(seen.z > 0.0 && ((s.value / s.pdf).x - 1.0).abs() < 0.01, "{bent} from {out}: {normal}");
+            let above = 2.0 * bent.dot(out) * bent.z - out.z > 0.02;
+            assert!(!above || normal == bent);
+        }
+    }
+}
+
+/// A direction of a hemisphere, turned to lie on the side of `out`.
+fn cosine_towards(out: Vec3, d: Vec3) -> Vec3 {
+    let turned = if d.dot(out) < 0.0 { -d } else { d };
+    (turned + out * (0.02 - turned.dot(out)).max(0.0)).normalize()
+}
+
 #[test]
 fn row_39_black_surfaces_reflect_only_the_interface() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.5, ..BsdfParams::default() };
