@@ -67,7 +67,7 @@ impl Media {
     }
 
     /// Past the back of a body.
-    fn spawn_ray(mut self, body: u32) -> Self {
+    fn without(mut self, body: u32) -> Self {
         if let Some(at) = self.all().iter().rposition(|&b| b == body) {
             self.bodies.copy_within(at + 1.., at);
             self.depth -= 1;
@@ -97,7 +97,7 @@ impl Objects {
         match (part.body, back) {
             (None, _) => [media; 2],
             (Some(body), false) => [media, media.enter(body)],
-            (Some(body), true) => [media.amid(body), media.spawn_ray(body)],
+            (Some(body), true) => [media.amid(body), media.without(body)],
         }
     }
 
@@ -131,7 +131,7 @@ impl Objects {
             let Some(body) = self.part(hit.triangle).0.body else { continue };
             match (hit.back, entered.all().contains(&body)) {
                 (false, _) => entered = entered.enter(body),
-                (true, true) => entered = entered.spawn_ray(body),
+                (true, true) => entered = entered.without(body),
                 // What is left first was entered last.
                 (true, false) => around = around.amid(body),
             }
@@ -287,10 +287,10 @@ mod tests {
 
     #[test]
     fn bodies_are_entered_and_left() {
-        assert_eq!(media(&[3, 7]).spawn_ray(7).all(), [3]);
-        assert_eq!(media(&[3, 7]).spawn_ray(3).all(), [7], "overlapping ones in any order");
-        assert_eq!(media(&[3, 7, 3]).spawn_ray(3).all(), [3, 7], "the last of several of the same stuff");
-        assert_eq!(media(&[3]).spawn_ray(7).all(), [3], "one that was not entered");
+        assert_eq!(media(&[3, 7]).without(7).all(), [3]);
+        assert_eq!(media(&[3, 7]).without(3).all(), [7], "overlapping ones in any order");
+        assert_eq!(media(&[3, 7, 3]).without(3).all(), [3, 7], "the last of several of the same stuff");
+        assert_eq!(media(&[3]).without(7).all(), [3], "one that was not entered");
         assert_eq!(media(&[3]).amid(7).all(), [7, 3], "one that was not entered is around");
         assert_eq!(media(&[3, 7]).amid(7).all(), [3, 7]);
     }
@@ -300,6 +300,6 @@ mod tests {
         let full = media(&[0, 1, 2, 3, 4]);
         assert_eq!(full.all(), [1, 2, 3, 4]);
         assert_eq!(full.amid(0), full);
-        assert_eq!(full.spawn_ray(4).amid(0).all(), [0, 1, 2, 3], "until it is left");
+        assert_eq!(full.without(4).amid(0).all(), [0, 1, 2, 3], "until it is left");
     }
 }
