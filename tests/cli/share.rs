@@ -142,7 +142,7 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
     assert!(bad(place.call(&arguments), 2).contains("`small.hdr` with the content"));
     // Another version of a kind is told.
     let mut picture = out("view.jpg");
-    let place_of = picture.windows(12).position(|w| w == b"load-image 1").unwrap();
+    let place_of = picture.windows(11).position(|w| w == b"load-image ").unwrap();
     picture[place_of + 11] = b'7';
     std::fs::write(place.path("old.jpg"), &picture).unwrap();
     let errors = bad(place.call(&["plan", "old.jpg"]), 2);

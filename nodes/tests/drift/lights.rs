@@ -13,15 +13,19 @@ use super::references::luminance;
 /// Direction, solid angle and radiance.
 type Texel = (DVec3, f64, [f64; 3]);
 
-/// The texels of an environment with z up, each as large as the sphere has it.
-fn texels(environment: &Environment) -> Vec<Texel> {
-    let (width, height) = (environment.image.width, environment.image.height);
+/// The texels of an environment with z up, each cut into so many columns and rows, as large as the sphere has them.
+fn texels(environment: &Environment, [across, down]: [usize; 2]) -> Vec<Texel> {
+    let (width, height) = (environment.image.width * across, environment.image.height * down);
     let texel = |i: usize| {
         let (x, y) = (i % width, i / width);
         let [top, bottom] = [y, y + 1].map(|y| num::f64::cos(PI * y as f64 / height as f64));
         let [u, v] = [(x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64];
         let size = 2.0 * PI / width as f64 * (top - bottom);
-        (equirect::direction(Up::PlusZ, u, v), size, environment.image.rgb(x, y).map(f64::from))
+        (
+            equirect::direction(Up::PlusZ, u, v),
+            size,
+            environment.image.rgb(x / across, y / down).map(f64::from),
+        )
     };
     (0..width * height).map(texel).collect()
 }
@@ -33,7 +37,9 @@ fn irradiance(texels: &[Texel], normal: DVec3) -> [f64; 3] {
 
 /// The scores that are told in [`told`]'s order, of environments of at most 128 columns, the truth the coarser one.
 pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
-    let [all, all_truth] = [found, truth].map(texels);
+    // Large texels are cut so that there are at least half as many columns as the program's grid has.
+    let fine = |of: &Environment| texels(of, [128 / of.image.width, 64 / of.image.height].map(|n| n.max(1)));
+    let [all, all_truth] = [found, truth].map(fine);
     let stops = |a: f64, b: f64| num::f64::log2(a / b);
     // Points of a Fibonacci spiral about up.
     let normal = |i: usize| {
@@ -59,12 +65,13 @@ pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
     }
     // By texel of the truth, each beside the mean of what lies there in what was found.
     let across = found.image.width / truth.image.width;
+    let [whole_found, whole_truth] = [found, truth].map(|of| texels(of, [1, 1]));
     let (mut off, mut energies) = (0.0, [0.0; 2]);
-    for (i, (_, size, want)) in all_truth.iter().enumerate() {
+    for (i, (_, size, want)) in whole_truth.iter().enumerate() {
         let (x, y) = (i % truth.image.width * across, i / truth.image.width * across);
         let (mut mean, mut whole) = ([0.0; 3], 0.0);
         for (_, part, rgb) in
-            (0..across * across).map(|k| &all[(y + k / across) * found.image.width + x + k % across])
+            (0..across * across).map(|k| &whole_found[(y + k / across) * found.image.width + x + k % across])
         {
             whole += part;
             mean.iter_mut().zip(rgb).for_each(|(sum, v)| *sum += part * v);
