@@ -188,7 +188,7 @@ fn photographs_that_contradict_the_panorama_are_told() {
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
     assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
     // All that is dim is as it should be, but a third of what is white is dim.
-    let other = |x: usize| if x % 4 == 0 { 0.3 } else { light(x) };
+    let other = |x: usize| if x.is_multiple_of(4) { 0.3 } else { light(x) };
     let code = |at: usize| u16::from(code8(srgb_from_linear((other(at % W) / 8.0).min(1.0))));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
     let raster = Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new() };
