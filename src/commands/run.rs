@@ -171,25 +171,15 @@ impl Run {
         let options =
             RunOptions { rough: only.clone(), only, cancel: cancel.clone(), ..RunOptions::default() };
         let mut report = self.report();
-        let outcome = engine.run(&graph, &options, |event| match event {
+        let outcome = engine.run(&graph, &options, |mut event| {
             // The run itself tells what there is to say of its results.
-            Event::Node { id, kind, state, key, seconds, cpu_seconds, counts, error, .. } => {
-                let (notes, degraded) = (Vec::new(), false);
-                report.tell(&Event::Node {
-                    id,
-                    kind,
-                    state,
-                    key,
-                    seconds,
-                    cpu_seconds,
-                    counts,
-                    notes,
-                    degraded,
-                    error,
-                });
+            if let Event::Node { notes, degraded, .. } = &mut event {
+                notes.clear();
+                *degraded = false;
             }
-            Event::Done(_) => {}
-            event => report.tell(&event),
+            if !matches!(event, Event::Done(_)) {
+                report.tell(&event);
+            }
         });
         if let Some(failures) = &outcome.failures {
             report::mistakes(failures, self.json);
