@@ -113,6 +113,14 @@ pub(crate) fn value_mistake<T: ParamType>(
         ron::Error::Message(why) => mistake(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
         ron::Error::IntegerOutOfBounds => mistake(format!("`{name}` is out of range: {}", shown(text)))
             .label(range.unwrap_or_else(|| format!("expected {wanted}"))),
+        ron::Error::ExpectedIdentifier
+        | ron::Error::InvalidIdentifier(_)
+        | ron::Error::SuggestRawIdentifier(_)
+            if let Some(choice) = described.split(" | ").find(|choice| begins(choice, text)) =>
+        {
+            mistake(format!("`{name}`: what stands in the brackets needs its name"))
+                .label(format!("expected {choice}"))
+        }
         _ if let Some(what) = wrong_items(described, text) => {
             mistake(format!("`{name}` takes {wanted}, {what}"))
         }

@@ -10,7 +10,7 @@ use glam::DVec3;
 use crate::color::linear_from_srgb;
 use crate::io::{gltf, head, ply};
 use crate::place::world_from_gltf;
-use crate::types::Mesh;
+use crate::types::{Mesh, Primitive};
 use crate::{Error, load_object};
 
 engine::choices! {
@@ -37,8 +37,8 @@ engine::params! {
     /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB.
     ///
     /// The mesh stands in for the captured place: it receives shadows and gives bounce light. Faces of
-    /// more than three corners are cut into fans, vertex colours become linear albedo, and what a tracer
-    /// cannot use (vertices that are not numbers, faces without area) is dropped and counted.
+    /// more than three corners are cut into fans, vertex colours (of glTF, by `baseColorFactor`) become linear
+    /// albedo, and what a tracer cannot use (vertices that are not numbers, faces without area) is dropped and counted.
     pub struct LoadMesh {
         /// The file: `.ply`, `.glb` or `.gltf`.
         path: InputFile, other("\"b.ply\"");
@@ -67,6 +67,8 @@ struct RawMesh {
     /// Whether the file holds them as f64.
     finer: bool,
     colours: Vec<[f64; 3]>,
+    /// Linear, multiplied into the colours: glTF's `baseColorFactor`; none where all are white.
+    tints: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     fanned: u64,
     /// Written by trimesh, which stores display colours in glTF too, as mesh extraction uses it.
@@ -75,7 +77,7 @@ struct RawMesh {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -143,6 +145,15 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
     let generator = gltf::parse(&p.path.0, bytes)?.json["asset"]["generator"].to_string();
     let mut raw = RawMesh { by_trimesh: generator.contains("trimesh"), ..RawMesh::default() };
     let coloured = object.primitives.iter().any(|part| !part.colours.is_empty());
+    let tint = |part: &Primitive| {
+        let factor = object.materials.get(part.material as usize).map_or([1.0; 4], |m| m.base_colour);
+        [factor[0], factor[1], factor[2]].map(f64::from)
+    };
+    // Beside a texture that is left out, the factor alone says nothing.
+    let plain = |part: &Primitive| {
+        object.materials.get(part.material as usize).is_none_or(|m| m.base_colour_texture.is_none())
+    };
+    let tinted = object.primitives.iter().any(|part| tint(part) != [1.0; 3] && (coloured || plain(part)));
     for part in &object.primitives {
         let first = raw.positions.len() as u32;
         raw.positions.extend(part.positions.iter().map(|v| v.map(f64::from)));
@@ -154,12 +165,15 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
                 [c[0], c[1], c[2]].map(f64::from)
             }));
         }
+        if tinted {
+            raw.tints.resize(raw.positions.len(), tint(part));
+        }
         raw.triangles.extend(part.triangles.iter().map(|t| t.map(|v| v + first)));
     }
     if object.materials.iter().any(|m| m.base_colour_texture.is_some()) {
         notes.warning(
             "mesh-textures-ignored",
-            "a receiver takes its colours from vertices; its textures are left out",
+            "a receiver takes its colours from vertices and `baseColorFactor`; its textures are left out",
         );
     }
     Ok(raw)
@@ -278,6 +292,8 @@ fn faces(
     Ok(())
 }
 
+const WHITE: [f64; 3] = [1.0; 3];
+
 /// Drops what cannot be traced, and makes colours linear. Row 41 of the table of extremes.
 fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
     let n = raw.positions.len();
@@ -287,7 +303,7 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
     }
     let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
     mesh.positions.reserve_exact(n);
-    mesh.colours.reserve_exact(raw.colours.len());
+    mesh.colours.reserve_exact(raw.colours.len().max(raw.tints.len()));
     mesh.triangles.reserve_exact(raw.triangles.len());
     let (mut clamped, mut lost) = (0, 0);
     for (index, position) in raw.positions.iter().enumerate() {
@@ -302,13 +318,16 @@ fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) 
         if raw.finer {
             mesh.positions_low.push([0, 1, 2].map(|k| (exact[k] - f64::from(position[k])) as f32));
         }
-        if let Some(colour) = raw.colours.get(index) {
-            let legal = colour.iter().all(|c| (0.0..=1.0).contains(c));
+        let (colour, tint) = (raw.colours.get(index), raw.tints.get(index));
+        if colour.is_some() || tint.is_some() {
+            let (colour, tint) = (colour.unwrap_or(&WHITE), tint.unwrap_or(&WHITE));
+            let legal = colour.iter().chain(tint).all(|c| (0.0..=1.0).contains(c));
             clamped += u64::from(!legal);
             // The comparison turns what is not a number into 0.
-            mesh.colours.push(colour.map(|c| {
-                let c = if c > 0.0 { c.min(1.0) as f32 } else { 0.0 };
-                if srgb { linear_from_srgb(c) } else { c }
+            let legal = |c: f64| if c > 0.0 { c.min(1.0) as f32 } else { 0.0 };
+            mesh.colours.push([0, 1, 2].map(|k| {
+                let c = legal(colour[k]);
+                legal(tint[k]) * if srgb { linear_from_srgb(c) } else { c }
             }));
         }
     }
@@ -392,6 +411,57 @@ mod tests {
             [0_i32, 1, 2, 3].iter().flat_map(|c| if big { c.to_be_bytes() } else { c.to_le_bytes() }),
         );
         bytes
+    }
+
+    /// A triangle with this material, and with vertex colours where there are any.
+    fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
+        let mut floats = vec![0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        floats.extend(colours.iter().flat_map(|c| [*c; 3]).flatten());
+        let bytes: Vec<u8> = floats.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let accessor = |at| {
+            format!(r#"{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC3"}}"#)
+        };
+        let (second, name) = match colours {
+            Some(_) => (format!(",{}", accessor(36)), r#","COLOR_0":1"#),
+            None => (String::new(), ""),
+        };
+        let length = bytes.len();
+        let json = format!(
+            r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"materials":[{material}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0{name}}},"material":0}}]}}],"accessors":[{}{second}],"bufferViews":[{{"buffer":0,"byteLength":{length}}}],"buffers":[{{"byteLength":{length}}}]}}"#,
+            accessor(0)
+        );
+        let json = format!("{json}{}", " ".repeat(json.len().next_multiple_of(4) - json.len()));
+        let mut glb = b"glTF".to_vec();
+        for (word, chunk) in [(b"JSON", json.as_bytes()), (b"BIN\0", &bytes)] {
+            if glb.len() == 4 {
+                glb.extend(2_u32.to_le_bytes());
+                glb.extend((12 + 8 + json.len() as u32 + 8 + length as u32).to_le_bytes());
+            }
+            glb.extend((chunk.len() as u32).to_le_bytes());
+            glb.extend(word);
+            glb.extend(chunk);
+        }
+        glb
+    }
+
+    // glTF's factor is linear and multiplies; alone it is the colour, and white is no statement.
+    // Mutation: `raw.tints` left empty; the tint decoded as sRGB.
+    #[test]
+    fn the_factor_of_a_gltf_material_colours_its_vertices() {
+        let factor = r#"{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1.0,1.0]}}"#;
+        let colours = |material: &str, vertex: Option<[f32; 3]>, colours: ColourEncoding| {
+            let p = LoadMesh { path: InputFile("a.glb".into()), colours, frame: MeshFrame::World };
+            load(&triangle(material, vertex), &p).unwrap_or_else(|e| panic!("{e}")).0.colours.clone()
+        };
+        let auto = ColourEncoding::Auto;
+        assert_eq!(colours(factor, Some([0.2, 0.4, 0.6]), auto), [[0.1, 0.1, 0.6]; 3]);
+        assert_eq!(colours(factor, None, auto), [[0.5, 0.25, 1.0]; 3]);
+        assert_eq!(colours("{}", None, auto), [[0.0; 3]; 0]);
+        let half = linear_from_srgb(0.5);
+        assert_eq!(
+            colours(factor, Some([0.5; 3]), ColourEncoding::Srgb),
+            [[0.5 * half, 0.25 * half, half]; 3]
+        );
     }
 
     #[test]

@@ -19,7 +19,8 @@ engine::params! {
         translation: [f64; 3] = [0.0; 3], range(-1e12, 1e12), unit("world units"), other("(0.5, 0.0, 0.2)");
         /// Turn about the up axis, counter-clockwise seen from above.
         yaw_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("30.0");
-        /// Size; below 0 mirrors.
+        /// Size. Below 0 all three axes turn over, so that the object hangs under its foot; for a mirrored one
+        /// that stands give a `matrix`.
         scale: f64 = 1.0, range(-1e9, 1e9), other("2.0");
         /// The whole affine transform from the object's frame (axes of the world, origin at its foot) to
         /// the world: 16 numbers, row after row. Replaces the three above.

@@ -22,6 +22,9 @@ engine::params! {
     /// one is, so a light that is farther off counts as missing), the panoramas weighed by solid angle, and what a matte, a glossy and a mirror
     /// sphere would look like, seen along the world's forward.
     ///
+    /// Irradiance over all planes, energy, panoramas and spheres are of red, green and blue alike, as published; the six
+    /// planes, the dominant light and the peak are of luminance.
+    ///
     /// The six planes and the panorama are taken texel by texel. Planes in every direction, the spheres and the
     /// dominant light are taken on a grid of 128 columns, contrast and peak on one of 256, into whose cells texels
     /// fall whole; larger texels are cut. Where no direction stands out, there is no dominant light.
@@ -57,7 +60,7 @@ const STANDS_OUT: f64 = 1.1;
 
 impl Kind for ScoreEnv {
     const NAME: &'static str = "score-env";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -138,7 +141,7 @@ fn score(
     let (peak, peak_truth) = (peak(&fine), peak(&fine_truth));
     let peaks = (peak > 0.0 && peak_truth > 0.0).then(|| num::f64::log2(peak / peak_truth));
     let mut scores = vec![
-        ("mean irradiance, log2 of found over true", "stops", ratio),
+        ("mean irradiance of red, green and blue, log2 of found over true", "stops", ratio),
         ("irradiance, relative RMS error over all planes", "", relative),
         ("direction of the dominant light, angle", "deg", off),
         ("dominant light against the rest, log2 of found over true", "stops", contrasts),
@@ -146,12 +149,12 @@ fn score(
     ];
     let [right, forward, up] = axes(truth.up);
     let sides = [
-        ("irradiance of a plane that faces up, log2 of found over true", up),
-        ("irradiance of a plane that faces down, log2 of found over true", -up),
-        ("irradiance of a plane that faces right, log2 of found over true", right),
-        ("irradiance of a plane that faces left, log2 of found over true", -right),
-        ("irradiance of a plane that faces forward, log2 of found over true", forward),
-        ("irradiance of a plane that faces back, log2 of found over true", -forward),
+        ("irradiance of a plane that faces up, luminance, log2 of found over true", up),
+        ("irradiance of a plane that faces down, luminance, log2 of found over true", -up),
+        ("irradiance of a plane that faces right, luminance, log2 of found over true", right),
+        ("irradiance of a plane that faces left, luminance, log2 of found over true", -right),
+        ("irradiance of a plane that faces forward, luminance, log2 of found over true", forward),
+        ("irradiance of a plane that faces back, luminance, log2 of found over true", -forward),
     ];
     let [planes, planes_truth] = [env, truth].map(|of| irradiances(of, sides.map(|(_, normal)| normal)));
     for ((name, _), (found, want)) in sides.into_iter().zip(planes.into_iter().zip(planes_truth)) {
@@ -160,7 +163,11 @@ fn score(
     }
     let (absolute, energy) = weighed(env, truth);
     scores.push(("panorama, absolute error by solid angle over the mean of the truth", "", absolute));
-    scores.push(("energy over the whole sphere, log2 of found over true", "stops", energy));
+    scores.push((
+        "energy over the whole sphere of red, green and blue, log2 of found over true",
+        "stops",
+        energy,
+    ));
     for (sphere, names) in SPHERES {
         let error = sphere_error(sphere, &coarse, &coarse_truth, [right, forward, up], cx)?;
         scores.push((names[0], "", error.map(|e| e.relative)));

@@ -233,7 +233,7 @@ mod tests {
         let splats = sky(eye);
         let direct = run(&params(64, 3), &splats, eye);
         let rig = Arc::new(cube(eye, equirect::axes(engine::Up::PlusZ), 96, 3.0, Turn::OffAxis));
-        let render = (SplatRender { sort: Sort::Distance }, Drawing::default());
+        let render = (SplatRender { sort: Sort::Distance, limit_sigmas: 1.0 }, Drawing::default());
         let views = SplatRender::run(&render, splat_render::In { splats, rig, limit: None }, &context());
         let params = stitch::Stitch { width_px: 64, holes: Holes::PushPull, hole_alpha: 0.25 };
         let input = stitch::In { views: views.expect("renders").0.views };

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
 
-use crate::splat::{Blocks, Drawing, MAX_PIXELS, Sort, Work, most_bytes, render_with};
+use crate::splat::{Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
 use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
 
 engine::params! {
@@ -17,6 +17,10 @@ engine::params! {
     pub struct SplatRender {
         /// What orders the splats of a pixel.
         sort: Sort = Sort::Depth, other("Distance");
+        /// How far before `limit` the centre of a splat must lie to be kept, in standard deviations along its middle
+        /// axis: the splats of a surface lie about it by less than they are wide, and are not in front of it. 0 is
+        /// the centre alone.
+        limit_sigmas: f64 = 1.0, range(0.0, 100.0), other("0.0");
     }
 }
 engine::inputs! {
@@ -27,7 +31,7 @@ engine::inputs! {
         /// The cameras.
         rig: Arc<Rig>,
         /// Planar depth of a surface in front for each view, as `path-trace.depth` gives it: splats at or
-        /// beyond it are left out. 0 and +inf are no surface.
+        /// beyond it, or nearer to it than `limit_sigmas`, are left out. 0 and +inf are no surface.
         limit: Option<Arc<Images>>,
     }
 }
@@ -62,7 +66,7 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
 
 impl Kind for SplatRender {
     const NAME: &'static str = "splat-render";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type Params = (Self, Drawing);
     type In = In;
     type Out = Out;
@@ -74,8 +78,9 @@ impl Kind for SplatRender {
         let splats = inputs.splats.len() as u64;
         let size = |c: &Camera| (u64::from(c.width_px), u64::from(c.height_px));
         let lists = inputs.rig.cameras.iter().map(|c| most_bytes(splats, size(c))).max().unwrap_or(0);
+        let margins = u64::from(inputs.limit.is_some()) * splats * 4;
         // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand.
-        Cost { bytes: (all * 44 + largest * 24).saturating_add(lists) }
+        Cost { bytes: (all * 44 + largest * 24 + margins).saturating_add(lists) }
     }
 
     // Splats are read once a view; a view of a megapixel makes up for its share of them.
@@ -119,6 +124,7 @@ impl Kind for SplatRender {
         for (index, camera) in rig.cameras.iter().enumerate() {
             cx.progress(index as f32 / rig.cameras.len() as f32);
             let limit = limits.as_ref().and_then(|limits| limits.get(index).copied());
+            let limit = limit.map(|depth| Limit { depth, sigmas: params.limit_sigmas });
             let seen = render_with(&splats, blocks.as_ref(), camera, limit, &settings, cx)?;
             total += seen.work;
             let (width, height) = (camera.width_px as usize, camera.height_px as usize);

@@ -28,7 +28,7 @@ pub struct Run {
     out: PathBuf,
     /// Take samples until the standard error of the shadow and of the object is this, 0.01 say, at most as many as the
     /// graph says, whatever a preset does: sets `max_error` of every node that has one
-    #[arg(long, value_name = "ERROR", conflicts_with = "time")]
+    #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
     max_error: Option<f64>,
     /// Take as many samples, at most as many as the graph says, as there is time for by the forecast, such as 10s or
     /// 5m; the number is told and fixed before the run. Where no forecast is known 4 are taken first, and kept

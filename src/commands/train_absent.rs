@@ -7,9 +7,11 @@ use clap::Args;
 use crate::report;
 use crate::session::Error;
 
+const LACKS: &str = "This build lacks the feature `learned`: `cargo build --release --features learned` makes one that has it, whose `--help` lists the options; docs/light.md and docs/kontext.md tell more.";
+
 /// Says what is missing, whatever else is asked.
 #[derive(Debug, Args)]
-#[command(disable_help_flag = true)]
+#[command(after_help = LACKS)]
 pub struct TrainExposure {
     #[arg(hide = true, trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,

@@ -36,10 +36,10 @@ pub struct Tune {
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
     /// The least error with at most so many CPU seconds of node code, as measured when it ran
-    #[arg(long, value_name = "SECONDS", conflicts_with = "max_work")]
+    #[arg(long, value_name = "SECONDS", conflicts_with = "max_work", allow_negative_numbers = true)]
     max_seconds: Option<f64>,
     /// The least error with at most so much work, in rays (other counts are weighed as rays)
-    #[arg(long, value_name = "RAYS")]
+    #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
     /// What is least where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae, relmse, with
     /// `touched.`, `object.` or `shadow.` in front

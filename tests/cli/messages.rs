@@ -191,11 +191,29 @@ fn what_a_method_holds_wrongly_is_told() {
 }
 
 #[cfg(not(feature = "learned"))]
+// Mutation: the arm of identifiers dropped in `value_mistake`; the lowest number of layers taken for 0.
+#[test]
+fn what_a_choice_holds_wrongly_is_told() {
+    for (wrong, told) in [
+        ("PassBeyond(2.0)", "what stands in the brackets needs its name"),
+        ("PassBeyond(2.0)", "expected PassBeyond(metres: number)"),
+        ("FrontFace(max_layers: 0)", "`max_layers` must lie between 1 and 16, and is 0"),
+        ("PassBeyond(metres: -1.0)", "`metres` must be at least 0, and is -1"),
+    ] {
+        let graph = INSERT.replace("samples: 4", &format!("samples: 4, env_block: {wrong}"));
+        let errors = text(&Place::new(&graph).call(&["check", "graph.ron"]).stderr);
+        assert!(errors.contains(told), "{wrong}: {told} is missing in\n{errors}");
+    }
+}
+
 #[test]
 fn what_is_not_built_in_is_told() {
     let told = Place::new("").call(&["train-exposure", "panoramas", "--out", "a.safetensors"]);
     assert_eq!(told.status.code(), Some(2));
     assert!(text(&told.stderr).contains("--features learned"), "{}", text(&told.stderr));
+    let help = Place::new("").call(&["train-exposure", "--help"]);
+    assert_eq!(help.status.code(), Some(0));
+    assert!(text(&help.stdout).contains("--features learned"), "{}", text(&help.stdout));
 }
 
 #[test]

@@ -64,7 +64,7 @@ pub fn table(bench: &Bench) {
         let params = CubeRig { height_metres: 0.0, size_px, guard_deg: 3.0, turn: Turn::OffAxis };
         CubeRig::run(&params, cube_rig::In { at: at.clone() }, &bench.cx).unwrap().0.rig
     };
-    let by = (SplatRender { sort: Sort::Depth }, Drawing::default());
+    let by = (SplatRender { sort: Sort::Depth, limit_sigmas: 1.0 }, Drawing::default());
     for (what, rig) in
         [("a view of 640x480", view), ("6 faces of 512 px", faces(512)), ("6 faces of 1024 px", faces(1024))]
     {

@@ -19,7 +19,7 @@ use crate::{Bench, EYE, look, timed};
 const WIDTH: usize = 512;
 
 fn faces(sort: Sort, precision: Precision) -> (SplatRender, Drawing) {
-    (SplatRender { sort }, Drawing { precision, ..Drawing::default() })
+    (SplatRender { sort, limit_sigmas: 1.0 }, Drawing { precision, ..Drawing::default() })
 }
 
 fn stitched(

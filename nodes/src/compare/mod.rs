@@ -122,7 +122,7 @@ const DARKEST: f64 = 0.001;
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -224,7 +224,11 @@ impl Kind for Compare {
             Space::Display => "display values",
             Space::Linear => "linear light, HDR-FLIP",
         };
-        let title = format!("Distance to the reference, in {space}");
+        let title = match (colour.is_empty(), ratio.is_empty()) {
+            (true, false) => "Distance to the reference, of data as they are".to_owned(),
+            (false, false) => format!("Distance to the reference, in {space}; of data as they are"),
+            (_, true) => format!("Distance to the reference, in {space}"),
+        };
         let table = |name: &str, columns: &[&str], rows| Table {
             name: name.to_owned(),
             columns: COMMON.iter().chain(columns).map(|&c| c.to_owned()).collect(),

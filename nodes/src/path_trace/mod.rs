@@ -34,7 +34,7 @@ pub mod visibility;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, ParamType, Part, Sizes, ViewCount};
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Part, Sizes, ViewCount};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -77,7 +77,7 @@ engine::params! {
         /// How often light may be scattered after the first time.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
         /// How the receiver blocks light of the environment.
-        env_block: EnvBlock = EnvBlock::Auto, range(0, 1e9), other("Pass");
+        env_block: EnvBlock = EnvBlock::Auto, other("Pass");
         /// What scattered rays find where they meet the receiver.
         bounce: Bounce = Bounce::Auto, other("Env");
         /// What reflections in objects show where they meet the receiver.
@@ -219,11 +219,10 @@ impl Kind for PathTrace {
                 .at("near_field")
                 .hint("leave `near_field` to `Auto`, or `env_block`"));
         }
-        if params.env_block.within(0.0, 0.0) {
-            return Ok(());
+        match params.env_block.out_of_range() {
+            Some(text) => Err(NodeError::new(text).at("env_block")),
+            None => Ok(()),
         }
-        let hint = "max_layers lies between 1 and 16; metres is at least 0";
-        Err(NodeError::new("env_block is out of range").at("env_block").hint(hint))
     }
 
     fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {

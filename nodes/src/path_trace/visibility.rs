@@ -47,11 +47,19 @@ impl ParamType for EnvBlock {
     fn describe() -> String {
         "Auto | Solid | Pass | FrontFace(max_layers: 3) | PassBeyond(metres: number) | Paper".to_owned()
     }
-    fn within(&self, _low: f64, _high: f64) -> bool {
+}
+
+impl EnvBlock {
+    /// What its number must be, where it is not so.
+    pub fn out_of_range(&self) -> Option<String> {
         match self {
-            EnvBlock::PassBeyond { metres } => metres.is_finite() && *metres >= 0.0,
-            EnvBlock::FrontFace { max_layers } => (1..=MOST_LAYERS as u32).contains(max_layers),
-            _ => true,
+            EnvBlock::PassBeyond { metres } if !metres.is_finite() || *metres < 0.0 => {
+                Some(format!("`metres` must be at least 0, and is {metres}"))
+            }
+            EnvBlock::FrontFace { max_layers } if !(1..=MOST_LAYERS as u32).contains(max_layers) => {
+                Some(format!("`max_layers` must lie between 1 and {MOST_LAYERS}, and is {max_layers}"))
+            }
+            _ => None,
         }
     }
 }

@@ -123,6 +123,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
     let (mut evaluations, mut blends) = (0_u64, 0_u64);
 
     let mut batch = [Footprint::NONE; BATCH];
+    let mut margins = [0.0_f32; BATCH];
     for indices in list.chunks(BATCH) {
         if live == 0 || cx.cancelled() {
             break;
@@ -130,7 +131,12 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
         for (to, index) in batch.iter_mut().zip(indices) {
             *to = *projected.footprint(*index);
         }
-        for f in &batch[..indices.len()] {
+        if limits.is_some() {
+            for (to, index) in margins.iter_mut().zip(indices) {
+                *to = projected.margin(*index);
+            }
+        }
+        for (f, margin) in batch[..indices.len()].iter().zip(&margins) {
             // Offsets from the tile's first pixel in f64, so that f32 only sees what is near.
             let (mut dx, dy) = (left - f.u, top - f.v);
             let mut along = [lanes * f.l11 as f32; HALVES];
@@ -186,7 +192,7 @@ fn tile<S: Simd, const DEPTH: u8>(simd: S, task: &Task<'_, '_>) -> Blended {
                 let mut in_front = all;
                 if limits.is_some() {
                     let limit = f32x8::from_slice(simd, &pixels.limit[vector]);
-                    drawn &= limit.simd_gt(f.z);
+                    drawn &= limit.simd_gt(f.z + margin);
                     if settings.sort == Sort::Depth {
                         in_front = (limit * BEHIND).simd_ge(f.z);
                     }

@@ -23,6 +23,7 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
             break;
         }
         let f = projected.footprint(*index);
+        let margin = projected.margin(*index);
         let opacity = f64::from(f.opacity);
         // Looser than the test on alpha below by far more than rounding; it only saves time.
         let reach = num::f64::log2(opacity / settings.alpha_cut) + 1e-6;
@@ -38,7 +39,7 @@ pub(super) fn blend(task: &Task<'_, '_>) -> Blended {
                     continue;
                 }
                 evaluations += 1;
-                if limits.as_ref().is_some_and(|limits| f.z >= limits[at]) {
+                if limits.as_ref().is_some_and(|limits| f.z + margin >= limits[at]) {
                     continue;
                 }
                 let mut dx = (x0 + column) as f64 + 0.5 - f.u;

@@ -148,17 +148,25 @@ pub const MAX_PIXELS: u64 = 1 << 28;
 /// The longest side of a picture, in pixels.
 const MAX_SIDE: u32 = 1 << 19;
 
-/// What a camera sees, on the threads of `cx`, at the best instruction set of the machine.
-///
-/// `limit`, where given, holds a surface in front of the camera: splats at or beyond its planar depth are left out
-/// of a pixel. A depth of 0 or +inf is no surface.
+/// A surface in front of a camera: splats at or beyond it are left out of a pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Limit<'a> {
+    /// Planar depth in world units, one channel, of the size of the picture; 0 or +inf is no surface.
+    pub depth: &'a Image<Data>,
+    /// How far before the surface the centre of a splat must lie, in standard deviations along its middle axis, at
+    /// least 0. The splats of a surface lie about it by less than they are wide.
+    pub sigmas: f64,
+}
+
+/// What a camera sees, on the threads of `cx`, at the best instruction set of the machine; with a `limit` only what
+/// lies before that.
 ///
 /// The faces of a cube are rendered one by one: a splat is seen by 1.14 of them, so a pass for all six spares
 /// next to nothing of the projection, and sorts and holds six times as much; measured, it took longer.
 pub fn render(
     splats: &Splats,
     camera: &Camera,
-    limit: Option<&Image<Data>>,
+    limit: Option<Limit<'_>>,
     settings: &Settings,
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
@@ -170,7 +178,7 @@ pub fn render_with(
     splats: &Splats,
     blocks: Option<&Blocks>,
     camera: &Camera,
-    limit: Option<&Image<Data>>,
+    limit: Option<Limit<'_>>,
     settings: &Settings,
     cx: &Context,
 ) -> Result<Rendered, NodeError> {
@@ -184,7 +192,7 @@ pub fn render_with(
 pub fn render_at(
     splats: &Splats,
     camera: &Camera,
-    limit: Option<&Image<Data>>,
+    limit: Option<Limit<'_>>,
     settings: &Settings,
     cx: &Context,
     how: (Level, Clock<'_>),
@@ -194,10 +202,10 @@ pub fn render_at(
 }
 
 /// An error for a picture that is too large, or a surface of another size.
-fn check(camera: &Camera, limit: Option<&Image<Data>>) -> Result<(), NodeError> {
+fn check(camera: &Camera, limit: Option<Limit<'_>>) -> Result<(), NodeError> {
     checked(camera)?;
     let size = (camera.width_px as usize, camera.height_px as usize, 1);
-    let found = limit.map_or(size, |limit| (limit.width, limit.height, limit.channels));
+    let found = limit.map_or(size, |Limit { depth, .. }| (depth.width, depth.height, depth.channels));
     if found != size {
         let what = format!(
             "the depth of view `{}` is {}x{} of {} channels, the view {}x{}",
@@ -259,7 +267,7 @@ fn draw<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
     camera_model: &L,
-    limit: Option<&Image<Data>>,
+    limit: Option<Limit<'_>>,
     settings: &Settings,
     cx: &Context,
     (level, clock): (Level, Clock<'_>),
@@ -270,7 +278,8 @@ fn draw<L: CameraModel>(
         now - std::mem::replace(&mut last, now)
     };
 
-    let projected = project::project(splats, blocks, camera_model, settings, cx, level)?;
+    let limit_sigmas = limit.map(|limit| limit.sigmas);
+    let projected = project::project(splats, blocks, camera_model, (settings, limit_sigmas), cx, level)?;
     let mut work = projected.work();
     let mut seconds = [lap(), 0.0, 0.0, 0.0];
 
@@ -291,6 +300,7 @@ fn draw<L: CameraModel>(
             let (x0, y0) = (column * TILE, row * TILE);
             let area = [x0, y0, (width - x0).min(TILE), (height - y0).min(TILE)];
             let strip = &strips[row];
+            let limit = limit.map(|limit| limit.depth);
             let task = Task { projected: &projected, list, area, limit, settings, cx, strip };
             match settings.precision {
                 Precision::F32 => blend32::blend(level, &task),

@@ -13,8 +13,8 @@ use fearless_simd::Level;
 use glam::{DMat4, DVec3};
 
 use super::camera_model::{Pinhole, Sphere};
-use super::{Blocks, Clock, Rendered, Settings, Sort, Surface, Work, draw};
-use crate::types::{Camera, Splats};
+use super::{Blocks, Clock, Limit, Rendered, Settings, Sort, Surface, Work, draw};
+use crate::types::{Camera, Data, Image, Splats};
 use crate::{equirect, num};
 
 /// Angle from the pole within which there is a cap.
@@ -72,9 +72,13 @@ pub fn panorama_at(
         };
         surface.distances(width_px as usize, (height - 2 * left_out) as usize, direction, cx)
     };
+    // Of the mesh that the light meets everything before it counts, centre by centre.
+    fn at_centres(depth: &Image<Data>) -> Limit<'_> {
+        Limit { depth, sigmas: 0.0 }
+    }
     let before = limit.map(seen_from_belt).transpose()?;
     let belt = Sphere::new(eye, up, width_px, left_out..height - left_out);
-    let belt = draw(splats, None, &belt, before.as_ref(), &settings, cx, how)?;
+    let belt = draw(splats, None, &belt, before.as_ref().map(at_centres), &settings, cx, how)?;
     drop(before);
     cx.progress(0.5);
 
@@ -84,7 +88,8 @@ pub fn panorama_at(
         let side = camera.width_px as usize;
         let direction = |x: usize, y: usize| camera.direction(x as f64 + 0.5, y as f64 + 0.5);
         let before = limit.map(|surface| surface.distances(side, side, direction, cx)).transpose()?;
-        draw(splats, blocks.as_ref(), &Pinhole::by_distance(camera), before.as_ref(), &settings, cx, how)
+        let before = before.as_ref().map(at_centres);
+        draw(splats, blocks.as_ref(), &Pinhole::by_distance(camera), before, &settings, cx, how)
     };
     let cameras = [cap(eye, up, 1.0, width_px), cap(eye, up, -1.0, width_px)];
     let caps = [seen_by(&cameras[0])?, seen_by(&cameras[1])?];

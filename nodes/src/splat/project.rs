@@ -53,6 +53,9 @@ pub(super) struct Entry {
 #[derive(Default)]
 struct Chunk {
     footprints: Vec<Footprint>,
+    /// How far before a limit each centre must lie, in world units; none where there is no limit, or nothing is
+    /// asked for.
+    margins: Vec<f32>,
     reaches: Vec<(u64, TileRange)>,
     skipped: u64,
     directed: u64,
@@ -117,6 +120,13 @@ impl Projected {
         &self.chunks[(index >> CHUNK_BITS) as usize].footprints[index as usize % CHUNK]
     }
 
+    /// How far before a limit this centre must lie, in world units.
+    #[inline(always)]
+    pub(super) fn margin(&self, index: u32) -> f32 {
+        let margins = &self.chunks[(index >> CHUNK_BITS) as usize].margins;
+        margins.get(index as usize % CHUNK).copied().unwrap_or(0.0)
+    }
+
     /// What the projection took.
     pub(super) fn work(&self) -> Work {
         let mut work = Work { faint: self.faint, behind: self.behind, ..Work::default() };
@@ -174,12 +184,12 @@ pub(super) fn project<L: CameraModel>(
     splats: &Splats,
     blocks: Option<&Blocks>,
     camera_model: &L,
-    settings: &Settings,
+    (settings, limit_sigmas): (&Settings, Option<f64>),
     cx: &Context,
     level: Level,
 ) -> Result<Projected, NodeError> {
     let log2_cut = num::f64::log2(settings.alpha_cut);
-    let projection = Projection::new(splats, blocks, camera_model, settings, log2_cut);
+    let projection = Projection::new(splats, blocks, camera_model, (settings, limit_sigmas), log2_cut);
     let chunks = cx.for_each_tile(splats.len().div_ceil(CHUNK), |job| {
         let range = job * CHUNK..((job + 1) * CHUNK).min(splats.len());
         dispatch!(level, simd => chunk(simd, &projection, range))
@@ -226,6 +236,8 @@ struct Projection<'a, L> {
     eye: DVec3,
     /// Degree of the harmonics that are used.
     degree: u32,
+    /// See [`Limit`](super::Limit); 0 where there is none.
+    limit_sigmas: f64,
     /// False where every splat is drawn everywhere.
     bounded: bool,
     /// Standard deviations that a splat spreads over at most, in the world, and pixels beyond that.
@@ -239,9 +251,10 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         splats: &'a Splats,
         blocks: Option<&'a Blocks>,
         camera_model: &'a L,
-        settings: &'a Settings,
+        (settings, limit_sigmas): (&'a Settings, Option<f64>),
         log2_cut: f64,
     ) -> Self {
+        let limit_sigmas = limit_sigmas.unwrap_or(0.0);
         let bounded = settings.is_bounded();
         // 2 ln(255) is 11.1 and INRIA's 3 sigma, squared, 9; 12 covers both.
         let sigmas = (2.0 * std::f64::consts::LN_2 * -log2_cut).max(12.0).sqrt();
@@ -250,7 +263,19 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         let beyond = sigmas * settings.low_pass_px2.sqrt() + rounding;
         let (sigmas, beyond) = if bounded { (sigmas, beyond) } else { (f64::INFINITY, 0.0) };
         let (eye, degree) = (camera_model.eye(), settings.sh_degree.min(splats.sh_degree));
-        Self { splats, blocks, camera_model, settings, log2_cut, eye, degree, bounded, sigmas, beyond }
+        Self {
+            splats,
+            blocks,
+            camera_model,
+            settings,
+            log2_cut,
+            eye,
+            degree,
+            limit_sigmas,
+            bounded,
+            sigmas,
+            beyond,
+        }
     }
 
     /// True where no splat of the block of this one can be in the picture.
@@ -365,6 +390,11 @@ impl<'a, L: CameraModel> Projection<'a, L> {
         out.reaches.push((key, reach));
         let (opacity, log2_opacity, z) = (opacity as f32, log2_opacity as f32, depth as f32);
         out.footprints.push(Footprint { u, v, l11, l21, l22, opacity, log2_opacity, rgb, z });
+        if self.limit_sigmas > 0.0 {
+            let [a, b, c] = splats.scales[index].map(f64::from);
+            let middle = a.max(b).min(a.min(b).max(c));
+            out.margins.push((self.limit_sigmas * middle) as f32);
+        }
     }
 
     /// The chunk of these splats.

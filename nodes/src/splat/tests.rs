@@ -116,12 +116,54 @@ const F64: Settings = Settings {
     list_bytes: settings::LIST_BYTES,
 };
 
+/// A pixel of the textbook, blended front to back.
+struct TextbookPixel {
+    rgb: [f64; 3],
+    transmittance: f64,
+}
+
+impl TextbookPixel {
+    const CLEAR: Self = Self { rgb: [0.0; 3], transmittance: 1.0 };
+
+    /// Blends splat `i`, whose Gaussian is `weight` here, seen along `direction`; whether more may follow.
+    fn blend(&mut self, splats: &Splats, i: usize, weight: f64, direction: DVec3) -> bool {
+        let alpha = (f64::from(splats.opacities[i]) * weight).min(0.99);
+        if alpha < 1.0 / 255.0 {
+            return true;
+        }
+        if self.transmittance * (1.0 - alpha) < 1e-4 {
+            return false;
+        }
+        let each = splats.sh_len();
+        let direction = direction.to_array().map(|v| v as f32);
+        let colour = sh::colour(splats.sh_degree, &splats.sh[i * each..(i + 1) * each], direction);
+        for (sum, c) in self.rgb.iter_mut().zip(colour) {
+            *sum += self.transmittance * alpha * f64::from(c);
+        }
+        self.transmittance *= 1.0 - alpha;
+        true
+    }
+
+    fn rgba(self) -> [f64; 4] {
+        let [r, g, b] = self.rgb;
+        [r, g, b, 1.0 - self.transmittance]
+    }
+}
+
+/// The covariance of splat `i` in its own frame turned to the world.
+fn covariance(splats: &Splats, i: usize) -> DMat3 {
+    let [w, a, b, c] = splats.quats[i].map(f64::from);
+    let r = DMat3::from_quat(glam::DQuat::from_xyzw(a, b, c, w).normalize());
+    let s = DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)));
+    r * s * s * r.transpose()
+}
+
 /// The textbook, for one splat and one pixel: covariance, its inverse, the exponential. Nothing is shared
 /// with the renderer but the harmonics.
 fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4] {
     let mut order: Vec<usize> = (0..splats.len()).collect();
     order.sort_by(|a, b| splats.means[*a][2].total_cmp(&splats.means[*b][2]));
-    let (mut rgb, mut transmittance) = ([0.0; 3], 1.0);
+    let mut pixel = TextbookPixel::CLEAR;
     let limit = 1.3 * 0.5 * f64::from(camera.width_px) / camera.fx;
     let limit_y = 1.3 * 0.5 * f64::from(camera.height_px) / camera.fy;
     for i in order {
@@ -129,10 +171,7 @@ fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4]
         if p.z <= 0.2 {
             continue;
         }
-        let [w, a, b, c] = splats.quats[i].map(f64::from);
-        let r = DMat3::from_quat(glam::DQuat::from_xyzw(a, b, c, w).normalize());
-        let s = DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)));
-        let sigma = r * s * s * r.transpose();
+        let sigma = covariance(splats, i);
         let (tx, ty) = ((p.x / p.z).clamp(-limit, limit) * p.z, (p.y / p.z).clamp(-limit_y, limit_y) * p.z);
         let jx = DVec3::new(camera.fx / p.z, 0.0, -camera.fx * tx / (p.z * p.z));
         let jy = DVec3::new(0.0, camera.fy / p.z, -camera.fy * ty / (p.z * p.z));
@@ -141,22 +180,11 @@ fn brute_force(splats: &Splats, camera: &Camera, x: usize, y: usize) -> [f64; 4]
         let dx = x as f64 + 0.5 - (camera.fx * p.x / p.z + camera.cx);
         let dy = y as f64 + 0.5 - (camera.fy * p.y / p.z + camera.cy);
         let power = -0.5 * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / det;
-        let alpha = (f64::from(splats.opacities[i]) * num::f64::exp(power)).min(0.99);
-        if alpha < 1.0 / 255.0 {
-            continue;
-        }
-        if transmittance * (1.0 - alpha) < 1e-4 {
+        if !pixel.blend(splats, i, num::f64::exp(power), p.normalize()) {
             break;
         }
-        let each = splats.sh_len();
-        let direction = p.normalize().to_array().map(|v| v as f32);
-        let colour = sh::colour(splats.sh_degree, &splats.sh[i * each..(i + 1) * each], direction);
-        for (sum, c) in rgb.iter_mut().zip(colour) {
-            *sum += transmittance * alpha * f64::from(c);
-        }
-        transmittance *= 1.0 - alpha;
     }
-    [rgb[0], rgb[1], rgb[2], 1.0 - transmittance]
+    pixel.rgba()
 }
 
 #[test]

@@ -351,7 +351,8 @@ fn row_17_coverage_grows_and_colours_are_convex_sums() {
         let camera = camera(60, 60, 80.0);
         let before = |depth: f32| {
             let limit = Image::<Data>::from_samples(60, 60, 1, vec![depth; 60 * 60]);
-            render(&splats, &camera, Some(&limit), &FAST, &context()).expect("renders")
+            render(&splats, &camera, Some(Limit { depth: &limit, sigmas: 0.0 }), &FAST, &context())
+                .expect("renders")
         };
         let nearer = [0.5, 1.0, 2.0, 4.0, 8.0, f32::INFINITY].map(before);
         for pair in nearer.windows(2) {

@@ -13,7 +13,8 @@ const SIZE: (u32, u32) = (150, 100);
 
 fn projected(splats: &Splats, settings: &Settings) -> Projected {
     let camera_model = Pinhole::new(&camera(SIZE.0, SIZE.1, 70.0));
-    project::project(splats, None, &camera_model, settings, &context(), Level::new()).expect("projects")
+    project::project(splats, None, &camera_model, (settings, None), &context(), Level::new())
+        .expect("projects")
 }
 
 // Mutations seen red: `clip` without its shift; columns of a part not clipped; a row's strip by its place in the group.

@@ -52,7 +52,7 @@ fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64;
     let width = f64::from(width);
     let mut order: Vec<usize> = (0..splats.len()).collect();
     order.sort_by(|a, b| splats.mean(*a).length().total_cmp(&splats.mean(*b).length()));
-    let (mut rgb, mut transmittance) = ([0.0; 3], 1.0);
+    let mut pixel = TextbookPixel::CLEAR;
     for i in order {
         let p = splats.mean(i);
         let distance = p.length();
@@ -72,10 +72,7 @@ fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64;
         };
         let columns = [by(DVec3::X), by(DVec3::Y), by(DVec3::Z)];
         let rows = [0, 1].map(|r| DVec3::new(columns[0][r], columns[1][r], columns[2][r]));
-        let [w, a, b, c] = splats.quats[i].map(f64::from);
-        let r = DMat3::from_quat(glam::DQuat::from_xyzw(a, b, c, w).normalize());
-        let s = DMat3::from_diagonal(DVec3::from(splats.scales[i].map(f64::from)));
-        let sigma = r * s * s * r.transpose();
+        let sigma = covariance(splats, i);
         let (xx, xy, yy) = (
             rows[0].dot(sigma * rows[0]) + 0.3,
             rows[0].dot(sigma * rows[1]),
@@ -83,22 +80,11 @@ fn brute_force(splats: &Splats, up: Up, width: u32, x: usize, y: usize) -> [f64;
         );
         let (dx, dy) = (wrapped(x as f64 + 0.5 - centre[0]), y as f64 + 0.5 - centre[1]);
         let power = -0.5 * (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
-        let alpha = (f64::from(splats.opacities[i]) * num::f64::exp(power)).min(0.99);
-        if alpha < 1.0 / 255.0 {
-            continue;
-        }
-        if transmittance * (1.0 - alpha) < 1e-4 {
+        if !pixel.blend(splats, i, num::f64::exp(power), p.normalize()) {
             break;
         }
-        let each = splats.sh_len();
-        let direction = p.normalize().to_array().map(|v| v as f32);
-        let colour = sh::colour(splats.sh_degree, &splats.sh[i * each..(i + 1) * each], direction);
-        for (sum, c) in rgb.iter_mut().zip(colour) {
-            *sum += transmittance * alpha * f64::from(c);
-        }
-        transmittance *= 1.0 - alpha;
     }
-    [rgb[0], rgb[1], rgb[2], 1.0 - transmittance]
+    pixel.rgba()
 }
 
 #[test]
