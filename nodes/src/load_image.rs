@@ -198,6 +198,10 @@ fn tell(planes: &exr::Planes, notes: &mut Notes) {
             format!("the file has {} parts; only the first flat one is read", planes.parts),
         );
     }
+    if planes.other_primaries() {
+        let text = "the file has chromaticities of other colours than those of sRGB, which are not used; convert it to linear Rec. 709";
+        notes.warning("profile-ignored", text);
+    }
     if planes.cropped {
         notes.decision("data-window", "the data window is not its display window; the rest is 0");
     }
@@ -217,7 +221,11 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
         .or_else(single);
     found.ok_or_else(|| {
         let names: Vec<&str> = planes.channels.iter().map(|c| c.name.as_str()).collect();
-        Error::format(name, format!("has no layer `{layer}`; its channels are {}", names.join(", ")))
+        let what = match layer {
+            "" => "has no colours without a layer's name (R, G, B or Y)".to_owned(),
+            _ => format!("has no layer `{layer}`"),
+        };
+        Error::format(name, format!("{what}; its channels are {}", names.join(", ")))
     })
 }
 

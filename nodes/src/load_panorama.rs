@@ -194,6 +194,14 @@ fn fill_holes(
         "holes",
         format!("{:.2} % of the sphere is transparent; filled from around it", 100.0 * share),
     );
+    // Pixels of added light, as renderers write glows: what they hold is lost here, so it is told.
+    let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
+    if lost > 0 {
+        let text = format!(
+            "{lost} transparent pixels hold light, which is not used: they are filled like other holes; if it is light that adds to what lies behind, save the file without alpha"
+        );
+        notes.warning("light-in-holes", text);
+    }
     // Light is filled, not codes.
     let light = |[r, g, b, a]: &[f32; 4]| {
         let [r, g, b] = [r, g, b].map(|v| if linear || *a <= 0.0 { *v } else { linear_from_srgb(v / a) * a });
@@ -344,6 +352,30 @@ mod tests {
         assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still tells of it");
         let told = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
         assert!(told.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{told:?}");
+    }
+
+    // Light that adds, with no alpha of its own, is no hole without a word. Mutation: `lost > 0` to `false`.
+    #[test]
+    fn light_of_transparent_pixels_is_told() {
+        let file = |glow: f32| {
+            let plane = |name: &str, other: f32, at: f32| {
+                let samples = (0..8).map(|i| if i == 3 { at } else { other }).collect();
+                (crate::io::exr::Channel { name: name.into(), samples }, crate::io::exr::Depth::Float)
+            };
+            let planes = vec![
+                plane("R", 0.2, glow),
+                plane("G", 0.2, glow),
+                plane("B", 0.2, glow),
+                plane("A", 1.0, 0.0),
+            ];
+            crate::io::exr::write(4, 2, planes, "linear", None).expect("writes").0
+        };
+        let told = |glow: f32| {
+            let (_, notes) = load(&file(glow), None).expect("loads");
+            notes.iter().find(|note| note.id == "light-in-holes").map(|note| note.text.clone())
+        };
+        assert_eq!(told(0.0), None);
+        assert!(told(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
     }
 
     #[test]

@@ -113,8 +113,13 @@ impl TrainExposure {
         if let Some(path) = &self.numbers {
             cache::publish_file(path, trained.numbers.as_bytes()).map_err(|e| e.to_string())?;
         }
-        let text =
-            format!("{}{}: {} bytes\n", table(&trained.scores), self.out.display(), trained.weights.len());
+        let text = format!(
+            "{}{}{}: {} bytes\n",
+            table("", &trained.scores),
+            table(", finer", &trained.finer),
+            self.out.display(),
+            trained.weights.len()
+        );
         super::print(&text).map_err(|e| e.to_string())?;
         Ok(0)
     }
@@ -144,16 +149,20 @@ fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::
     panoramas(folder)?.iter().map(read).collect()
 }
 
-/// Mean and median of the errors of panoramas that took no part, in stops.
-fn table(scores: &[Score]) -> String {
+/// Mean and median of the errors of panoramas that took no part, in stops; `of` what photographs, for the names of the rows.
+fn table(of: &str, scores: &[Score]) -> String {
     if scores.is_empty() {
         return String::new();
     }
-    let mut text = "cross-validated by place, |log2 error| in stops   mean  median\n".to_owned();
+    let mut text = String::new();
+    if of.is_empty() {
+        text += "cross-validated by place, |log2 error| in stops   mean  median\n";
+    }
     let mut row = |name: &str, value: &dyn Fn(&Score) -> f64| {
         let mut values: Vec<f64> = scores.iter().map(|score| value(score).abs()).collect();
         values.sort_by(f64::total_cmp);
         let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let name = format!("{name}{of}");
         text += &format!("{name:<48} {mean:>6.3} {:>7.3}\n", values[values.len() / 2]);
     };
     row("irradiance as photographed", &|s| s.irradiance[0]);

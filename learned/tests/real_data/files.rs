@@ -252,20 +252,25 @@ fn what_is_wrong_with_a_lora_is_named() {
     assert!(message.unwrap_err().contains("holds NaN"));
 }
 
+/// What overflows float32 on its way, or is no number from the start, makes no picture: an error says so.
+/// Mutation: `is_finite` of `Kontext::decode` to `is_sign_positive`.
 #[test]
-fn a_prompt_of_nan_makes_no_picture() {
+fn row_26_a_model_that_overflows_makes_no_picture() {
     let folder = tempfile::tempdir().unwrap();
     let transformer = fixture().join("transformer/diffusion_pytorch_model.safetensors");
-    let prompt = folder.path().join("nan.safetensors");
-    let nan = |rows, columns| Tensor::full(f32::NAN, (rows, columns), &Device::Cpu).unwrap();
-    save(&BTreeMap::from([("t5".to_owned(), nan(3, 24)), ("clip".to_owned(), nan(1, 16))]), &prompt);
+    let prompt = folder.path().join("extreme.safetensors");
     let vae = fixture().join("vae/diffusion_pytorch_model.safetensors");
-    let files = Files { transformer, vae, prompt, loras: Vec::new() };
-    let kontext = Kontext::load(&files, &Device::Cpu, DType::F32).unwrap();
     let settings = Settings { steps: 1, guidance: 2.5, seed: 0, seamless: false };
     let picture = Tensor::zeros((3, 32, 64), DType::F32, &Device::Cpu).unwrap();
-    let message = kontext.darker(&picture, 1, &settings, &mut ()).unwrap_err().to_string();
-    assert!(message.contains("NaN or infinity"), "{message}");
+    for value in [f32::NAN, f32::INFINITY, f32::MAX] {
+        let of = |rows, columns| Tensor::full(value, (rows, columns), &Device::Cpu).unwrap();
+        save(&BTreeMap::from([("t5".to_owned(), of(3, 24)), ("clip".to_owned(), of(1, 16))]), &prompt);
+        let (transformer, vae, prompt) = (transformer.clone(), vae.clone(), prompt.clone());
+        let files = Files { transformer, vae, prompt, loras: Vec::new() };
+        let kontext = Kontext::load(&files, &Device::Cpu, DType::F32).unwrap();
+        let message = kontext.darker(&picture, 1, &settings, &mut ()).unwrap_err().to_string();
+        assert!(message.contains("NaN or infinity"), "{value}: {message}");
+    }
 }
 
 #[test]

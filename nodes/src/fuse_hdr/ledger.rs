@@ -24,7 +24,9 @@ pub(super) struct Lights {
     pub members: Vec<Vec<usize>>,
     /// Pixels that fusion made darker, which are no lights.
     darker: Vec<usize>,
-    /// Name of a step, and luminance after it of each pixel of each light, and of those made darker.
+    /// Pixels that it left as they are though light was predicted for them.
+    left: Vec<usize>,
+    /// Name of a step, and luminance after it of each pixel of each light, of those made darker, and of those left.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
 }
 
@@ -33,7 +35,8 @@ pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
 }
 
 impl Lights {
-    pub(super) fn find(pixels: &LinearPixels, fused: &[Fused]) -> Self {
+    /// `predicted` is the luminance that the gain map gives a pixel.
+    pub(super) fn find(pixels: &LinearPixels, fused: &[Fused], predicted: impl Fn(usize) -> f64) -> Self {
         let mask: Vec<bool> =
             fused.iter().enumerate().map(|(at, f)| f.luminance > luminance_of(pixels, at)).collect();
         let labels = regions::label(&mask, pixels.width);
@@ -43,9 +46,11 @@ impl Lights {
                 members[*region as usize].push(at);
             }
         }
-        let darkened = |&at: &usize| fused[at].luminance < luminance_of(pixels, at);
-        let darker = (0..fused.len()).filter(darkened).collect();
-        let mut lights = Self { members, darker, steps: Vec::new() };
+        let own = |at: usize| luminance_of(pixels, at);
+        let darker = (0..fused.len()).filter(|&at| fused[at].luminance < own(at)).collect();
+        let kept = |&at: &usize| fused[at].luminance == own(at) && predicted(at) > own(at);
+        let left = (0..fused.len()).filter(kept).collect();
+        let mut lights = Self { members, darker, left, steps: Vec::new() };
         lights.enter("panorama", |at| luminance_of(pixels, at));
         lights
     }
@@ -53,8 +58,13 @@ impl Lights {
     /// Enters a step into the books.
     pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
-        let groups = self.members.iter().chain([&self.darker]);
-        self.steps.push((step, groups.map(of_light).collect()));
+        let values = self.groups().map(of_light).collect();
+        self.steps.push((step, values));
+    }
+
+    /// The lights, and the two groups of pixels that are none.
+    fn groups(&self) -> impl Iterator<Item = &Vec<usize>> {
+        self.members.iter().chain([&self.darker, &self.left])
     }
 
     /// Warns where exposures that are darker than the panorama took light from it.
@@ -187,10 +197,10 @@ impl Lights {
         Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
     }
 
-    /// The whole after a step. What is no light and was not made darker is as it was.
+    /// The whole after a step. What is in no group is as it was.
     fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
         let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
-        for (members, values) in self.members.iter().chain([&self.darker]).zip(&self.steps[step].1) {
+        for (members, values) in self.groups().zip(&self.steps[step].1) {
             members.iter().zip(values).for_each(|(&at, value)| luminance[at] = *value);
         }
         Energy::of(up, pixels.width, &luminance)

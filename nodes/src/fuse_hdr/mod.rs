@@ -63,7 +63,7 @@ engine::params! {
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
         /// Whether the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
-        /// Where the colour of recovered light comes from.
+        /// Where the colour of recovered light comes from. Exposures that were predicted have the panorama's own.
         hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
         /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without, so
         /// its middle is brighter, with `Brackets` also than the white of the darkest exposure.
@@ -109,7 +109,7 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -135,8 +135,9 @@ impl Kind for FuseHdr {
         })?;
         cx.count("pixels", pixels.rgb.len() as u64);
         let (mut fused, shown): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
-        let mut lights = Lights::find(&pixels, &fused);
-        lights.enter("predicted", |at| direct(&pixels, &brackets, at).luminance);
+        let predicted = |at: usize| direct(&pixels, &brackets, at).luminance;
+        let mut lights = Lights::find(&pixels, &fused, predicted);
+        lights.enter("predicted", predicted);
         if params.gain == Gain::Brackets {
             lights.enter("exposures", |at| shown[at]);
         }
@@ -161,7 +162,8 @@ impl Kind for FuseHdr {
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
             to.copy_from_slice(&apply(*rgb, fused.luminance));
         }
-        if params.hue == Hue::Exposures && pixels.ceiling {
+        // Derived exposures were made of the panorama by the sRGB curve; by another they would seem to have another colour.
+        if params.hue == Hue::Exposures && pixels.ceiling && brackets.taken != Taken::Derived {
             let coloured = cx.for_each_tile(height, |y| {
                 let row = &image.samples[3 * y * width..][..3 * width];
                 let colour = |x: usize| {

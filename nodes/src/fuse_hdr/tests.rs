@@ -291,9 +291,14 @@ fn predicted_light_that_is_left_out_is_told() {
     gain.log2_gain.samples[9] = 5.0;
     for (threshold, told) in [(0.9, false), (0.98, true)] {
         let params = FuseHdr { threshold, ..params() };
-        let (_, notes) = run(&params, (base.clone(), Arc::new(gain.clone())));
+        let (out, notes) = run(&params, (base.clone(), Arc::new(gain.clone())));
         let note = notes.iter().find(|n| n.id == "prediction-unused").map(|n| n.text.clone());
         assert_eq!(note.is_some_and(|text| text.starts_with("100.0 %")), told);
+        // The books have it as predicted, and what the fusion left of it. Mutation: `&self.left` dropped in `groups`.
+        let steps = &out.report.tables[2].rows[0];
+        let power = |step: usize| if let Cell::Number(v) = steps[step] { v } else { panic!("a number") };
+        assert!(power(2) > power(1), "{steps:?}");
+        assert_eq!(power(3) == power(1), told, "{steps:?}");
     }
 }
 
@@ -313,6 +318,32 @@ fn what_got_no_light_is_kept_to_the_bit() {
         let (out, _) = run(&params, (base.clone(), brackets.clone()));
         assert!((0..W * H).all(|at| at == 9 || out.env.image.rgb(at % W, at / W) == own[at]), "{gain:?}");
         assert_eq!(out.report.tables[0].rows.len(), 1);
+    }
+}
+
+// Exposures that were predicted have the panorama's own colour, by whichever curve it is read: taking it from them changes
+// no bit. Mutation: `Taken::Derived` not asked where `hue` is.
+#[test]
+fn the_hue_of_derived_exposures_changes_no_bit() {
+    let light = |at: usize| match at {
+        9 => [6.0, 3.0, 0.98],
+        _ => [0.9 + 0.06 * (at % W) as f32 / W as f32, 0.7, 0.3],
+    };
+    for transfer in [Transfer::Srgb, Transfer::Gamma24] {
+        let (base, brackets) = photograph(&light, &[-6.0, -3.0], Transfer::Srgb, None);
+        let mut brackets = Brackets { taken: Taken::Derived, ..(*brackets).clone() };
+        for (gain, rgb) in
+            brackets.log2_gain.samples.iter_mut().zip(linear_pixels(&base.image, Transfer::Srgb).rgb)
+        {
+            *gain = if max3(rgb) > 0.95 { 3.0 } else { 0.0 };
+        }
+        for gain in [Gain::Direct, Gain::Brackets] {
+            let by = |hue: Hue| {
+                let params = FuseHdr { gain, hue, transfer, ..params() };
+                run(&params, (base.clone(), Arc::new(brackets.clone()))).0.env.image.samples.clone()
+            };
+            assert!(by(Hue::Base) == by(Hue::Exposures), "{gain:?} {transfer:?}");
+        }
     }
 }
 
@@ -459,7 +490,7 @@ fn steps(report: &Report, row: usize) -> Vec<(&str, f64)> {
 }
 
 // What the paper's equation makes darker is in the books, and told.
-// Mutation: `chain([&self.darker])` dropped in `energy`, or in `enter`.
+// Mutation: `&self.darker` dropped in `groups`.
 #[test]
 fn what_gets_darker_is_in_the_books() {
     let lit = |at: usize| if at == 500 { [40.0; 3] } else { [0.95; 3] };
@@ -626,7 +657,7 @@ fn a_feather_is_an_angle_and_keeps_the_light() {
             .map(|rgb| Fused { luminance: light(rgb), source: 0, saturated: false })
             .collect();
         let mut soft = whole.clone();
-        Lights::find(&pixels, &whole).feather(8.0, &pixels, &mut soft, &cx()).expect("runs");
+        Lights::find(&pixels, &whole, |_| 0.0).feather(8.0, &pixels, &mut soft, &cx()).expect("runs");
         let flux = |fused: &[Fused]| -> f64 {
             let size = |at| crate::equirect::pixel_solid_angle(width, height, at / width);
             fused.iter().enumerate().map(|(at, f)| f.luminance * size(at)).sum()

@@ -37,9 +37,25 @@ pub struct Planes {
     pub parts: usize,
     /// True when the data window is not the display window.
     pub cropped: bool,
+    /// x and y of red, green, blue and white, where the file says what its colours are.
+    pub primaries: Option<[[f32; 2]; 4]>,
 }
 
+/// x and y of red, green, blue and white of sRGB (Rec. ITU-R BT.709), which a file without any has.
+const REC_709: [[f32; 2]; 4] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]];
+
 impl Planes {
+    /// Whether the file says that its colours are others than those of sRGB, by more than their rounding.
+    pub fn other_primaries(&self) -> bool {
+        let off = |own: &[[f32; 2]; 4]| {
+            own.as_flattened()
+                .iter()
+                .zip(REC_709.as_flattened())
+                .any(|(a, b)| (a - b).abs().total_cmp(&2e-3).is_gt())
+        };
+        self.primaries.as_ref().is_some_and(off)
+    }
+
     /// A channel by its full name.
     pub fn find(&self, name: &str) -> Option<&[f32]> {
         self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.samples.as_slice())
@@ -102,7 +118,11 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes
         let samples = if cropped { place(&data, size.0, shift, width, height) } else { data };
         channels.push(Channel { name: channel.name.to_string(), samples });
     }
-    Ok(Planes { width, height, channels, parts: meta.headers.len(), cropped })
+    let primaries = header
+        .shared_attributes
+        .chromaticities
+        .map(|found| [found.red, found.green, found.blue, found.white].map(|exr::math::Vec2(x, y)| [x, y]));
+    Ok(Planes { width, height, channels, parts: meta.headers.len(), cropped, primaries })
 }
 
 /// Copies rows of `data` to where the display window has them.
@@ -309,6 +329,33 @@ mod tests {
         assert_eq!(back.find("A"), Some(&[0.5, 1.0, 0.25, 0.0][..]));
         let none = write(0, 0, vec![(channel("Z", &[]), Depth::Float)], "", None);
         assert!(none.map_or(true, |(bytes, _)| read("a.exr", &bytes).is_err()));
+    }
+
+    /// What a file says of its colours is read; those of sRGB, as rounded as they are written, are no others.
+    /// Mutation: `off` with `all` for `any`.
+    #[test]
+    fn chromaticities_of_other_colours_are_told_apart() {
+        use exr::meta::attribute::Chromaticities;
+        let read_with = |green: Option<(f32, f32)>| {
+            let at = |[x, y]: [f32; 2]| exr::math::Vec2(x, y);
+            let [red, own, blue, white] = REC_709.map(at);
+            let list = ["R", "G", "B"].map(|name| AnyChannel::new(name, FlatSamples::F32(vec![0.5; 2])));
+            let layer = Layer::new(
+                (2, 1),
+                LayerAttributes::default(),
+                Encoding::UNCOMPRESSED,
+                AnyChannels::sort(list.into_iter().collect()),
+            );
+            let mut image = Image::from_layer(layer);
+            image.attributes.chromaticities =
+                green.map(|(x, y)| Chromaticities { red, green: at([own.0 + x, own.1 + y]), blue, white });
+            let mut bytes = Cursor::new(Vec::new());
+            image.write().non_parallel().to_buffered(&mut bytes).unwrap_or_else(|e| panic!("{e}"));
+            read("a.exr", &bytes.into_inner()).unwrap_or_else(|e| panic!("{e}")).other_primaries()
+        };
+        assert!(!read_with(None) && !read_with(Some((0.0, 0.0))) && !read_with(Some((1e-3, -1e-3))));
+        // Rec. ITU-R BT.2020 has its green at (0.170, 0.797).
+        assert!(read_with(Some((-0.13, 0.197))) && read_with(Some((0.0, f32::NAN))));
     }
 
     /// Of several parts the first flat one is read, with the channels of each type that it has, and the number is told.

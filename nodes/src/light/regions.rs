@@ -1,5 +1,7 @@
 //! Connected regions of a mask on the sphere, and distances to their edge.
 
+use std::collections::BTreeSet;
+
 /// Four-connected regions of an equirectangular mask; the left edge touches the right one. Regions are
 /// numbered from 0 in the order of their first pixel, row by row; `None` is outside.
 pub struct Regions {
@@ -54,6 +56,18 @@ pub fn grow(mask: &[bool], width: usize, steps: usize) -> Vec<bool> {
         }
     }
     grown
+}
+
+/// The pixels of a region and those within `steps` pixels of it along rows and columns, in order: [`grow`] for a region
+/// that is small against the picture, in time that goes with the region.
+pub fn around(region: &[usize], (width, len): (usize, usize), steps: usize) -> BTreeSet<usize> {
+    let mut found: BTreeSet<usize> = region.iter().copied().collect();
+    let mut edge = region.to_vec();
+    for _ in 0..steps {
+        let next = edge.iter().flat_map(|&at| neighbours(at, width, len)).flatten();
+        edge = next.filter(|&at| found.insert(at)).collect();
+    }
+    found
 }
 
 /// Distance in pixels from each pixel of the mask to the nearest pixel outside of it, 0 outside; the
@@ -147,6 +161,19 @@ mod tests {
         let (mask, width) = mask(&["#.....", "......", "......"]);
         let grown: String = grow(&mask, width, 1).iter().map(|&m| if m { '#' } else { '.' }).collect();
         assert_eq!(grown, "##...##...........");
+    }
+
+    // Mutation: `steps` one less, or the edge not replaced.
+    #[test]
+    fn what_is_around_a_region_is_what_it_grows_to() {
+        let (mask, width) = mask(&["#....##.", "........", ".#......", "........", "........", "....##.."]);
+        let region: Vec<usize> = (0..mask.len()).filter(|&at| mask[at]).collect();
+        for steps in 0..4 {
+            let grown = grow(&mask, width, steps);
+            let wanted: Vec<usize> = (0..mask.len()).filter(|&at| grown[at]).collect();
+            let found: Vec<usize> = around(&region, (width, mask.len()), steps).into_iter().collect();
+            assert_eq!(found, wanted, "{steps}");
+        }
     }
 
     // Against the definition: the nearest outside pixel, over all of them, within a quarter turn.

@@ -17,8 +17,13 @@ pub(super) struct Grid {
     pub height: usize,
     /// Mean linear light of what is seen of each cell, or was filled in where nothing is.
     pub rgb: Vec<[f64; 3]>,
+    /// Mean linear light of what is seen of each cell and not clipped, of what is clipped; 0 where there is none.
+    pub open_rgb: Vec<[f64; 3]>,
+    pub clipped_rgb: Vec<[f64; 3]>,
     /// Whether any pixel of the cell is clipped, so that a sun smaller than a cell is found.
     pub clipped: Vec<bool>,
+    /// The share of what is seen of each cell that is clipped, by solid angle.
+    pub share: Vec<f64>,
     /// Whether any pixel of the cell was seen.
     pub seen: Vec<bool>,
     /// The cell of each pixel.
@@ -33,9 +38,8 @@ impl Grid {
         let (width, height) = (WIDTH.min(w), (WIDTH / 2).min(h));
         let n = width * height;
         let start = if w > WIDTH { first_column(pixels, alpha) } else { 0 };
-        // Of each cell: light and solid angle of what is seen, and of what was filled in.
-        let mut sums = vec![[[0.0_f64; 4]; 2]; n];
-        let mut clipped = vec![false; n];
+        // Of each cell: light and solid angle of what is seen and not clipped, of what is clipped, and of what was filled in.
+        let mut sums = vec![[[0.0_f64; 4]; 3]; n];
         let mut cell_of = Vec::with_capacity(w * h);
         for y in 0..h {
             let solid_angle = pixel_solid_angle(w, h, y);
@@ -48,22 +52,35 @@ impl Grid {
                 let column = if from_end == from_start { column } else { width - 1 - column };
                 let cell = (2 * y + 1) * height / (2 * h) * width + column;
                 cell_of.push(cell as u32);
-                let sums = &mut sums[cell][usize::from(alpha[at] < super::SEEN)];
+                let kind = if alpha[at] < super::SEEN { 2 } else { usize::from(mask[at]) };
+                let sums = &mut sums[cell][kind];
                 sums[3] += solid_angle;
                 for (sum, value) in sums.iter_mut().zip(pixels.rgb[at]) {
                     *sum += solid_angle * f64::from(value);
                 }
-                clipped[cell] |= mask[at];
             }
         }
-        let seen: Vec<bool> = sums.iter().map(|[seen, _]| seen[3] > 0.0).collect();
+        let mean = |[r, g, b, size]: [f64; 4]| [r, g, b].map(|v| v / size.max(f64::MIN_POSITIVE));
         // What was filled in is not the same when the panorama is turned, so it counts only where nothing was seen.
-        let mean = |([own, filled], seen): (&[[f64; 4]; 2], &bool)| {
-            let [r, g, b, size] = if *seen { own } else { filled };
-            [r, g, b].map(|v| v / size.max(f64::MIN_POSITIVE))
+        let all = |[open, clipped, filled]: &[[f64; 4]; 3]| {
+            let seen: [f64; 4] = std::array::from_fn(|i| open[i] + clipped[i]);
+            mean(if seen[3] > 0.0 { seen } else { *filled })
         };
-        let rgb = sums.iter().zip(&seen).map(mean).collect();
-        Self { width, height, rgb, clipped, seen, cell_of, start: (start, w) }
+        let each = || sums.iter();
+        Self {
+            width,
+            height,
+            rgb: each().map(all).collect(),
+            open_rgb: each().map(|[open, ..]| mean(*open)).collect(),
+            clipped_rgb: each().map(|[_, clipped, _]| mean(*clipped)).collect(),
+            clipped: each().map(|[_, clipped, _]| clipped[3] > 0.0).collect(),
+            share: each()
+                .map(|[open, clipped, _]| clipped[3] / (open[3] + clipped[3]).max(f64::MIN_POSITIVE))
+                .collect(),
+            seen: each().map(|[open, clipped, _]| open[3] + clipped[3] > 0.0).collect(),
+            cell_of,
+            start: (start, w),
+        }
     }
 
     /// Where the centre of a pixel lies, in cells.
@@ -76,7 +93,7 @@ impl Grid {
 
     /// Whether any cell shows light that is not clipped.
     pub fn anything_visible(&self) -> bool {
-        (0..self.rgb.len()).any(|c| self.seen[c] && !self.clipped[c] && self.rgb[c].iter().any(|v| *v > 0.0))
+        self.open_rgb.iter().any(|rgb| rgb.iter().any(|v| *v > 0.0))
     }
 
     pub fn direction(&self, up: Up, cell: usize) -> DVec3 {
@@ -87,6 +104,16 @@ impl Grid {
 
     pub fn solid_angle(&self, cell: usize) -> f64 {
         pixel_solid_angle(self.width, self.height, cell / self.width)
+    }
+
+    /// Solid angle of what is clipped of a cell.
+    pub fn clipped_angle(&self, cell: usize) -> f64 {
+        self.share[cell] * self.solid_angle(cell)
+    }
+
+    /// Solid angle of what is seen of a cell and not clipped. What is not seen of it counts as what is.
+    pub fn open_angle(&self, cell: usize) -> f64 {
+        if self.seen[cell] { (1.0 - self.share[cell]) * self.solid_angle(cell) } else { 0.0 }
     }
 }
 

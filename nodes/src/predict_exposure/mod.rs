@@ -94,10 +94,12 @@ const MOST_EXPOSURES: usize = 64;
 const SPREAD: f64 = 0.05;
 /// Pixels seen less than this were filled in, so they say nothing about clipping.
 const SEEN: f32 = 0.5;
+/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with what is around them and clip nowhere.
+const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -155,6 +157,7 @@ impl Kind for PredictExposure {
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
         tell_unseen(&pixels, &pano.alpha.samples, &mut notes);
+        tell_coarse(pixels.width, &mut notes);
         if clipped == 0 {
             tell_nothing_clipped(&pixels, &pano.alpha.samples, params.force, &mut notes);
         }
@@ -177,8 +180,13 @@ impl Kind for PredictExposure {
             _ if clipped == 0 && !params.force => nothing(),
             Method::Learned | Method::Region => match on_grid() {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
-                clipped if params.method == Method::Learned => network::predict(&clipped, &mut books, cx)?,
-                clipped => region::predict(&clipped, cx)?,
+                clipped => {
+                    sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
+                    match params.method {
+                        Method::Region => region::predict(&clipped, cx)?,
+                        _ => network::predict(&clipped, &mut books, cx)?,
+                    }
+                }
             },
             Method::Manual { emitters } => {
                 (manual::predict(emitters, (&pixels, &mask), pano.up, &mut notes, cx)?, Vec::new())
@@ -299,7 +307,7 @@ impl<'a> Clipped<'a> {
 
     /// Region `i`, whose clipped pixels have this solid angle.
     fn found(&self, i: usize, solid_angle: f64, given: Given) -> RegionLight {
-        let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.solid_angle(c);
+        let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.clipped_angle(c);
         let centre: DVec3 = self.members[i].iter().map(toward).sum();
         let centre = centre.try_normalize().unwrap_or(axes(self.up)[2]);
         let (azimuth_deg, elevation_deg) = measure::angles_deg(self.up, centre);
@@ -356,6 +364,17 @@ fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], notes: &mut Notes) {
             "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
         );
         notes.decision("white-unseen", text);
+    }
+}
+
+/// A lamp that is smaller than a pixel may clip nowhere, and another light then seems to be the strongest.
+fn tell_coarse(width: usize, notes: &mut Notes) {
+    if width < COARSE {
+        let text = format!(
+            "a pixel of the panorama is {:.1} degrees wide; a smaller light may clip nowhere, and is then not found: {COARSE} columns or more show most",
+            360.0 / width as f64
+        );
+        notes.decision("coarse", text);
     }
 }
 

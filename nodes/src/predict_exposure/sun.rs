@@ -2,7 +2,7 @@
 //!
 //! A regression over many places, whose clipped regions are mostly windows, glints and clouds, is too timid there.
 
-use engine::Up;
+use engine::{Notes, Up};
 
 use super::grid::Grid;
 use crate::equirect::axes;
@@ -15,7 +15,7 @@ pub(super) const RING: usize = 3;
 const LARGEST: f64 = -2.5;
 /// It stands higher than this, as the sine of its mean elevation; the ground lies as far below the horizon.
 const LOWEST: f64 = 0.03;
-/// It holds at least this share of all that is clipped.
+/// It holds at least this share of all that is clipped above the horizon. What is clipped below is lit by it, snow or glints.
 const SHARE: f64 = 0.35;
 /// It stands in a sky that is bluer than the ground, which sun and sky light together, whatever the white balance. By how
 /// many times as blue, as B over R, it is told to be the sun from, and for certain.
@@ -24,42 +24,55 @@ const BLUER: [f64; 2] = [1.02, 1.1];
 /// thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those are no test of them.
 pub(super) const FLUX: f64 = 0.5;
 
+/// The sky around a region is blue in itself from here on, as B over R: then it may be the sun though the ground is as blue.
+const BLUE: f64 = 1.25;
+
 /// How certain it is that each region, given by its cells, is the sun: 0 to 1, and the part of [`FLUX`] that it gives.
 pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
+    let part = |[bluer, _]: [f64; 2]| ((bluer - BLUER[0]) / (BLUER[1] - BLUER[0])).clamp(0.0, 1.0);
+    hues(grid, up, regions).into_iter().map(|hues| hues.map_or(0.0, part)).collect()
+}
+
+/// Tells of a light that is like the sun in a blue sky but for the ground, which is as blue: over water, say.
+pub(super) fn tell_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
+    let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
+    if hues(grid, up, regions).iter().flatten().any(doubtful) {
+        let text = "a small clipped region above the horizon, in blue surroundings, is not taken for the sun, since the ground is as blue; if it is the sun, over water say, state it by `method: Manual`";
+        notes.decision("sun-doubtful", text);
+    }
+}
+
+/// Of each region that may be the sun by its size, height and share of what is clipped: how many times as blue as the
+/// ground its surroundings are, and how blue.
+fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
     let above = axes(up)[2];
     let height = |cell: usize| grid.direction(up, cell).dot(above);
-    let size = |cells: &[usize]| cells.iter().map(|&c| grid.solid_angle(c)).sum::<f64>();
-    let total: f64 = regions.iter().map(|cells| size(cells)).sum();
-    let ground = || (0..grid.rgb.len()).filter(|&c| open(grid, c) && height(c) < -LOWEST);
-    let sun = |cells: &Vec<usize>| {
+    let size = |cells: &[usize]| cells.iter().map(|&c| grid.clipped_angle(c)).sum::<f64>();
+    let total: f64 =
+        regions.iter().flatten().filter(|&&c| height(c) > 0.0).map(|&c| grid.clipped_angle(c)).sum();
+    let ground = || (0..grid.rgb.len()).filter(|&c| height(c) < -LOWEST);
+    let hues = |cells: &Vec<usize>| {
         let size = size(cells);
-        let mean_height = cells.iter().map(|&c| height(c) * grid.solid_angle(c)).sum::<f64>() / size;
+        let mean_height = cells.iter().map(|&c| height(c) * grid.clipped_angle(c)).sum::<f64>() / size;
         if num::f64::log2(size) >= LARGEST || size <= SHARE * total || mean_height <= LOWEST {
-            return 0.0;
+            return None;
         }
         let ([sky_red, sky_blue], [red, blue]) =
             (red_blue(grid, surroundings(grid, cells)), red_blue(grid, ground()));
-        let bluer = if sky_red * blue > 0.0 { sky_blue * red / (sky_red * blue) } else { 0.0 };
-        ((bluer - BLUER[0]) / (BLUER[1] - BLUER[0])).clamp(0.0, 1.0)
+        (sky_red * blue > 0.0).then(|| [sky_blue * red / (sky_red * blue), sky_blue / sky_red])
     };
-    regions.iter().map(sun).collect()
+    regions.iter().map(hues).collect()
 }
 
-/// The red and the blue light of some cells.
+/// The red and the blue light of what is open of some cells.
 fn red_blue(grid: &Grid, cells: impl Iterator<Item = usize>) -> [f64; 2] {
     cells.fold([0.0; 2], |[red, blue], c| {
-        [red + grid.solid_angle(c) * grid.rgb[c][0], blue + grid.solid_angle(c) * grid.rgb[c][2]]
+        [red + grid.open_angle(c) * grid.open_rgb[c][0], blue + grid.open_angle(c) * grid.open_rgb[c][2]]
     })
 }
 
-fn open(grid: &Grid, cell: usize) -> bool {
-    grid.seen[cell] && !grid.clipped[cell]
-}
-
-/// The open cells around a region, in order.
-pub(super) fn surroundings<'a>(grid: &'a Grid, cells: &[usize]) -> impl Iterator<Item = usize> + 'a {
-    let mut own = vec![false; grid.clipped.len()];
-    cells.iter().for_each(|&cell| own[cell] = true);
-    let grown = regions::grow(&own, grid.width, RING);
-    (0..own.len()).filter(move |&c| grown[c] && open(grid, c))
+/// The cells around a region of which something is open, and its own, in order.
+pub(super) fn surroundings(grid: &Grid, cells: &[usize]) -> impl Iterator<Item = usize> {
+    let around = regions::around(cells, (grid.width, grid.clipped.len()), RING);
+    around.into_iter().filter(move |&c| grid.open_angle(c) > 0.0)
 }

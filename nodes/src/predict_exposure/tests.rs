@@ -241,6 +241,39 @@ fn recovered_light_does_not_depend_on_the_resolution() {
     }
 }
 
+// Glints, single pixels that clip on a finer panorama, hide the light of their pixels and not of the cells of the grid that
+// they lie in: a room with a glint in each fourth cell of the floor is hardly brighter, and each cell keeps the share of it
+// that is open. Mutation: `share` 1 for each cell that is clipped in part.
+#[test]
+fn glints_do_not_count_as_whole_cells() {
+    let (width, plain) = (1024, room(1024));
+    let glint = |x: usize, y: usize| y > 300 && x % 8 == 3 && y % 8 == 5;
+    let source = |x: usize, y: usize| match &plain.image {
+        Picture::Srgb(_) if glint(x, y) => [1.0; 3],
+        Picture::Srgb(image) => image.rgb(x, y),
+        _ => unreachable!(),
+    };
+    let glints = pano(width, source);
+    for method in METHODS {
+        let [without, with] = [&plain, &glints].map(|pano| {
+            let brackets = run_by(method.clone(), pano.clone(), &[-3.0]).0;
+            let black = Brackets { log2_gain: Image::new(width, width / 2, 1), ..(*brackets).clone() };
+            flux(&brackets, pano, |_| true) / flux(&black, pano, |_| true)
+        });
+        let more = num::f64::log2(with / without);
+        assert!(more.abs() < 0.1, "{method:?}: {more:+.3} stops");
+    }
+    let pixels = linear_pixels(&glints.image, Transfer::Srgb);
+    let mask = clip_mask(&glints, &pixels);
+    let grid = Grid::new(&pixels, &mask, &glints.alpha.samples);
+    let sum = |angle: &dyn Fn(usize) -> f64| (0..grid.rgb.len()).map(angle).sum::<f64>();
+    let clipped = (0..mask.len()).filter(|at| mask[*at]);
+    let clipped: f64 = clipped.map(|at| pixel_solid_angle(width, width / 2, at / width)).sum();
+    assert!((sum(&|c| grid.clipped_angle(c)) / clipped - 1.0).abs() < 1e-9);
+    let whole = sum(&|c| grid.open_angle(c) + grid.clipped_angle(c));
+    assert!((whole / (4.0 * std::f64::consts::PI) - 1.0).abs() < 1e-9);
+}
+
 // The learned light of a panorama is what the network says, whatever pixels it is shared out among; and the
 // report tells how sure it is.
 #[test]
@@ -304,6 +337,17 @@ fn white_that_is_mostly_transparent_is_told() {
     assert!(text("nothing-clipped").contains("reaches 0.214 "), "{notes:?}");
 }
 
+// Mutation: `<` to `<=` in `tell_coarse`, or it not called.
+#[test]
+fn a_panorama_too_coarse_for_lamps_is_told() {
+    for (width, told) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {
+        let (_, notes) = run(pano(width, |_, _| [0.5; 3]), &[-3.0]);
+        let text = notes.iter().find(|note| note.id == "coarse").map(|note| note.text.clone());
+        assert_eq!(text.is_some(), told.is_some(), "{text:?}");
+        assert!(told.is_none_or(|told| text.is_some_and(|text| text.starts_with(told))));
+    }
+}
+
 // Linear light that ends at white was clipped there; where it goes on above, what lies near white is what it is.
 // Mutation: `pixels.ceiling` not asked in `clip_mask`.
 #[test]
@@ -361,6 +405,49 @@ fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
         }
         let (part, told) = share([0.5, 0.5, 0.515], [0.5; 3]);
         assert!(told && part < 0.45, "{method:?}: {part}");
+    }
+}
+
+// White pixels of the ground, glints or snow, take no sun away: what is clipped below the horizon is lit, no light.
+// Mutation: `height(c) > 0.0` to `true` in `hues`.
+#[test]
+fn glints_on_the_ground_leave_the_sun_one() {
+    for method in METHODS {
+        let glints = |every: usize| {
+            let source = pano(256, |x, y| match (x, y) {
+                (60..=61, 32..=33) => [1.0; 3],
+                (_, 80..) if every > 0 && x % every == 7 && y % 9 == 0 => [1.0; 3],
+                (_, 64..) => [0.3; 3],
+                _ => [0.3, 0.45, 0.7],
+            });
+            let (brackets, notes) = run_by(method.clone(), source.clone(), &[-3.0]);
+            let sun = flux(&brackets, &source, |at| at / 256 < 64 && brackets.log2_gain.samples[at] > 0.0);
+            let rest = flux(&brackets, &source, |at| brackets.log2_gain.samples[at] == 0.0);
+            (sun / rest, notes.iter().any(|note| note.id == "sun"))
+        };
+        for every in [64, 8] {
+            let (sun, told) = glints(every);
+            assert!(told && sun > 0.48, "{method:?}, {every}: {sun}");
+        }
+    }
+}
+
+// A sun over water, which is as blue as the sky, is told to be one that may be missed; a lamp in a grey room is not.
+// Mutation: `*blue > BLUE` to `false`, or to `true`.
+#[test]
+fn a_sun_over_water_is_told_to_be_doubtful() {
+    for method in METHODS {
+        let told = |colour: [f32; 3]| {
+            let source = pano(256, |x, y| match (x, y) {
+                (60..=61, 32..=33) => [1.0; 3],
+                (_, 64..) => colour.map(|v| 0.6 * v),
+                _ => colour,
+            });
+            let (_, notes) = run_by(method.clone(), source, &[-3.0]);
+            assert!(notes.iter().all(|note| note.id != "sun"));
+            notes.iter().any(|note| note.id == "sun-doubtful")
+        };
+        assert!(told([0.3, 0.45, 0.7]) && !told([0.5; 3]));
     }
 }
 

@@ -59,7 +59,7 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 impl Hidden {
     /// The sun of a clear sky gives at least what it must, however little the networks say.
     pub fn with_suns(mut self, scene: &Scene) -> Self {
-        for (region, sun) in scene.suns.iter().enumerate() {
+        for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
             let least = sun * sun::FLUX * scene.open_flux;
             let own = || scene.cells.iter().enumerate().filter(|(_, cell)| cell.region == region);
             let told: f64 = own().map(|(i, _)| self.cells[i]).sum();

@@ -27,12 +27,11 @@ const REACH: usize = 8;
 const OPEN: f64 = 0.06;
 
 impl View<'_> {
-    /// The numbers, of regions with these solid angles.
-    pub fn overview(&self, sizes: &[f64]) -> [f32; OVERVIEW] {
+    /// The numbers, of regions of these cells and solid angles.
+    pub fn overview(&self, members: &[Vec<usize>], sizes: &[f64]) -> [f32; OVERVIEW] {
         let sphere = 4.0 * std::f64::consts::PI;
         let grid = self.grid;
         let is = |yes: bool| if yes { 1.0 } else { 0.0 };
-        let clipped = |c: usize| is(grid.clipped[c]);
         let light = |c: usize| self.luminance[c];
         let seen = |c: usize| is(grid.seen[c]) * self.solid_angle(c);
         let all = |c: usize| self.open[c];
@@ -45,49 +44,54 @@ impl View<'_> {
         let from_above = log2(self.mean(light, above), LEAST);
         // What is nowhere open counts as white.
         let brightness = |weight: &dyn Fn(usize) -> f64| {
+            let light = |c: usize| self.open_luminance[c];
             if self.cells().any(|c| weight(c) > 0.0) { log2(self.mean(light, weight), LEAST) } else { 0.0 }
         };
         let hue = |weight: &dyn Fn(usize) -> f64| {
-            let sum = |channel: usize| self.cells().map(|c| weight(c) * self.rgb[c][channel]).sum::<f64>();
+            let sum =
+                |channel: usize| self.cells().map(|c| weight(c) * self.open_rgb[c][channel]).sum::<f64>();
             num::f64::log2(sum(2) + 1e-5) - num::f64::log2(sum(0) + 1e-5)
         };
         let (inner, outer) =
             (regions::grow(&grid.clipped, grid.width, 2), regions::grow(&grid.clipped, grid.width, 6));
         let ring = |c: usize| is(outer[c] && !inner[c]) * self.open[c];
-        let on_ground: Vec<f64> = self.luminance.iter().map(|l| log2(*l, BLACK) - from_above).collect();
-        let bright = |weight: &dyn Fn(usize) -> f64| -> f64 {
-            self.cells().map(|c| weight(c) * self.luminance[c]).sum()
+        let on_ground: Vec<f64> = self.open_luminance.iter().map(|l| log2(*l, BLACK) - from_above).collect();
+        let sum = |light: &[f64], weight: &dyn Fn(usize) -> f64| -> f64 {
+            light.iter().enumerate().map(|(c, light)| weight(c) * light).sum()
         };
+        let bright = |weight: &dyn Fn(usize) -> f64| sum(&self.luminance, weight);
+        let bright_clipped = |weight: &dyn Fn(usize) -> f64| sum(&self.clipped_luminance, weight);
         let share = |part: f64, of: f64| log2(part / of.max(1e-9), 1e-3);
         let size = |upper: bool| -> f64 {
-            self.cells()
-                .filter(|&c| (self.sine(c) > 0.0) == upper)
-                .map(|c| clipped(c) * self.solid_angle(c))
-                .sum()
+            self.cells().filter(|&c| (self.sine(c) > 0.0) == upper).map(|c| self.clipped[c]).sum()
         };
         let mut dipole = DVec3::ZERO;
         for c in self.cells().filter(|&c| self.open[c] > 0.0) {
-            dipole += grid.direction(self.up, c) * (self.luminance[c] * self.open[c]);
+            dipole += grid.direction(self.up, c) * (self.open_luminance[c] * self.open[c]);
         }
-        let open_flux = bright(&all);
+        let open_flux = sum(&self.open_luminance, &all);
         let dipole = dipole / open_flux.max(1e-6);
         let upward = axes(self.up)[2];
 
         let mut numbers = vec![from_above, log2(self.mean(light, below), LEAST)];
         numbers.extend(self.quantiles(&on_ground, near, [0.05, 0.25, 0.5, 0.75, 0.95]));
-        numbers.push(share(bright(&|c| clipped(c) * above(c)), bright(&above)));
-        numbers.push(share(bright(&|c| clipped(c) * seen(c)), bright(&seen)));
+        numbers.push(share(bright_clipped(&|c| grid.share[c] * above(c)), bright(&above)));
+        numbers.push(share(bright_clipped(&|c| self.clipped[c]), bright(&seen)));
         numbers.push(self.walls());
         numbers.push(brightness(&sky));
         numbers.extend(
             [size(true), size(false), sizes.iter().copied().fold(0.0, f64::max)].map(|v| log2(v, LEAST)),
         );
-        numbers.push(num::f64::log2(1.0 + sizes.len() as f64));
+        // A region that fills no cell counts as much of one as it fills, so that glints are not so many lamps.
+        let filled = |cells: &Vec<usize>| cells.iter().map(|&c| grid.share[c]).sum::<f64>().min(1.0);
+        numbers.push(num::f64::log2(1.0 + members.iter().map(filled).sum::<f64>()));
         numbers.extend([&sky as &dyn Fn(usize) -> f64, &ground, &ring].map(hue));
         numbers.push(dipole.dot(upward));
         numbers.push((dipole - upward * dipole.dot(upward)).length());
         numbers.push(log2(open_flux / sphere, LEAST));
-        numbers.push(self.cells().map(|c| is(self.luminance[c] < DARK) * self.open[c]).sum::<f64>() / sphere);
+        numbers.push(
+            self.cells().map(|c| is(self.open_luminance[c] < DARK) * self.open[c]).sum::<f64>() / sphere,
+        );
         std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
     }
 
@@ -133,7 +137,7 @@ impl View<'_> {
         for c in self.cells() {
             let (size, sine, column) = (self.solid_angle(c), self.sine(c), &mut columns[c % width]);
             if sine.abs() < WALL {
-                column[0] += self.luminance[c] * self.open[c];
+                column[0] += self.open_luminance[c] * self.open[c];
                 column[1] += self.open[c];
                 column[2] += size;
             }
@@ -178,16 +182,22 @@ mod tests {
         let (width, height) = (64, 32);
         let cells = width * height;
         let grey = |c: usize| if c < cells / 2 { above } else { below };
+        let rgb: Vec<[f64; 3]> = (0..cells).map(|c| [grey(c); 3]).collect();
         let mut grid = Grid {
             width,
             height,
-            rgb: (0..cells).map(|c| [grey(c); 3]).collect(),
+            open_rgb: rgb.clone(),
+            rgb,
+            clipped_rgb: vec![[0.0; 3]; cells],
             clipped: vec![false; cells],
+            share: vec![0.0; cells],
             seen: vec![true; cells],
             cell_of: Vec::new(),
             start: (0, width),
         };
-        (grid.rgb[5 * width + 3], grid.clipped[5 * width + 3]) = ([1.0; 3], true);
+        let lamp = 5 * width + 3;
+        (grid.rgb[lamp], grid.clipped[lamp]) = ([1.0; 3], true);
+        (grid.open_rgb[lamp], grid.clipped_rgb[lamp], grid.share[lamp]) = ([0.0; 3], [1.0; 3], 1.0);
         Scene::new(&grid, Up::PlusZ, &regions::label(&grid.clipped, width)).overview
     }
 

@@ -25,7 +25,7 @@ pub(in super::super) struct Scene {
     pub overview: [f32; OVERVIEW],
     /// The clipped cells, in order.
     pub cells: Vec<ClippedCell>,
-    /// Luminance times solid angle of everything seen and not clipped.
+    /// Luminance times solid angle of everything seen and not clipped, in cells that are clipped in part too.
     pub open_flux: f64,
     /// Which regions are taken for the sun.
     pub suns: Vec<f64>,
@@ -39,7 +39,7 @@ pub(in super::super) struct ClippedCell {
     pub region: usize,
     /// The numbers about it.
     pub features: [f32; CELL],
-    /// Luminance times solid angle, as clipped.
+    /// Luminance times solid angle of what is clipped of it.
     pub flux: f64,
 }
 
@@ -67,10 +67,16 @@ pub(super) struct View<'a> {
     solid_angle: Vec<f64>,
     /// Sine of the elevation of each row.
     sine: Vec<f64>,
-    pub rgb: Vec<[f64; 3]>,
+    /// Luminance of what is seen.
     pub luminance: Vec<f64>,
-    /// Solid angle where seen and not clipped, else 0.
+    /// What is seen and not clipped: solid angle, light and its luminance.
     pub open: Vec<f64>,
+    pub open_rgb: Vec<[f64; 3]>,
+    pub open_luminance: Vec<f64>,
+    /// The same of what is clipped.
+    pub clipped: Vec<f64>,
+    clipped_rgb: Vec<[f64; 3]>,
+    pub clipped_luminance: Vec<f64>,
 }
 
 pub(super) fn log2(v: f64, least: f64) -> f64 {
@@ -83,16 +89,29 @@ impl<'a> View<'a> {
         let row = |y: usize| y * grid.width;
         let solid_angle: Vec<f64> = (0..grid.height).map(|y| grid.solid_angle(row(y))).collect();
         let sine = (0..grid.height).map(|y| grid.direction(up, row(y)).dot(above)).collect();
-        let rgb: Vec<[f64; 3]> = grid.rgb.iter().map(|rgb| rgb.map(|v| v.min(1.0))).collect();
-        let luminance = rgb.iter().map(|rgb| luminance(*rgb)).collect();
-        let open =
-            |c: usize| if grid.seen[c] && !grid.clipped[c] { solid_angle[c / grid.width] } else { 0.0 };
-        let open = (0..rgb.len()).map(open).collect();
-        Self { grid, up, solid_angle, sine, rgb, luminance, open }
+        let held = |light: &[[f64; 3]]| -> Vec<[f64; 3]> {
+            light.iter().map(|rgb| rgb.map(|v| v.min(1.0))).collect()
+        };
+        let bright = |light: &[[f64; 3]]| -> Vec<f64> { light.iter().map(|rgb| luminance(*rgb)).collect() };
+        let (open_rgb, clipped_rgb) = (held(&grid.open_rgb), held(&grid.clipped_rgb));
+        let cells = 0..grid.rgb.len();
+        Self {
+            grid,
+            up,
+            solid_angle,
+            sine,
+            luminance: bright(&held(&grid.rgb)),
+            open: cells.clone().map(|c| grid.open_angle(c)).collect(),
+            open_luminance: bright(&open_rgb),
+            open_rgb,
+            clipped: cells.map(|c| grid.clipped_angle(c)).collect(),
+            clipped_luminance: bright(&clipped_rgb),
+            clipped_rgb,
+        }
     }
 
     pub fn cells(&self) -> std::ops::Range<usize> {
-        0..self.rgb.len()
+        0..self.luminance.len()
     }
 
     pub fn sine(&self, cell: usize) -> f64 {
@@ -107,11 +126,10 @@ impl<'a> View<'a> {
     /// blue over red in stops, share that is clipped in all channels.
     fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
         let field = |c: usize| {
-            let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.rgb[c]);
-            let white = r.min(self.rgb[c][1]).min(b) > WHITE;
-            let clipped = if self.grid.clipped[c] { all } else { 0.0 };
-            let white = if white && self.grid.seen[c] { all } else { 0.0 };
-            [clipped, self.luminance[c] * open, r * open, b * open, open, white, all]
+            let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
+            let clipped = self.clipped[c];
+            let white = if self.least(c) > WHITE { clipped } else { 0.0 };
+            [clipped, self.open_luminance[c] * open, r * open, b * open, open, white, all]
         };
         let fields = Fields { width: self.grid.width, values: self.cells().map(field).collect() };
         let describe = |[clipped, light, red, blue, open, white, all]: [f64; 7]| {
@@ -129,6 +147,11 @@ impl<'a> View<'a> {
             .collect()
     }
 
+    /// The darkest channel of what is clipped of a cell.
+    fn least(&self, cell: usize) -> f64 {
+        self.clipped_rgb[cell].into_iter().fold(1.0, f64::min)
+    }
+
     fn region(&self, cells: &[usize], total: f64, depth: &[f32], around: &[Vec<[f64; 4]>]) -> Region {
         let mut region = Region {
             size: 0.0,
@@ -142,13 +165,13 @@ impl<'a> View<'a> {
         };
         let mut size = 0.0;
         for &c in cells {
-            let (solid_angle, sine, [r, g, b]) = (self.solid_angle(c), self.sine(c), self.rgb[c]);
+            let (solid_angle, sine) = (self.clipped[c], self.sine(c));
             size += solid_angle;
             region.sine =
                 [region.sine[0] + sine * solid_angle, region.sine[1].max(sine), region.sine[2].min(sine)];
             region.centre += self.grid.direction(self.up, c) * solid_angle;
             region.deepest = region.deepest.max(f64::from(depth[c]));
-            region.white += if r.min(g).min(b) > WHITE { solid_angle } else { 0.0 };
+            region.white += if self.least(c) > WHITE { solid_angle } else { 0.0 };
             region.around[0] += around[1][c][1] * solid_angle;
             region.around[1] += around[2][c][1] * solid_angle;
         }
@@ -158,7 +181,7 @@ impl<'a> View<'a> {
         region.around = region.around.map(|v| v / size);
         let spread = |&c: &usize| {
             let angle = self.angle(c, region.centre);
-            angle * angle * self.solid_angle(c)
+            angle * angle * self.clipped[c]
         };
         region.radius = (cells.iter().map(spread).sum::<f64>() / size).sqrt();
         region.size = num::f64::log2(size);
@@ -180,9 +203,9 @@ impl<'a> View<'a> {
         let below = (last - c / width) * width + c % width;
         let opposite = below - c % width + (c % width + width / 2) % width;
         numbers.extend([around[3][opposite][1], around[1][below][1]]);
-        let (sine, [r, g, b]) = (self.sine(c), self.rgb[c]);
+        let sine = self.sine(c);
         let angle = self.angle(c, region.centre);
-        numbers.extend([log2(depth, 1.0), r.min(g).min(b), sine, sine * sine, sine.abs()]);
+        numbers.extend([log2(depth, 1.0), self.least(c), sine, sine * sine, sine.abs()]);
         numbers.extend([depth / region.deepest.max(1e-9), region.size, region.share, sine - region.sine[0]]);
         numbers.extend([(angle / region.radius.max(0.01)).min(3.0), angle, region.sine[1] - sine]);
         numbers.extend([log2(region.deepest, 1.0), log2(region.radius, 1e-3), region.white]);
@@ -202,7 +225,7 @@ impl Scene {
                 members[*region as usize].push(cell);
             }
         }
-        let sizes: Vec<f64> = members.iter().map(|m| m.iter().map(|&c| view.solid_angle(c)).sum()).collect();
+        let sizes: Vec<f64> = members.iter().map(|m| m.iter().map(|&c| view.clipped[c]).sum()).collect();
         let total = sizes.iter().sum();
         let around = view.neighbourhoods();
         let depth = regions::distance_to_edge(&grid.clipped, grid.width);
@@ -211,14 +234,14 @@ impl Scene {
         let cell = |(index, region): (usize, &Option<u32>)| {
             let region = (*region)? as usize;
             let features = view.cell(index, &regions[region], f64::from(depth[index]), &around);
-            let flux = view.luminance[index] * view.solid_angle(index);
+            let flux = view.clipped_luminance[index] * view.clipped[index];
             Some(ClippedCell { index, region, features, flux })
         };
         Self {
-            overview: view.overview(&sizes),
+            overview: view.overview(&members, &sizes),
             cells: labels.of.iter().enumerate().filter_map(cell).collect(),
             suns: sun::suns(grid, up, &members),
-            open_flux: view.cells().map(|c| view.luminance[c] * view.open[c]).sum(),
+            open_flux: view.cells().map(|c| view.open_luminance[c] * view.open[c]).sum(),
         }
     }
 }

@@ -25,8 +25,8 @@ const PROCEDURAL: f32 = 0.6;
 
 /// The examples.
 pub(super) struct Course {
-    /// Of each panorama that is real: its name, its place, its plain photograph.
-    held: Vec<(String, usize, Example)>,
+    /// The panoramas that are real.
+    held: Vec<HeldOut>,
     /// The place of each example; `None` for what is made by formula.
     places: Vec<Option<usize>>,
     /// Which photograph of its panorama each example is; the first is plain.
@@ -34,6 +34,15 @@ pub(super) struct Course {
     /// Visible flux of each example that is not clipped.
     open: Vec<f64>,
     raw: Examples,
+}
+
+/// What a panorama is judged by when it is held out.
+pub(super) struct HeldOut {
+    pub name: String,
+    place: usize,
+    /// Its plain photograph, and that of the finer panorama, where there is one.
+    pub plain: Example,
+    pub fine: Option<Example>,
 }
 
 /// A shot by chance: exposure, white balance, softness, grain, holes.
@@ -45,7 +54,9 @@ fn shot(key: u32, ev: f64) -> Shot {
     });
     let hole = if by_chance(40) < 0.2 { -1.0 + 0.5 * by_chance(41) } else { -1.0 };
     let grain = if by_chance(42) < 0.5 { 3.0 * by_chance(43) } else { 0.0 };
-    Shot { ev, balance, soft: by_chance(44) < 0.4, grain, seed: hash(key, 45), hole }
+    let (soft, fine) = (by_chance(44) < 0.4, by_chance(46) < 0.5);
+    let glints = if by_chance(47) < 0.3 { num::f64::exp2(6.0 * by_chance(48)) as u32 } else { 0 };
+    Shot { ev, balance, soft, grain, seed: hash(key, 45), hole, fine, glints }
 }
 
 impl Course {
@@ -91,7 +102,9 @@ impl Course {
                 course.places.push(Some(place));
                 course.shots.push(n);
                 if n == 0 {
-                    course.held.push((name.clone(), place, example));
+                    let finer = Shot { fine: true, ..Shot::plain(0.0) };
+                    let fine = truth.fine.as_ref().and_then(|_| truth.example(finer));
+                    course.held.push(HeldOut { name: name.clone(), place, plain: example, fine });
                 }
             }
             if !tell(Progress::Examples(index + 1, total)) {
@@ -242,8 +255,7 @@ impl Course {
     }
 
     /// The plain photographs of the places of one part, by name of the panorama.
-    pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = (&str, &Example)> {
-        let held = self.held.iter().filter(move |(_, place, _)| Self::fold(*place, folds) == fold);
-        held.map(|(name, _, example)| (name.as_str(), example))
+    pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
+        self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
     }
 }

@@ -63,15 +63,10 @@ impl Judged {
             region.told += told.cells[i];
         }
         let given = told.with_suns(scene).cells;
+        let score = score(name, example, &given);
         for (cell, light) in scene.cells.iter().zip(&given) {
             regions[cell.region].given += light;
         }
-        let [before, after] = [vec![0.0; given.len()], given.clone()].map(|cells| errors(example, &cells));
-        let score = Score {
-            name: name.to_owned(),
-            irradiance: [before[0], after[0]],
-            contrast: [before[1], after[1]],
-        };
         Ok(Self { score, regions, open: scene.open_flux, recovered: recovered(example, &given)? })
     }
 
@@ -90,6 +85,19 @@ impl Judged {
         };
         self.regions.iter().map(line).collect()
     }
+}
+
+/// The errors of what networks say of a photograph, rule for suns included.
+pub(super) fn judged(name: &str, example: &Example, network: &Forward) -> Score {
+    let scene = &example.scene;
+    score(name, example, &hidden(network, scene, scene.suns.len()).with_suns(scene).cells)
+}
+
+/// The errors of a photograph as it is and with this light in clipped cells.
+fn score(name: &str, example: &Example, cells: &[f64]) -> Score {
+    let none = vec![0.0; cells.len()];
+    let [before, after] = [none.as_slice(), cells].map(|cells| errors(example, cells));
+    Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] }
 }
 
 /// What the disagreement of networks leaves out of their errors about regions, in stops.

@@ -21,8 +21,10 @@ use crate::error::Error;
 use crate::types::{Image, Linear};
 use crate::whole_sphere::light;
 
-/// Width of the panoramas that examples are made of.
+/// Width of the panoramas that are judged, and the least of those that are read.
 pub const WIDTH: usize = 256;
+/// Width of the finer ones that half of the photographs are taken of: four pixels make a cell of the grid.
+pub const FINE: usize = 512;
 
 /// What may be chosen about a training.
 #[derive(Debug, Clone)]
@@ -76,6 +78,8 @@ pub struct Trained {
     pub weights: Vec<u8>,
     /// The cross-validation, in order of name.
     pub scores: Vec<Score>,
+    /// The same of photographs of [`FINE`] columns, where panoramas have as many.
+    pub finer: Vec<Score>,
     /// The light recovered from each panorama by networks that never saw its place, as EXR, by name.
     pub recovered: Vec<(String, Vec<u8>)>,
     /// What was told of each clipped region of those panoramas, and what is true, as comma-separated values.
@@ -84,7 +88,7 @@ pub struct Trained {
     pub numbers: String,
 }
 
-/// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`WIDTH`] columns.
+/// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`FINE`] columns, or to [`WIDTH`] where it has fewer.
 pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
     let (width, height, mut rgb) = light(name, bytes, &mut Notes::none())?;
     if width < WIDTH || height < WIDTH / 2 || width != 2 * height {
@@ -94,7 +98,7 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
         ));
     }
     rgb.iter_mut().for_each(|v| *v = if v.is_finite() { v.max(0.0) } else { 0.0 });
-    Ok(shrink(width, height, &rgb))
+    Ok(shrink((width, height), &rgb, if width < FINE { WIDTH } else { FINE }))
 }
 
 /// The place that a panorama shows: files whose names differ in a number at the end, or in `_puresky`, show one.
@@ -146,22 +150,24 @@ pub fn train(
         weights::file(&scales, &amount, &members, residual as f32).map(Some)
     };
     let mut regions = judge::COLUMNS.to_owned();
-    let mut held = Vec::new();
+    let (mut held, mut finer) = (Vec::new(), Vec::new());
     for fold in 0..plan.folds {
         let Some(file) = team(Some(fold), 0.0)? else { return Ok(None) };
         let forward = Forward::parse("cross-validation", &file, OVERVIEW, CELL)?;
-        for (name, example) in course.held_out(fold, plan.folds) {
-            let judged = Judged::new(name, example, &forward)?;
+        for of in course.held_out(fold, plan.folds) {
+            let judged = Judged::new(&of.name, &of.plain, &forward)?;
             regions += &judged.lines(fold);
             held.push(judged);
+            finer.extend(of.fine.iter().map(|example| judge::judged(&of.name, example, &forward)));
         }
     }
     held.sort_by(|a, b| a.score.name.cmp(&b.score.name));
+    finer.sort_by(|a, b| a.name.cmp(&b.name));
     let residual = judge::residual(&held);
     let Some(weights) = team(None, residual)? else { return Ok(None) };
     let scores = held.iter().map(|judged| judged.score.clone()).collect();
     let recovered = held.into_iter().map(|judged| (judged.score.name, judged.recovered)).collect();
-    Ok(Some(Trained { weights, scores, recovered, regions, numbers: course.numbers() }))
+    Ok(Some(Trained { weights, scores, finer, recovered, regions, numbers: course.numbers() }))
 }
 
 #[cfg(test)]

@@ -51,6 +51,32 @@ fn an_example_keeps_the_books() {
     }
 }
 
+// Each pixel four times is the same light: photographed finely it hides as much, and the books are those of cells. With
+// glints a cell is clipped in part, and hides no more than they hold.
+// Mutation: `of_cell` of the last pixel of a cell alone, or glints left out of `real`.
+#[test]
+fn a_finer_photograph_of_the_same_light_hides_as_much() {
+    for index in 0..4 {
+        let coarse = procedural::panorama(5, index);
+        let samples = (0..FINE * FINE / 2).flat_map(|at| coarse.rgb(at % FINE / 2, at / FINE / 2));
+        let fine = Image::from_samples(FINE, FINE / 2, 3, samples.collect());
+        let truth = Truth::new(fine).expect("has light");
+        let of = |shot: Shot| {
+            let example = truth.example(shot).expect("photographs");
+            [example.visible[0], example.truth[0], example.hidden.iter().sum(), example.scene.open_flux]
+        };
+        let plain = of(Shot::plain(0.5));
+        let finer = Shot { fine: true, ..Shot::plain(0.5) };
+        let found = of(finer);
+        assert!(plain.iter().zip(&found).all(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{plain:?} {found:?}");
+        let glints = of(Shot { glints: 60, ..finer });
+        let pixel = 2.0 * std::f64::consts::PI.powi(2) / (FINE * FINE / 2) as f64;
+        let more = glints[2] - found[2];
+        assert!(more > 0.0 && more < 60.0 * 2.0 * pixel, "{more} {pixel}");
+        assert!(glints[3] > found[3] - 60.0 * pixel, "cells stay open but for glints");
+    }
+}
+
 // The forward pass that ships against candle's, and the amount against float64, with the shipped weights.
 #[test]
 fn the_forward_pass_agrees_with_candle() {

@@ -1,12 +1,14 @@
 //! Examples to learn from: HDR panoramas, photographed so that they clip, with the light that this hides.
 
+use std::collections::BTreeMap;
+
 use engine::Up;
 use glam::DVec3;
 
 use super::super::grid::Grid;
 use super::super::network::Scene;
 use super::super::{clip_mask, clipped_light};
-use super::WIDTH;
+use super::{FINE, WIDTH};
 use crate::color::{code8, srgb_from_linear};
 use crate::equirect::{axes, direction, pixel_solid_angle};
 use crate::light::exposure::ev0_scale;
@@ -16,10 +18,12 @@ use crate::num;
 use crate::sampling::{hash, unit};
 use crate::types::{Environment, Image, Linear, Panorama, Srgb};
 
-/// An HDR panorama of [`WIDTH`] columns and where its strongest light is.
+/// An HDR panorama and where its strongest light is.
 pub struct Truth {
-    /// Linear light, scaled to EV 0.
+    /// Linear light of [`WIDTH`] columns, scaled to EV 0.
     pub image: Image<Linear>,
+    /// The same of [`FINE`] columns, where it is known so finely.
+    pub fine: Option<Image<Linear>>,
     /// Towards the dominant light.
     pub light: DVec3,
 }
@@ -39,12 +43,16 @@ pub struct Shot {
     pub seed: u32,
     /// Sine of the elevation below which nothing was seen.
     pub hole: f64,
+    /// Whether it is taken of the finer panorama, so that cells of the grid are clipped in part.
+    pub fine: bool,
+    /// How many pixels below the horizon are glints: white, and hardly any more.
+    pub glints: u32,
 }
 
 impl Shot {
     /// A photograph without any fault.
     pub fn plain(ev: f64) -> Self {
-        Self { ev, balance: [1.0; 3], soft: false, grain: 0.0, seed: 0, hole: -1.0 }
+        Self { ev, balance: [1.0; 3], soft: false, grain: 0.0, seed: 0, hole: -1.0, fine: false, glints: 0 }
     }
 }
 
@@ -65,14 +73,15 @@ pub struct Example {
     pub truth: [f64; 3],
 }
 
-/// Averages linear RGB of any size down to [`WIDTH`] columns, by solid angle.
-pub fn shrink(width: usize, height: usize, rgb: &[f32]) -> Image<Linear> {
-    let mut sums = vec![[0.0_f64; 4]; WIDTH * WIDTH / 2];
+/// Averages linear RGB of any size down to `columns`, by solid angle.
+pub fn shrink((width, height): (usize, usize), rgb: &[f32], columns: usize) -> Image<Linear> {
+    let mut sums = vec![[0.0_f64; 4]; columns * columns / 2];
     for y in 0..height {
         let solid_angle = pixel_solid_angle(width, height, y);
         for x in 0..width {
-            let (column, row) = ((2 * x + 1) * WIDTH / (2 * width), (2 * y + 1) * (WIDTH / 2) / (2 * height));
-            let sum = &mut sums[row * WIDTH + column];
+            let (column, row) =
+                ((2 * x + 1) * columns / (2 * width), (2 * y + 1) * (columns / 2) / (2 * height));
+            let sum = &mut sums[row * columns + column];
             sum[3] += solid_angle;
             for c in 0..3 {
                 sum[c] += solid_angle * f64::from(rgb[(y * width + x) * 3 + c].max(0.0));
@@ -80,27 +89,42 @@ pub fn shrink(width: usize, height: usize, rgb: &[f32]) -> Image<Linear> {
         }
     }
     let mean = |[r, g, b, w]: [f64; 4]| [r, g, b].map(|v| (v / w.max(f64::MIN_POSITIVE)) as f32);
-    Image::from_samples(WIDTH, WIDTH / 2, 3, sums.into_iter().flat_map(mean).collect())
+    Image::from_samples(columns, columns / 2, 3, sums.into_iter().flat_map(mean).collect())
 }
 
 impl Truth {
     /// Scales a panorama to EV 0. `None` for a panorama without light.
-    pub fn new(mut image: Image<Linear>) -> Option<Self> {
+    pub fn new(panorama: Image<Linear>) -> Option<Self> {
+        let size = (panorama.width, panorama.height);
+        let fine = (size.0 > WIDTH).then_some(&panorama);
+        let mut image = shrink(size, &panorama.samples, WIDTH);
         let scale = ev0_scale(&image)?;
-        image.samples.iter_mut().for_each(|v| *v = (f64::from(*v) * scale) as f32);
+        let expose = |image: &mut Image<Linear>| {
+            image.samples.iter_mut().for_each(|v| *v = (f64::from(*v) * scale) as f32);
+        };
+        expose(&mut image);
+        let mut fine = fine.map(|image| shrink(size, &image.samples, FINE));
+        fine.iter_mut().for_each(expose);
         let env = Environment { image, up: Up::PlusZ, origin: None };
         let light = measure::dominant(&measure::cells(&env, WIDTH / 2), &measure::cells(&env, WIDTH))?;
-        Some(Self { image: env.image, light })
+        Some(Self { image: env.image, fine, light })
+    }
+
+    /// What a photograph is taken of.
+    fn taken(&self, shot: Shot) -> &Image<Linear> {
+        self.fine.as_ref().filter(|_| shot.fine).unwrap_or(&self.image)
     }
 
     /// Photographs it, in 8 bits.
     pub fn photograph(&self, shot: Shot) -> Panorama {
         let exposure = num::f64::exp2(shot.ev);
-        let (width, height) = (self.image.width, self.image.height);
+        let image = self.taken(shot);
+        let (width, height) = (image.width, image.height);
         let expose = |(i, v): (usize, &f32)| {
             srgb_from_linear((f64::from(*v) * exposure * shot.balance[i % 3]).min(1.0) as f32)
         };
-        let mut codes: Vec<f32> = self.image.samples.iter().enumerate().map(expose).collect();
+        let mut codes: Vec<f32> = image.samples.iter().enumerate().map(expose).collect();
+        glints(shot, (width, height)).keys().for_each(|&at| codes[3 * at..][..3].fill(1.0));
         if shot.soft {
             codes = soften(&codes, width);
         }
@@ -129,30 +153,52 @@ impl Truth {
         let grid = Grid::new(&pixels, &mask, &pano.alpha.samples);
         let scene = Scene::new(&grid, pano.up, &regions::label(&grid.clipped, grid.width));
         let exposure = num::f64::exp2(shot.ev);
-        let (width, height) = (self.image.width, self.image.height);
+        let image = self.taken(shot);
+        let (width, height) = (image.width, image.height);
         let up = axes(pano.up)[2];
         let normal = if self.light.dot(up) > 0.1 { up } else { self.light };
         let (mut visible, mut truth) = ([0.0; 3], [0.0; 3]);
-        let mut of_cell = Vec::with_capacity(width * height);
+        let mut of_cell = vec![0.0; grid.rgb.len()];
+        let glints = glints(shot, (width, height));
+        // To the plane that contrast is measured on, near the dominant light and elsewhere.
+        let toward = |d: DVec3| {
+            let cosine = d.dot(normal).max(0.0);
+            if d.dot(self.light) > DOMINANT_COS { [cosine, 0.0] } else { [0.0, cosine] }
+        };
         for i in 0..width * height {
             let (x, y) = (i % width, i / width);
             let d = direction(pano.up, (x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64);
-            let (size, cosine) = (pixel_solid_angle(width, height, y), d.dot(normal).max(0.0));
-            let toward = if d.dot(self.light) > DOMINANT_COS { [cosine, 0.0] } else { [0.0, cosine] };
-            let rgb = self.image.rgb(x, y);
+            let (size, toward) = (pixel_solid_angle(width, height, y), toward(d));
+            let rgb = image.rgb(x, y);
             let real: [f64; 3] = std::array::from_fn(|c| f64::from(rgb[c]) * exposure * shot.balance[c]);
-            let fluxes = [measure::luminance(real), measure::luminance(grid.rgb[i])].map(|l| l * size);
+            let real = glints.get(&i).map_or(real, |light| real.map(|v| v.max(*light)));
+            let fluxes = [real, pixels.rgb[i].map(f64::from)].map(|rgb| measure::luminance(rgb) * size);
             for (sums, flux) in [&mut truth, &mut visible].into_iter().zip(fluxes) {
                 sums[0] += flux;
                 sums[1] += flux * toward[0];
                 sums[2] += flux * toward[1];
             }
-            of_cell.push((toward, (fluxes[0] - fluxes[1]).max(0.0)));
+            if mask[i] {
+                of_cell[grid.cell_of[i] as usize] += (fluxes[0] - fluxes[1]).max(0.0);
+            }
         }
-        let hidden = scene.cells.iter().map(|cell| of_cell[cell.index].1).collect();
-        let toward = scene.cells.iter().map(|cell| of_cell[cell.index].0).collect();
+        let hidden = scene.cells.iter().map(|cell| of_cell[cell.index]).collect();
+        let toward = scene.cells.iter().map(|cell| toward(grid.direction(pano.up, cell.index))).collect();
         Some(Example { rgb: grid.rgb, scene, hidden, toward, visible, truth })
     }
+}
+
+/// Luminance of the pixels that are glints, at most three times white.
+fn glints(shot: Shot, (width, height): (usize, usize)) -> BTreeMap<usize, f64> {
+    let key = hash(shot.seed, 1);
+    let glint = |k: u32| {
+        let by_chance = |n: u32| f64::from(unit(hash(key, 3 * k + n)));
+        let down = num::f64::acos(-by_chance(0)) / std::f64::consts::PI;
+        let [x, y] =
+            [(by_chance(1), width), (down, height)].map(|(at, of)| ((at * of as f64) as usize).min(of - 1));
+        (y * width + x, 1.0 + 2.0 * by_chance(2))
+    };
+    (0..shot.glints).map(glint).collect()
 }
 
 /// Means of 3x3 samples by 1, 2, 1 across and down; rows wrap, the poles repeat.
