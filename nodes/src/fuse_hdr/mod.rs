@@ -276,7 +276,12 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
             merge(params, fused, linear, step)
         }),
     };
-    let fused = merge(params, darkest, base, own);
+    // Photographs show what the panorama does up to where it clips, so what they measured needs no transition.
+    let measured = brackets.taken != Taken::Derived && brackets.log2_gain.samples[at] > 0.0;
+    let fused = match params.blend {
+        Blend::Ramp if measured && darkest.luminance > own.luminance => darkest,
+        _ => merge(params, darkest, base, own),
+    };
     (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
 }
 

@@ -59,6 +59,9 @@ engine::params! {
         /// `FluxKontext`: by a diffusion model and weights of your own (feature `learned`): `strength` of the LoRA 0 to 4,
         /// `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at which it works at most 64 to 4096.
         method: Method = Method::Learned, other("Skip");
+        /// From where on a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures whose whites
+        /// end below that, as those of splats and of video may.
+        white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
         /// light: it shows that what is left out there is nothing, and what that saves.
         force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
@@ -85,9 +88,8 @@ engine::outputs! {
     }
 }
 
-/// A pixel counts as clipped when its brightest channel is above this, in linear light where white is
-/// 1: the middle of the ramp from 0.9 to 1 on which the regression was fitted.
-const CLIPPED: f32 = 0.95;
+/// The middle of the ramp from 0.9 to 1 on which the regression was fitted.
+pub const CLIPPED: f32 = 0.95;
 /// Exposures cost memory, and beyond a few say nothing new.
 const MOST_EXPOSURES: usize = 64;
 /// A light is spread by at most this, in radians: two cells of the grid.
@@ -152,20 +154,21 @@ impl Kind for PredictExposure {
         let pano = &inputs.pano;
         let mut notes = Notes::none();
         let pixels = clipped_light(pano, &mut notes)?;
-        let mask = clip_mask(pano, &pixels);
+        let mut mask = clip_mask(pano, &pixels, params.white);
+        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
+        if let Some(photographs) = &photographs {
+            photographs.compare((&pixels, &pano.alpha.samples), params.white, &mut notes, cx)?;
+            photographs.add_clipped(&pixels, &mut mask, &mut notes, cx)?;
+        }
         let clipped = mask.iter().filter(|&&m| m).count() as u64;
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
-        tell_unseen(&pixels, &pano.alpha.samples, &mut notes);
+        tell_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
         tell_coarse(pixels.width, &mut notes);
         if clipped == 0 {
-            tell_nothing_clipped(&pixels, &pano.alpha.samples, params.force, &mut notes);
+            tell_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
         }
         let nothing = || (vec![0.0; mask.len()], Vec::new());
-        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
-        if let Some(photographs) = &photographs {
-            photographs.compare((&pixels, &pano.alpha.samples), &mut notes, cx)?;
-        }
         let unseen = |notes: &mut Notes| {
             let text =
                 "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
@@ -350,15 +353,15 @@ fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, Nod
     Ok(pixels)
 }
 
-fn clip_mask(pano: &Panorama, pixels: &LinearPixels) -> Vec<bool> {
-    let clipped = |rgb: [f32; 3]| pixels.ceiling && max3(rgb) > CLIPPED;
+fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
+    let clipped = |rgb: [f32; 3]| pixels.ceiling && max3(rgb) > white;
     pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
 }
 
 /// White that was mostly filled in is not taken for clipped, and gets no light.
-fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], notes: &mut Notes) {
-    let white = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > CLIPPED;
-    let count = pixels.rgb.iter().zip(alpha).filter(white).count();
+fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
+    let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
+    let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
         let text = format!(
             "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
@@ -378,17 +381,30 @@ fn tell_coarse(width: usize, notes: &mut Notes) {
     }
 }
 
-fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], force: bool, notes: &mut Notes) {
+fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
     let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest reaches {brightest:.3} of white, clipping is told from {CLIPPED} on"
+            "no pixel is clipped: the brightest reaches {brightest:.3}, and clipping is told from `white`, {}, on",
+            params.white
         )
     } else {
         "the panorama holds light above white, so nothing in it is clipped".to_owned()
     };
-    let then = if force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+    if let Method::Manual { emitters } = &params.method
+        && !emitters.is_empty()
+        && !params.force
+    {
+        let text = format!("none of the {} stated lights acts: {why}", emitters.len());
+        notes.warning(
+            "nothing-to-light",
+            format!("{text}; a lower `white` lets more pixels count as clipped"),
+        );
+        return;
+    }
+    let then =
+        if params.force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 

@@ -2,7 +2,7 @@
 
 use engine::{Context, InputFile, NodeError, Notes};
 
-use super::{CLIPPED, SEEN};
+use super::SEEN;
 use crate::color::{luminance, srgb_from_linear};
 use crate::error::Error;
 use crate::io::stretch::Stretch;
@@ -15,6 +15,8 @@ use crate::whole_sphere::turn;
 
 /// A channel of display colours above this, in linear light, is clipped as far as anybody can tell.
 const WHITE: f32 = 0.9;
+/// Stops by which a photograph must show more of what may be white: half a code of 8 bits, ten stops down.
+const BRIGHTER: f32 = 0.25;
 /// Codes of what is darker say little, so light is compared with no less than this.
 const DARKEST: f64 = 1e-4;
 /// A photograph is judged by pixels that it should show at this luminance or more, the fourth code of 8 bits.
@@ -182,11 +184,13 @@ impl Photographs {
     pub fn compare(
         &self,
         (pixels, alpha): (&LinearPixels, &[f32]),
+        white: f32,
         notes: &mut Notes,
         cx: &Context,
     ) -> Result<(), NodeError> {
+        let white = white.min(WHITE);
         let known = |at: usize| {
-            let (rgb, clipped) = (pixels.rgb[at], pixels.ceiling && max3(pixels.rgb[at]) > CLIPPED);
+            let (rgb, clipped) = (pixels.rgb[at], pixels.ceiling && max3(pixels.rgb[at]) > white);
             (alpha[at] >= SEEN).then_some(Shown { ev: 0.0, rgb, clipped })
         };
         for (i, photograph) in self.0.iter().enumerate().rev() {
@@ -201,6 +205,39 @@ impl Photographs {
             let (shown, white): (Vec<Off>, Vec<Off>) = rows.concat().into_iter().partition(|off| !off.white);
             photograph.tell(&shown, &white, notes);
         }
+        Ok(())
+    }
+
+    /// Adds to the mask what may be white of a panorama whose white ends a little early, and is brighter in a photograph by
+    /// more than its codes leave open.
+    pub fn add_clipped(
+        &self,
+        pixels: &LinearPixels,
+        mask: &mut [bool],
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
+        if !pixels.ceiling {
+            return Ok(());
+        }
+        let rows = cx.for_each_tile(pixels.height, |y| {
+            let brighter = |at: usize| {
+                let shown = || self.0.iter().rev().filter_map(|taken| taken.shown(at));
+                let whiteish = !mask[at] && max3(pixels.rgb[at]) > WHITE;
+                whiteish && measured(pixels.rgb[at], shown()).is_some_and(|(gain, _)| gain > BRIGHTER)
+            };
+            (y * pixels.width..(y + 1) * pixels.width).map(brighter).collect::<Vec<_>>()
+        })?;
+        let mut added = 0;
+        for (clipped, brighter) in mask.iter_mut().zip(rows.iter().flatten()) {
+            *clipped |= *brighter;
+            added += u64::from(*brighter);
+        }
+        notes.count(
+            "white-early",
+            added,
+            "pixels below `white` count as clipped, since a photograph shows more",
+        );
         Ok(())
     }
 

@@ -28,7 +28,7 @@ fn run(pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
 const METHODS: [Method; 2] = [Method::Region, Method::Learned];
 
 fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
-    let params = PredictExposure { evs: evs.to_vec(), method, force: false };
+    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, force: false };
     let (out, notes) = PredictExposure::run(&params, In { pano }, &cx()).expect("runs");
     (out.brackets, notes)
 }
@@ -45,7 +45,8 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     for source in [Arc::new(room), flat(0.0), flat(0.6)] {
         for method in METHODS {
             let run = |force: bool| {
-                let params = PredictExposure { evs: vec![-3.0, -6.0], method: method.clone(), force };
+                let params =
+                    PredictExposure { evs: vec![-3.0, -6.0], method: method.clone(), white: CLIPPED, force };
                 let (out, notes) =
                     PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
                 let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
@@ -65,7 +66,7 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
 // and the edges of pixels. Mutation: hidden light entered without `/ grid.solid_angle(..)`.
 #[test]
 fn the_books_of_a_prediction_agree() {
-    let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, force: false };
+    let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, white: CLIPPED, force: false };
     let (out, _) = PredictExposure::run(&params, In { pano: room(512) }, &cx()).expect("runs");
     let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has books");
     assert_eq!(steps.columns, ["", "panorama", "on the grid", "predicted on the grid", "predicted"]);
@@ -102,7 +103,7 @@ fn flux(brackets: &Brackets, pano: &Panorama, of: impl Fn(usize) -> bool) -> f64
 fn gain_is_zero_outside_of_clipped_pixels_and_positive_within() {
     let pano = room(256);
     let (brackets, _) = run(pano.clone(), &[-3.0]);
-    let mask = clip_mask(&pano, &linear_pixels(&pano.image, Transfer::Srgb));
+    let mask = clip_mask(&pano, &linear_pixels(&pano.image, Transfer::Srgb), CLIPPED);
     for (gain, clipped) in brackets.log2_gain.samples.iter().zip(mask) {
         assert!(gain.is_finite() && (*gain > 0.0) == clipped, "{gain} {clipped}");
     }
@@ -264,7 +265,7 @@ fn glints_do_not_count_as_whole_cells() {
         assert!(more.abs() < 0.1, "{method:?}: {more:+.3} stops");
     }
     let pixels = linear_pixels(&glints.image, Transfer::Srgb);
-    let mask = clip_mask(&glints, &pixels);
+    let mask = clip_mask(&glints, &pixels, CLIPPED);
     let grid = Grid::new(&pixels, &mask, &glints.alpha.samples);
     let sum = |angle: &dyn Fn(usize) -> f64| (0..grid.rgb.len()).map(angle).sum::<f64>();
     let clipped = (0..mask.len()).filter(|at| mask[*at]);
@@ -281,7 +282,7 @@ fn learned_flux_is_what_the_network_says() {
     for width in [256, 1024] {
         let pano = room(width);
         let pixels = linear_pixels(&pano.image, Transfer::Srgb);
-        let mask = clip_mask(&pano, &pixels);
+        let mask = clip_mask(&pano, &pixels, CLIPPED);
         let clipped = Clipped::new(&pano, &pixels, &mask);
         let scene = network::Scene::new(&clipped.grid, clipped.up, &clipped.labels);
         let bytes = network::WEIGHTS;
@@ -371,7 +372,8 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
 fn row_35_exposures_are_sorted_and_listed_once() {
     assert_eq!(run(room(64), &[-3.0, -20.0, -6.0]).0.evs, [-20.0, -6.0, -3.0]);
     assert!(run(room(64), &[-20.0]).0.exposures[0].samples.iter().all(|v| v.is_finite()));
-    let params = PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region, force: false };
+    let params =
+        PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region, white: CLIPPED, force: false };
     assert!(PredictExposure::check(&params).is_err());
     let many = PredictExposure { evs: (1..=65).map(|ev| -0.1 * f64::from(ev)).collect(), ..params };
     assert!(PredictExposure::check(&many).expect_err("are too many").to_string().contains("65 exposures"));
@@ -451,13 +453,37 @@ fn a_sun_over_water_is_told_to_be_doubtful() {
     }
 }
 
+// Whites may end early; from `white` on a channel is clipped, and lights that are stated for pixels below it are told.
+// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `tell_nothing_clipped`.
+#[test]
+fn white_is_where_the_user_says() {
+    let mut dull = (*room(128)).clone();
+    let Picture::Srgb(image) = &mut dull.image else { panic!("display colours") };
+    image.samples.iter_mut().for_each(|code| *code = code.min(0.96));
+    let (dull, method) = (Arc::new(dull), Method::Manual { emitters: vec![[0.0, 0.0, 180.0, 5.0]] });
+    let lit = |white: f32| {
+        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, force: false };
+        let (out, notes) = PredictExposure::run(&params, In { pano: dull.clone() }, &cx()).expect("runs");
+        let lit = out.brackets.log2_gain.samples.iter().filter(|gain| **gain > 0.0).count();
+        (lit, notes.iter().any(|note| note.id == "nothing-to-light"))
+    };
+    assert_eq!(lit(CLIPPED), (0, true));
+    let (pixels, told) = lit(0.9);
+    assert!(pixels > 0 && !told, "{pixels}");
+}
+
 #[test]
 fn emitters_act_where_the_user_states_them() {
     let source = room(256);
     // The lamp of the room, at columns 100 to 104 and rows 30 to 34 of 256x128.
     let (azimuth, elevation) = (360.0 * (102.0 / 256.0 - 0.5), 90.0 - 180.0 * 32.0 / 128.0);
     let stated = |emitters: Vec<[f64; 4]>| {
-        let params = PredictExposure { evs: vec![-3.0], method: Method::Manual { emitters }, force: false };
+        let params = PredictExposure {
+            evs: vec![-3.0],
+            method: Method::Manual { emitters },
+            white: CLIPPED,
+            force: false,
+        };
         PredictExposure::check(&params)?;
         PredictExposure::run(&params, In { pano: source.clone() }, &cx())
     };
@@ -484,7 +510,7 @@ fn emitters_act_where_the_user_states_them() {
     let gains: Vec<_> = report.tables[1].rows.iter().map(|row| [row[3].clone(), row[4].clone()]).collect();
     assert!(gains.contains(&[3.0, 3.0].map(Cell::Number)) && gains.contains(&[0.0, 0.0].map(Cell::Number)));
     // What no emitter reaches is told, as it is of `Skip`. Mutation: `Method::Manual` left out there.
-    let mask = clip_mask(&source, &linear_pixels(&source.image, Transfer::Srgb));
+    let mask = clip_mask(&source, &linear_pixels(&source.image, Transfer::Srgb), CLIPPED);
     let all = mask.iter().filter(|clipped| **clipped).count();
     let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());
     let (_, none) = stated(Vec::new()).expect("runs");
@@ -525,7 +551,8 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     assert!(numbers(&method).is_ok());
     let error = numbers(&flux_kontext(["a", "b", "c", "d"], 0, 0)).expect_err("takes no steps").to_string();
     assert!(error.contains("`steps` of `FluxKontext` is 0; it lies between 1 and 200"), "{error}");
-    let checked = PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, force: false });
+    let checked =
+        PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, white: CLIPPED, force: false });
     if cfg!(feature = "learned") {
         assert!(checked.is_ok());
     } else {
@@ -554,7 +581,12 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
         prompt.to_str().expect("is text"),
         &at("lora_kohya.safetensors"),
     ];
-    let params = PredictExposure { evs: vec![-6.0, -3.0], method: flux_kontext(files, 2, 3), force: false };
+    let params = PredictExposure {
+        evs: vec![-6.0, -3.0],
+        method: flux_kontext(files, 2, 3),
+        white: CLIPPED,
+        force: false,
+    };
     let cx = cx();
     let sources = PredictExposure::sources(&params, &SourceRoot::new(".")).expect("are there");
     // The four files, and what stands beside two of them.

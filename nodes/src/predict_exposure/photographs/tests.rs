@@ -1,12 +1,13 @@
 use std::sync::Arc;
 
-use engine::{Kind, Scene, Up};
+use engine::{Kind, Params, Scene, Up};
 use glam::DVec3;
 use tempfile::TempDir;
 
-use super::super::{In, Method, Out, PredictExposure};
+use super::super::{CLIPPED, In, Method, Out, PredictExposure};
 use super::*;
-use crate::color::code8;
+use crate::color::{code8, linear_from_srgb};
+use crate::fuse_hdr::{self, FuseHdr, Gain};
 use crate::io::exr::{self, Channel, Depth};
 use crate::io::png::{self, Raster};
 
@@ -58,8 +59,12 @@ impl Place {
     fn measure(&self, pano: Panorama, files: &[&str], evs: &[f64]) -> Result<(Out, Notes), NodeError> {
         let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
         let files = files.iter().map(|file| InputFile((*file).to_owned())).collect();
-        let params =
-            PredictExposure { evs: evs.to_vec(), method: Method::Photographs { files }, force: false };
+        let params = PredictExposure {
+            evs: evs.to_vec(),
+            method: Method::Photographs { files },
+            white: CLIPPED,
+            force: false,
+        };
         PredictExposure::check(&params)?;
         let pano = Arc::new(pano);
         PredictExposure::run(&params, In { pano }, &Context::detached(scene, self.0.path()))
@@ -166,7 +171,7 @@ fn linear_light_has_no_ceiling() {
     assert_near(&out.brackets.log2_gain.samples[..4], [1.585, 4.907, 9.814, 0.0]);
     assert_eq!(notes.iter().map(|note| note.id.as_str()).collect::<Vec<_>>(), ["clipped-regions"]);
     let code = out.brackets.exposures[0].rgb(2, 0)[0];
-    assert!((crate::color::linear_from_srgb(code) / 112.5 - 1.0).abs() < 1e-5, "{code}");
+    assert!((linear_from_srgb(code) / 112.5 - 1.0).abs() < 1e-5, "{code}");
     assert_eq!(out.brackets.taken, Taken::Linear, "its codes are sRGB, whatever the curve of the panorama");
     let error = place.measure(pano(0), &["a.exr", "b.png"], &[-3.0, -6.0]).map(|_| ()).expect_err("differ");
     assert!(error.to_string().contains("`b.png` display colours"), "{error}");
@@ -221,4 +226,40 @@ fn files_are_read_where_nothing_is_clipped() {
     assert_eq!(told(&notes, "nothing-clipped").len(), 1);
     assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
     assert_eq!(out.brackets.exposures[0].rgb(1, 0), [1.0; 3], "a photograph is what was taken");
+}
+
+/// A panorama whose white ends at code 246 of 255 loses no light that photographs show: what they show brighter is clipped,
+/// by either gain, and what they show alike is not.
+/// Mutation: `add_clipped` not asked; `BRIGHTER` 0; `measured` false in `fuse`.
+#[test]
+fn light_that_photographs_show_above_an_early_white_is_found() {
+    let place = Place::new();
+    let early = |white: f32| {
+        let plain = pano(0);
+        let Picture::Srgb(image) = &plain.image else { panic!("display colours") };
+        let samples = image.samples.iter().map(|code| code.min(white)).collect();
+        Arc::new(Panorama { image: Image::<Srgb>::from_samples(W, H, 3, samples).into(), ..pano(0) })
+    };
+    for code in [255, 250, 246] {
+        let base = early(code as f32 / 255.0);
+        let (out, notes) = place
+            .measure((*base).clone(), &["a.png", "b.png"], &[-3.0, -6.0])
+            .unwrap_or_else(|e| panic!("{e}"));
+        let own = linear_from_srgb(code as f32 / 255.0);
+        for gain in [Gain::Direct, Gain::Brackets] {
+            let fuse = FuseHdr { gain, ..FuseHdr::defaults().expect("has defaults") };
+            let input = fuse_hdr::In { base: base.clone(), brackets: out.brackets.clone() };
+            let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
+            let (lit, _) = FuseHdr::run(&fuse, input, &Context::detached(scene, ".")).expect("runs");
+            for (x, light) in [(0, 3.0), (1, 30.0)] {
+                let found = lit.env.image.rgb(x, 5)[0];
+                assert!((found / light - 1.0).abs() < 0.02, "{code} {gain:?} {x}: {found}");
+            }
+            let Picture::Srgb(shown) = &base.image else { panic!("display colours") };
+            let dim = shown.rgb(3, 5)[0];
+            assert_eq!(lit.env.image.rgb(3, 5)[0], linear_from_srgb(dim));
+        }
+        let early = notes.iter().any(|note| note.id == "white-early");
+        assert_eq!(early, own < CLIPPED, "{code}: {notes:?}");
+    }
 }

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::super::grid::Grid;
 use super::super::network::Scene;
-use super::super::{clip_mask, clipped_light};
+use super::super::{CLIPPED, clip_mask, clipped_light};
 use super::{FINE, WIDTH};
 use crate::color::{code8, srgb_from_linear};
 use crate::equirect::{axes, direction, pixel_solid_angle};
@@ -149,7 +149,7 @@ impl Truth {
     pub fn example(&self, shot: Shot) -> Option<Example> {
         let pano = self.photograph(shot);
         let pixels = clipped_light(&pano, &mut engine::Notes::none()).ok()?;
-        let mask = clip_mask(&pano, &pixels);
+        let mask = clip_mask(&pano, &pixels, CLIPPED);
         let grid = Grid::new(&pixels, &mask, &pano.alpha.samples);
         let scene = Scene::new(&grid, pano.up, &regions::label(&grid.clipped, grid.width));
         let exposure = num::f64::exp2(shot.ev);
