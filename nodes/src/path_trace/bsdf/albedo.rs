@@ -3,7 +3,7 @@
 //! scattering between facets loses, which a gain gives back (Turquin 2019, Practical multiple scattering
 //! compensation for microfacet models).
 //!
-//! Facets have tables for fixed relative indices, made when an index beside them is first met, and what lies
+//! Facets have tables for fixed relative indices and roughnesses, made when one beside them is first met, and what lies
 //! between two is interpolated. All of what facets do comes from the same points, so that what a table reflects
 //! too much it lets through too little.
 
@@ -87,6 +87,9 @@ pub struct Facets {
 }
 
 impl Facets {
+    /// Of a surface that has no interface: nothing asks what its facets do, and no table is made for it.
+    pub const NONE: Self = Self { all: 1.0, metal: 0.0, dielectric: 0.0, passed: 1.0, mean: 1.0, rise: 0.0 };
+
     /// Of a distribution towards a viewer in its frame, with the relative index of the other side.
     pub fn new(ggx: &Ggx, out: Vec3, eta: f32) -> Self {
         let [x, y] = ggx.alphas();
@@ -101,13 +104,13 @@ impl Facets {
 
     /// Of round facets of a perceptual roughness.
     pub fn round(cosine: f32, roughness: f32, eta: f32) -> Self {
-        Self::of(eta, roughness, |slice| slice.round.at([place(cosine), roughness]))
+        Self::of(eta, roughness, |slice| slice.round(place(cosine), roughness))
     }
 
     fn of(eta: f32, roughness: f32, scattered: impl Fn(&Slice) -> [f32; 4]) -> Self {
         let [all, metal, dielectric, passed, mean, rise] = at_index(eta, |slice| {
             let [all, metal, dielectric, passed] = scattered(slice);
-            let [a, b, ..] = slice.means.at([roughness]);
+            let [a, b, ..] = slice.means(roughness);
             [all, metal, dielectric, passed, a + b, slice.rise]
         });
         Self { all: all.clamp(1e-3, 1.0), metal, dielectric, passed, mean, rise }
@@ -142,40 +145,79 @@ fn again(f: f32, mean: f32) -> f32 {
 /// [`Facets::dielectric`] of round facets.
 pub fn mean_reflection(f0: f32, eta: f32, roughness: f32) -> f32 {
     let [a, b, c, d, rise] = at_index(eta, |slice| {
-        let [a, b, c, d] = slice.means.at([roughness]);
+        let [a, b, c, d] = slice.means(roughness);
         [a, b, c, d, slice.rise]
     });
     (f0 * a + b + (f0 * c + d) * again(f0 + (1.0 - f0) * rise, a + b)).min(1.0)
 }
 
+/// Places and roughnesses that round facets have tables for.
+const SIDE: usize = 32;
+
+/// The step of a table of [`SIDE`] steps before a number from 0 to 1, and how far beyond that it lies.
+fn step(at: f32) -> (usize, f32) {
+    let x = at.clamp(0.0, 1.0) * (SIDE - 1) as f32;
+    let cell = (x as usize).min(SIDE - 2);
+    (cell, x - cell as f32)
+}
+
 /// Tables for one relative index.
 struct Slice {
     eta: f32,
-    /// Over the place of the viewer and the roughness: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
-    round: Table<2, 4>,
+    /// For each roughness, over the place of the viewer: `all`, `metal`, `dielectric` and `passed` of [`Facets`].
+    round: [OnceLock<[[f32; 4]; SIDE]>; SIDE],
     /// The same over the place, how far along the first axis the viewer is seen aslant, the roughness and the
     /// strength of the brush.
     brushed: OnceLock<Table<4, 4>>,
-    /// Means over the hemisphere by roughness, where E is linear in f0 for single scattering and for what comes after
-    /// it: both terms of either.
-    means: Table<1, 4>,
+    /// For each roughness means over the hemisphere, where E is linear in f0 for single scattering and for what comes
+    /// after it: both terms of either.
+    means: [OnceLock<[f32; 4]>; SIDE],
     rise: f32,
 }
 
 impl Slice {
     fn new(eta: f32) -> Self {
-        let round = Table::new([32, 32], |[place, roughness]| {
-            facets(&Ggx::isotropic(roughness), viewer(place), eta, [144, 233])
-        });
-        let means = Table::new([32], |[roughness]| {
-            over_cosines(|c| {
-                let [all, _, b, _] = round.at([place(c), roughness]);
-                let (a, lost) = (all - b, (1.0 - all) / all.clamp(1e-3, 1.0));
-                [a, b, a * lost, b * lost]
-            })
-        });
         let [rise] = over_cosines(|c| [glass::rise(c, eta)]);
+        let (round, means) = ([const { OnceLock::new() }; SIDE], [const { OnceLock::new() }; SIDE]);
         Self { eta, round, brushed: OnceLock::new(), means, rise }
+    }
+
+    /// See [`Slice::round`], of one of the roughnesses.
+    fn line(&self, number: usize) -> &[[f32; 4]; SIDE] {
+        let along = |k: usize| k as f32 / (SIDE - 1) as f32;
+        self.round[number].get_or_init(|| {
+            let ggx = Ggx::isotropic(along(number));
+            std::array::from_fn(|k| facets(&ggx, viewer(along(k)), self.eta, [144, 233]))
+        })
+    }
+
+    fn round(&self, place: f32, roughness: f32) -> [f32; 4] {
+        let ((cell, along), (number, across)) = (step(place), step(roughness));
+        let mut sum = [0.0; 4];
+        for (number, weight) in [(number, 1.0 - across), (number + 1, across)] {
+            let line = self.line(number);
+            for (value, part) in [(line[cell], 1.0 - along), (line[cell + 1], along)] {
+                sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += part * weight * value);
+            }
+        }
+        sum
+    }
+
+    fn means(&self, roughness: f32) -> [f32; 4] {
+        let (number, across) = step(roughness);
+        let mut sum = [0.0; 4];
+        for (number, weight) in [(number, 1.0 - across), (number + 1, across)] {
+            let mean = self.means[number].get_or_init(|| {
+                let roughness = number as f32 / (SIDE - 1) as f32;
+                over_cosines(|c| {
+                    let [all, _, b, _] = self.round(place(c), roughness);
+                    let (a, lost) = (all - b, (1.0 - all) / all.clamp(1e-3, 1.0));
+                    [a, b, a * lost, b * lost]
+                })
+            });
+            sum.iter_mut().zip(mean).for_each(|(sum, value)| *sum += weight * value);
+        }
+        sum
     }
 }
 
@@ -193,8 +235,8 @@ const SLICES: usize = 45;
 
 /// The value of `f` for a relative index, between those of the slices beside it.
 fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N] {
-    static OUTSIDE: [OnceLock<Slice>; SLICES] = [const { OnceLock::new() }; SLICES];
-    static INSIDE: [OnceLock<Slice>; SLICES] = [const { OnceLock::new() }; SLICES];
+    static OUTSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
+    static INSIDE: [OnceLock<Box<Slice>>; SLICES] = [const { OnceLock::new() }; SLICES];
     let (slices, index) = if eta < 1.0 { (&INSIDE, 1.0 / eta) } else { (&OUTSIDE, eta) };
     // Denser towards an index of 1, where grazing reflectance is steep. 1.5 is a slice.
     let step = 2.0 * (index - 1.0) / (index + 1.0);
@@ -204,7 +246,7 @@ fn at_index<const N: usize>(eta: f32, f: impl Fn(&Slice) -> [f32; N]) -> [f32; N
             let root = k as f32 / STEPS;
             let step = 0.4 * root * root;
             let index = (1.0 + 0.5 * step) / (1.0 - 0.5 * step);
-            Slice::new(if eta < 1.0 { 1.0 / index } else { index })
+            Box::new(Slice::new(if eta < 1.0 { 1.0 / index } else { index }))
         }))
     };
     let near = (x + 0.5) as usize;

@@ -71,6 +71,26 @@ impl Gloss {
     pub fn new(params: &BsdfParams, interface: &Interface, out: Vec3) -> Self {
         let ggx = Ggx::anisotropic(params.roughness, params.anisotropy);
         let (m, cosine, eta) = (params.metallic, out.z, glass::relative(params));
+        // No interface, no metal and nothing that passes: no light knows of the facets, so no table is made for them.
+        if interface.strength == 0.0
+            && m == 0.0
+            && params.transmission == 0.0
+            && !params.inside
+            && !params.every_lobe
+        {
+            let none = [Vec3::ZERO; 2];
+            let (gain, albedo, left) = (Vec3::ZERO, Vec3::ZERO, Vec3::ONE);
+            return Self {
+                ggx,
+                facets: Facets::NONE,
+                eta,
+                dielectric: none,
+                metal: none,
+                gain,
+                albedo,
+                left,
+            };
+        }
         let facets = Facets::new(&ggx, out, eta);
         if params.inside {
             // The whole interface: without it nothing would be reflected beyond the critical angle.
