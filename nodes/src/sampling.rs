@@ -5,6 +5,8 @@
 //! hash-based Owen scrambling and shuffling (Burley 2020, Practical Hash-based Owen Scrambling), padded
 //! as in Kollig and Keller 2002. Any aligned block of 2^k samples is stratified in every pair.
 
+use fearless_simd::{prelude::*, u32x8};
+
 /// Mixes 32 bits (Wellons, hash prospector, lowbias32).
 #[inline]
 pub fn mix(mut x: u32) -> u32 {
@@ -49,6 +51,12 @@ pub fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// A number in [0, 1) from all 32 bits.
+#[inline(always)]
+pub fn fraction(bits: u32) -> f64 {
+    f64::from(bits) * (1.0 / 4_294_967_296.0)
+}
+
 /// The points of one sample of one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Points {
@@ -87,11 +95,71 @@ impl Points {
         [x.reverse_bits(), y.reverse_bits()]
     }
 
+    /// [`bits`](Self::bits) of eight points, each for a pair of its own: first numbers, then second ones.
+    #[inline(always)]
+    pub fn bits_of_eight<S: Simd>(simd: S, points: &[Self; 8], pairs: &[u32; 8]) -> [[u32; 8]; 2] {
+        let load = |of: [u32; 8]| u32x8::from_slice(simd, &of);
+        let seeds = wide_hash(load(points.map(|p| p.stream)), load(*pairs));
+        let index = wide_reversed(load(points.map(|p| p.index)));
+        let index = wide_reversed(wide_scramble(index, seeds));
+        let x = wide_scramble(index, wide_mix(seeds ^ 0xa511_e9b3));
+        let y = wide_scramble(wide_pascal(index), wide_mix(seeds ^ 0x63d8_3595));
+        let store = |v: u32x8<S>| {
+            let mut out = [0; 8];
+            v.store_slice(&mut out);
+            out
+        };
+        [store(wide_reversed(x)), store(wide_reversed(y))]
+    }
+
     /// A point of the unit square for a pair of dimensions.
     #[inline]
     pub fn pair(&self, pair: u32) -> [f32; 2] {
         self.bits(pair).map(unit)
     }
+}
+
+/// [`mix`] of eight words.
+#[inline(always)]
+fn wide_mix<S: Simd>(x: u32x8<S>) -> u32x8<S> {
+    let x = (x ^ (x >> 16)) * 0x7feb_352d;
+    let x = (x ^ (x >> 15)) * 0x846c_a68b;
+    x ^ (x >> 16)
+}
+
+/// [`hash`] of eight pairs of words.
+#[inline(always)]
+fn wide_hash<S: Simd>(a: u32x8<S>, b: u32x8<S>) -> u32x8<S> {
+    wide_mix((a * 0x9e37_79b9) ^ wide_mix(b + 0x85eb_ca6b))
+}
+
+/// [`scramble_reversed`] of eight values.
+#[inline(always)]
+fn wide_scramble<S: Simd>(x: u32x8<S>, seed: u32x8<S>) -> u32x8<S> {
+    let x = (x ^ (x * 0x3d20_adea)) + seed;
+    let x = x * ((seed >> 16) | 1);
+    let x = x ^ (x * 0x0552_6c56);
+    x ^ (x * 0x53a2_2864)
+}
+
+/// [`pascal`] of eight values.
+#[inline(always)]
+fn wide_pascal<S: Simd>(x: u32x8<S>) -> u32x8<S> {
+    let x = x ^ (x >> 16);
+    let x = x ^ ((x >> 8) & 0x00ff_00ff);
+    let x = x ^ ((x >> 4) & 0x0f0f_0f0f);
+    let x = x ^ ((x >> 2) & 0x3333_3333);
+    x ^ ((x >> 1) & 0x5555_5555)
+}
+
+/// Eight values, the bits of each in reverse.
+#[inline(always)]
+fn wide_reversed<S: Simd>(x: u32x8<S>) -> u32x8<S> {
+    let x = ((x >> 1) & 0x5555_5555) | ((x & 0x5555_5555) << 1);
+    let x = ((x >> 2) & 0x3333_3333) | ((x & 0x3333_3333) << 2);
+    let x = ((x >> 4) & 0x0f0f_0f0f) | ((x & 0x0f0f_0f0f) << 4);
+    let x = ((x >> 8) & 0x00ff_00ff) | ((x & 0x00ff_00ff) << 8);
+    (x >> 16) | (x << 16)
 }
 
 /// The stream of a pixel: its scrambles differ from those of every other pixel and seed.
@@ -180,6 +248,8 @@ impl Discrete {
 
 #[cfg(test)]
 mod tests {
+    use fearless_simd::dispatch;
+
     use super::*;
 
     // The defining property of a (0, k, 2)-net: each elementary interval of area 2^-k holds one point.
@@ -197,6 +267,22 @@ mod tests {
                         seen[((column << (k - split)) | row) as usize] += 1;
                     }
                     assert!(seen.iter().all(|&c| c == 1), "k {k} split {split} block {block}");
+                }
+            }
+        }
+    }
+
+    /// Eight at once are those of each, by every set of vector instructions.
+    /// Mutation: a shift of `wide_reversed`, or a constant of `wide_scramble` (each seen red).
+    #[test]
+    fn eight_points_at_once_are_the_same() {
+        for level in crate::testing::levels() {
+            for i in 0..1_000 {
+                let points = std::array::from_fn(|k| Points::new(hash(i, 3), i).twig(k as u32, 8));
+                let pairs = std::array::from_fn(|k| hash(i, k as u32 / 3));
+                let [x, y] = dispatch!(level, simd => Points::bits_of_eight(simd, &points, &pairs));
+                for k in 0..8 {
+                    assert_eq!([x[k], y[k]], points[k].bits(pairs[k]), "{level:?}");
                 }
             }
         }

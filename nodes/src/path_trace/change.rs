@@ -7,12 +7,12 @@
 use glam::Vec3;
 
 use super::bsdf::Lobe;
-use super::environment::{Distributions, DrawnDirection, TIERS};
+use super::environment::DrawnDirection;
 use super::integrator::{Integrator, PAIRS, PathState, Vertex};
 use super::light_distribution::Cone;
 use super::receiver::Surface;
 use crate::bvh::{Hit, Ray};
-use crate::sampling::{circle, hash, unit};
+use crate::sampling::{Points, circle, hash, unit};
 
 /// First of the pairs of dimensions for rays to the objects: direction, whether one is sent, and whether the
 /// sample asks for a change at all.
@@ -23,11 +23,9 @@ const RAYS: f32 = 1.0;
 /// Where the objects are for the first vertex.
 #[derive(Debug, Clone, Copy)]
 pub struct ChangeSampling<'a> {
-    /// The part of the sky that they can hide.
-    pub distributions: Distributions<'a>,
-    /// Light samples of each tier.
-    pub lights: [u32; TIERS],
-    /// Probability that the sample asks for a change.
+    /// Directions of the part of the sky that they can hide.
+    pub drawn: &'a [DrawnDirection],
+    /// Probability that the sample asks for a change: see [`asks`].
     pub probability: f32,
     /// Where rays to them start.
     pub start: Vec3,
@@ -37,13 +35,20 @@ pub struct ChangeSampling<'a> {
     pub lift: Vec3,
 }
 
+/// Whether a sample asks for a change, of which samples do so with a probability.
+pub fn asks(points: &Points, probability: f32) -> bool {
+    probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
+}
+
+/// First of the pairs of dimensions for light samples of the first vertex.
+pub const FIRST_LIGHTS: u32 = 1;
+
 impl Integrator<'_> {
     /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
             self.paired_estimate(hit, ray, sampling.lift)
-        } else if sampling.probability >= 1.0 || unit(self.points.bits(TOWARDS + 2)[0]) < sampling.probability
-        {
+        } else if asks(&self.points, sampling.probability) {
             self.separate_estimate(hit, sampling) / sampling.probability
         } else {
             Vec3::ZERO
@@ -58,17 +63,20 @@ impl Integrator<'_> {
         for bounce in 0..=rules.max_bounces {
             let surface = self.scene.receiver.surface(&hit);
             let surface = Surface { media: [self.around(surface.upright(lift)); 2], ..surface };
-            let pair = 1 + bounce * PAIRS;
+            let pair = FIRST_LIGHTS + bounce * PAIRS;
             let key = hash(self.key, pair);
             let first = bounce == 0;
 
             // Light of the sky that they take away.
-            let distributions =
-                if first { sampling.distributions } else { sky.distributions(surface.bsdf.lit_side()) };
-            let several = first.then_some(sampling.lights);
+            let own;
+            let drawn = if first {
+                sampling.drawn
+            } else {
+                own = self.lights(sky.distributions(surface.bsdf.lit_side()), pair, None);
+                own.as_slice()
+            };
             let mut taken = Vec3::ZERO;
-            let lights = self.lights(distributions, pair, several);
-            for (number, drawn) in lights.iter().flatten().enumerate() {
+            for (number, drawn) in drawn.iter().enumerate() {
                 taken += self.blocked_light(&surface, lift, drawn, key.wrapping_add(number as u32));
             }
             light -= rules.clamped(bounce, throughput * taken);
@@ -205,7 +213,7 @@ fn towards(cone: &Cone, [u, v]: [f32; 2]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::{Points, stream};
+    use crate::sampling::stream;
     use crate::testing::chi_square;
 
     /// Chi-square of rays to the objects against their density, by rings and sectors of the cone, and of how often one is

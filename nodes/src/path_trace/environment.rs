@@ -1,5 +1,6 @@
 //! The environment as a light: its radiance in a direction, and directions in proportion to it.
 
+use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3, Vec3};
 
 use super::crop::greatest_irradiance;
@@ -7,6 +8,7 @@ use super::light_cells::{LightCells, RowChoice};
 use super::light_distribution::{Cone, LightDistribution};
 use super::texel_grid::{TexelGrid, approximate_turns};
 use crate::equirect::pixel_solid_angle;
+use crate::sampling::fraction;
 use crate::types::Environment;
 
 #[cfg(test)]
@@ -24,7 +26,7 @@ pub struct LightSample {
 }
 
 /// A direction towards light that is not looked up yet, which may wait for memory.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DrawnDirection {
     /// Unit direction towards the light, in the world.
     pub direction: Vec3,
@@ -49,7 +51,9 @@ pub struct EnvironmentLight {
     /// Radiance of each texel, and density at it where its cell is given.
     texels: Vec<[f32; 4]>,
     bright: Vec<bool>,
-    tiers: [LightCells; TIERS],
+    pub(super) tiers: [LightCells; TIERS],
+    /// The vector instructions that light is drawn by, each set with the same bits.
+    pub(super) level: Level,
     /// Light samples of each tier where several are taken, powers of 2.
     pub lights: [u32; TIERS],
     /// Samples that were negative or not finite and count as black.
@@ -112,7 +116,7 @@ impl EnvironmentLight {
             ..0.7 => [1, 4],
             _ => [2, 2],
         };
-        Self { texel_grid, texels, bright, tiers, lights, broken, power }
+        Self { texel_grid, texels, bright, tiers, level: Level::new(), lights, broken, power }
     }
 
     /// The greatest radiance, and the greatest irradiance of any surface, for each channel; neither is more.
@@ -192,35 +196,39 @@ impl EnvironmentLight {
     #[inline]
     pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
         let share = f64::from(self.numbers(distributions, None)[0]);
-        let at = f64::from(v) * SCALE;
+        let at = fraction(v);
         let (tier, at) = if at < share { (0, at / share) } else { (1, (at - share) / (1.0 - share)) };
         // The conversion keeps to the range of the type.
         (tier, [(at / SCALE) as u32, u])
     }
 
-    /// Directions of tiers, each from two 32-bit fractions: about in proportion to light times cosine. They may
-    /// lie a little below the horizon, never so much that light above it is left out. `numbers` are those
-    /// of light samples in each tier.
-    #[inline]
-    pub fn draw<const N: usize>(
+    /// A direction of a tier, from two 32-bit fractions, of which so many are taken: see [`draw_each`](Self::draw_each).
+    pub fn draw_one(
         &self,
-        distributions: Distributions<'_>,
-        numbers: [f32; TIERS],
-        draws: &[(usize, [u32; 2])],
-    ) -> [Option<DrawnDirection>; N] {
-        // In halves, so that all wait for memory together.
-        let mut rows = [RowChoice::default(); N];
-        for (row, (tier, point)) in rows.iter_mut().zip(draws) {
-            *row = self.tiers[*tier].row(distributions[*tier], point.map(|p| f64::from(p) * SCALE));
-        }
-        let mut found = [None; N];
-        for (slot, (row, (tier, _))) in found.iter_mut().zip(rows.iter().zip(draws)) {
-            let (texel, place) = self.tiers[*tier].texel(row);
-            let direction = self.texel_grid.within(texel, place);
-            let texel = (texel.1 * self.texel_grid.width + texel.0) as u32;
-            *slot = Some(DrawnDirection { direction, texel, expected: numbers[*tier] * row.probability });
-        }
-        found
+        tier: usize,
+        distribution: &LightDistribution,
+        number: f32,
+        point: [u32; 2],
+    ) -> DrawnDirection {
+        dispatch!(self.level, simd => {
+            let row = self.tiers[tier].row(simd, distribution, point.map(fraction));
+            self.found(simd, tier, &row, number)
+        })
+    }
+
+    /// What the second half of a choice of a texel finds; `number` light samples are taken of its tier.
+    #[inline(always)]
+    pub(super) fn found<S: Simd>(
+        &self,
+        simd: S,
+        tier: usize,
+        row: &RowChoice,
+        number: f32,
+    ) -> DrawnDirection {
+        let (texel, place) = self.tiers[tier].texel(simd, row);
+        let direction = self.texel_grid.within(texel, place);
+        let texel = (texel.1 * self.texel_grid.width + texel.0) as u32;
+        DrawnDirection { direction, texel, expected: number * row.probability }
     }
 
     /// The light of a direction that was drawn.
@@ -230,30 +238,15 @@ impl EnvironmentLight {
         LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
     }
 
-    /// [`draw`](Self::draw), looked up.
-    #[inline]
-    pub fn sample<const N: usize>(
-        &self,
-        distributions: Distributions<'_>,
-        numbers: [f32; TIERS],
-        draws: &[(usize, [u32; 2])],
-    ) -> [Option<LightSample>; N] {
-        self.draw(distributions, numbers, draws).map(|drawn| drawn.map(|drawn| self.light(&drawn)))
-    }
-
     /// A light sample that is alone, for a surface whose light comes from one side, or from all; none where no
     /// light comes from there.
     pub fn sample_one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<LightSample> {
         let distributions = self.distributions(normal);
-        let [found] = match distributions.iter().any(|distribution| distribution.power > 0.0) {
-            true => self.sample(
-                distributions,
-                self.numbers(distributions, None),
-                &[self.tier(distributions, point)],
-            ),
-            false => [None],
-        };
-        found
+        distributions.iter().any(|distribution| distribution.power > 0.0).then(|| {
+            let (tier, point) = self.tier(distributions, point);
+            let number = self.numbers(distributions, None)[tier];
+            self.light(&self.draw_one(tier, distributions[tier], number, point))
+        })
     }
 
     /// As [`sample_one`](Self::sample_one), but a quarter of the samples takes no regard of the normal: for light whose direction

@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::bsdf::{Lobe, Scatter};
 use super::environment::{Distributions, DrawnDirection, EnvironmentLight, LightSample, TIERS};
 use super::film::Rays;
+use super::light_draws::wanted;
 use super::media::Media;
 use super::near_field::{ArrivingLight, NearFieldLight};
 use super::objects::Objects;
@@ -25,10 +26,28 @@ const MANY: usize = 5;
 const NEAR_LIGHTS: u32 = 4;
 /// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
 const BLUR: f32 = 0.05;
-/// Between the pairs for light of one tier of the sky and those for the next.
-const TIER: u32 = 1 << 18;
 /// Paths this long or longer may end at random.
 const ROULETTE_FROM: u32 = 3;
+
+/// The light samples of a vertex.
+#[derive(Debug, Default)]
+pub(super) struct FewDraws {
+    draws: [DrawnDirection; MANY],
+    count: usize,
+}
+
+impl FewDraws {
+    #[inline]
+    fn push(&mut self, drawn: DrawnDirection) {
+        self.draws[self.count] = drawn;
+        self.count += 1;
+    }
+
+    #[inline]
+    pub(super) fn as_slice(&self) -> &[DrawnDirection] {
+        &self.draws[..self.count]
+    }
+}
 
 /// What all rays share.
 #[derive(Debug, Clone, Copy)]
@@ -82,6 +101,8 @@ pub struct Integrator<'a> {
     pub(super) objects: bool,
     /// Where the first vertex looks for light of the sky, if that is known better than by its normal.
     pub distributions: Option<Distributions<'a>>,
+    /// The light samples of the first vertex, if they are drawn.
+    pub drawn: Option<&'a [DrawnDirection]>,
     /// Added to the start of rays to objects from the first vertex: see [`super::contact`].
     pub lift: Vec3,
     /// Width of the camera's ray for each unit of its length, for the textures of objects.
@@ -142,6 +163,7 @@ impl<'a> Integrator<'a> {
             key,
             objects,
             distributions: None,
+            drawn: None,
             lift: Vec3::ZERO,
             spread: 0.0,
             rays: Rays::default(),
@@ -293,27 +315,26 @@ impl<'a> Integrator<'a> {
         distributions: Distributions<'_>,
         pair: u32,
         several: Option<[u32; TIERS]>,
-    ) -> [Option<DrawnDirection>; MANY] {
+    ) -> FewDraws {
         let sky = self.scene.sky;
-        let mut draws = [(0, [0; 2]); MANY];
-        let mut known = 0;
+        let mut found = FewDraws::default();
         match several {
             Some(lights) => {
-                for tier in (0..TIERS).filter(|&tier| distributions[tier].power > 0.0) {
-                    let count = lights[tier];
-                    for (number, draw) in (0..count).zip(&mut draws[known..]) {
-                        *draw = (tier, self.points.twig(number, count).bits(pair + TIER * tier as u32));
-                    }
-                    known += count as usize;
+                let mut rest = wanted(distributions, lights, self.points, pair);
+                if let Some(first) = rest.next() {
+                    let mut all = [first; MANY];
+                    let count = all[1..].iter_mut().zip(rest).map(|(slot, next)| *slot = next).count();
+                    sky.draw_each(&all[..=count], |drawn| found.push(drawn));
                 }
             }
             None if distributions.iter().any(|distribution| distribution.power > 0.0) => {
-                draws[0] = sky.tier(distributions, self.points.bits(pair));
-                known = 1;
+                let (tier, point) = sky.tier(distributions, self.points.bits(pair));
+                let numbers = sky.numbers(distributions, None);
+                found.push(sky.draw_one(tier, distributions[tier], numbers[tier], point));
             }
             None => {}
         }
-        sky.draw(distributions, sky.numbers(distributions, several), &draws[..known])
+        found
     }
 
     /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
@@ -472,9 +493,17 @@ impl<'a> Integrator<'a> {
                     lit += self.light_sample(&surface, lift, &arriving, Some((near, points)), key);
                 }
             } else {
+                let own;
+                let drawn = match self.drawn.filter(|_| first) {
+                    Some(drawn) => drawn,
+                    None => {
+                        own = self.lights(distributions, pair, several);
+                        own.as_slice()
+                    }
+                };
                 // Looked up together, they wait for memory together.
-                let drawn = self.lights(distributions, pair, several);
-                let lights = drawn.each_ref().map(|drawn| drawn.as_ref().map(|drawn| sky.light(drawn)));
+                let mut lights = [None; MANY];
+                lights.iter_mut().zip(drawn).for_each(|(light, drawn)| *light = Some(sky.light(drawn)));
                 for (number, sample) in lights.iter().flatten().enumerate() {
                     let key = key.wrapping_add(number as u32);
                     lit += match surface.bsdf.is_matte() {

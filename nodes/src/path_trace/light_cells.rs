@@ -2,9 +2,12 @@
 
 use std::ops::Range;
 
+use fearless_simd::prelude::*;
 use glam::Vec3;
 
-use super::light_distribution::{self, CellGrid, Cone, LightCell, LightDistribution, accumulate, invert};
+use super::light_distribution::{
+    CellGrid, Cone, LightCell, LightDistribution, LightTable, accumulate, invert, pad,
+};
 use super::texel_grid::TexelGrid;
 use crate::equirect::pixel_solid_angle;
 
@@ -17,7 +20,7 @@ pub struct LightCells {
     /// The cells that aims choose from.
     pub grid: CellGrid,
     /// Where to sample for normals of each bin.
-    distributions: Vec<LightDistribution>,
+    distributions: LightTable,
     /// First column of texels of each column of cells, and first row of each row; one more closes each.
     columns: Vec<usize>,
     rows: Vec<usize>,
@@ -77,7 +80,7 @@ impl LightCells {
             width,
             height,
             grid: CellGrid::default(),
-            distributions: Vec::new(),
+            distributions: LightTable::new(),
             columns,
             rows,
             down: vec![0.0; counts[0] * height],
@@ -89,24 +92,25 @@ impl LightCells {
                 cells.push(all.divide(texel_grid, pdf, row, column));
             }
         }
+        pad(&mut all.down);
+        pad(&mut all.across);
         all.grid = CellGrid { cells, columns: counts[0] };
-        all.distributions = light_distribution::table(&all.grid);
         all
     }
 
     /// Where to sample for a surface of the given unit normal, if light from one side is all it takes.
     #[inline]
     pub fn distribution(&self, normal: Option<Vec3>) -> &LightDistribution {
-        light_distribution::of(&self.distributions, normal)
+        self.distributions.of(&self.grid, normal)
     }
 
     /// The first half of a choice: a cell and a row of it. Choices are made in halves for several points at a
     /// time, so that they wait for memory together.
-    #[inline]
-    pub fn row(&self, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {
-        let (row, column, [v, u]) = distribution.choose(point);
+    #[inline(always)]
+    pub fn row<S: Simd>(&self, simd: S, distribution: &LightDistribution, point: [f64; 2]) -> RowChoice {
+        let (row, column, [v, u]) = distribution.choose(simd, point);
         let (rows, columns) = self.texels_of(row, column);
-        let (y, v) = invert(&self.down[column * self.height..][rows.clone()], v);
+        let (y, v) = invert(simd, &self.down[column * self.height + rows.start..], rows.len(), v);
         let columns = [columns.start as u32, columns.end as u32];
         RowChoice {
             y: (rows.start + y) as u32,
@@ -117,13 +121,14 @@ impl LightCells {
     }
 
     /// The second half: column and row of a texel, and where in it the point lies.
-    #[inline]
-    pub fn texel(
+    #[inline(always)]
+    pub fn texel<S: Simd>(
         &self,
+        simd: S,
         &RowChoice { y, columns, place: [u, v], .. }: &RowChoice,
     ) -> ((usize, usize), [f64; 2]) {
         let (y, [start, end]) = (y as usize, columns.map(|x| x as usize));
-        let (x, u) = invert(&self.across[y * self.width..][start..end], u);
+        let (x, u) = invert(simd, &self.across[y * self.width + start..], end - start, u);
         ((start + x, y), [u, v])
     }
 

@@ -3,8 +3,11 @@
 //! The sky is cut into a grid of cells, narrow where it is bright. For a cone of normals, and perhaps a cone of
 //! directions that are of interest, stands a distribution over the cells: by the light that each brings to
 //! the middle of the normals, and at least by half a bound of what it can bring to any, so that no light is
-//! ever left out. A table holds one for each bin of the sphere of normals.
+//! ever left out. A table holds one for each bin of the sphere of normals that is asked for.
 
+use std::sync::OnceLock;
+
+use fearless_simd::{f32x8, prelude::*};
 use glam::Vec3;
 
 /// Bins along a side of the octahedral map; even, so that no bin crosses an edge of the octahedron.
@@ -80,19 +83,39 @@ pub struct LightCell {
     pub towards: Vec3,
 }
 
-/// Index of the first entry of a cumulative distribution above `u`, and where between its neighbours `u`
-/// lies, in [0, 1). The last entry is 1 and `u` less than that.
-#[inline]
-pub fn invert(cumulative: &[f32], u: f64) -> (usize, f64) {
+/// Entries that are compared at once.
+const LANES: usize = 8;
+/// Lines of more entries than this are halved until they have no more.
+const SCANNED: usize = 32;
+
+/// Makes a line of cumulative probabilities fit for [`invert`]: whole vectors may be read from any of its entries.
+pub fn pad(cumulative: &mut Vec<f32>) {
+    cumulative.extend([f32::INFINITY; LANES]);
+}
+
+/// Index of the first of `length` entries of a cumulative distribution above `u`, and where between its neighbours `u`
+/// lies, in [0, 1). The last entry is 1 and `u` less than that. Behind the entries are more: see [`pad`].
+#[inline(always)]
+pub fn invert<S: Simd>(simd: S, cumulative: &[f32], length: usize, u: f64) -> (usize, f64) {
     // Entries up to `u` are those up to the largest single below it.
     let nearest = u as f32;
     let single = if f64::from(nearest) > u { nearest.next_down() } else { nearest };
-    let below = match cumulative.len() {
-        // Few are counted faster than halved.
-        0..=64 => cumulative.iter().map(|&c| u32::from(c <= single)).sum::<u32>() as usize,
-        _ => cumulative.partition_point(|&c| c <= single),
-    };
-    let index = below.min(cumulative.len().saturating_sub(1));
+    let (mut index, mut left) = (0, length);
+    while left > SCANNED {
+        let half = left / 2;
+        index += if cumulative[index + half - 1] <= single { half } else { 0 };
+        left -= half;
+    }
+    let bound = f32x8::splat(simd, single);
+    for entries in cumulative[index..].chunks_exact(LANES) {
+        let above = f32x8::from_slice(simd, entries).simd_gt(bound).to_bitmask();
+        if above != 0 {
+            index += above.trailing_zeros() as usize;
+            break;
+        }
+        index += LANES;
+    }
+    let index = index.min(length.saturating_sub(1));
     let low = if index > 0 { f64::from(cumulative[index - 1]) } else { 0.0 };
     let width = f64::from(cumulative[index]) - low;
     let within = if width > 0.0 { (u - low) / width } else { 0.5 };
@@ -161,8 +184,11 @@ pub struct CellGrid {
 pub struct LightDistribution {
     rows: usize,
     columns: usize,
-    /// Cumulative probability of the rows, then that of the columns of each row.
+    /// Cumulative probability of the rows, then that of the columns of each row, each in whole vectors.
     cumulative: Vec<f32>,
+    /// Where the columns of the first row begin, and entries from one row to the next.
+    starts: usize,
+    stride: usize,
     /// The light that it expects; with none all cells are alike.
     pub power: f64,
     /// Solid angle of the cells that it expects light from.
@@ -175,13 +201,15 @@ impl LightDistribution {
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
         let CellGrid { cells, columns } = grid;
         let rows = cells.len() / columns;
-        let cumulative = vec![0.0; rows + cells.len()];
-        let mut distribution = Self { rows, columns: *columns, cumulative, power: 0.0, area: 0.0 };
-        let (to_rows, to_columns) = distribution.cumulative.split_at_mut(rows);
+        let [starts, stride] = [rows, *columns].map(|length| length.next_multiple_of(LANES));
+        let cumulative = vec![f32::INFINITY; starts + rows * stride + LANES];
+        let mut distribution =
+            Self { rows, columns: *columns, cumulative, starts, stride, power: 0.0, area: 0.0 };
+        let (to_rows, to_columns) = distribution.cumulative.split_at_mut(starts);
         let mut exact = vec![0.0; rows.max(*columns)];
         let mut narrow = |weights: &[f64], to: &mut [f32]| {
             let sum = accumulate(weights, &mut exact[..weights.len()]);
-            to.iter_mut().zip(&exact).for_each(|(to, from)| *to = *from as f32);
+            to.iter_mut().zip(&exact[..weights.len()]).for_each(|(to, from)| *to = *from as f32);
             sum
         };
         let weight = |cell: &LightCell| match to.meets(&cell.cone) {
@@ -189,7 +217,7 @@ impl LightDistribution {
             false => 0.0,
         };
         let mut of_rows = Vec::with_capacity(rows);
-        for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(*columns)) {
+        for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(stride)) {
             let weights: Vec<f64> = cells.iter().map(weight).collect();
             let bright = cells.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
             distribution.area += bright.map(|(cell, _)| cell.area).sum::<f64>();
@@ -200,20 +228,23 @@ impl LightDistribution {
     }
 
     /// Row and column of a cell, and where the point of the unit square lies within the choice.
-    #[inline]
-    pub fn choose(&self, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
-        let (rows, columns) = self.cumulative.split_at(self.rows);
-        let (row, v) = invert(rows, point[0]);
-        let (column, u) = invert(&columns[row * self.columns..(row + 1) * self.columns], point[1]);
+    #[inline(always)]
+    pub fn choose<S: Simd>(&self, simd: S, point: [f64; 2]) -> (usize, usize, [f64; 2]) {
+        let (row, v) = invert(simd, &self.cumulative, self.rows, point[0]);
+        let (column, u) = invert(simd, &self.cumulative[self.start(row)..], self.columns, point[1]);
         (row, column, [v, u])
+    }
+
+    #[inline]
+    fn start(&self, row: usize) -> usize {
+        self.starts + row * self.stride
     }
 
     /// Probability of a cell.
     #[inline]
     pub fn probability(&self, row: usize, column: usize) -> f32 {
-        let (rows, columns) = self.cumulative.split_at(self.rows);
         let share = |c: &[f32], i: usize| c[i] - if i > 0 { c[i - 1] } else { 0.0 };
-        share(rows, row) * share(&columns[row * self.columns..], column)
+        share(&self.cumulative, row) * share(&self.cumulative[self.start(row)..], column)
     }
 }
 
@@ -228,19 +259,28 @@ fn share(cell: &LightCell, normals: &Cone) -> f32 {
 }
 
 /// A distribution for each bin of the sphere of normals, and one for surfaces that light may reach from all
-/// sides.
-pub fn table(grid: &CellGrid) -> Vec<LightDistribution> {
-    (0..=ANY).map(|at| LightDistribution::new(grid, (at < ANY).then(|| normals(at)), &Cone::ALL)).collect()
-}
+/// sides; each is made when it is first asked for.
+#[derive(Debug)]
+pub struct LightTable(Vec<OnceLock<LightDistribution>>);
 
-/// The distribution for a unit normal.
-#[inline]
-pub fn of(table: &[LightDistribution], normal: Option<Vec3>) -> &LightDistribution {
-    &table[bin(normal)]
+impl LightTable {
+    /// Of which none is made yet.
+    pub fn new() -> Self {
+        Self((0..=ANY).map(|_| OnceLock::new()).collect())
+    }
+
+    /// The distribution over the cells of a grid, always the same one, for a unit normal.
+    #[inline]
+    pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>) -> &LightDistribution {
+        let at = bin(normal);
+        self.0[at].get_or_init(|| LightDistribution::new(grid, (at < ANY).then(|| normals(at)), &Cone::ALL))
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use fearless_simd::dispatch;
+
     use super::*;
     use crate::sampling::{Points, circle, stream};
 
@@ -252,17 +292,61 @@ mod tests {
         Vec3::new(r * cos, r * sin, z)
     }
 
+    /// By every set of vector instructions.
+    fn inverted(cumulative: &[f64], u: f64) -> (usize, f64) {
+        let mut single: Vec<f32> = cumulative.iter().map(|&c| c as f32).collect();
+        pad(&mut single);
+        let found = crate::testing::levels()
+            .into_iter()
+            .map(|level| dispatch!(level, simd => invert(simd, &single, cumulative.len(), u)));
+        found
+            .reduce(|a, b| {
+                assert_eq!(a, b);
+                a
+            })
+            .expect("a level")
+    }
+
     #[test]
     fn inversion_skips_what_has_no_weight() {
         let mut cumulative = [0.0; 5];
         assert_eq!(accumulate(&[0.0, 1.0, 0.0, 3.0, 0.0], &mut cumulative), 4.0);
-        let single = cumulative.map(|c| c as f32);
-        assert_eq!(invert(&single, 0.0).0, 1);
-        assert_eq!(invert(&single, 0.25), (3, 0.0));
-        assert_eq!(invert(&single, 0.25 - f64::EPSILON).0, 1, "no rounding of where it is asked");
-        assert_eq!(invert(&single, 1.0 - f64::EPSILON).0, 3);
+        assert_eq!(inverted(&cumulative, 0.0).0, 1);
+        assert_eq!(inverted(&cumulative, 0.25), (3, 0.0));
+        assert_eq!(inverted(&cumulative, 0.25 - f64::EPSILON).0, 1, "no rounding of where it is asked");
+        assert_eq!(inverted(&cumulative, 1.0 - f64::EPSILON).0, 3);
         assert_eq!(accumulate(&[0.0; 4], &mut cumulative[..4]), 0.0);
-        assert_eq!(invert(&cumulative.map(|c| c as f32)[..4], 0.6).0, 2);
+        assert_eq!(inverted(&cumulative[..4], 0.6).0, 2);
+    }
+
+    /// Lines of any length, whatever stands behind them: the entry is the one after those up to `u`.
+    /// Mutation: `half - 1` of `invert` to `half - 2` (seen red).
+    #[test]
+    fn inversion_finds_the_first_entry_above() {
+        for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {
+            let weights: Vec<f64> = (0..length).map(|i| f64::from(crate::sampling::mix(i) % 5)).collect();
+            let mut cumulative = vec![0.0; weights.len()];
+            accumulate(&weights, &mut cumulative);
+            let single: Vec<f32> = cumulative.iter().map(|&c| c as f32).collect();
+            let mut line = single.clone();
+            line.extend([0.3, 0.9]);
+            pad(&mut line);
+            for i in 0..400 {
+                let u = crate::sampling::fraction(crate::sampling::mix(i));
+                // Beside each entry too.
+                let beside = single[i as usize % single.len()];
+                for u in [u, f64::from(beside), f64::from(beside) - 1e-12] {
+                    if !(0.0..1.0).contains(&u) {
+                        continue;
+                    }
+                    let first = single.iter().position(|&c| f64::from(c) > u);
+                    for level in crate::testing::levels() {
+                        let (found, _) = dispatch!(level, simd => invert(simd, &line, single.len(), u));
+                        assert_eq!(Some(found), first, "{length} {u}");
+                    }
+                }
+            }
+        }
     }
 
     // A normal lies within the radius of its bin, so the cone that the bound is made for holds it.
@@ -292,10 +376,10 @@ mod tests {
                 LightCell { cone: Cone { axis, cosine }, area: 0.2, power: 1.0, towards: axis * 0.99 }
             })
             .collect();
-        let table = table(&CellGrid { cells: cells.clone(), columns: 8 });
+        let (grid, table) = (CellGrid { cells: cells.clone(), columns: 8 }, LightTable::new());
         for i in 0..4_000 {
             let normal = direction(i, 2);
-            let distribution = of(&table, Some(normal));
+            let distribution = table.of(&grid, Some(normal));
             let total: f32 = (0..64).map(|k| distribution.probability(k / 8, k % 8)).sum();
             assert!((total - 1.0).abs() < 1e-5);
             let ideal: f32 = cells.iter().map(|c| c.cone.axis.dot(normal).max(0.0)).sum();

@@ -16,6 +16,7 @@ mod first_hit;
 pub mod integrator;
 mod light_cells;
 mod light_distribution;
+mod light_draws;
 mod lobes;
 pub mod media;
 pub mod mipmap;

@@ -3,10 +3,11 @@
 use glam::Vec3;
 
 use super::camera_rays::CameraRays;
-use super::change::ChangeSampling;
+use super::change::{ChangeSampling, FIRST_LIGHTS, asks};
 use super::crop::{Crop, TileBounds};
 use super::film::{Area, Rays, Sums, TileSums};
 use super::integrator::{Integrator, Scene, Vertex};
+use super::light_draws::LightDraws;
 use super::tile::{Sample, Tile, TileSampling};
 use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
@@ -42,11 +43,24 @@ pub(super) fn trace_r0(
     let distributions = tile.distributions();
     let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
     let each = (range.1 - range.0) as usize;
+    // Where the receiver is the light, that is found by other ways.
+    let far = scene.rules.near.is_none();
+    let mut draws = LightDraws::new(scene.sky, scene.sky.lights, FIRST_LIGHTS, {
+        tile.samples.iter().map(|sample| {
+            let hit = sample.hit.filter(|_| far)?;
+            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
+            Some((sample.points, distributions.unwrap_or_else(usual)))
+        })
+    });
     for samples in tile.samples.chunks_exact(each) {
         let mut sums = [0.0; R0];
         for sample in samples {
-            let mut integrator =
-                Integrator { distributions, ..Integrator::new(scene, sample.points, sample.key, false) };
+            let drawn = Some(draws.next_vertex()).filter(|_| far);
+            let mut integrator = Integrator {
+                distributions,
+                drawn,
+                ..Integrator::new(scene, sample.points, sample.key, false)
+            };
             let light = match sample.hit {
                 Some(hit) => integrator.radiance(Vertex::Receiver(hit), sample.ray),
                 None => scene.sky.background(sample.ray.direction),
@@ -111,22 +125,26 @@ pub(super) fn trace_pair(
         }
         None => (distributions.as_ref().map(|distributions| distributions.each_ref()), scene.sky.lights, 1.0),
     };
+    let mut draws = LightDraws::new(scene.sky, lights, FIRST_LIGHTS, {
+        tile.samples.iter().map(|sample| {
+            let hit = sample.hit.filter(|_| far && asks(&sample.points, probability))?;
+            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
+            Some((sample.points, distributions.unwrap_or_else(usual)))
+        })
+    });
     for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
         let mut sums = [0.0; PAIR];
         let mut change = [0.0; 3];
         let mut touched = false;
         for sample in samples {
-            let (ray, landed) = (sample.ray, place(sample));
+            let (ray, landed, drawn) = (sample.ray, place(sample), draws.next_vertex());
             sums_of_tile.rays.camera += 1;
             let reach = landed.map_or(f32::INFINITY, |(_, hit, shift)| hit.t + shift);
             show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
             let Some((start, hit, shift)) = landed else { continue };
             let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
-            let distributions =
-                distributions.unwrap_or_else(|| scene.sky.distributions(Some(scene.receiver.facing(&hit))));
             let lift = ray.direction * shift;
-            let reach =
-                ChangeSampling { distributions, lights, probability, start, objects: [low, high], lift };
+            let reach = ChangeSampling { drawn, probability, start, objects: [low, high], lift };
             let light = integrator.change(hit, ray, &reach);
             sums_of_tile.rays += integrator.rays;
             touched |= light != Vec3::ZERO;

@@ -53,7 +53,7 @@ impl TexelGrid {
     }
 
     /// The direction of a point of a texel, given by two numbers in [0, 1), uniform over its solid angle.
-    #[inline]
+    #[inline(always)]
     pub fn within(&self, (x, y): (usize, usize), [u, v]: [f64; 2]) -> Vec3 {
         // Uniform over the texel's solid angle: uniform in azimuth and in the cosine of the polar angle.
         let above = self.cosines[y] + v * (self.cosines[y + 1] - self.cosines[y]);

@@ -2,8 +2,22 @@ use engine::Up;
 
 use super::*;
 use crate::equirect;
+use crate::path_trace::light_draws::wanted;
 use crate::sampling::{Points, stream};
 use crate::testing::{chi_square, row};
+
+/// The light samples of a first vertex.
+fn sampled(
+    sky: &EnvironmentLight,
+    distributions: Distributions<'_>,
+    lights: [u32; TIERS],
+    points: Points,
+) -> Vec<LightSample> {
+    let all: Vec<_> = wanted(distributions, lights, points, 0).collect();
+    let mut found = Vec::new();
+    sky.draw_each(&all, |drawn| found.push(sky.light(&drawn)));
+    found
+}
 
 fn noisy(width: usize, height: usize) -> Environment {
     let mut environment = constant(Up::PlusY, [0.0; 3], 2);
@@ -85,17 +99,7 @@ fn sampling_integrates_the_picture() {
             for i in 0..n {
                 // As the first vertex of a path does: of each tier a net of its own.
                 let points = Points::new(stream(3, 1, 0), i);
-                let lit = (0..TIERS).filter(|&tier| distributions[tier].power > 0.0);
-                let draws = lit.flat_map(|tier| {
-                    let count = sky.lights[tier];
-                    (0..count).map(move |k| (tier, points.twig(k, count).bits(tier as u32)))
-                });
-                let draws: Vec<_> = draws.collect();
-                for s in sky
-                    .sample::<8>(distributions, sky.numbers(distributions, Some(sky.lights)), &draws)
-                    .into_iter()
-                    .flatten()
-                {
+                for s in sampled(&sky, distributions, sky.lights, points) {
                     let cosine = s.direction.dot(normal).max(0.0);
                     sum += weight(s.radiance.to_array()) * f64::from(cosine / s.pdf);
                 }
@@ -168,13 +172,8 @@ fn row_37_one_texel_may_outshine_all_others() {
     let mean = cosines.sum::<f64>() / f64::from(fine * fine);
     let (distributions, n) = (sky.distributions(Some(hot)), 1 << 12);
     let arrived = |i| {
-        let draws: Vec<_> = (0..sky.lights[0]).map(|k| Points::new(5, i).twig(k, sky.lights[0])).collect();
-        let draws: Vec<_> = draws.iter().map(|points| (0, points.bits(0))).collect();
-        let found = sky
-            .sample::<8>(distributions, sky.numbers(distributions, Some(sky.lights)), &draws)
-            .into_iter()
-            .flatten();
-        found.map(|s| f64::from(s.radiance.x * s.direction.dot(hot) / s.pdf)).sum::<f64>()
+        let found = sampled(&sky, distributions, [sky.lights[0], 0], Points::new(5, i));
+        found.into_iter().map(|s| f64::from(s.radiance.x * s.direction.dot(hot) / s.pdf)).sum::<f64>()
     };
     let got = (0..n).map(arrived).sum::<f64>() / f64::from(n);
     let exact = 1e9 * pixel_solid_angle(32, 16, 5) * mean;
@@ -243,12 +242,7 @@ fn samples_follow_their_densities() {
             // A tier without light there is not drawn from.
             let lights = [0, 1].map(|k| if distributions[k].power > 0.0 { sky.lights[k] } else { 0 });
             let numbers = sky.numbers(distributions, Some(lights));
-            let several = |i| -> Vec<LightSample> {
-                let tier =
-                    |tier: usize| (0..lights[tier]).map(move |k| (tier, point(i, 2 * k + tier as u32)));
-                let draws: Vec<_> = (0..TIERS).flat_map(tier).collect();
-                sky.sample::<8>(distributions, numbers, &draws).into_iter().flatten().collect()
-            };
+            let several = |i| sampled(sky, distributions, lights, Points::new(stream(5, i, 2), 0));
             let what = format!("{name}, several within {}", to.cosine);
             follows(&what, sky, several, |d| sky.eval(distributions, numbers, d).pdf);
         }
