@@ -62,6 +62,8 @@ impl EnvironmentLight {
                 let point = [v[k], u[k]].map(fraction);
                 *row = self.tiers[wanted.tier].row(simd, wanted.distribution, point);
             }
+            let ahead = rows.iter().zip(wanted).map(|(row, wanted)| self.tiers[wanted.tier].look_ahead(row));
+            std::hint::black_box(ahead.sum::<f32>());
             for (row, wanted) in rows.iter().zip(wanted) {
                 found(self.found(simd, wanted.tier, row, wanted.number));
             }
