@@ -6,7 +6,7 @@ use obvhs::ploc::{PlocSearchDistance, SortPrecision};
 use obvhs::{BvhBuildParams, bvh2::Bvh2, bvh2::builder::build_bvh2};
 
 use super::triangles::Packet;
-use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK};
+use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
 /// So many triangles may have one centre. The builder joins one pair of them in each of its passes, which takes the
 /// square of their number.
@@ -39,8 +39,8 @@ impl Bvh {
             return bvh;
         }
         let mut build = Fold { corners, kept: &kept, boxes: &boxes, out: bvh };
-        // Each level but the last leaves three children waiting.
-        if most_in_one_place(&boxes) > CROWD || 3 * build.build_tree() >= STACK {
+        // Each level but the last leaves all children but one waiting.
+        if most_in_one_place(&boxes) > CROWD || (WIDE - 1) * build.build_tree() >= STACK {
             build.out.nodes.clear();
             build.out.packets.clear();
             let mut order: Vec<u32> = (0..kept.len() as u32).collect();
@@ -68,7 +68,7 @@ fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
 pub(super) enum Opens {
     /// The one that most rays meet.
     Largest,
-    /// The one with the most triangles, so that the folded tree is half as deep.
+    /// The one with the most triangles, so that the folded tree is a third as deep.
     Fullest,
 }
 
@@ -158,8 +158,8 @@ impl Fold<'_> {
                 continue;
             }
             let mut children = vec![at];
-            // Opens the largest inner child until there are four.
-            while children.len() < 4 {
+            // Opens the largest inner child until there are no more places.
+            while children.len() < WIDE {
                 let inner = |&&c: &&u32| matches!(tree[c as usize], Branch::Inner(..));
                 let Some(&open) =
                     children.iter().filter(inner).max_by(|&&a, &&b| weight(a).total_cmp(&weight(b)))
@@ -171,7 +171,8 @@ impl Fold<'_> {
                 children[place] = left;
                 children.push(right);
             }
-            let mut node = Node { bounds: [[Vec4::INFINITY, Vec4::NEG_INFINITY]; 3], children: [LEAF; 4] };
+            let none = [[f32::INFINITY; WIDE], [f32::NEG_INFINITY; WIDE]];
+            let mut node = Node { bounds: [none; 3], children: [LEAF; WIDE] };
             let index = self.out.nodes.len();
             for (lane, &child) in children.iter().enumerate() {
                 let (low, high) = bounds[child as usize];

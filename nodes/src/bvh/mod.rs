@@ -1,16 +1,19 @@
 //! Ray casting against triangles.
 //!
-//! `obvhs` finds the tree; we fold it to four children a node, walk it with conservative box tests and
+//! `obvhs` finds the tree; we fold it to eight children a node, walk it with conservative box tests and
 //! intersect with our own watertight test, so that a hit does not depend on the shape of the tree: the
-//! nearest t wins, then the smallest triangle index. Only lane-wise arithmetic is used on `Vec4`, which
-//! gives the same bits on every platform.
+//! nearest t wins, then the smallest triangle index. Only lane-wise arithmetic is used on vectors, which
+//! gives the same bits on every platform, by whatever instructions it has.
 
 mod build;
+mod stack;
 mod steps;
 mod triangles;
 
-use glam::{Vec3, Vec4};
+use fearless_simd::{Level, f32x8, prelude::*};
+use glam::Vec3;
 
+use stack::{STACK, with_stack};
 pub use steps::Steps;
 use triangles::{Packet, Sheared};
 
@@ -47,32 +50,64 @@ pub struct Hit {
     pub back: bool,
 }
 
-/// Four boxes: `bounds[axis][0]` the lower faces, `[1]` the upper ones.
+/// Boxes of a node.
+const WIDE: usize = 8;
+
+/// Eight boxes: `bounds[axis][0]` the lower faces, `[1]` the upper ones.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(32))]
 struct Node {
-    bounds: [[Vec4; 2]; 3],
+    bounds: [[[f32; WIDE]; 2]; 3],
     /// Node index, or [`LEAF`] + packets in bits 26 to 30 + index of the first packet.
-    children: [u32; 4],
+    children: [u32; WIDE],
 }
 
 const LEAF: u32 = 1 << 31;
 const LEAF_SHIFT: u32 = 26;
 const LEAF_FIRST: u32 = (1 << LEAF_SHIFT) - 1;
-/// Deepest stack of the walk; a tree that needs more is replaced by a balanced one.
-const STACK: usize = 64;
 /// Boxes are entered up to this much beyond the nearest hit, which covers the rounding of both.
 const SLACK: f32 = 1.0 + 1.0 / 65_536.0;
 
+/// Follows a ray by wide vector registers where the machine has them. No product is fused with a sum, so the bits are those
+/// of any other machine.
+macro_rules! at_best {
+    ($level:expr, $simd:ident => $walk:expr) => {{
+        #[cfg(target_arch = "x86_64")]
+        match $level.as_avx2() {
+            Some($simd) => $simd.vectorize(
+                #[inline(always)]
+                || $walk,
+            ),
+            None => {
+                let $simd = $level.as_sse2().expect("it is part of x86-64");
+                $walk
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        fearless_simd::dispatch!($level, $simd => $walk)
+    }};
+}
+
 /// A tree of boxes over triangles.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Bvh {
     nodes: Vec<Node>,
     packets: Vec<Packet>,
+    /// The vector instructions that rays are followed by, each set with the same bits.
+    level: Level,
     /// Triangles left out because a corner is not finite.
     pub broken: u64,
     /// Triangles left out because they have no area.
     pub degenerate: u64,
     bounds: Option<(Vec3, Vec3)>,
+}
+
+impl Default for Bvh {
+    /// Of no triangles.
+    fn default() -> Self {
+        let (nodes, packets) = (Vec::new(), Vec::new());
+        Self { nodes, packets, level: Level::new(), broken: 0, degenerate: 0, bounds: None }
+    }
 }
 
 impl Bvh {
@@ -84,7 +119,7 @@ impl Bvh {
     /// Looks at the tree from its root: `visit` gets the corners of a box, and says whether to look into that, or those of
     /// a triangle.
     pub fn visit(&self, mut look: impl FnMut(&[Vec3]) -> bool) {
-        let corners = |bounds: &[[Vec4; 2]; 3], lane: usize| -> [Vec3; 8] {
+        let corners = |bounds: &[[[f32; WIDE]; 2]; 3], lane: usize| -> [Vec3; 8] {
             std::array::from_fn(|i| Vec3::from_array([0, 1, 2].map(|axis| bounds[axis][i >> axis & 1][lane])))
         };
         let mut waiting = if self.nodes.is_empty() { Vec::new() } else { vec![0] };
@@ -94,7 +129,7 @@ impl Bvh {
                 // Lanes without a child have bounds that are empty.
                 let there = |lane: &usize| bounds[0][0][*lane] <= bounds[0][1][*lane];
                 let open = |lane: usize| look(&corners(bounds, lane)).then_some(children[lane]);
-                waiting.extend((0..4).filter(there).filter_map(open));
+                waiting.extend((0..WIDE).filter(there).filter_map(open));
                 continue;
             }
             let first = (at & LEAF_FIRST) as usize;
@@ -109,69 +144,29 @@ impl Bvh {
     /// The nearest hit that `accept` takes.
     #[inline]
     pub fn closest(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+        // Most rays to a small object end here.
+        let slope = self.enter(&ray)?;
         match Steps::are_counted() {
-            false => self.nearest::<false>(ray, accept),
-            true => self.nearest_counted(ray, accept),
+            false => at_best!(self.level, simd => self.nearest::<_, false>(simd, ray, slope, accept)),
+            true => self.nearest_counted(ray, slope, accept),
         }
     }
 
     /// True when there is a hit that `accept` takes.
     #[inline]
     pub fn any(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> bool {
+        let Some(slope) = self.enter(&ray) else { return false };
         match Steps::are_counted() {
-            false => self.meets::<false>(ray, accept),
-            true => self.meets_counted(ray, accept),
+            false => at_best!(self.level, simd => self.meets::<_, false>(simd, ray, slope, accept)),
+            true => self.meets_counted(ray, slope, accept),
         }
     }
 
-    // Out of the way of the walks that are not counted.
-    #[cold]
-    #[inline(never)]
-    fn nearest_counted(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
-        self.nearest::<true>(ray, accept)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn meets_counted(&self, ray: Ray, accept: impl FnMut(&Hit) -> bool) -> bool {
-        self.meets::<true>(ray, accept)
-    }
-
+    /// One over the direction of a ray that may meet the box around all. A component of 0 becomes a slope so steep that the
+    /// ray never leaves its slab.
     #[inline(always)]
-    fn nearest<const COUNTED: bool>(&self, ray: Ray, mut accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
-        let mut best: Option<Hit> = None;
-        let mut limit = ray.t_max;
-        self.walk::<true, COUNTED>(ray, |packet, sheared, limit_out| {
-            packet.intersect(sheared, limit, |hit| {
-                let nearer = best.is_none_or(|b| hit.t < b.t || (hit.t == b.t && hit.triangle < b.triangle));
-                if nearer && accept(&hit) {
-                    limit = hit.t;
-                    best = Some(hit);
-                }
-                true
-            });
-            *limit_out = limit;
-            true
-        });
-        best
-    }
-
-    #[inline(always)]
-    fn meets<const COUNTED: bool>(&self, ray: Ray, mut accept: impl FnMut(&Hit) -> bool) -> bool {
-        !self.walk::<false, COUNTED>(ray, |packet, sheared, _| {
-            packet.intersect(sheared, ray.t_max, |hit| !accept(&hit))
-        })
-    }
-
-    /// Visits leaves, `NEAR` ones first if asked, until `leaf` gives false; gives false then.
-    #[inline(always)]
-    fn walk<const NEAR: bool, const COUNTED: bool>(
-        &self,
-        ray: Ray,
-        mut leaf: impl FnMut(&Packet, &Sheared, &mut f32) -> bool,
-    ) -> bool {
-        let Some((low, high)) = self.bounds else { return true };
-        // A direction component of 0 becomes a slope so steep that the ray never leaves its slab.
+    fn enter(&self, ray: &Ray) -> Option<[f32; 3]> {
+        let (low, high) = self.bounds?;
         let slope = ray.direction.to_array().map(|d| {
             let inverse = 1.0 / d;
             if inverse.is_finite() { inverse.clamp(-1e30, 1e30) } else { 1e30_f32.copysign(d) }
@@ -183,64 +178,162 @@ impl Bvh {
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
-        // Most rays to a small object end here.
-        if enter > leave * SLACK {
-            return true;
-        }
+        if enter > leave * SLACK { None } else { Some(slope) }
+    }
+
+    // Out of the way of the walks that are not counted.
+    #[cold]
+    #[inline(never)]
+    fn nearest_counted(&self, ray: Ray, slope: [f32; 3], accept: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+        at_best!(self.level, simd => self.nearest::<_, true>(simd, ray, slope, accept))
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn meets_counted(&self, ray: Ray, slope: [f32; 3], accept: impl FnMut(&Hit) -> bool) -> bool {
+        at_best!(self.level, simd => self.meets::<_, true>(simd, ray, slope, accept))
+    }
+
+    #[inline(always)]
+    fn nearest<S: Simd, const COUNTED: bool>(
+        &self,
+        simd: S,
+        ray: Ray,
+        slope: [f32; 3],
+        mut accept: impl FnMut(&Hit) -> bool,
+    ) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        let mut limit = ray.t_max;
+        self.walk::<S, true, COUNTED>(
+            simd,
+            ray,
+            slope,
+            #[inline(always)]
+            |packet, sheared, limit_out| {
+                packet.intersect(
+                    sheared,
+                    limit,
+                    #[inline(always)]
+                    |hit| {
+                        let nearer =
+                            best.is_none_or(|b| hit.t < b.t || (hit.t == b.t && hit.triangle < b.triangle));
+                        if nearer && accept(&hit) {
+                            limit = hit.t;
+                            best = Some(hit);
+                        }
+                        true
+                    },
+                );
+                *limit_out = limit;
+                true
+            },
+        );
+        best
+    }
+
+    #[inline(always)]
+    fn meets<S: Simd, const COUNTED: bool>(
+        &self,
+        simd: S,
+        ray: Ray,
+        slope: [f32; 3],
+        mut accept: impl FnMut(&Hit) -> bool,
+    ) -> bool {
+        !self.walk::<S, false, COUNTED>(
+            simd,
+            ray,
+            slope,
+            #[inline(always)]
+            |packet, sheared, _| {
+                packet.intersect(
+                    sheared,
+                    ray.t_max,
+                    #[inline(always)]
+                    |hit| !accept(&hit),
+                )
+            },
+        )
+    }
+
+    /// Visits leaves, `NEAR` ones first if asked, until `leaf` gives false; gives false then.
+    #[inline(always)]
+    fn walk<S: Simd, const NEAR: bool, const COUNTED: bool>(
+        &self,
+        simd: S,
+        ray: Ray,
+        slope: [f32; 3],
+        mut leaf: impl FnMut(&Packet, &Sheared, &mut f32) -> bool,
+    ) -> bool {
         let sheared = Sheared::new(&ray);
         let near = slope.map(|s| usize::from(s < 0.0));
-        let slopes = slope.map(Vec4::splat);
-        let origin = ray.origin.to_array().map(Vec4::splat);
+        let slopes = slope.map(|s| f32x8::splat(simd, s));
+        let origin = ray.origin.to_array().map(|o| f32x8::splat(simd, o));
         let mut limit = ray.t_max;
-        let mut stack = [(0_u32, 0.0_f32); STACK];
-        let mut depth = 1;
-        while depth > 0 {
-            depth -= 1;
-            let (child, entry) = stack[depth];
-            if entry > limit * SLACK {
-                continue;
-            }
-            if child & LEAF != 0 {
-                let first = (child & LEAF_FIRST) as usize;
-                let count = ((child & !LEAF) >> LEAF_SHIFT) as usize;
-                for packet in &self.packets[first..first + count] {
-                    if COUNTED {
-                        Steps::add(0, 1);
+        with_stack(
+            #[inline(always)]
+            |stack| {
+                let (mut at, mut depth) = (0_u32, 0);
+                loop {
+                    if at & LEAF != 0 {
+                        let first = (at & LEAF_FIRST) as usize;
+                        let count = ((at & !LEAF) >> LEAF_SHIFT) as usize;
+                        for packet in &self.packets[first..first + count] {
+                            if COUNTED {
+                                Steps::add(0, 1);
+                            }
+                            if !leaf(packet, &sheared, &mut limit) {
+                                return false;
+                            }
+                        }
+                    } else {
+                        if COUNTED {
+                            Steps::add(1, 0);
+                        }
+                        let Node { bounds, children } = &self.nodes[at as usize];
+                        let mut enter = f32x8::splat(simd, 0.0);
+                        let mut leave = f32x8::splat(simd, limit);
+                        for axis in 0..3 {
+                            let [low, high] = [near[axis], 1 - near[axis]]
+                                .map(|side| f32x8::from_slice(simd, &bounds[axis][side]));
+                            enter = enter.max((low - origin[axis]) * slopes[axis]);
+                            leave = leave.min((high - origin[axis]) * slopes[axis]);
+                        }
+                        let mut hits = enter.simd_le(leave * SLACK).to_bitmask() as u32;
+                        if hits != 0 && hits & (hits - 1) == 0 {
+                            at = children[hits.trailing_zeros() as usize];
+                            continue;
+                        }
+                        let mut entries = [0.0; WIDE];
+                        enter.store_slice(&mut entries);
+                        let base = depth;
+                        while hits != 0 {
+                            let lane = hits.trailing_zeros() as usize;
+                            hits &= hits - 1;
+                            // Insertion keeps the nearest child on top; equal ones stay in order of lanes.
+                            let mut place = depth;
+                            while NEAR && place > base && stack[place - 1].1 < entries[lane] {
+                                stack[place] = stack[place - 1];
+                                place -= 1;
+                            }
+                            stack[place] = (children[lane], entries[lane]);
+                            depth += 1;
+                        }
                     }
-                    if !leaf(packet, &sheared, &mut limit) {
-                        return false;
+                    // The last that waits, unless what was found is nearer.
+                    loop {
+                        if depth == 0 {
+                            return true;
+                        }
+                        depth -= 1;
+                        let (child, entry) = stack[depth];
+                        if entry <= limit * SLACK {
+                            at = child;
+                            break;
+                        }
                     }
                 }
-                continue;
-            }
-            if COUNTED {
-                Steps::add(1, 0);
-            }
-            let node = &self.nodes[child as usize];
-            let mut enter = Vec4::ZERO;
-            let mut leave = Vec4::splat(limit);
-            for axis in 0..3 {
-                let [low, high] = [node.bounds[axis][near[axis]], node.bounds[axis][1 - near[axis]]];
-                enter = enter.max((low - origin[axis]) * slopes[axis]);
-                leave = leave.min((high - origin[axis]) * slopes[axis]);
-            }
-            let mut hits = enter.cmple(leave * SLACK).bitmask();
-            let entries = enter.to_array();
-            let base = depth;
-            while hits != 0 {
-                let lane = hits.trailing_zeros() as usize;
-                hits &= hits - 1;
-                // Insertion keeps the nearest child on top; equal ones stay in order of lanes.
-                let mut at = depth;
-                while NEAR && at > base && stack[at - 1].1 < entries[lane] {
-                    stack[at] = stack[at - 1];
-                    at -= 1;
-                }
-                stack[at] = (node.children[lane], entries[lane]);
-                depth += 1;
-            }
-        }
-        true
+            },
+        )
     }
 }
 

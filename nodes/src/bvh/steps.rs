@@ -5,7 +5,7 @@ use std::cell::Cell;
 /// Steps of walks: the same for the same rays, whoever runs them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Steps {
-    /// Nodes, each of up to four boxes.
+    /// Nodes, each of up to eight boxes.
     pub nodes: u64,
     /// Packets of up to four triangles, tested at once.
     pub packets: u64,

@@ -50,6 +50,28 @@ fn crossed(corners: &[[Vec3; 3]], ray: Ray) -> u32 {
     corners.iter().filter(inside).count() as u32
 }
 
+/// Every set of vector instructions finds the same bits, by as many steps.
+/// Mutation: `mul_add` for the difference and product of boxes or corners, in what follows rays by AVX2 alone.
+#[test]
+fn every_set_of_instructions_finds_the_same() {
+    let corners = soup(3_000, 0.2, 5);
+    let bvhs: Vec<Bvh> =
+        crate::testing::levels().into_iter().map(|level| Bvh { level, ..Bvh::build(&corners) }).collect();
+    let mut random = Random(23);
+    let mut hits = 0;
+    for _ in 0..3_000 {
+        let ray = Ray::new(random.point() * 1.5, random.point());
+        let found = bvhs[0].closest(ray, |_| true);
+        let beyond = bvhs[0].any(ray, |hit| hit.t > 0.5);
+        hits += u32::from(found.is_some());
+        for bvh in &bvhs[1..] {
+            assert_eq!(bvh.closest(ray, |_| true), found, "{:?}", bvh.level);
+            assert_eq!(bvh.any(ray, |hit| hit.t > 0.5), beyond, "{:?}", bvh.level);
+        }
+    }
+    assert!(hits > 1_000, "{hits}");
+}
+
 fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
     let mut random = Random(seed);
     (0..n)
@@ -62,7 +84,7 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 
 /// Rays in the planes of boxes and triangles, from points of them: a slab that a ray lies in is 0 times infinity. All that
 /// they cross off an edge is met; an edge on the side of a box may belong to what is beyond.
-/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::walk`.
+/// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::enter`.
 #[test]
 fn row_44_rays_in_the_planes_of_boxes_find_what_stands_across() {
     // Unit squares across each axis on a lattice, so that all boxes share their planes.

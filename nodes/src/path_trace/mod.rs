@@ -309,13 +309,13 @@ impl Kind for PathTrace {
                 every_lobe: objects.is_some() && !params.skip_lobes,
             };
             let take = |accumulator: &mut Accumulator, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 8, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 9, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
                     let scene = scene();
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 12, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 13, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
                     let (scene, crop) = (scene(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {
@@ -335,7 +335,7 @@ impl Kind for PathTrace {
             let more = |accumulator: &mut Accumulator, area, range| take(accumulator, area, range, &|| ());
             let blocks = |done: f32| progress(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
-            let part = Part { name: "front", version: 4, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 5, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
                 let scene = scene();
                 Sums::trace(cx, whole, FIRST_HIT, || (), |_, tile| trace_first_hit(scene, &camera_rays, tile))
