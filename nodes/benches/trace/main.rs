@@ -7,6 +7,7 @@ mod case;
 mod error;
 mod ratio;
 mod rays;
+mod turn;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -39,6 +40,9 @@ fn main() {
         }
         if asked("crop") {
             error::crop(&data);
+        }
+        if wanted.iter().any(|word| word == "turn") {
+            turn::seconds(&data, samples.first().copied().unwrap_or(9));
         }
         if asked("rays") {
             rays::table(&data);

@@ -33,7 +33,7 @@ fn errors(alpha: &Images, [r0, r1]: [&Images; 2], [b0, b1]: &[Vec<f32>; 2]) -> [
 }
 
 /// The denoised layers of a trace and the CPU seconds they took.
-fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
+pub fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
     let inputs = denoise::In {
         without: Arc::clone(&out.without),
         with: Arc::clone(&out.with),
