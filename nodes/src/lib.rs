@@ -19,6 +19,7 @@ pub mod demo_scene;
 pub mod denoise;
 pub mod equirect;
 pub mod error;
+pub mod fit_probe;
 pub mod fuse_hdr;
 pub mod inspect;
 pub mod io;
@@ -75,6 +76,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<cube_rig::CubeRig>(),
         KindEntry::of::<demo_scene::DemoScene>(),
         KindEntry::of::<denoise::Denoise>(),
+        KindEntry::of::<fit_probe::FitProbe>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<join_reports::JoinReports>(),
         KindEntry::of::<load_cameras::LoadCameras>(),

@@ -235,7 +235,8 @@ mod tests {
         let rig = Arc::new(cube(eye, equirect::axes(engine::Up::PlusZ), 96, 3.0, Turn::OffAxis));
         let render = (SplatRender { sort: Sort::Distance, limit_sigmas: 1.0 }, Drawing::default());
         let views = SplatRender::run(&render, splat_render::In { splats, rig, limit: None }, &context());
-        let params = stitch::Stitch { width_px: 64, holes: Holes::PushPull, hole_alpha: 0.25 };
+        let params =
+            stitch::Stitch { width_px: 64, holes: Holes::PushPull, hole_alpha: 0.25, as_views: false };
         let input = stitch::In { views: views.expect("renders").0.views };
         let faces = stitch::Stitch::run(&params, input, &context()).expect("stitches").0.pano;
         assert_eq!((direct.pano.up, direct.pano.origin), (faces.up, faces.origin));

@@ -111,7 +111,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "rays where objects change nothing",
         check: "no path of a chunk of pixels meets an object",
-        force: "none: it is where samples go, not what is modelled",
+        force: "none: the mean is the same wherever samples go",
         kinds: TRACE,
         judge: |seen| {
             let shares = seen.column("views", "share of chunks that no object touches").into_iter();
@@ -162,11 +162,14 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "pixels of the panorama that nothing shows",
         check: "texels across the smoothest lobe and the smallest light",
-        force: "advice: `width_px` and `size_px` decide",
-        kinds: TRACE,
-        judge: |seen| {
-            let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
-            Some((false, text.to_owned()))
+        force: "`skip_fine: false` of `fit-probe`; without one `width_px` and `size_px` decide",
+        kinds: &["fit-probe", "path-trace"],
+        judge: |seen| match seen.note("probe-size") {
+            Some(text) => Some((text.contains("in place of"), text.to_owned())),
+            None => {
+                let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
+                Some((false, text.to_owned()))
+            }
         },
     },
 ];
@@ -288,6 +291,19 @@ mod tests {
         let rows = judged(&[trace], &reports);
         assert_eq!(rows[1], (Some(true), "Off: the scene is open; rays".to_owned()));
         assert_eq!(rows[5], (Some(true), "sheen, brush".to_owned()));
+    }
+
+    #[test]
+    fn a_probe_that_was_fitted_is_told_beside_advice() {
+        let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
+        let text = "views of 64 px in place of 512 do: the objects are matte";
+        fit.notes.push(note("probe-size", text));
+        let rows = judged(&[fit.clone(), trace.clone()], &[]);
+        assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
+        assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
+        fit.notes[0].text = "views of 64 px would do, and have 512, as is asked".to_owned();
+        let rows = judged(&[fit], &[]);
+        assert_eq!(rows[rows.len() - 2].0, Some(false));
     }
 
     #[test]

@@ -30,7 +30,7 @@ fn stitched(
 ) -> Arc<Panorama> {
     let input = splat_render::In { splats: scene.clone(), rig, limit: None };
     let views = SplatRender::run(render, input, &bench.cx).unwrap().0.views;
-    let params = Stitch { width_px: WIDTH as u32, holes: Holes::PushPull, hole_alpha: 0.25 };
+    let params = Stitch { width_px: WIDTH as u32, holes: Holes::PushPull, hole_alpha: 0.25, as_views: false };
     Stitch::run(&params, stitch::In { views }, &bench.cx).unwrap().0.pano
 }
 

@@ -26,9 +26,9 @@ const LEAST: usize = 64;
 
 /// What an environment must resolve.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct EnvResolution {
-    /// A power of two.
-    pub columns: usize,
+pub(crate) struct EnvResolution {
+    /// A power of two, or the most that may be.
+    pub(crate) columns: usize,
     /// Of the smoothest surface that reflects; none where all is matte.
     roughness: Option<f64>,
     /// Width of the smallest light, in degrees; none where there is none.
@@ -36,21 +36,24 @@ pub(super) struct EnvResolution {
 }
 
 impl EnvResolution {
-    /// For some objects in an environment.
-    pub(super) fn of(environment: &Environment, objects: &[Arc<Placed>]) -> Self {
+    /// For some objects in an environment, of which there are so many columns at most. It may be seen by fewer than
+    /// those.
+    pub(crate) fn of(environment: &Environment, objects: &[Arc<Placed>], most: usize) -> Self {
         let materials = objects.iter().flat_map(|placed| {
             placed.object.materials.iter().filter_map(|material| smoothest(&placed.object, material))
         });
         let roughness = materials.reduce(f64::min);
-        let light = smallest_light(environment);
+        // Seen by fewer columns than there may be, a light looks wider by less than half of a texel.
+        let texel = 2.0 * PI / environment.image.width.max(1) as f64;
+        let blur = if environment.image.width < most { texel / 2.0 } else { 0.0 };
+        let light = smallest_light(environment).map(|width| (width - blur).max(blur));
         // Facets of roughness r tilt by 0.64 r^2 where their density is half of the peak, reflections by twice that.
         let lobe = roughness.map(|r| 2.0 * num::atan2(0.64 * r * r, 1.0) / ACROSS_LOBE);
         let texel = [lobe, light.map(|width| width / ACROSS_LIGHT)].into_iter().flatten().fold(PI, f64::min);
         // A mirror asks for as many as there are.
-        let most = environment.image.width.max(LEAST);
         let columns = (2.0 * PI / texel.max(1e-9)).min(most as f64) as usize;
         Self {
-            columns: columns.max(LEAST).next_power_of_two(),
+            columns: columns.max(LEAST).next_power_of_two().min(most.max(LEAST)),
             roughness,
             light_deg: light.map(f64::to_degrees),
         }
@@ -62,6 +65,18 @@ impl EnvResolution {
         if 2 * self.columns > there {
             return;
         }
+        let text = format!("the environment has {there} columns where {} do: {}", self.columns, self.why());
+        notes.decision(
+            "finer-than-needed",
+            format!(
+                "{text}; a smaller panorama looks the same and is faster: `fit-probe` makes it, or `width_px` where the \
+                 graph says so"
+            ),
+        );
+    }
+
+    /// What asks for as many columns, in words.
+    pub(crate) fn why(&self) -> String {
         let surface = match self.roughness {
             Some(roughness) => format!("the smoothest surface of the objects has roughness {roughness:.2}"),
             None => "the objects are matte".to_owned(),
@@ -70,14 +85,7 @@ impl EnvResolution {
             Some(width) => format!("the smallest light is {width:.1} degrees wide"),
             None => "no light stands out".to_owned(),
         };
-        let text =
-            format!("the environment has {there} columns where {} do: {surface}, {light}", self.columns);
-        notes.decision(
-            "finer-than-needed",
-            format!(
-                "{text}; a smaller panorama looks the same and is faster: `width_px` where the graph makes it"
-            ),
-        );
+        format!("{surface}, {light}")
     }
 }
 

@@ -9,7 +9,7 @@ mod change;
 pub mod contact;
 mod crop;
 pub mod emitters;
-mod env_resolution;
+pub(crate) mod env_resolution;
 pub mod environment;
 pub mod film;
 mod first_hit;
@@ -265,7 +265,8 @@ impl Kind for PathTrace {
         objects.every_lobe = !params.skip_lobes;
         report_inputs(&prepared, &objects, &mut notes);
         if !objects.is_empty() {
-            EnvResolution::of(&inputs.env, &inputs.objects).report(&inputs.env, &mut notes);
+            let most = inputs.env.image.width;
+            EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
         }
 
         report_coarse_coordinates(&prepared, &objects, &mut notes);

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
 use glam::DVec3;
 
+use crate::fit_probe::COLUMNS_A_PIXEL;
 use crate::light::books::Books;
 use crate::light::linear::{Transfer, linear_pixels};
 use crate::types::{Data, Image, Images, Linear, Panorama, Picture, Report, Srgb, View, Views};
@@ -35,6 +36,9 @@ engine::params! {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
+        /// Whether no more columns are made than twice the side of the largest view, which is what the views of a
+        /// cube are worth: for those whose size `fit-probe` chose.
+        as_views: bool = false, other("true");
         /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
         holes: Holes = Holes::PushPull, other("Black");
         /// Below this alpha a pixel counts as a hole in part: it is mixed with what surrounds it.
@@ -340,6 +344,15 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
         .hint("give an even number"))
 }
 
+impl Stitch {
+    /// Width of a panorama of some views.
+    fn columns(&self, views: &Views) -> usize {
+        let sides = views.0.iter().map(|view| view.camera.width_px.max(view.camera.height_px));
+        let worth = sides.max().map_or(self.width_px, |side| side.saturating_mul(COLUMNS_A_PIXEL));
+        (if self.as_views { self.width_px.min(worth) } else { self.width_px }) as usize
+    }
+}
+
 impl Kind for Stitch {
     const NAME: &'static str = "stitch";
     const VERSION: u32 = 3;
@@ -388,7 +401,7 @@ impl Kind for Stitch {
         let up = cx.up();
         let sources = views.0.iter().map(|view| Source::new(view, cx)).collect::<Result<Vec<_>, _>>()?;
         cx.progress(0.2);
-        let width = params.width_px as usize;
+        let width = params.columns(&views);
         let premultiplied = resample(&sources, up, width, cx)?;
         cx.progress(0.7);
         let light = |rgb: [f32; 3]| f64::from(color::luminance(rgb));

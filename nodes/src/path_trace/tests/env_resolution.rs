@@ -50,7 +50,7 @@ fn plastic(roughness: f32) -> Material {
 #[test]
 fn smooth_surfaces_and_small_lights_ask_for_more() {
     let columns = |disc_deg: f64, material: Material| {
-        EnvResolution::of(&lit(512, disc_deg), &[ball(0.3, material, DVec3::ZERO)]).columns
+        EnvResolution::of(&lit(512, disc_deg), &[ball(0.3, material, DVec3::ZERO)], 512).columns
     };
     assert_eq!(columns(24.0, matte(0.5)), 128);
     assert_eq!(columns(6.0, matte(0.5)), 512);
@@ -58,7 +58,8 @@ fn smooth_surfaces_and_small_lights_ask_for_more() {
     assert_eq!(columns(24.0, plastic(0.2)), 512);
     assert_eq!(columns(24.0, plastic(0.0)), 512, "a mirror takes what there is");
     assert_eq!(
-        EnvResolution::of(&constant(Up::PlusZ, [1.0; 3], 512), &[ball(0.3, matte(0.5), DVec3::ZERO)]).columns,
+        EnvResolution::of(&constant(Up::PlusZ, [1.0; 3], 512), &[ball(0.3, matte(0.5), DVec3::ZERO)], 512)
+            .columns,
         64
     );
 }
@@ -74,7 +75,7 @@ fn an_aureole_does_not_widen_the_sun() {
                 *to = halo;
             }
         }
-        EnvResolution::of(&environment, &[ball(0.3, matte(0.5), DVec3::ZERO)]).columns
+        EnvResolution::of(&environment, &[ball(0.3, matte(0.5), DVec3::ZERO)], 512).columns
     };
     assert_eq!([columns(0.4), columns(12.0)], [512, 512]);
     assert_eq!(columns(120.0), 256);
@@ -88,7 +89,7 @@ fn what_is_said_to_suffice_does() {
     for material in [matte(0.5), plastic(0.5)] {
         let objects = [ball(0.3, material, DVec3::new(0.0, 0.0, 0.3))];
         let mut coarse = halved(&fine);
-        let enough = EnvResolution::of(&fine, &objects);
+        let enough = EnvResolution::of(&fine, &objects, fine.image.width);
         while coarse.image.width > enough.columns {
             coarse = halved(&coarse);
         }
