@@ -70,7 +70,7 @@ engine::params! {
         /// Paths a pixel, or with `max_error` the most of them, which is 4 at least.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
         /// Standard error that is asked for, of the ratio `with / without` where it is seen (relative to it where it
-        /// is above 1, and none where `without` is below a thousandth of its median) and of `object` relative to its
+        /// is surely above 1, and none where `without` is below a thousandth of its median) and of `object` relative to its
         /// mean: in every tile of 8 by 8 pixels, root mean square over those that have one. 4 samples of the
         /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until its error
         /// is reached or `samples` is, which is told. None takes `samples` everywhere.

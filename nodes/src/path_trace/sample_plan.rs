@@ -18,6 +18,12 @@ const BLOCK: u32 = 4;
 const DARK: f64 = 1e-3;
 /// What stratified samples gain at most over independent ones, in variance, that is believed.
 const GAIN: f64 = 16.0;
+/// A ratio whose standard error is one part in so many of it is not known to be above 0: it may be the bright dot of one
+/// path, whose error is not to be judged beside itself.
+const SURE: f64 = 2.0;
+/// The variance of independent samples counts for so many degrees of freedom beside those of how far chunks lie apart, which
+/// says little where it rests on few chunks and on few pixels.
+const PRIOR: f64 = 0.5;
 
 /// What is asked for.
 pub(super) struct ErrorGoal {
@@ -60,12 +66,14 @@ impl ErrorGoal {
     /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
     /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
     /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
-    /// above 1 its error is relative to it; that of a highlight is relative to the highlight. From one chunk as if samples were independent, from several by how far
-    /// they lie apart.
+    /// above 1 its error is relative to what it surely is; that of a highlight is relative to the highlight. From one
+    /// chunk as if samples were independent, from several by how far they lie apart, the less so the fewer pixels the
+    /// error is that of.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
         let mut worst = 0.0_f64;
         for tile in area.pieces(TILE) {
             let (mut alone, mut apart, mut counts) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
+            let mut squares = [0.0_f64; 2];
             for pixel in tile.each() {
                 let index = accumulator.whole.index(pixel);
                 let spread = accumulator.variances(index);
@@ -74,17 +82,23 @@ impl ErrorGoal {
                 let [without, with, object_luminance] = accumulator.luminances(index);
                 let scale = self.scale.max(object_luminance);
                 let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
-                let shown = if without > self.dark { seen * without / without.max(with) } else { 0.0 };
+                let shown = if without > self.dark {
+                    seen / surely(with / without, spread.ratio).max(1.0)
+                } else {
+                    0.0
+                };
                 let weights = [shown * shown, object];
                 for (k, square) in [spread.ratio, spread.object].into_iter().enumerate() {
                     alone[k] += weights[k] * square;
+                    squares[k] += weights[k] * square * (weights[k] * square);
                     apart[k] += weights[k] * of_chunks[k];
                     counts[k] += f64::from(u8::from(weights[k] * square > 0.0));
                 }
             }
             for k in 0..2 {
-                let square = if chunks > 1 { apart[k].max(alone[k] / GAIN) } else { alone[k] };
-                worst = worst.max((square / counts[k].max(1.0)).sqrt());
+                let freedom = chunks.saturating_sub(1) as f64 * effective(alone[k], squares[k]);
+                let mixed = (freedom * apart[k] + PRIOR * alone[k]) / (freedom + PRIOR);
+                worst = worst.max((mixed.max(alone[k] / GAIN) / counts[k].max(1.0)).sqrt());
             }
         }
         worst
@@ -123,5 +137,36 @@ impl ErrorGoal {
         }
         reached.samples = sum / whole.pixels().max(1) as f64;
         Ok(reached)
+    }
+}
+
+/// What a ratio is at least, by its variance.
+fn surely(ratio: f64, variance: f64) -> f64 {
+    if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
+}
+
+/// Over how many of some values of a sum it is spread: all where they are equal, 1 where one is all of it.
+fn effective(sum: f64, squares: f64) -> f64 {
+    // Squares of the smallest variances are 0.
+    if squares > 0.0 { sum / squares * sum } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // A dot that one of n paths brought is off by itself, and surely nothing; light that many brought is what it is.
+    #[test]
+    fn a_dot_is_not_sure_and_a_light_is() {
+        assert_eq!(surely(8.0, 64.0), 0.0);
+        assert!((surely(8.0, 0.01) - 7.995).abs() < 1e-9);
+        assert_eq!(surely(0.0, 0.0), 0.0);
+    }
+
+    #[test]
+    fn variances_are_spread_over_as_many_pixels_as_have_them() {
+        assert_eq!(effective(64.0, 64.0), 64.0);
+        assert_eq!(effective(3.0, 9.0), 1.0);
+        assert_eq!(effective(1e-200, 0.0), 0.0);
     }
 }
