@@ -1,5 +1,6 @@
 //! `load-image`: a picture from a file.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
@@ -57,7 +58,7 @@ engine::outputs! {
 
 impl Kind for LoadImage {
     const NAME: &'static str = "load-image";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;
@@ -213,20 +214,35 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
     let all = |letters: &[&str]| {
         letters.iter().map(|letter| planes.find(&format!("{prefix}{letter}"))).collect::<Option<Vec<_>>>()
     };
-    let single = || planes.find(if layer.is_empty() { "Y" } else { layer }).map(|plane| vec![plane]);
+    // Its Y alone would be a grey picture.
+    let chroma = all(&["RY", "BY"]).is_some();
+    let single = || match layer {
+        "" if chroma => None,
+        "" => planes.find("Y").map(|plane| vec![plane]),
+        name => planes.find(name).map(|plane| vec![plane]),
+    };
     let found = all(&["R", "G", "B", "A"])
         .or_else(|| all(&["R", "G", "B"]))
         .or_else(|| all(&["X", "Y", "Z"]))
-        .or_else(|| all(&["Y", "A"]))
+        .or_else(|| if chroma { None } else { all(&["Y", "A"]) })
         .or_else(single);
-    found.ok_or_else(|| {
-        let names: Vec<&str> = planes.channels.iter().map(|c| c.name.as_str()).collect();
-        let what = match layer {
-            "" => "has no colours without a layer's name (R, G, B or Y)".to_owned(),
-            _ => format!("has no layer `{layer}`"),
-        };
-        Error::format(name, format!("{what}; its channels are {}", names.join(", ")))
-    })
+    found.ok_or_else(|| no_layer(name, planes, layer, chroma))
+}
+
+/// That a file has no such layer, with those that it has.
+fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
+    let what = match layer {
+        _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
+        "" => "has no colours without a layer's name (R, G, B or Y)".to_owned(),
+        layer => format!("has no layer `{layer}`"),
+    };
+    let names = planes.channels.iter().map(|channel| channel.name.as_str());
+    let layers: BTreeSet<&str> =
+        names.map(|name| name.rsplit_once('.').map_or(name, |(layer, _)| layer)).collect();
+    let layers: Vec<String> = layers.into_iter().take(20).map(|layer| format!("`{layer}`")).collect();
+    let channels: Vec<&str> = planes.channels.iter().map(|channel| channel.name.as_str()).collect();
+    let text = format!("{what}; `layer` may be one of {}", layers.join(", "));
+    Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
 }
 
 /// Only data may be infinite, and nothing may be not a number.
@@ -309,6 +325,27 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
-        assert!(decode(FileEncoding::Auto, "S", "a", &bytes, &mut Notes::none(), Stretch::ALONE).is_err());
+        let refused = |bytes: &[u8], layer: &str| {
+            let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Stretch::ALONE);
+            read.err().map(|error| error.to_string()).unwrap_or_default()
+        };
+        let told = refused(&bytes, "S");
+        assert!(
+            told.contains("no layer `S`") && told.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
+            "{told}"
+        );
+
+        // What is no colour is not taken for one, and what there is is named.
+        let of = |names: &[&str]| {
+            let channels = names.iter().map(|name| plane(name, 0.5)).collect();
+            exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}")).0
+        };
+        let told = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
+        assert!(told.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"), "{told}");
+        for more in [&["Y", "RY", "BY"][..], &["Y", "RY", "BY", "A"]] {
+            assert!(refused(&of(more), "").contains("luminance and chroma"));
+            assert_eq!(load(&of(more), FileEncoding::Auto, "Y").0.size(), (1, 1, 1));
+        }
+        assert!(refused(&of(&["R", "G"]), "").contains("its channels are G, R"));
     }
 }

@@ -279,7 +279,7 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
     // Photographs show what the panorama does up to where it clips, so what they measured needs no transition.
     let measured = brackets.taken != Taken::Derived && brackets.log2_gain.samples[at] > 0.0;
     let fused = match params.blend {
-        Blend::Ramp if measured && darkest.luminance > own.luminance => darkest,
+        Blend::Ramp if measured && ramp(params, base) > 0.0 && darkest.luminance > own.luminance => darkest,
         _ => merge(params, darkest, base, own),
     };
     (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
