@@ -163,6 +163,14 @@ impl Kind for Compare {
             };
             let reference = find(&inputs.reference, "reference")?;
             let mask = inputs.mask.as_ref().map(|mask| find(mask, "mask").map(|m| inside(&m))).transpose()?;
+            if let Some(mask) = &mask {
+                let shown = mask.iter().filter(|shown| **shown).count();
+                let text = format!("{shown} of {} pixels of `{}` are in the mask", mask.len(), view.name);
+                notes.decision(
+                    "masked",
+                    format!("{text}: `whole` is these, and every region is what it has of them"),
+                );
+            }
             let mut regions = vec![("whole".to_owned(), None)];
             for (k, region) in inputs.regions.iter().enumerate() {
                 let name = p.names.get(k).cloned().unwrap_or_else(|| format!("region {}", k + 1));
@@ -443,7 +451,8 @@ mod tests {
         let half =
             one(Image::<Srgb>::from_samples(16, 12, 3, (0..576).map(|i| f32::from(i % 48 < 24)).collect()));
         let masked = In { mask: Some(left_half()), ..inputs(half.clone(), flat(1.0)) };
-        let (out, _) = Compare::run(&node(), masked, &context()).expect("runs");
+        let (out, notes) = Compare::run(&node(), masked, &context()).expect("runs");
+        assert!(notes.iter().any(|note| note.id == "masked" && note.text.contains("`whole` is these")));
         assert_eq!(out.report.tables[0].rows[0][5], Cell::Text("inf".to_owned()));
         let nothing = one(Image::<Data>::new(16, 12, 1));
         let empty = In { regions: vec![nothing], ..inputs(half, flat(1.0)) };
