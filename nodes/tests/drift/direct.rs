@@ -144,7 +144,21 @@ fn meets(from: DVec3, direction: DVec3) -> bool {
     a.max(b).min_element() > a.min(b).max_element().max(0.0)
 }
 
-/// The light of a matte level surface at a height, the mean over 3 by 3 places in each pixel.
+/// Places along a row or column of pixels, 3 in each piece, with the share of the pixel that each stands for: a pixel is
+/// cut where it shows an edge of the box's base, at which the light jumps.
+fn places(pixel: u32, edges: [f64; 2]) -> Vec<(f64, f64)> {
+    let (first, last) = (f64::from(pixel), f64::from(pixel + 1));
+    let mut cuts = vec![first, last];
+    cuts.extend(edges.into_iter().filter(|edge| first < *edge && *edge < last));
+    cuts.sort_by(f64::total_cmp);
+    let piece = |ends: &[f64]| {
+        let (from, size) = (ends[0], ends[1] - ends[0]);
+        [1.0, 3.0, 5.0].map(|sixths| (from + size * sixths / 6.0, size / 3.0))
+    };
+    cuts.windows(2).flat_map(piece).collect()
+}
+
+/// The light of a matte level surface at a height, the mean over 3 by 3 places in each piece of a pixel.
 fn summed(
     camera: &Camera,
     directions: &[(DVec3, [f64; 3])],
@@ -153,20 +167,26 @@ fn summed(
     objects: bool,
 ) -> Vec<f64> {
     let mut picture = Vec::new();
+    let base = [LOW, HIGH].map(|corner| {
+        let local = camera.camera_from_world().transform_point3(corner.with_z(height));
+        [local.x / local.z * camera.fx + camera.cx, local.y / local.z * camera.fy + camera.cy]
+    });
     for pixel in 0..WIDTH * HEIGHT {
         let mut sum = [0.0; 3];
-        for sub in 0..9 {
-            let [x, y] = [(pixel % WIDTH, sub % 3), (pixel / WIDTH, sub / 3)]
-                .map(|(k, sub)| f64::from(k) + (f64::from(sub) + 0.5) / 3.0);
+        let columns = places(pixel % WIDTH, base.map(|[x, _]| x));
+        let rows = places(pixel / WIDTH, base.map(|[_, y]| y));
+        for ((x, wide), (y, high)) in
+            rows.into_iter().flat_map(|row| columns.iter().map(move |column| (*column, row)))
+        {
             let ray = camera.direction(x, y);
             let at = camera.eye() + ray * ((height - camera.eye().z) / ray.z);
             for (direction, light) in directions {
                 if !(objects && meets(at, *direction)) {
-                    sum.iter_mut().zip(light).for_each(|(sum, v)| *sum += v);
+                    sum.iter_mut().zip(light).for_each(|(sum, v)| *sum += wide * high * v);
                 }
             }
         }
-        picture.extend((0..3).map(|c| f64::from(albedo[c]) / PI * sum[c] / 9.0));
+        picture.extend((0..3).map(|c| f64::from(albedo[c]) / PI * sum[c]));
     }
     picture
 }
