@@ -56,6 +56,7 @@ impl MakeReport {
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
+        bench.judge_by(&metric);
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);
         let Measured { presets, now, attributions } = match measured {
             Ok(measured) => measured,
@@ -94,14 +95,18 @@ struct Measured {
 fn measure_all(bench: &mut Bench<'_>, metric: &Metric, reverse: bool) -> Result<Measured, Stop> {
     let measure = |bench: &mut Bench<'_>, assignment: Assignment| -> Result<usize, Stop> {
         let name = bench.name(&assignment);
+        let known = bench.points.len();
         let at = bench.measure(&assignment).map_err(|miss| match miss {
             Miss::Stopped => Stop::Asked,
             Miss::Failed(why) => Stop::Wrong(Error::Setting { setting: name.clone(), why }),
         })?;
         bench.new_remarks().iter().for_each(|remark| report::remark(remark));
-        let point = &bench.points[at];
-        let error = metric.told(metric.error(&point.off));
-        report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
+        // What is known was told when it was measured.
+        if at == known {
+            let point = &bench.points[at];
+            let error = metric.told(metric.error(&point.off));
+            report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
+        }
         Ok(at)
     };
     let mut presets = Vec::new();
@@ -262,13 +267,21 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -
     page.heading("Pictures");
     page.words("As it is, the reference, and FLIP between them: black is 0, white 1, along the root.");
     for (index, (name, images)) in pictures.iter().enumerate() {
+        if let Some(Err(why)) = maps.get(index) {
+            page.words(&format!("There is no map of FLIP of `{name}`: {why}."));
+        }
         for view in &images.0 {
+            if maps.get(index).is_some_and(|map| map.as_ref().is_ok_and(|map| map.view(&view.name).is_none()))
+            {
+                let why = "it takes colours, all of them finite";
+                page.words(&format!("There is no map of FLIP of `{name} {}`: {why}.", view.name));
+            }
             let other = |of: Option<&Arc<Images>>| of.and_then(|images| images.view(&view.name)).cloned();
             let reference = other(reference.get(index).map(|(_, images)| images));
             let row = [
                 (Some(view.picture.clone()), "as it is"),
                 (reference, "reference"),
-                (other(maps.get(index)), "FLIP"),
+                (other(maps.get(index).and_then(|map| map.as_ref().ok())), "FLIP"),
             ];
             let row: Vec<(Picture, String)> = row
                 .into_iter()

@@ -17,9 +17,6 @@ use crate::trade::plot::tick_text;
 use crate::trade::search::{self, Goal, SearchResult, Tried, pareto, search};
 use crate::trade::tunables::Assignment;
 
-/// Most settings that are measured to find out whether any costs less than half of a preset.
-const FEW: usize = 30;
-
 /// Looks for settings of the knobs that reach an error with little work, by measuring.
 ///
 /// Runs the graph at the preset `reference`, which the pictures are compared with, at the other presets, and then at
@@ -64,7 +61,8 @@ impl Tune {
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
-        let bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
+        let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
+        bench.judge_by(&metric);
         let steps = bench.steps();
         // The first one is what others are compared with.
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
@@ -81,7 +79,7 @@ impl Tune {
         if let (true, Goal::Error(_), Some(found), Some((_, preset))) = (finished, goal, best, &naive)
             && tried[found].cost >= 0.5 * preset.cost
         {
-            half = below(&steps, 0.5 * preset.cost, FEW, |at| asked.measure(at));
+            half = below(&steps, &tried, 0.5 * preset.cost, self.budget, |at| asked.measure(at));
             for more in half.iter().flat_map(|half| half.all.iter().chain([&half.least])) {
                 if !tried.contains(more) {
                     tried.push(more.clone());
@@ -95,7 +93,15 @@ impl Tune {
             let least = |of: fn(&Tried) -> f64| tried.iter().map(of).reduce(f64::min);
             let nearest = match goal {
                 Goal::Error(_) => format!("the least error is {}", metric.told(least(|t| t.error))),
-                Goal::Cost(_) => format!("the least cost is {}", tick_text(least(|t| t.cost).unwrap_or(0.0))),
+                Goal::Cost(_) => {
+                    let unit = self.unit();
+                    let (cost, all) =
+                        (tick_text(least(|t| t.cost).unwrap_or(0.0)), "every knob at its least");
+                    match finished {
+                        true => format!("the least cost is {cost} {unit}, that of {all} included"),
+                        false => format!("the least cost is {cost} {unit}, and {all} was not measured"),
+                    }
+                }
             };
             report::error(&match (tried.len(), stopped) {
                 (0, _) => "stopped before anything was measured".to_owned(),
@@ -117,7 +123,7 @@ impl Tune {
             (false, false) if left == 0 => "the budget is spent, so there may be better ones",
             (false, false) => "a setting failed, so there may be better ones",
         };
-        let mut summary = summary(&metric, goal, found, naive.as_ref());
+        let mut summary = summary(&metric, goal, found, self.unit(), naive.as_ref());
         if let (Some(half), Some((_, preset))) = (&half, &naive)
             && found.cost >= 0.5 * preset.cost
         {
@@ -132,7 +138,8 @@ impl Tune {
             told["below_half"] = half.as_ref().map_or(json!(null), |half| {
                 let least =
                     half.all.iter().map(|t| t.error).reduce(f64::min).map(|error| metric.value(error));
-                json!({"settings": half.all.len(), "least_error": least, "least_cost": half.least.cost})
+                json!({"settings": half.all.len(), "complete": half.complete, "least_error": least, "least_cost": half.least.cost,
+                       "pairs": half.saved.pairs, "most_saved": half.saved.most})
             });
             super::print(&format!("{told}\n"))?;
         } else {
@@ -143,6 +150,11 @@ impl Tune {
             report::remark(&wrong.to_string());
         }
         Ok(if stopped { 130 } else { 0 })
+    }
+
+    /// What costs are told in.
+    fn unit(&self) -> &'static str {
+        if self.max_seconds.is_some() { "CPU-s" } else { "rays" }
     }
 
     fn goal(&self) -> Result<(Metric, Goal), Error> {
@@ -265,7 +277,18 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
 /// That nothing reaches the goal for half of what the preset costs, which was found out.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
-    match least {
+    let found = match least {
+        Some(_) if !half.complete => {
+            let (count, least) = (half.all.len(), metric.told(least));
+            format!(
+                "{count} settings that cost less than half of it were measured, and none reaches it (least error {least}); there \
+                 may be more, for which --budget makes room"
+            )
+        }
+        None if !half.complete => {
+            "whether anything costs less than half of it was not found out: --budget makes room for that"
+                .to_owned()
+        }
         Some(_) => {
             let (count, least) = (half.all.len(), metric.told(least));
             format!(
@@ -276,12 +299,14 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
             let cost = tick_text(half.least.cost);
             format!("none costs less than half of it: with every knob at its least it is {cost}")
         }
-    }
+    };
+    let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
+    format!("{found}, where knobs turned up save at most {most:.1} % elsewhere in {pairs} pairs of settings")
 }
 
-fn summary(metric: &Metric, goal: Goal, found: &Tried, naive: Option<&(&str, Tried)>) -> String {
+fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option<&(&str, Tried)>) -> String {
     let error = metric.told(Some(found.error));
-    let mut text = format!("{} {error} for {} of cost", metric.name, tick_text(found.cost));
+    let mut text = format!("{} {error} for {} {unit}", metric.name, tick_text(found.cost));
     if let Some((name, preset)) = naive {
         match goal {
             Goal::Error(_) => {

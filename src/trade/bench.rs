@@ -5,12 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use engine::{
-    Artifact, Counts, Digest, Engine, Event, Graph, Note, PRESETS, Registry, RunOptions, Source, Wire,
-    overlay_text,
+    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Registry, RunOptions, Source,
+    Wire, overlay_text,
 };
 use nodes::compare::Space;
 use nodes::types::{Images, Report};
 
+use super::Metric;
 use super::judge::{Off, Output, Truth, holds_data, is_bright, outputs};
 use super::search::Steps;
 use super::tunables::{Assignment, Tunable, same_nodes, tunables};
@@ -62,6 +63,8 @@ pub struct Bench<'e> {
     told: usize,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
+    /// What must be computed of every picture; of one where it cannot be is said why, and it is left out.
+    metric: Option<Metric>,
     pub points: Vec<Point>,
 }
 
@@ -124,15 +127,21 @@ impl<'e> Bench<'e> {
             told: 0,
             cancel,
             truth,
+            metric: None,
             points,
         })
+    }
+
+    /// Asks for a metric, so that pictures of which it cannot be computed are left out.
+    pub fn judge_by(&mut self, metric: &Metric) {
+        self.metric = Some(metric.clone());
     }
 
     /// How far each knob can be turned.
     pub fn steps(&self) -> Vec<Steps> {
         self.tunables
             .iter()
-            .map(|tunable| Steps { values: tunable.values.len(), step: tunable.step })
+            .map(|tunable| Steps { values: tunable.values.len(), step: tunable.step, ordered: tunable.knob })
             .collect()
     }
 
@@ -239,6 +248,7 @@ impl<'e> Bench<'e> {
             }
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
+            self.leave_out_uncomputed(pictures)?;
             let told = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
                 let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
                 let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
@@ -262,6 +272,34 @@ impl<'e> Bench<'e> {
         }
         let Some(truth) = &self.truth else { return Ok(Vec::new()) };
         truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
+    }
+
+    /// Leaves out what the metric cannot be computed of, such as HDR-FLIP of a picture that is black over half of its area.
+    fn leave_out_uncomputed(&mut self, pictures: &mut Vec<Arc<Images>>) -> Result<(), Miss> {
+        let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
+        let why =
+            truth.uncomputed(&self.outputs, &metric).map_err(|error| Miss::Failed(error.to_string()))?;
+        let way_out = "`--metric` or `--max-error` takes rmse, psnr, mae and relmse, which every picture has";
+        if let [Some(first), rest @ ..] = why.as_slice()
+            && rest.iter().all(Option::is_some)
+        {
+            let text = format!("{} cannot be computed of any picture here ({first})", metric.name);
+            return Err(Miss::Failed(format!("{text}; {way_out}")));
+        }
+        for (at, why) in why.iter().enumerate().rev() {
+            if let Some(why) = why {
+                let which: Vec<bool> = (0..pictures.len()).map(|other| other == at).collect();
+                let text = format!(
+                    "has no {} in linear light, in which what goes to OpenEXR alone is judged ({why})",
+                    metric.name
+                );
+                self.leave_out(pictures, &which, &text);
+                if !self.remarks.iter().any(|remark| remark == way_out) {
+                    self.remarks.push(way_out.to_owned());
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Judges some pictures no more.
@@ -325,8 +363,8 @@ impl<'e> Bench<'e> {
         reports
     }
 
-    /// FLIP of each pixel between pictures and those of the reference, by output.
-    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
+    /// FLIP of each pixel between pictures and those of the reference, by output, or why it was not computed.
+    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<Arc<Images>, NodeError>> {
         self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }
 

@@ -3,13 +3,15 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use engine::{Artifact, Context, Graph, Kind, NodeError, Wire};
+use engine::{Artifact, Context, Graph, Kind, NodeError, Notes, Wire};
 use nodes::compare::{Compare, In, Space};
 use nodes::composite::{self, Composite};
 use nodes::layers::linear;
 use nodes::metrics::PIXELS_PER_DEGREE;
 use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
 use nodes::write_exr::WriteExr;
+
+use super::Metric;
 
 /// How far one view of a picture is off, in one region.
 #[derive(Debug, Clone)]
@@ -111,7 +113,7 @@ impl Truth {
         let mut all = Vec::new();
         for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
             let inserted = self.inserted[index].clone();
-            let (out, _) = compare(picture, &self.pictures[index], inserted, output.space)?;
+            let (out, ..) = compare(picture, &self.pictures[index], inserted, output.space)?;
             for table in &out.tables {
                 all.extend(table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row)));
             }
@@ -119,11 +121,28 @@ impl Truth {
         Ok(all)
     }
 
-    /// FLIP of each pixel, by output.
-    pub fn flip_maps(&self, outputs: &[Output], pictures: &[(String, Arc<Images>)]) -> Vec<Arc<Images>> {
+    /// Of each output why a metric cannot be computed of it, in the words of `compare`; `None` where it can be.
+    pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
+        let why = |(output, picture): (&Output, &Arc<Images>)| {
+            // On a display every picture has every metric.
+            let Some(id) = metric.missing_note().filter(|_| output.space == Space::Linear) else {
+                return Ok(None);
+            };
+            let (.., notes) = compare(picture, picture, None, output.space)?;
+            Ok(notes.iter().find(|note| note.id == id).map(|note| note.text.clone()))
+        };
+        outputs.iter().zip(&self.pictures).map(why).collect()
+    }
+
+    /// FLIP of each pixel, by output, or why it was not computed.
+    pub fn flip_maps(
+        &self,
+        outputs: &[Output],
+        pictures: &[(String, Arc<Images>)],
+    ) -> Vec<Result<Arc<Images>, NodeError>> {
         let all = outputs.iter().zip(pictures).zip(&self.pictures);
         all.map(|((output, (_, picture)), truth)| {
-            compare(picture, truth, None, output.space).map(|(_, flip)| flip).unwrap_or_default()
+            compare(picture, truth, None, output.space).map(|(_, flip, _)| flip)
         })
         .collect()
     }
@@ -139,13 +158,13 @@ pub fn is_bright(images: &Images) -> bool {
     images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
 }
 
-/// `compare` as a library: its report and the map of FLIP.
+/// `compare` as a library: its report, the map of FLIP, and what it says.
 fn compare(
     image: &Arc<Images>,
     reference: &Arc<Images>,
     inserted: Option<Inserted>,
     space: Space,
-) -> Result<(Report, Arc<Images>), NodeError> {
+) -> Result<(Report, Arc<Images>, Notes), NodeError> {
     let (regions, background, no_shadow) = match inserted {
         Some(Inserted { regions, nothing, no_shadow }) => (regions, Some(nothing), no_shadow),
         None => (Vec::new(), None, None),
@@ -163,8 +182,8 @@ fn compare(
     };
     let inputs =
         In { image: image.clone(), reference: reference.clone(), mask: None, regions, background, no_shadow };
-    let (out, _) = Compare::run(&params, inputs, &detached())?;
-    Ok((Arc::unwrap_or_clone(out.report), out.flip))
+    let (out, notes) = Compare::run(&params, inputs, &detached())?;
+    Ok((Arc::unwrap_or_clone(out.report), out.flip, notes))
 }
 
 fn detached() -> Context {

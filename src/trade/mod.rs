@@ -80,6 +80,15 @@ impl Metric {
         number(if self.of == Of::Psnr { decibels(error) } else { error })
     }
 
+    /// The note of `compare` that says why it is not computed of pictures of colours; none where it always is.
+    pub fn missing_note(&self) -> Option<&'static str> {
+        match self.of {
+            Of::Column("flip mean" | "flip p95") => Some("no-flip"),
+            Of::Column("ciede2000 mean") => Some("no-ciede2000"),
+            _ => None,
+        }
+    }
+
     /// What it takes to compute it, for messages.
     pub fn needs(&self) -> &'static str {
         match (self.region, self.of) {

@@ -83,6 +83,8 @@ pub struct Steps {
     pub values: usize,
     /// How many values make a step.
     pub step: usize,
+    /// Whether values go from the least work to the most; else they are others, such as methods.
+    pub ordered: bool,
 }
 
 /// Searches from the given assignments. `knobs` has the number of values of each knob, `measure` gives cost and
@@ -163,6 +165,9 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         for from in best.into_iter().chain(nearest) {
             self.improve(from)?;
         }
+        if self.best().is_none() && matches!(self.goal, Goal::Cost(_)) {
+            self.least_of_all()?;
+        }
         while let Some(best) = self.best() {
             for from in self.beyond(best) {
                 self.improve(from)?;
@@ -172,6 +177,22 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
             }
         }
         Some(())
+    }
+
+    /// Where nothing is known to fit a cost, the position with every knob at its least, and from there to better ones.
+    fn least_of_all(&mut self) -> Option<()> {
+        let Some(nearest) = self.nearest() else { return Some(()) };
+        let mut least = self.tried[nearest].assignment.clone();
+        for (at, _) in least.iter_mut().zip(self.knobs).filter(|(_, knob)| knob.ordered) {
+            *at = 0;
+        }
+        let least = self.measured(&least)?;
+        if self.tried[least].fits(self.goal) { self.improve(least) } else { Some(()) }
+    }
+
+    /// What misses the goal by the least of all that was tried.
+    fn nearest(&self) -> Option<usize> {
+        (0..self.tried.len()).reduce(|a, b| if self.bounded(b) < self.bounded(a) { b } else { a })
     }
 
     /// What a single turn of a position led to that would save most, and does not fit.
@@ -233,7 +254,7 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         let down = (fits && stage.is_multiple_of(2)) == matches!(self.goal, Goal::Error(_));
         let (halves, again) = (stage >= if fits { 2 } else { 1 }, stage == 4);
         let effects = self.effects(&here);
-        for (knob, Steps { values, step }) in self.knobs.iter().enumerate() {
+        for (knob, Steps { values, step, .. }) in self.knobs.iter().enumerate() {
             let (at, by) = (here.assignment[knob], if halves { 1 } else { *step });
             let to = if down { at.saturating_sub(by) } else { (at + by).min(values - 1) };
             if again || effects[knob].iter().all(|(value, _)| *value != to) {
@@ -259,9 +280,13 @@ impl<M: FnMut(&[usize]) -> Option<(f64, f64)>> Search<'_, M> {
         if self.tried[from].fits(self.goal) {
             return Some(None);
         }
-        let Some(next) = self.forecast(from, false) else { return Some(None) };
-        let next = self.measured(&next)?;
-        Some(Some(next).filter(|&next| self.bounded(next) < self.bounded(from)))
+        let next = match self.forecast(from, false) {
+            Some(next) => Some(self.measured(&next)?),
+            // Turns alone may have led nearer, where there is nothing to combine: on from there, as long as nothing fits.
+            None if self.best().is_none() => self.nearest(),
+            None => None,
+        };
+        Some(next.filter(|&next| self.bounded(next) < self.bounded(from)))
     }
 
     /// The assignment not yet measured that is forecast to serve the goal best, and better than all that is known; else the one
@@ -395,7 +420,7 @@ mod tests {
     }
 
     fn steps<const N: usize>(values: [usize; N]) -> [Steps; N] {
-        values.map(|values| Steps { values, step: 1 })
+        values.map(|values| Steps { values, step: 1, ordered: true })
     }
 
     // One knob is dear and does little: a preset turns it up all the same.
@@ -477,11 +502,38 @@ mod tests {
         assert!(best.cost <= 250.0 && best.error <= 1.2 * ideal.error, "{best:?} {ideal:?}");
     }
 
+    // One knob costs, and it takes more than one step to where that fits; and all of them must be at their least.
+    #[test]
+    fn a_cost_below_the_cheapest_start_is_walked_down_to() {
+        let measure = |assignment: &[usize]| {
+            let [a, b] = [0, 1].map(|knob| assignment[knob] as f64);
+            Some((50.0 + 40.0 * a + b, 10.0 - a - 0.1 * b))
+        };
+        let halves =
+            [Steps { values: 8, step: 2, ordered: true }, Steps { values: 3, step: 1, ordered: true }];
+        for (most, expected) in [(51.5, vec![0, 1]), (50.0, vec![0, 0]), (129.0, vec![1, 2])] {
+            let SearchResult { tried, best, finished } =
+                search(&[vec![7, 2], vec![6, 0]], &halves, Goal::Cost(most), measure);
+            assert!(
+                finished && best.is_some_and(|best| tried[best].assignment == expected),
+                "{most}: {tried:?}"
+            );
+        }
+        let SearchResult { tried, best, finished } =
+            search(&[vec![7, 2]], &halves, Goal::Cost(49.0), measure);
+        assert!(finished && best.is_none() && tried.iter().any(|t| t.assignment == [0, 0]), "{tried:?}");
+        // No turn saves alone.
+        let level = |a: &[usize]| Some((if a == [0, 0, 0] { 1.0 } else { 9.0 }, a[0] as f64));
+        let SearchResult { tried, best, .. } =
+            search(&[vec![3, 3, 3]], &steps([4; 3]), Goal::Cost(2.0), level);
+        assert!(best.is_some_and(|best| tried[best].assignment == [0, 0, 0]), "{tried:?}");
+    }
+
     // Two values make a step: one is tried where no step helps.
     #[test]
     fn halves_of_steps_come_last() {
         let measure = |assignment: &[usize]| Some((assignment[0] as f64, 8.0 - assignment[0] as f64));
-        let one = [Steps { values: 9, step: 2 }];
+        let one = [Steps { values: 9, step: 2, ordered: true }];
         let SearchResult { tried, best, finished } = search(&[vec![8]], &one, Goal::Error(3.0), measure);
         assert!(finished && tried[best.unwrap()].assignment == [5], "{tried:?}");
         let order: Vec<usize> = tried.iter().map(|t| t.assignment[0]).collect();

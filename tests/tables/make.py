@@ -133,7 +133,7 @@ def tune(work):
                 sys.exit(f"{name} {bound}: the overlay gives other pictures when it is run afresh")
             ratio, half, why = best["work"] / naive["work"], told["below_half"], ""
             if ratio >= 0.5 and half:
-                why = (f"; none of {half['settings']} below half reaches it, least error {half['least_error']:.4f}" if half["settings"]
+                why = (f"; none of {'all ' if half['complete'] else 'the first '}{half['settings']} below half reaches it, least error {half['least_error']:.4f}" if half["settings"]
                        else f"; none is below half, the least is {half['least_cost'] / naive['work']:.2f}")
             text += (f"| {name} | {bound} | `{naive['setting']}`: {naive['work'] / 1e6:.2f} M, {naive['error']:.4f} | "
                      f"{best['work'] / 1e6:.2f} M, {best['error']:.4f} | {ratio:.2f}{why} | {len(told['measured'])} |\n")

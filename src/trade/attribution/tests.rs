@@ -11,7 +11,7 @@ use engine::{Engine, Graph, Source, SourceRoot, Store};
 use super::*;
 use crate::trade::below::below;
 use crate::trade::bench::Miss;
-use crate::trade::search::{Goal, SearchResult, Steps, search};
+use crate::trade::search::{Goal, SearchResult, Steps, Tried, search};
 use crate::trade::tunables::Assignment;
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
@@ -157,6 +157,31 @@ fn what_is_judged(engine: &Engine) {
     let off = &layers.points[at].off;
     assert!(!off.is_empty() && off.iter().all(|row| row.value("flip mean") == row.value("hdr-flip mean")));
     assert!(layers.remarks.iter().any(|remark| remark.contains("linear light")));
+
+    // HDR-FLIP has no exposure for a picture that is black over half of its area, as an object alone is.
+    let black = format!("{save}, layer: WriteExr(image: \"trace.object\", path: \"object.exr\")");
+    let judged = |text: &str, metric: &str| {
+        let text = GRAPH.replace(save, text);
+        let source = Source::new("graph.ron", text);
+        let graph = Graph::parse(source, &nodes::registry(), SourceRoot::new(".")).unwrap();
+        let mut bench = Bench::new(engine, &graph, &[], Arc::new(AtomicBool::new(false))).unwrap();
+        let metric = Metric::of(metric).unwrap();
+        bench.judge_by(&metric);
+        let reference = bench.preset(3);
+        measured(&mut bench, reference).map(|at| {
+            assert!(metric.error(&bench.points[at].off).is_some());
+            (bench.unjudged.clone(), bench.remarks.join("; "))
+        })
+    };
+    for metric in ["flip", "flip95"] {
+        let (left, remarks) = judged(&black, metric).unwrap();
+        assert_eq!(left, ["trace.object"]);
+        assert!(remarks.contains("half of the reference is black") && remarks.contains("rmse"), "{remarks}");
+    }
+    assert!(judged(&black, "ciede2000").unwrap().1.contains("CIEDE2000 is not computed in linear light"));
+    assert_eq!(judged(&black, "rmse").unwrap().0, Vec::<String>::new());
+    let alone = judged("layer: WriteExr(image: \"trace.object\", path: \"object.exr\")", "flip").unwrap_err();
+    assert!(alone.contains("half of the reference is black") && alone.contains("rmse"), "{alone}");
 }
 
 /// A field that varies along an axis is not turned, also where one instance alone is asked for.
@@ -213,21 +238,28 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f
     let found = &tried[best.unwrap()];
     let naive = tried[..4].iter().filter(|t| t.error <= 0.02).map(|t| t.cost).fold(f64::INFINITY, f64::min);
     assert!(finished && found.error <= 0.02 && found.cost < 0.5 * naive, "{node}: {found:?} beside {naive}");
-    nothing_below_half(bench, metric, &steps);
+    nothing_below_half(bench, metric, &steps, &tried);
     (found.cost, found.cost / naive)
 }
 
 /// Where `draft` is good enough, nothing costs less than half of it, which one measurement shows.
-fn nothing_below_half(bench: &mut Bench<'_>, metric: &Metric, steps: &[Steps]) {
+fn nothing_below_half(bench: &mut Bench<'_>, metric: &Metric, steps: &[Steps], tried: &[Tried]) {
     let draft = bench.preset(0);
     let draft = measured(bench, draft).unwrap();
     let half = 0.5 * bench.points[draft].work;
     let before = bench.points.len();
-    let found = below(steps, half, 30, |assignment| {
+    let found = below(steps, tried, half, 30, |assignment| {
         let at = measured(bench, assignment.to_vec()).unwrap();
         Some((bench.points[at].work, metric.error(&bench.points[at].off).unwrap()))
     });
     let found = found.unwrap();
-    assert!(found.all.is_empty() && found.least.cost > 1.05 * half && bench.points.len() <= before + 1);
+    // No turns that were measured save so much that the margin grows.
+    assert!(found.saved.pairs > 100 && found.saved.most < 0.025, "{:?}", found.saved);
+    assert!(
+        found.complete
+            && found.all.is_empty()
+            && found.least.cost > 1.05 * half
+            && bench.points.len() <= before + 1
+    );
     assert!(bench.points.iter().all(|point| point.work > half), "nor did anything that was measured");
 }
