@@ -2,7 +2,7 @@
 
 mod geometry;
 mod material;
-mod tangents;
+pub(crate) mod tangents;
 #[cfg(test)]
 mod tests;
 
@@ -48,7 +48,7 @@ engine::outputs! {
 
 impl Kind for LoadObject {
     const NAME: &'static str = "load-object";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
     type In = In;

@@ -1,6 +1,7 @@
 //! Tangents for normal maps where the file has none, in the manner of MikkTSpace: corners that share
 //! position, normal and texture coordinates share a tangent, weighted by the angle of each corner, and
-//! mirrored islands are kept apart.
+//! mirrored islands are kept apart. The green of a normal map points up the picture, and glTF's v runs down it, so the
+//! bitangent runs against v and the sign is the opposite of that of the texture's area.
 
 use std::collections::HashMap;
 
@@ -105,7 +106,7 @@ fn split_mirrored(
                 arbitrary += 1;
                 across(n)
             };
-            let sign = if flip { -1.0 } else { 1.0 };
+            let sign = if flip { 1.0 } else { -1.0 };
             [tangent.x as f32, tangent.y as f32, tangent.z as f32, sign]
         })
         .collect();
@@ -140,14 +141,15 @@ mod tests {
     }
 
     #[test]
-    fn tangent_follows_u_and_the_sign_follows_v() {
-        let mut plain = quad([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
-        assert_eq!(generate(&mut plain, false), 0);
-        assert_eq!(plain.tangents, [[1.0, 0.0, 0.0, 1.0]; 4]);
-        // v downwards, as glTF has it: bitangent = sign * cross(n, t) points along +v.
-        let mut down = quad([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
-        generate(&mut down, false);
-        assert_eq!(down.tangents, [[1.0, 0.0, 0.0, -1.0]; 4]);
+    fn tangent_follows_u_and_the_bitangent_runs_up_the_picture() {
+        // v downwards, as glTF has it: bitangent = sign * cross(n, t) is +y, which is up the picture.
+        let mut card = quad([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]);
+        assert_eq!(generate(&mut card, false), 0);
+        assert_eq!(card.tangents, [[1.0, 0.0, 0.0, 1.0]; 4]);
+        // The picture upside down.
+        let mut turned = quad([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+        generate(&mut turned, false);
+        assert_eq!(turned.tangents, [[1.0, 0.0, 0.0, -1.0]; 4]);
     }
 
     #[test]
@@ -158,7 +160,7 @@ mod tests {
         assert!(p.is_consistent());
         assert_eq!(p.positions.len(), 6, "two corners doubled");
         let signs = |t: usize| p.triangles[t].map(|v| p.tangents[v as usize][3]);
-        assert_eq!((signs(0), signs(1)), ([1.0; 3], [-1.0; 3]));
+        assert_eq!((signs(0), signs(1)), ([-1.0; 3], [1.0; 3]));
     }
 
     #[test]

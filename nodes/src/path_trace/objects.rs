@@ -357,7 +357,8 @@ impl Objects {
                 let [p, q, r] = point.coordinates(uv_set);
                 let (e, f, s, t) = (b - a, c - a, q - p, r - p);
                 let area = s.x * t.y - t.x * s.y;
-                ((e * t.y - f * s.y) * area.signum(), area.signum())
+                // Up the picture is against v.
+                ((e * t.y - f * s.y) * area.signum(), -area.signum())
             }
         };
         ((tangent - normal * normal.dot(tangent)).normalize_or_zero(), hand)

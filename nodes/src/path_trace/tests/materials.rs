@@ -212,3 +212,46 @@ fn paths_that_are_too_long_are_told() {
         assert!(expected, "{sheets} {max_bounces}: {light}");
     }
 }
+
+/// A normal map's green points up its picture, and v runs down it: a card with a map of one colour looks like one whose
+/// own normals are bent, whether tangents are made or fall back to the texture's coordinates.
+/// Mutation: the sign in `load_object/tangents.rs`, or that of `area` in `objects.rs`, turned round (each seen red).
+#[test]
+fn green_of_a_normal_map_points_up_the_picture() {
+    use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};
+    let rgba: Vec<u8> = vec![176, 210, 200, 255];
+    let bent = Vec3::new(f32::from(rgba[0]), f32::from(rgba[1]), f32::from(rgba[2])) * (2.0 / 255.0) - 1.0;
+    let card = plane(0.5);
+    // u runs along x, v against y.
+    let uv0 = card.positions.iter().map(|&[x, y, _]| [x + 0.5, 0.5 - y]).collect::<Vec<_>>();
+    let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false };
+    let texture = TextureRef { texture: 0, uv_set: 0, sampler, transform: None };
+    let map = NormalMap { texture, scale: 1.0 };
+    let render_card = |normal: Vec3, map: Option<NormalMap>, made: bool| {
+        let mut primitive = Primitive {
+            positions: card.positions.clone(),
+            triangles: card.triangles.clone(),
+            normals: vec![normal.normalize().to_array(); 4],
+            uv0: uv0.clone(),
+            ..Primitive::default()
+        };
+        if made {
+            crate::load_object::tangents::generate(&mut primitive, false);
+        }
+        let material = Material { normal: map, ..matte(0.8) };
+        let textures = vec![Texture { width: 1, height: 1, rgba: rgba.clone() }];
+        let object = Object { primitives: vec![primitive], materials: vec![material], textures };
+        let placed =
+            Placed { object: Arc::new(object), world_from_object: DMat4::from_translation(DVec3::Z) };
+        let camera = rig(DVec3::new(0.2, 0.1, 3.0), DVec3::Z, 8, 12.0);
+        let (out, _) =
+            render(&params(64, EnvBlock::Solid), &plane(0.1), &[Arc::new(placed)], &camera, &sunny());
+        covered(&out.object)
+    };
+    let expected = render_card(bent, None, false);
+    assert!((expected / render_card(Vec3::Z, None, false) - 1.0).abs() > 0.05, "the map bends");
+    for made in [false, true] {
+        let found = render_card(Vec3::Z, Some(map), made);
+        assert!((found / expected - 1.0).abs() < 2e-3, "{made}: {found} for {expected}");
+    }
+}
