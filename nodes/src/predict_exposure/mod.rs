@@ -386,7 +386,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest reaches {brightest:.3}, and clipping is told from `white`, {}, on",
+            "no pixel is clipped: the brightest reaches {brightest:.3} of white, and clipping is told from `white`, {}, on",
             params.white
         )
     } else {
