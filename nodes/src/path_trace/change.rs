@@ -61,7 +61,7 @@ impl Integrator<'_> {
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let mut lift = sampling.lift;
         for bounce in 0..=rules.max_bounces {
-            let surface = self.scene.receiver.surface(&hit);
+            let surface = self.receiver_surface(&hit, lift);
             let surface = Surface { media: [self.around(surface.upright(lift)); 2], ..surface };
             let pair = FIRST_LIGHTS + bounce * PAIRS;
             let key = hash(self.key, pair);
@@ -86,7 +86,7 @@ impl Integrator<'_> {
             light += rules.clamped(bounce, throughput * lamps);
 
             // and what they scatter, by rays to where they are
-            let cone = match first && self.scene.objects.emitters.is_empty() {
+            let cone = match first && self.scene.objects.emitters.is_empty() && surface.cover.is_none() {
                 true => Cone::between([sampling.start; 2], sampling.objects),
                 false => Cone::ALL,
             };
@@ -111,6 +111,18 @@ impl Integrator<'_> {
             let how = (throughput * scatter_weight * mis_weight, scatter.pdf);
             let (change, landed) = self.difference(&surface, lift, ray, how, key ^ 1, bounce);
             light += change;
+            if !rules.visibility(Lobe::Diffuse).lands
+                && let Some(unlit) = self.unlit(surface.spawn_ray(ray))
+            {
+                let way = Ray { t_max: unlit.t, ..surface.ray_to_objects(ray, lift) };
+                if self.object(way, key ^ 1, Lobe::Diffuse).is_none() {
+                    let end = Vertex::Receiver(unlit);
+                    let (passed, media) =
+                        self.along(way, key ^ 1, Lobe::Diffuse, Some(&end), surface.medium(ray));
+                    let throughput = throughput * scatter_weight * passed;
+                    light += self.lamps_beyond(Some(unlit), ray, bounce, throughput, media);
+                }
+            }
             let Some(next) = landed else { break };
             let Some(left) = self.russian_roulette(bounce, throughput * scatter_weight) else { break };
             (hit, throughput, lift) = (next, left, Vec3::ZERO);
@@ -138,7 +150,7 @@ impl Integrator<'_> {
             return Vec3::ZERO;
         }
         let ray = surface.spawn_ray(drawn.direction);
-        let to_objects = Ray { origin: ray.origin + lift, ..ray };
+        let to_objects = surface.ray_to_objects(drawn.direction, lift);
         let [straight, _] = self.object_transmittance(to_objects, key, None, surface.medium(ray.direction));
         if straight == Vec3::ONE || !self.passes(self.scene.rules.visibility(Lobe::Diffuse).shadow, ray) {
             return Vec3::ZERO;
@@ -163,8 +175,13 @@ impl Integrator<'_> {
         let ray = surface.spawn_ray(direction);
         let lands = bounce < rules.max_bounces && rules.visibility(Lobe::Diffuse).lands;
         let landed = if lands { self.receiver_hit(ray) } else { None };
-        let to_objects = Ray { origin: ray.origin + lift, t_max: landed.map_or(ray.t_max, |l| l.t), ..ray };
+        let (objects, receiver) = (self.scene.objects, self.scene.receiver);
+        let allowance = |l: &Hit| objects.touching.allowance(&ray, l.t, receiver.normal(l.triangle));
+        let t_max = landed.map_or(ray.t_max, |l| l.t + allowance(&l));
+        let to_objects = Ray { t_max, ..surface.ray_to_objects(direction, lift) };
+        let before = |hit: &Hit| landed.is_none_or(|l| hit.t - objects.slack(hit, direction) <= l.t);
         let object = self.object(to_objects, key, Lobe::Diffuse);
+        let object = object.filter(|vertex| vertex.on_object().is_none_or(before));
         let found = object.or(landed.map(Vertex::Receiver));
         let start = surface.medium(direction);
         let (passed, media) = self.along(to_objects, key, Lobe::Diffuse, found.as_ref(), start);

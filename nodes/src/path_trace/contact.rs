@@ -9,8 +9,9 @@
 
 use glam::{DVec3, Vec3};
 
+use super::objects::Objects;
 use super::receiver::Receiver;
-use crate::bvh::Ray;
+use crate::bvh::{Hit, Ray};
 use crate::support::{Foot, Level};
 use crate::types::Placed;
 
@@ -92,6 +93,20 @@ impl Ground {
         10.0 * self.supports.iter().map(|support| support.reach).fold(0.0, f32::max)
     }
 
+    /// Whether a triangle of an object lies at the height of a base to which the camera's hits move, as near as that.
+    pub fn is_base(&self, corners: &[Vec3; 3], near: f32) -> bool {
+        let [low, high] =
+            corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], &corner| {
+                [low.min(corner), high.max(corner)]
+            });
+        let lowest = corners.iter().map(|corner| corner.dot(self.up)).fold(f32::INFINITY, f32::min);
+        self.supports.iter().any(|s| {
+            (lowest - s.height).abs() <= near
+                && low.cmple(s.high + near).all()
+                && high.cmpge(s.low - near).all()
+        })
+    }
+
     /// How far a camera's hit must move along its unit ray to lie on the ground of the object that is
     /// nearest to it (the first of equally near ones); 0 where it belongs to no ground.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
@@ -116,16 +131,37 @@ impl Ground {
     }
 }
 
-/// Heights of the mesh over the base of a foot, by rays straight down over a grid.
-fn under(receiver: &Receiver, foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> Option<Level> {
+impl Objects {
+    /// Whether each object stands on another one: some of what is under its foot, as far as a mesh may be wrong.
+    pub fn carried(&self, placed: &[impl AsRef<Placed>], origin: DVec3, up: DVec3, metre: f64) -> Vec<bool> {
+        let stands = |(index, placed): (usize, &Placed)| {
+            let Some(foot) = Foot::of(placed, up) else { return false };
+            let largest = LARGEST * metre;
+            let others = |hit: &Hit| self.part(hit.triangle).0.placed != index;
+            feelers(&foot, origin, up, largest).any(|(_, ray)| self.bvh.any(ray, others))
+        };
+        // One alone stands on none.
+        let alone = placed.len() < 2;
+        placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
+    }
+}
+
+/// Rays straight down over a grid under a foot, from so far above its base to as far below, and where on the foot they are.
+fn feelers(foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
     let axes = Foot::axes(up);
-    let mut heights = Vec::new();
-    for k in 0..GRID * GRID {
+    (0..GRID * GRID).map(move |k| {
         let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
         let [x, y] = [0, 1].map(|a| place[a] * foot.half.dot(axes[a].abs()));
         let flat = foot.middle - up * foot.middle.dot(up) + axes[0] * x + axes[1] * y;
         let start = (flat + up * (foot.base + largest) - origin).as_vec3();
-        let ray = Ray { t_max: (2.0 * largest) as f32, ..Ray::new(start, -up.as_vec3()) };
+        ([x, y], Ray { t_max: (2.0 * largest) as f32, ..Ray::new(start, -up.as_vec3()) })
+    })
+}
+
+/// Heights of the mesh over the base of a foot, by rays straight down over a grid.
+fn under(receiver: &Receiver, foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> Option<Level> {
+    let mut heights = Vec::new();
+    for ([x, y], ray) in feelers(foot, origin, up, largest) {
         if let Some(hit) = receiver.bvh.closest(ray, |_| true)
             && receiver.normal(hit.triangle).dot(up.as_vec3()).abs() >= STEEPEST
         {

@@ -289,7 +289,9 @@ impl Crop {
             let least = tile.least.to_array().map(f64::from);
             (0..3).filter(|&k| changed[k] > 0.0).map(|k| changed[k] / (PI * least[k])).fold(0.0, f64::max)
         };
+        // Points below what lies on them, so that it stands above.
         let tile = tile.grown(lifted);
+        let tile = tile.grown(scene.objects.touching.depth(tile.low, tile.high));
         let window = Window::of(&tile, &corners(self.objects))?;
         let solid = window.projected();
         let sent = self.surfaces.map(|radiance| radiance * solid);

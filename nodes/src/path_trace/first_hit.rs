@@ -26,7 +26,10 @@ pub(super) fn trace_first_hit(
         let out = -ray.direction;
         let (t, normal) = match (object, landed) {
             (Some(hit), landed)
-                if landed.is_none_or(|l| hit.t <= l.t + shift(&scene, camera_rays, &l, ray)) =>
+                if landed.is_none_or(|l| {
+                    let slack = scene.objects.slack(&hit, ray.direction);
+                    hit.t - slack <= l.t + shift(&scene, camera_rays, &l, ray)
+                }) =>
             {
                 (hit.t, scene.objects.surface(&hit, out, false, 0.0, Media::default()).normal)
             }

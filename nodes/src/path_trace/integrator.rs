@@ -82,7 +82,7 @@ impl Vertex {
     }
 
     /// Where it is on an object.
-    fn on_object(&self) -> Option<&Hit> {
+    pub(super) fn on_object(&self) -> Option<&Hit> {
         match self {
             Self::Receiver(_) => None,
             Self::Object(hit) | Self::Straight(hit) => Some(hit),
@@ -172,15 +172,29 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    fn surface(&mut self, vertex: &Vertex, out: Vec3, width: f32, media: Media) -> Surface {
+    /// The surface of the receiver at a hit, moved by `lift` for objects, in no body.
+    pub(super) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
+        let surface = self.scene.receiver.surface(hit);
+        let cover = if self.objects { self.scene.objects.cover(&surface, lift) } else { None };
+        Surface { cover, ..surface }
+    }
+
+    pub(super) fn surface(
+        &mut self,
+        vertex: &Vertex,
+        (out, width): (Vec3, f32),
+        lift: Vec3,
+        media: Media,
+    ) -> Surface {
         let (hit, straight) = match vertex {
             Vertex::Receiver(hit) => {
-                return Surface { media: [media; 2], ..self.scene.receiver.surface(hit) };
+                return Surface { media: [media; 2], ..self.receiver_surface(hit, lift) };
             }
             Vertex::Object(hit) => (hit, false),
             Vertex::Straight(hit) => (hit, true),
         };
         let mut surface = self.scene.objects.surface(hit, out, straight, width, media);
+        surface.bed = self.scene.objects.bed(hit, -out, &surface, self.scene.receiver);
         let [near, far] = surface.media;
         if !near.is_empty() && far.is_deeper(&near) {
             // Where two bodies touch, the path sees one of the two surfaces, and may be out of the first body.
@@ -280,11 +294,13 @@ impl<'a> Integrator<'a> {
         if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
             return Vec3::ZERO;
         }
-        let ray = Ray { t_max: distance, ..surface.spawn_ray(direction) };
+        let before = distance - objects.slack(&emitter.hit, direction);
+        let ray = Ray { t_max: before, ..surface.ray_to_receiver(direction) };
         if !objects.accepts(&emitter.hit, key, false) || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
         self.touched = true;
+        let ray = Ray { t_max: distance, ..surface.ray_to_objects(direction, Vec3::ZERO) };
         let unshaded =
             self.object_transmittance(ray, key, Some(emitter.hit.triangle), surface.medium(direction));
         let weighed = |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power_heuristic(pdf, s.pdf);
@@ -295,7 +311,8 @@ impl<'a> Integrator<'a> {
     /// The MIS weight of what shines at a hit that a scattered ray of some density found.
     pub(super) fn mis_weight(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
         let emitter_pdf = self.scene.objects.emitters.pdf(hit.triangle);
-        if emitter_pdf == 0.0 || !self.passes(Block::Solid, Ray { t_max: hit.t, ..ray }) {
+        let before = hit.t - self.scene.objects.slack(hit, ray.direction);
+        if emitter_pdf == 0.0 || !self.passes(Block::Solid, Ray { t_max: before, ..ray }) {
             // What is never sampled as a lamp shines in full, if at all.
             return if emitter_pdf == 0.0 { 1.0 } else { 0.0 };
         }
@@ -375,8 +392,8 @@ impl<'a> Integrator<'a> {
         if sample.radiance == Vec3::ZERO || !lobes.iter().any(useful) {
             return Vec3::ZERO;
         }
-        let ray = NearFieldLight::towards(surface.spawn_ray(sample.direction), place.as_ref());
-        let to_objects = Ray { origin: ray.origin + lift, ..ray };
+        let ray = NearFieldLight::towards(surface.ray_to_receiver(sample.direction), place.as_ref());
+        let to_objects = Ray { t_max: ray.t_max, ..surface.ray_to_objects(sample.direction, lift) };
         let mut unshaded = self.object_transmittance(to_objects, key, None, surface.medium(sample.direction));
         if let Some((near, points)) = near {
             let dimming = self.dimming(near, arriving, points, key);
@@ -417,8 +434,8 @@ impl<'a> Integrator<'a> {
         if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let ray = surface.spawn_ray(sample.direction);
-        let to_objects = Ray { origin: ray.origin + lift, ..ray };
+        let ray = surface.ray_to_receiver(sample.direction);
+        let to_objects = surface.ray_to_objects(sample.direction, lift);
         let [unshaded, _] =
             self.object_transmittance(to_objects, key, None, surface.medium(sample.direction));
         if unshaded == Vec3::ZERO || !self.passes(self.scene.rules.visibility(Lobe::Diffuse).shadow, ray) {
@@ -435,7 +452,7 @@ impl<'a> Integrator<'a> {
         match &first {
             _ if !self.objects || objects.bodies.is_empty() => {}
             Vertex::Receiver(hit) => {
-                let surface = self.scene.receiver.surface(hit);
+                let surface = self.receiver_surface(hit, self.lift);
                 media = self.around(surface.upright(self.lift));
             }
             Vertex::Object(hit) | Vertex::Straight(hit) => {
@@ -463,7 +480,9 @@ impl<'a> Integrator<'a> {
         let mut touches = false;
         for bounce in start..=rules.max_bounces + 1 {
             width += spread * vertex.distance();
-            let surface = self.surface(&vertex, out, width, media);
+            let first = bounce == 0;
+            let lift = if first { self.lift } else { Vec3::ZERO };
+            let surface = self.surface(&vertex, (out, width), lift, media);
             light += rules.clamped(bounce, throughput * surface.emission * mis_weight);
             if bounce > rules.max_bounces {
                 self.cut |= !matches!(vertex, Vertex::Receiver(_)) && throughput.max_element() > 0.5;
@@ -471,11 +490,9 @@ impl<'a> Integrator<'a> {
             }
             let pair = 1 + bounce * PAIRS;
             let key = hash(self.key, pair);
-            let first = bounce == 0;
             let usual = sky.distributions(surface.bsdf.lit_side());
             let distributions = if first { self.distributions.unwrap_or(usual) } else { usual };
             let several = first.then_some(sky.lights);
-            let lift = if first { self.lift } else { Vec3::ZERO };
 
             // Light sampling.
             let mut lit = Vec3::ZERO;
@@ -526,8 +543,8 @@ impl<'a> Integrator<'a> {
             }
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let visibility = rules.visibility(lobe);
-            let ray = surface.spawn_ray(direction);
-            let to_objects = Ray { origin: ray.origin + lift, ..ray };
+            let ray = surface.ray_to_receiver(direction);
+            let to_objects = surface.ray_to_objects(direction, lift);
             let touching = match (&vertex, lobe) {
                 (Vertex::Object(hit), Lobe::Specular)
                     if !touches
@@ -562,6 +579,7 @@ impl<'a> Integrator<'a> {
                     let arrived = arriving.0.radiance
                         * power_heuristic(scatter.pdf, near_lights as f32 * arriving.0.pdf);
                     light += rules.clamped(bounce, throughput * scatter_weight * dimming * arrived);
+                    light += self.lamps_beyond(landed, direction, bounce, throughput * scatter_weight, media);
                     break;
                 }
             } else if object.is_none() && to_sky {
@@ -576,6 +594,10 @@ impl<'a> Integrator<'a> {
                         light += rules.clamped(bounce, throughput * scatter_weight * arrived);
                     }
                 }
+            }
+            if !visibility.lands && object.is_none() {
+                let unlit = self.unlit(ray);
+                light += self.lamps_beyond(unlit, direction, bounce, throughput * scatter_weight, media);
             }
             let Some(next) = found else { break };
             vertex = next;

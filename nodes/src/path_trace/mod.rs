@@ -14,6 +14,7 @@ pub mod environment;
 pub mod film;
 mod first_hit;
 pub mod integrator;
+mod lamp_light;
 mod light_cells;
 mod light_distribution;
 mod light_draws;
@@ -30,6 +31,7 @@ mod sample_plan;
 mod subdivide;
 mod texel_grid;
 mod tile;
+pub mod touching;
 pub mod visibility;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -56,6 +58,7 @@ use reporting::{
     report_inputs, report_plan, report_variance, tell_first,
 };
 use sample_plan::ErrorGoal;
+use touching::Touching;
 use visibility::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
 
 engine::params! {
@@ -184,7 +187,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -259,7 +262,8 @@ impl Kind for PathTrace {
                 inputs.rig.cameras[0].eye()
             }
         };
-        let decided = params.decide(&prepared, centre, cx.metres_per_unit(), &mut notes);
+        let [_, _, up] = crate::equirect::axes(cx.up());
+        let decided = params.decide(&prepared, centre, (up, cx.metres_per_unit()), &mut notes);
         let rules = decided.rules;
         let mut objects = Objects::new(&inputs.objects, origin)?;
         objects.every_lobe = !params.skip_lobes;
@@ -272,11 +276,12 @@ impl Kind for PathTrace {
         report_coarse_coordinates(&prepared, &objects, &mut notes);
 
         let seed = cx.seed();
-        let [_, _, up] = crate::equirect::axes(cx.up());
         let metre = 1.0 / cx.metres_per_unit();
         let (ground, measured) =
             Ground::measure(prepared.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
-        report_contact(&measured, cx.metres_per_unit(), &mut notes);
+        let carried = objects.carried(&inputs.objects, origin, up, metre);
+        report_contact(&measured, &carried, cx.metres_per_unit(), &mut notes);
+        objects.touching = Touching::of(&objects, prepared.receiver(), &ground);
         let contact = (up.to_array(), params.contact_metres);
         let limit = (params.crop > 0.0).then_some(params.crop);
         let most = params.most();

@@ -15,6 +15,7 @@ use super::emitters::{EmitterSample, Emitters, mean_luminance};
 use super::media::{Body, Media};
 use super::mipmap::Mipmap;
 use super::receiver::{Surface, geometry, margin};
+use super::touching::Touching;
 use crate::bvh::{Bvh, Hit, Ray};
 use crate::color::linear_from_srgb8;
 use crate::error::Error;
@@ -25,7 +26,7 @@ use crate::types::{AlphaMode, Material, NormalMap, Object, Placed, Primitive};
 /// One primitive of one placed object.
 #[derive(Debug)]
 pub(super) struct PlacedPrimitive {
-    placed: usize,
+    pub(super) placed: usize,
     primitive: usize,
     /// Index of its first triangle in the tree.
     pub(super) first: u32,
@@ -62,6 +63,8 @@ pub struct Objects {
     pub(super) held: Option<(Vec3, Vec3)>,
     /// What shines on them.
     pub emitters: Emitters,
+    /// Where they lie on the receiver.
+    pub touching: Touching,
 }
 
 fn columns(m: DMat3) -> [Vec3; 3] {
@@ -96,6 +99,7 @@ impl Objects {
             bodies: Vec::new(),
             held: None,
             emitters: Emitters::new(&[], |_| 0.0),
+            touching: Touching::default(),
         };
         for (index, one) in placed.iter().enumerate() {
             let matrix = one.world_from_object;
@@ -241,8 +245,12 @@ impl Objects {
     }
 
     /// How far along its ray the receiver counts as met before an object: where glass stands on it, the two are in
-    /// one place, and what leaves the glass is the receiver's.
+    /// one place, and what leaves the glass is the receiver's; where something flat lies on it, that is met first.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
+        let slack = self.slack(hit, direction);
+        if slack > 0.0 {
+            return hit.t - slack;
+        }
         let part = self.part(hit.triangle).0;
         if !hit.back || !(part.clear || part.body.is_some()) {
             return hit.t;
@@ -317,7 +325,7 @@ impl Objects {
             false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &params)),
         };
         let emission = emission(&filtered, material);
-        Surface { position, normal: geometric, margin, bsdf, emission, media }
+        Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None }
     }
 
     /// Unit normal of a triangle, by its winding.

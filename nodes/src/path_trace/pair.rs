@@ -206,7 +206,8 @@ fn show(
     let (ray, objects) = (sample.ray, scene.objects);
     of_tile.rays.camera += 1;
     let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
-    let Some(front) = front.filter(|front| front.t <= reach(&mut of_tile.rays)) else { return };
+    let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
+    let Some(front) = front.filter(|front| before(front) <= reach(&mut of_tile.rays)) else { return };
     let mut integrator =
         Integrator { spread: camera_rays.spread, ..Integrator::new(scene, sample.points, sample.key, true) };
     let light = integrator.radiance(Vertex::Object(front), ray);

@@ -30,6 +30,10 @@ pub struct Surface {
     pub emission: Vec3,
     /// What is on the side of the viewer, and on the other.
     pub media: [Media; 2],
+    /// How far below it rays to objects start, where one lies on it: see [`super::touching`].
+    pub cover: Option<f32>,
+    /// How far over it rays to the receiver start, where it lies on that.
+    pub bed: Option<f32>,
 }
 
 impl Surface {
@@ -40,10 +44,28 @@ impl Surface {
         Ray::new(self.position + self.normal * side, direction)
     }
 
+    /// A ray that leaves the surface and may meet the receiver.
+    #[inline]
+    pub fn ray_to_receiver(&self, direction: Vec3) -> Ray {
+        match self.bed {
+            Some(over) => Ray::new(self.position + self.normal * over, direction),
+            None => self.spawn_ray(direction),
+        }
+    }
+
+    /// A ray that leaves the surface from a start that is lifted and may meet objects.
+    #[inline]
+    pub fn ray_to_objects(&self, direction: Vec3, lift: Vec3) -> Ray {
+        let ray = match self.cover {
+            Some(below) => Ray::new(self.position - self.normal * below, direction),
+            None => self.spawn_ray(direction),
+        };
+        Ray { origin: ray.origin + lift, ..ray }
+    }
+
     /// A ray that leaves along the normal from a start that is lifted.
     pub fn upright(&self, lift: Vec3) -> Ray {
-        let ray = self.spawn_ray(self.normal);
-        Ray { origin: ray.origin + lift, ..ray }
+        self.ray_to_objects(self.normal, lift)
     }
 
     /// What a ray is in that leaves the surface.
@@ -188,6 +210,8 @@ impl Receiver {
             bsdf: Bsdf::matte(normal, self.albedo_at(hit)),
             emission: Vec3::ZERO,
             media: Default::default(),
+            cover: None,
+            bed: None,
         }
     }
 }

@@ -106,14 +106,19 @@ pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
 }
 
 /// Tells how far the mesh misses the bases of objects that stand on it.
-pub(super) fn report_contact(measured: &[Option<Level>], metres_per_unit: f64, notes: &mut Notes) {
+pub(super) fn report_contact(
+    measured: &[Option<Level>],
+    carried: &[bool],
+    metres_per_unit: f64,
+    notes: &mut Notes,
+) {
     // A tenth is shown, and never less than nothing of one.
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let near = |level: &Level| level.height.abs() * metres_per_unit <= LARGEST;
     for (index, level) in
         measured.iter().enumerate().filter_map(|(index, measured)| Some((index, (*measured)?)))
     {
-        if !near(&level) {
+        if !near(&level) && !carried[index] {
             let (off, side) =
                 (millimetres(level.height.abs()), if level.height > 0.0 { "below" } else { "above" });
             let text = format!(
@@ -178,13 +183,35 @@ pub(super) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
     );
     notes.decision("sample-plan", format!("{text}; the error is {worst:.4} where {asked} was asked for"));
     if short > 0 {
-        let text =
-            format!("`{view}`: {most} samples leave {short} of {all} blocks with an error above {asked}");
-        notes.degraded(
-            "error-not-reached",
-            format!("{text}, up to {worst:.4}; raise `samples` or `max_error`"),
+        let text = format!(
+            "`{view}`: {most} samples a pixel leave {short} of {all} blocks of pixels with a standard error above the {asked} \
+             asked for, up to {worst:.4}"
         );
+        // Errors fall with the root of the samples.
+        let ratio = worst / asked;
+        let hint = match round_up(f64::from(most) * ratio * ratio) {
+            needed if needed <= MOST_SAMPLES => {
+                format!("about {needed} `samples` would reach it, these a `max_error` of {worst:.2e}")
+            }
+            _ => format!(
+                "no number of `samples` that may be asked for reaches it, these a `max_error` of {worst:.2e}"
+            ),
+        };
+        notes.degraded("error-not-reached", format!("{text}; {hint}"));
     }
+}
+
+/// The most samples that may be asked for: see the range of `samples`.
+const MOST_SAMPLES: u64 = 1 << 20;
+
+/// A number of samples rounded up to two digits.
+fn round_up(samples: f64) -> u64 {
+    let samples = samples.ceil() as u64;
+    let mut step = 1_u64;
+    while samples / step >= 100 {
+        step *= 10;
+    }
+    samples.div_ceil(step).saturating_mul(step)
 }
 
 /// Tells that paths through objects were too long.

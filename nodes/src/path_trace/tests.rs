@@ -16,6 +16,7 @@ mod crop;
 mod env_resolution;
 mod extremes;
 mod insertion;
+mod lamps;
 mod materials;
 mod media;
 mod near_field;

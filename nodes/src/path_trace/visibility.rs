@@ -171,6 +171,11 @@ impl Probe {
         f64::from(self.escaped) / f64::from(self.rays.max(1))
     }
 
+    /// Whether the scene is open there: over 5 % of the rays left.
+    pub fn is_open(&self) -> bool {
+        self.escaped_share() > 0.05
+    }
+
     /// Share of the rays that met the receiver.
     pub fn held_share(&self) -> f64 {
         f64::from(self.rays - self.escaped) / f64::from(self.rays.max(1))
@@ -184,7 +189,7 @@ impl Probe {
     /// What `Auto` becomes. Over 5 % of sky means an open scene; else 90 % of one side mean that the
     /// orientation of the mesh can be trusted. Both bounds are judgement, so the report tells the shares.
     pub fn decide(&self) -> Block {
-        if self.escaped_share() > 0.05 {
+        if self.is_open() {
             Block::Solid
         } else if self.front_share() >= 0.9 {
             Block::FrontFace { max_layers: 3, flip: false }

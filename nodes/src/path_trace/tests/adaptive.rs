@@ -178,3 +178,23 @@ fn intervals_cover_where_samples_are_adapted() {
     assert!(within / all > 0.91, "{}", within / all);
     assert!((bias / all).abs() < 2e-3, "{}", bias / all);
 }
+
+/// Where the error is not reached the note tells what would reach it: errors fall with the root of the samples.
+#[test]
+fn what_would_reach_the_error_is_told() {
+    use crate::path_trace::reporting::report_plan;
+    use crate::path_trace::sample_plan::ReachedError;
+    let told = |asked: f64, worst: f64| {
+        let reached = ReachedError { asked, worst, predicted: worst, blocks: [4, 3, 2], samples: 16.0 };
+        let mut notes = Notes::none();
+        report_plan("v", &reached, 16, &mut notes);
+        assert!(notes.is_degraded());
+        notes.iter().find(|n| n.id == "error-not-reached").map(|n| n.text.clone()).expect("a note")
+    };
+    let text = told(0.01, 0.051);
+    assert!(
+        text.contains("16 samples a pixel leave 2 of 4 blocks") && text.contains("above the 0.01 asked for")
+    );
+    assert!(text.contains("about 420 `samples`") && text.contains("`max_error` of 5.10e-2"), "{text}");
+    assert!(told(1e-6, 0.05).contains("no number of `samples`"));
+}

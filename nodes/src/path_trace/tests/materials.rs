@@ -215,7 +215,6 @@ fn paths_that_are_too_long_are_told() {
 
 /// A normal map's green points up its picture, and v runs down it: a card with a map of one colour looks like one whose
 /// own normals are bent, whether tangents are made or fall back to the texture's coordinates.
-/// Mutation: the sign in `load_object/tangents.rs`, or that of `area` in `objects.rs`, turned round (each seen red).
 #[test]
 fn green_of_a_normal_map_points_up_the_picture() {
     use crate::types::{NormalMap, Sampler, Texture, TextureRef, Wrap};

@@ -252,6 +252,8 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
                 bsdf,
                 emission: Vec3::ZERO,
                 media: Default::default(),
+                cover: None,
+                bed: None,
             };
             let around = Integrator::new(scene, Points::new(0, 0), 0, true).around(seen.upright(Vec3::ZERO));
             let surface = Surface { media: [around; 2], ..seen };

@@ -1,0 +1,81 @@
+//! Light of the objects' lamps off a receiver that is the light or lets it through.
+//!
+//! There a path ends where it meets the receiver, since the panorama shows the place with all that its walls throw back.
+//! It does not show what the objects add: light of their lamps goes on from wall to wall, in a place that is lit by nothing
+//! else.
+
+use glam::Vec3;
+
+use super::integrator::{Integrator, PAIRS, PathState, Vertex};
+use crate::bvh::{Hit, Ray};
+use crate::sampling::hash;
+
+impl Integrator<'_> {
+    /// Where a ray meets a receiver that it would pass, if objects shine on it.
+    pub(super) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
+        if !self.objects || self.scene.objects.emitters.is_empty() {
+            return None;
+        }
+        self.rays.scattered += 1;
+        self.scene.receiver.bvh.closest(ray, |_| true)
+    }
+
+    /// Light of lamps from where a ray that left a vertex after some bounces has met the receiver, if it has.
+    pub(super) fn lamps_beyond(
+        &mut self,
+        landed: Option<Hit>,
+        direction: Vec3,
+        bounce: u32,
+        throughput: Vec3,
+        media: super::media::Media,
+    ) -> Vec3 {
+        let Some(hit) = landed.filter(|_| bounce < self.scene.rules.max_bounces) else { return Vec3::ZERO };
+        if !self.objects || self.scene.objects.emitters.is_empty() {
+            return Vec3::ZERO;
+        }
+        let state = PathState { direction, bounce: bounce + 1, throughput, mis_weight: 1.0, media };
+        self.lamp_radiance(Vertex::Receiver(hit), state)
+    }
+
+    /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the
+    /// receiver is solid.
+    fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState) -> Vec3 {
+        let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
+        let PathState { bounce: start, mut throughput, mut mis_weight, mut media, .. } = state;
+        let (mut out, mut light) = (-state.direction, Vec3::ZERO);
+        for bounce in start..=rules.max_bounces + 1 {
+            let surface = self.surface(&vertex, (out, 0.0), Vec3::ZERO, media);
+            light += rules.clamped(bounce, throughput * surface.emission * mis_weight);
+            if bounce > rules.max_bounces {
+                break;
+            }
+            let pair = 1 + bounce * PAIRS;
+            let key = hash(self.key, pair);
+            let lamps = self.sample_emitters(&surface, key ^ 2, bounce);
+            light += rules.clamped(bounce, throughput * lamps);
+            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
+            let ray = surface.ray_to_receiver(direction);
+            let to_objects = surface.ray_to_objects(direction, Vec3::ZERO);
+            let object = self.object(to_objects, key ^ 1, lobe);
+            let reach = object
+                .as_ref()
+                .and_then(Vertex::on_object)
+                .map_or(ray.t_max, |hit| objects.reach(hit, direction));
+            self.rays.scattered += 1;
+            let landed = receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true);
+            let Some(found) = landed.map(Vertex::Receiver).or(object) else { break };
+            let passed;
+            (passed, media) = self.along(to_objects, key ^ 1, lobe, Some(&found), surface.medium(direction));
+            mis_weight = match found {
+                Vertex::Object(hit) | Vertex::Straight(hit) => self.mis_weight(&hit, ray, scatter.pdf),
+                Vertex::Receiver(_) => 1.0,
+            };
+            throughput *= passed * scatter.value / scatter.pdf;
+            (vertex, out) = (found, -direction);
+            let Some(left) = self.russian_roulette(bounce, throughput) else { break };
+            throughput = left;
+        }
+        self.touched |= light != Vec3::ZERO;
+        light
+    }
+}

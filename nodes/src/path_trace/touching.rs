@@ -1,0 +1,148 @@
+//! Where objects lie in the very place of the receiver: a rug on a floor, a picture on a wall.
+//!
+//! Of two surfaces in one place rounding would choose which a ray meets. Here the object lies on the receiver: it is
+//! in front of it, whatever comes to the receiver passes it, and what passes it comes to the receiver. That is what
+//! an object shows that lies a millimetre higher. Surfaces of bodies are left to [`super::media`]: of glass that
+//! stands on a floor the lower face is none.
+
+use glam::Vec3;
+
+use super::contact::Ground;
+use super::objects::Objects;
+use super::receiver::{Receiver, Surface, margin};
+use crate::bvh::{Hit, Ray};
+
+/// Cosine between the normals of surfaces that lie on one another; what stands on a surface does not.
+const ALONG: f32 = 0.5;
+
+/// The triangles of objects that may lie in the place of the receiver.
+#[derive(Debug, Clone, Default)]
+pub struct Touching {
+    /// Whether each triangle does; empty where none does.
+    triangles: Vec<bool>,
+    /// The box around them, with [`reach`](Self::reach) around it.
+    held: Option<[Vec3; 2]>,
+    /// How far from one another two surfaces in one place may be found.
+    reach: f32,
+}
+
+/// The box around a triangle with some space around it.
+fn around(corners: &[Vec3], space: f32) -> [Vec3; 2] {
+    let [low, high] = corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], &corner| {
+        [low.min(corner), high.max(corner)]
+    });
+    [low - space, high + space]
+}
+
+fn meet(a: &[Vec3; 2], b: &[Vec3; 2]) -> bool {
+    a[0].cmple(b[1]).all() && b[0].cmple(a[1]).all()
+}
+
+impl Touching {
+    /// Of objects on a receiver, of which the camera may see some moved to `ground`.
+    pub fn of(objects: &Objects, receiver: &Receiver, ground: &Ground) -> Self {
+        let Some((low, high)) = objects.bvh.bounds() else { return Self::default() };
+        let space = margin(&[low, high, low]);
+        let whole = around(&[low, high], space);
+        // What of the receiver is where the objects are.
+        let (mut place, mut coarsest) = (None::<[Vec3; 2]>, 0.0_f32);
+        receiver.bvh.visit(|corners| {
+            let here = around(corners, 0.0);
+            let meets = meet(&here, &whole);
+            if let ([a, b, c], true) = (corners, meets) {
+                coarsest = coarsest.max(margin(&[*a, *b, *c]));
+                let here = [here[0].max(whole[0]), here[1].min(whole[1])];
+                place = Some(place.map_or(here, |place| [place[0].min(here[0]), place[1].max(here[1])]));
+            }
+            meets
+        });
+        let reach = 2.0 * (space + coarsest);
+        let touches = |corners: &[Vec3; 3]| {
+            let own = around(corners, reach);
+            if ground.is_base(corners, reach) {
+                return true;
+            }
+            let mut found = false;
+            if place.is_some_and(|place| meet(&own, &place)) {
+                receiver.bvh.visit(|corners| {
+                    let meets = !found && meet(&around(corners, 0.0), &own);
+                    found |= meets && corners.len() == 3;
+                    meets
+                });
+            }
+            found
+        };
+        let mut all = Self { triangles: vec![false; objects.corners.len()], held: None, reach };
+        for (index, part) in objects.parts.iter().enumerate().filter(|(_, part)| part.body.is_none()) {
+            let end = objects.parts.get(index + 1).map_or(objects.corners.len(), |next| next.first as usize);
+            for triangle in part.first as usize..end {
+                let corners = &objects.corners[triangle];
+                if corners.iter().all(|corner| corner.is_finite()) && touches(corners) {
+                    all.triangles[triangle] = true;
+                    let own = around(corners, reach);
+                    all.held = Some(all.held.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
+                }
+            }
+        }
+        if all.held.is_some() { all } else { Self::default() }
+    }
+
+    /// How far the points of a place must be taken to reach to lie below what lies on them; 0 where nothing does.
+    pub fn depth(&self, low: Vec3, high: Vec3) -> f32 {
+        let there = self.held.is_some_and(|held| meet(&held, &[low, high]));
+        if there { 2.0 * self.reach } else { 0.0 }
+    }
+
+    /// How far beyond a place of the receiver that a ray meets what lies on it may be met.
+    pub fn allowance(&self, ray: &Ray, t: f32, normal: Vec3) -> f32 {
+        let position = ray.origin + ray.direction * t;
+        let there =
+            self.held.is_some_and(|[low, high]| position.cmpge(low).all() && position.cmple(high).all());
+        if there { self.reach / normal.dot(ray.direction).abs().max(0.01) } else { 0.0 }
+    }
+
+    fn holds(&self, triangle: u32) -> bool {
+        self.triangles.get(triangle as usize).is_some_and(|holds| *holds)
+    }
+
+    /// A ray across a place where surfaces may lie on one another.
+    fn across(&self, position: Vec3, normal: Vec3) -> Ray {
+        Ray { t_max: 2.0 * self.reach, ..Ray::new(position + normal * self.reach, -normal) }
+    }
+}
+
+impl Objects {
+    /// How much farther than an object at a hit the receiver may be met in its very place, and before it; 0 for one
+    /// that does not lie on the receiver.
+    pub fn slack(&self, hit: &Hit, direction: Vec3) -> f32 {
+        if !self.touching.holds(hit.triangle) {
+            return 0.0;
+        }
+        self.touching.reach / self.normal(hit.triangle).dot(direction).abs().max(0.01)
+    }
+
+    /// How far below a surface of the receiver, moved by `lift`, rays to objects start to meet what lies on it; none
+    /// where nothing does.
+    pub fn cover(&self, surface: &Surface, lift: Vec3) -> Option<f32> {
+        let (touching, position) = (&self.touching, surface.position + lift);
+        let [low, high] = touching.held?;
+        if !(position.cmpge(low).all() && position.cmple(high).all()) {
+            return None;
+        }
+        let lies = |hit: &Hit| {
+            touching.holds(hit.triangle) && self.normal(hit.triangle).dot(surface.normal).abs() > ALONG
+        };
+        self.bvh.any(touching.across(position, surface.normal), lies).then_some(touching.reach)
+    }
+
+    /// How far over a surface of the objects, seen along a ray, rays to the receiver start to meet what it lies on; less
+    /// than 0 where the ray came from there, and none where the surface lies on nothing.
+    pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<f32> {
+        let touching = &self.touching;
+        let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;
+        let found = touching.holds(hit.triangle)
+            && receiver.bvh.any(touching.across(surface.position, surface.normal), lies);
+        let from_there = hit.t * surface.normal.dot(direction).abs() <= 3.0 * touching.reach;
+        found.then_some(if from_there { -touching.reach } else { touching.reach })
+    }
+}
