@@ -147,7 +147,8 @@ fn normal_maps_get_tangents_even_without_normals() {
     json["materials"] = json!([{"normalTexture": {"index": 0}}]);
     json["meshes"][0]["primitives"][0]["material"] = json!(0);
     let (object, notes) = good(&json);
-    assert_eq!(object.primitives[0].tangents, [[1.0, 0.0, 0.0, 1.0]; 3]);
+    // Its v runs along y, so that up the picture is against y.
+    assert_eq!(object.primitives[0].tangents, [[1.0, 0.0, 0.0, -1.0]; 3]);
     assert_eq!(object.textures, [Texture { width: 1, height: 1, rgba: vec![128, 128, 255, 255] }]);
     assert!(
         notes.iter().any(|n| n.id == "textures-narrowed") && notes.iter().any(|n| n.id == "tangents-made")
@@ -157,7 +158,7 @@ fn normal_maps_get_tangents_even_without_normals() {
     }
     let (flat, _) = good(&json);
     assert_eq!(flat.primitives[0].normals, [[0.0, 0.0, 1.0]; 3]);
-    assert_eq!(flat.primitives[0].tangents, [[1.0, 0.0, 0.0, 1.0]; 3]);
+    assert_eq!(flat.primitives[0].tangents, [[1.0, 0.0, 0.0, -1.0]; 3]);
 }
 
 #[test]
