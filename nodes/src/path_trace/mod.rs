@@ -315,7 +315,7 @@ impl Kind for PathTrace {
                 every_lobe: objects.is_some() && !params.skip_lobes,
             };
             let take = |accumulator: &mut Accumulator, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 9, inputs: &["receiver", "env"] };
+                let part = Part { name: "r0", version: 10, inputs: &["receiver", "env"] };
                 let r0 = cx.part(part, &extra(area, range, None), || {
                     let scene = scene();
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
@@ -341,7 +341,7 @@ impl Kind for PathTrace {
             let more = |accumulator: &mut Accumulator, area, range| take(accumulator, area, range, &|| ());
             let blocks = |done: f32| progress(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
-            let part = Part { name: "front", version: 5, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 6, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
                 let scene = scene();
                 Sums::trace(cx, whole, FIRST_HIT, || (), |_, tile| trace_first_hit(scene, &camera_rays, tile))
