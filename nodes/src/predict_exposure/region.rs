@@ -27,8 +27,8 @@ pub(super) fn predict(
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
     let Clipped { up, pixels, mask, ref grid, ref labels, ref members } = *clipped;
-    let total: f64 = (0..grid.clipped.len()).map(|c| grid.clipped_angle(c)).sum();
-    let rest = mean_of(grid, 0..grid.clipped.len());
+    let total: f64 = (0..grid.clipped.len()).filter(|&c| grid.clipped[c]).map(|c| grid.solid_angle(c)).sum();
+    let rest = mean_of(grid, (0..grid.clipped.len()).filter(|&c| !grid.clipped[c] && grid.seen[c]));
     cx.progress(0.2);
     let regression = cx.for_each_tile(labels.count, |i| {
         let weights = features(grid, up, &members[i], total, rest);
@@ -51,12 +51,14 @@ pub(super) fn predict(
     };
     let spread = Spread::new(pixels, mask, grid, labels, profile, cx)?;
     let unclipped: f64 = (0..grid.clipped.len())
-        .map(|cell| f64::from(luminance(grid.open_rgb[cell].map(|v| v as f32))) * grid.open_angle(cell))
+        .filter(|&cell| !grid.clipped[cell] && grid.seen[cell])
+        .map(|cell| f64::from(luminance(grid.rgb[cell].map(|v| v as f32))) * grid.solid_angle(cell))
         .sum();
     let mut log2_gain = vec![0.0_f32; mask.len()];
     let mut found = Vec::with_capacity(labels.count);
     for (i, (&stops, &sun)) in regression.iter().zip(&suns).enumerate() {
-        let flux = spread.flux[i];
+        // The fit took whole cells for clipped, so its gain acts on their area.
+        let flux = spread.cell_flux[i];
         let least = sun * sun::FLUX * unclipped;
         let least = if least > 0.0 && flux > 0.0 { num::f64::log2(least / flux) } else { 0.0 };
         let stops = stops.max(least).clamp(STOPS.0, STOPS.1);
@@ -73,25 +75,24 @@ fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> [f64
     let above = crate::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
     for &cell in cells {
-        let (d, solid_angle) = (grid.direction(up, cell), grid.clipped_angle(cell));
+        let (d, solid_angle) = (grid.direction(up, cell), grid.solid_angle(cell));
         size += solid_angle;
         sine += d.dot(above) * solid_angle;
         sum += d;
     }
-    let ring = mean_of(grid, sun::surroundings(grid, cells));
+    let ring = mean_of(grid, sun::surroundings(grid, cells).filter(|&c| !grid.clipped[c]));
     let log = num::f64::log2(size);
     let compact = sum.length() / cells.len() as f64;
     let share = size / total;
     [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 
-/// Mean of the channels of what is open of some cells; half of white where there is nothing to average, as in the fit.
+/// Mean of the channels of some cells; half of white where there is nothing to average, as in the fit.
 fn mean_of(grid: &Grid, cells: impl Iterator<Item = usize>) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for cell in cells {
-        let open = if grid.seen[cell] { 1.0 - grid.share[cell] } else { 0.0 };
-        sum += open * grid.open_rgb[cell].iter().sum::<f64>();
-        n += 3.0 * open;
+        sum += grid.rgb[cell].iter().sum::<f64>();
+        n += 3.0;
     }
     if n > 0.0 { sum / n } else { 0.5 }
 }

@@ -9,6 +9,10 @@ use crate::light::linear::LinearPixels;
 use crate::light::regions::Regions;
 use crate::num;
 
+/// A grid cell is clipped when any pixel in it is. A gain that was fitted on whole cells acts on at most so
+/// many times the area of the clipped pixels.
+const LARGEST_DILUTION: f64 = 16.0;
+
 /// The clipped pixels of each region, and how its light is shared out among them.
 pub(super) struct Spread {
     /// Per region: clipped pixels, their profile and solid angle.
@@ -17,6 +21,8 @@ pub(super) struct Spread {
     pub solid_angle: Vec<f64>,
     /// Luminance times solid angle of the clipped pixels.
     pub flux: Vec<f64>,
+    /// The same of their whole cells.
+    pub cell_flux: Vec<f64>,
 }
 
 /// What a region was given.
@@ -53,7 +59,16 @@ impl Spread {
                 flux[i] += size * f64::from(luminance(image.rgb[at]));
             }
         }
-        Ok(Self { pixels, solid_angle, flux })
+        let mut cells = vec![0.0; labels.count];
+        for (cell, region) in labels.of.iter().enumerate() {
+            if let Some(region) = region {
+                cells[*region as usize] += grid.solid_angle(cell);
+            }
+        }
+        let cell_flux = (0..labels.count)
+            .map(|i| flux[i] * (cells[i] / solid_angle[i]).clamp(1.0, LARGEST_DILUTION))
+            .collect();
+        Ok(Self { pixels, solid_angle, flux, cell_flux })
     }
 
     /// Writes the log2 gain of each pixel of region `i`, so that together they add `excess` of flux.
