@@ -57,7 +57,8 @@ pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden
 }
 
 impl Hidden {
-    /// The sun of a clear sky gives at least what it must, however little the networks say.
+    /// The sun of a clear sky gives at least what it must, however little the networks say; and what it shines on is no
+    /// brighter than white paper in it.
     pub fn with_suns(mut self, scene: &Scene) -> Self {
         for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
             let least = sun * sun::FLUX * scene.open_flux;
@@ -66,6 +67,28 @@ impl Hidden {
             if told > 0.0 && told < least {
                 own().for_each(|(i, _)| self.cells[i] *= least / told);
             }
+        }
+        self.lit_below(scene)
+    }
+
+    /// By daylight what lies below the horizon is lit, no lamp: of all that shines from above a white surface sends back
+    /// its irradiance over pi at most. What is more is light from above that was looked for in the wrong place.
+    fn lit_below(mut self, scene: &Scene) -> Self {
+        let certain = scene.suns.iter().copied().fold(0.0, f64::max);
+        let above: f64 =
+            self.cells.iter().zip(&scene.cells).filter(|(_, cell)| cell.sine > 0.0).map(|(v, _)| v).sum();
+        if certain <= 0.0 || above <= 0.0 {
+            return self;
+        }
+        let white = (scene.above + above) / std::f64::consts::PI;
+        let mut moved = 0.0;
+        for (hidden, cell) in self.cells.iter_mut().zip(&scene.cells).filter(|(_, cell)| cell.sine < 0.0) {
+            let too_much = certain * (*hidden - (white * cell.size - cell.flux).max(0.0)).max(0.0);
+            *hidden -= too_much;
+            moved += too_much;
+        }
+        for (hidden, _) in self.cells.iter_mut().zip(&scene.cells).filter(|(_, cell)| cell.sine > 0.0) {
+            *hidden *= 1.0 + moved / above;
         }
         self
     }

@@ -27,6 +27,8 @@ pub(in super::super) struct Scene {
     pub cells: Vec<ClippedCell>,
     /// Luminance times solid angle of everything seen and not clipped, in cells that are clipped in part too.
     pub open_flux: f64,
+    /// Luminance times solid angle of everything seen above the horizon.
+    pub above: f64,
     /// Which regions are taken for the sun.
     pub suns: Vec<f64>,
 }
@@ -39,8 +41,11 @@ pub(in super::super) struct ClippedCell {
     pub region: usize,
     /// The numbers about it.
     pub features: [f32; CELL],
-    /// Luminance times solid angle of what is clipped of it.
+    /// Solid angle of what is clipped of it, and luminance times that.
+    pub size: f64,
     pub flux: f64,
+    /// Sine of its elevation.
+    pub sine: f64,
 }
 
 /// One connected clipped region.
@@ -235,11 +240,23 @@ impl Scene {
             let region = (*region)? as usize;
             let features = view.cell(index, &regions[region], f64::from(depth[index]), &around);
             let flux = view.clipped_luminance[index] * view.clipped[index];
-            Some(ClippedCell { index, region, features, flux })
+            Some(ClippedCell {
+                index,
+                region,
+                features,
+                size: view.clipped[index],
+                flux,
+                sine: view.sine(index),
+            })
         };
         Self {
             overview: view.overview(&members, &sizes),
             cells: labels.of.iter().enumerate().filter_map(cell).collect(),
+            above: view
+                .cells()
+                .filter(|&c| grid.seen[c] && view.sine(c) > 0.0)
+                .map(|c| view.luminance[c] * view.solid_angle(c))
+                .sum(),
             suns: sun::suns(grid, up, &members),
             open_flux: view.cells().map(|c| view.open_luminance[c] * view.open[c]).sum(),
         }
