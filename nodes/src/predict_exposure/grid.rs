@@ -7,7 +7,7 @@ use crate::equirect::{direction, pixel_solid_angle};
 use crate::light::linear::LinearPixels;
 
 /// Columns of the grid; a finer panorama is averaged over its cells.
-const WIDTH: usize = 256;
+pub(super) const WIDTH: usize = 256;
 
 /// A panorama averaged over cells.
 pub(super) struct Grid {

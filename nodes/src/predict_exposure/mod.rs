@@ -5,6 +5,7 @@ use std::sync::Arc;
 use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
 use glam::DVec3;
 
+use self::enlarged::Enlarged;
 use self::grid::Grid;
 use self::photographs::Photographs;
 use self::spread::Given;
@@ -21,6 +22,7 @@ use crate::types::{
     Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Table, Taken,
 };
 
+mod enlarged;
 mod grid;
 mod kontext;
 #[cfg(feature = "learned")]
@@ -114,6 +116,8 @@ impl Kind for PredictExposure {
         let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
         let read = match &params.method {
             Method::Photographs { files } => pano.samples.len() * (48 + 16 * files.len()),
+            // Enlarged, at most 510 columns by as many rows.
+            Method::Learned if pano.width < grid::WIDTH => 136 * 510 * 510,
             _ => 0,
         };
         Cost { bytes: (own + read) as u64 + model }
@@ -175,7 +179,7 @@ impl Kind for PredictExposure {
             notes.warning("nothing-visible", text);
             nothing()
         };
-        let on_grid = || Clipped::new(pano, &pixels, &mask);
+        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, &pixels, &mask);
         let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
         let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
         books.enter_panorama("panorama", pixels.width, &own, cx)?;
@@ -187,7 +191,14 @@ impl Kind for PredictExposure {
                     sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
                     match params.method {
                         Method::Region => region::predict(&clipped, cx)?,
-                        _ => network::predict(&clipped, &mut books, cx)?,
+                        _ => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
+                            None => network::predict(&clipped, &mut books, cx)?,
+                            Some(large) => {
+                                let clipped = Clipped::new(pano.up, &large.alpha, &large.pixels, &large.mask);
+                                let (gain, regions) = network::predict(&clipped, &mut books, cx)?;
+                                (large.gathered(&gain), regions)
+                            }
+                        },
                     }
                 }
             },
@@ -276,8 +287,8 @@ struct RegionLight {
 }
 
 impl<'a> Clipped<'a> {
-    fn new(pano: &Panorama, pixels: &'a LinearPixels, mask: &'a [bool]) -> Self {
-        let grid = Grid::new(pixels, mask, &pano.alpha.samples);
+    fn new(up: Up, alpha: &[f32], pixels: &'a LinearPixels, mask: &'a [bool]) -> Self {
+        let grid = Grid::new(pixels, mask, alpha);
         let labels = regions::label(&grid.clipped, grid.width);
         let mut members = vec![Vec::new(); labels.count];
         for (cell, region) in labels.of.iter().enumerate() {
@@ -285,7 +296,7 @@ impl<'a> Clipped<'a> {
                 members[*region as usize].push(cell);
             }
         }
-        Self { up: pano.up, pixels, mask, grid, labels, members }
+        Self { up, pixels, mask, grid, labels, members }
     }
 
     /// The regions, with the gain that was predicted pixel by pixel.

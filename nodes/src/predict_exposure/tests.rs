@@ -242,6 +242,18 @@ fn recovered_light_does_not_depend_on_the_resolution() {
     }
 }
 
+// A panorama with fewer columns than the networks learned from is judged with as many: each pixel several times gives the
+// same light. Mutation: `Enlarged::new` to `None`, or `gathered` of the first part alone.
+#[test]
+fn a_coarse_panorama_is_judged_on_the_same_grid() {
+    let (fine, coarse) = (room(256), room(128));
+    let by = |pano: &Arc<Panorama>| run_by(Method::Learned, pano.clone(), &[-3.0]).0;
+    let [want, found] = [&fine, &coarse].map(|pano| flux(&by(pano), pano, |_| true));
+    assert!((found / want - 1.0).abs() < 1e-4, "{found} {want}");
+    let (a, b) = (by(&fine).report.clone(), by(&coarse).report.clone());
+    assert_eq!(a.tables[1].rows, b.tables[1].rows, "the same regions");
+}
+
 // Glints, single pixels that clip on a finer panorama, hide the light of their pixels and not of the cells of the grid that
 // they lie in: of a room with a glint in each fourth cell of the floor `Learned`, to which so many are as much white on the floor,
 // tells at most half as much light again, `Region` less; and each cell keeps the share of it that is open.
@@ -284,7 +296,7 @@ fn learned_flux_is_what_the_network_says() {
         let pano = room(width);
         let pixels = linear_pixels(&pano.image, Transfer::Srgb);
         let mask = clip_mask(&pano, &pixels, CLIPPED);
-        let clipped = Clipped::new(&pano, &pixels, &mask);
+        let clipped = Clipped::new(pano.up, &pano.alpha.samples, &pixels, &mask);
         let scene = network::Scene::new(&clipped.grid, clipped.up, &clipped.labels);
         let bytes = network::WEIGHTS;
         let network =
