@@ -22,6 +22,7 @@ mod media;
 mod near_field;
 mod samplers;
 mod sampling;
+mod touching;
 mod visibility;
 
 /// The triangles of a box whose normals point outwards, or inwards.
