@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
-use glam::{DMat4, DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3, Vec3};
 
 use crate::bvh::{Bvh, Ray};
 use crate::equirect::axes;
 use crate::place::world_from_gltf;
+use crate::resting::Relief;
 use crate::sampling::hash;
-use crate::support::{Foot, Level};
+use crate::support::{Foot, Level, triangles};
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
 
 engine::params! {
@@ -17,12 +18,15 @@ engine::params! {
     ///
     /// Looks under the object's foot, as far up and down as `reach_metres`, for the plane that holds most of
     /// what is there, of equal ones the nearest. The middle of the foot is put on it, and a rough mesh is met in
-    /// the middle. Ground is what looks up and is no steeper than 45 degrees; in a mesh of which nothing there looks
+    /// the middle. Where a mesh lies more than 2 cm off that plane under the foot, on a mound, in a hollow or over a
+    /// kerb, the object is put on what it touches, which is told. Ground is what looks up and is no steeper than 45
+    /// degrees; in a mesh of which nothing there looks
     /// up, what looks down, which is told. Wire the new pose where the old one went: to `place` and the probe.
     pub struct Snap {
         /// How far the ground may lie above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
-        /// Turns the object's up to the normal of the ground, about its foot.
+        /// Turns the object's up to the normal of the ground, about its foot; on ground that is no plane, until it lies
+        /// on three contacts around its middle.
         align: bool = false, other("true");
     }
 }
@@ -62,7 +66,7 @@ const STEEPEST: f64 = 0.7;
 
 impl Kind for Snap {
     const NAME: &'static str = "snap";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -82,8 +86,9 @@ impl Kind for Snap {
         };
         let reach = params.reach_metres * metre;
         let mut notes = Notes::none();
-        let points = match (&inputs.mesh, &inputs.splats) {
-            (Some(mesh), None) => on_mesh(mesh, &foot, up, reach, cx, &mut notes)?,
+        let felt = inputs.mesh.as_deref().map(|mesh| Felt::new(mesh, &foot, up));
+        let points = match (&felt, &inputs.splats) {
+            (Some(felt), None) => on_mesh(felt, &foot, up, reach, cx, &mut notes)?,
             (None, Some(splats)) => on_splats(splats, &foot, up, reach),
             _ => {
                 let what = "the ground is either `mesh` or `splats`";
@@ -96,9 +101,38 @@ impl Kind for Snap {
             return Err(NodeError::new(what).at("pose").hint(hint));
         };
         let [across, along] = Foot::axes(up);
-        let normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
-        let mut moved = DMat4::from_translation(up * level.height) * pose;
-        if params.align {
+        let mut normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
+        let mut height = level.height;
+        let curved = felt.as_ref().and_then(|felt| {
+            let (bvh, corners) = (&felt.bvh, &felt.corners[..]);
+            let relief = Relief { bvh, corners, axes: [across, along, up], reach, plane: level };
+            // The foot itself, of what was looked at around it.
+            let half = [across, along].map(|axis| foot.half.dot(axis.abs()) / 1.5);
+            let (departure, noise) = relief.departure(half);
+            let object = || {
+                let world = triangles(&placed(&pose)).into_iter();
+                world.map(|triangle| triangle.map(|corner| corner - felt.around)).collect::<Vec<_>>()
+            };
+            if departure > NEAR * metre {
+                Some((relief.rest(&object(), noise, params.align)?, departure, felt.around))
+            } else {
+                None
+            }
+        });
+        let mut moved = DMat4::from_translation(up * height) * pose;
+        if let Some((rest, departure, about)) = curved {
+            height = rest.lift;
+            let turn = DMat4::from_translation(about)
+                * DMat4::from_quat(rest.turn)
+                * DMat4::from_translation(-about);
+            moved = DMat4::from_translation(up * height) * turn * pose;
+            normal = if params.align { rest.turn * up } else { normal };
+            let text = format!(
+                "the ground under the foot lies {:.0} mm off a plane, so the object is put on what it touches",
+                departure * cx.metres_per_unit() * 1e3
+            );
+            notes.decision("curved-ground", text);
+        } else if params.align {
             let about = foot.middle + up * (foot.base + level.height - foot.middle.dot(up));
             let turn = DMat4::from_quat(DQuat::from_rotation_arc(up, normal));
             moved = DMat4::from_translation(about) * turn * DMat4::from_translation(-about) * moved;
@@ -106,14 +140,14 @@ impl Kind for Snap {
         let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
         let text = format!(
             "moved by {:+.1} mm to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
-            millimetres(level.height),
+            millimetres(height),
             millimetres(level.roughness),
             normal.x,
             normal.y,
             normal.z
         );
         notes.decision("snapped", text);
-        let row = [level.height, level.roughness, normal.x, normal.y, normal.z];
+        let row = [height, level.roughness, normal.x, normal.y, normal.z];
         let columns = ["moved (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
         let table = Table {
             name: "ground".to_owned(),
@@ -125,19 +159,32 @@ impl Kind for Snap {
     }
 }
 
+/// A mesh by its tree, from the middle of a foot at the height of its base.
+struct Felt {
+    around: DVec3,
+    corners: Vec<[Vec3; 3]>,
+    bvh: Bvh,
+}
+
+impl Felt {
+    fn new(mesh: &Mesh, foot: &Foot, up: DVec3) -> Self {
+        let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
+        let corner = |i: u32| (mesh.position(i) - around).as_vec3();
+        let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
+        Self { around, bvh: Bvh::build(&corners), corners }
+    }
+}
+
 /// Where vertical lines through the foot meet the mesh: places from the foot's middle, heights over its base.
 fn on_mesh(
-    mesh: &Mesh,
+    felt: &Felt,
     foot: &Foot,
     up: DVec3,
     reach: f64,
     cx: &Context,
     notes: &mut Notes,
 ) -> Result<Vec<[f64; 3]>, NodeError> {
-    let around = foot.middle - up * (foot.middle.dot(up) - foot.base);
-    let corner = |i: u32| (mesh.position(i) - around).as_vec3();
-    let corners: Vec<_> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
-    let bvh = Bvh::build(&corners);
+    let Felt { corners, bvh, .. } = felt;
     let axes = Foot::axes(up);
     let (mut points, mut below, mut steep) = (Vec::new(), Vec::new(), false);
     for k in 0..GRID * GRID {
@@ -286,6 +333,80 @@ mod tests {
         // The foot lies on the plane.
         let foot = pose.w_axis.truncate();
         assert!((foot.z - 0.2 * foot.x).abs() < 1e-5, "{foot}");
+    }
+
+    /// A block of 0.4 by 0.4 by 0.4 that stands on a face.
+    fn block() -> Arc<Object> {
+        let corner = |i: u32| [0, 1, 2].map(|k| (i >> k & 1) as f32 * 0.4 - if k == 1 { 0.0 } else { 0.2 });
+        let faces = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+        let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let positions = (0..8).map(corner).collect();
+        let primitive = Primitive { positions, triangles, ..Primitive::default() };
+        Arc::new(Object { primitives: vec![primitive], ..Object::default() })
+    }
+
+    /// Ground of 80 by 80 cells, 2 wide, at heights given by a function of the place.
+    fn relief(height: impl Fn(f64, f64) -> f64) -> Mesh {
+        let side = 81_u32;
+        let mut mesh = Mesh::default();
+        for i in 0..side * side {
+            let [x, y] = [i % side, i / side].map(|k| f64::from(k) / 40.0 - 1.0);
+            mesh.positions.push([x as f32, y as f32, height(x, y) as f32]);
+        }
+        for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
+            mesh.triangles.extend([[i, i + 1, i + side + 1], [i, i + side + 1, i + side]]);
+        }
+        mesh
+    }
+
+    /// On a mound a block stands on the top of it, in a hollow on its rim, on a rounded kerb on the kerb's edge and, if
+    /// turned, on the street too: nothing of the ground is in it and it touches. Before, the mound stood 43 mm into it.
+    #[test]
+    fn on_curved_ground_objects_stand_on_what_they_touch() {
+        let exp = |v: f64| f64::from(crate::num::f32::exp(v as f32));
+        let mound = |x: f64, y: f64| 0.15 * exp(-(x * x + y * y) / 0.18);
+        let hollow = |x: f64, y: f64| 0.6 * (x * x + y * y);
+        let kerb = |x: f64, _: f64| 0.15 / (1.0 + exp(-x / 0.04));
+        let valley = |x: f64, y: f64| 0.5 * (x * x + 0.01).sqrt() + 0.1 * y;
+        let grounds: [(&str, &dyn Fn(f64, f64) -> f64, bool); 4] = [
+            ("mound", &mound, false),
+            ("hollow", &hollow, false),
+            ("kerb", &kerb, true),
+            ("valley", &valley, true),
+        ];
+        for (name, ground, tilts) in grounds {
+            for align in [false, true] {
+                let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.0, 0.0, 0.1)) };
+                let inputs = In {
+                    object: block(),
+                    pose: Arc::new(pose),
+                    mesh: Some(Arc::new(relief(ground))),
+                    splats: None,
+                };
+                let (out, notes) = Snap::run(&Snap { reach_metres: 0.5, align }, inputs, &context())
+                    .unwrap_or_else(|e| panic!("{name}: {e}"));
+                assert!(notes.iter().any(|note| note.id == "curved-ground"), "{name}");
+                let pose = out.pose.world_from_local;
+                // Gaps between the underside and the ground below it.
+                let gaps: Vec<f64> = (0..41 * 41)
+                    .map(|i| [i % 41, i / 41].map(|k| f64::from(k) * 0.01 - 0.2))
+                    .map(|[x, y]| pose.transform_point3(DVec3::new(x, y, 0.0)))
+                    .map(|p| p.z - ground(p.x, p.y))
+                    .collect();
+                let least = gaps.iter().copied().fold(f64::INFINITY, f64::min);
+                assert!((-2.5e-3..2e-3).contains(&least), "{name}, {align}: {least}");
+                let tilt = pose.transform_vector3(DVec3::Z).truncate().length();
+                assert_eq!(tilt > 0.05, align && tilts, "{name}: {tilt}");
+                if align && tilts {
+                    // Three contacts: the middle is as low as it can be, so contacts lie on both sides of it.
+                    let near = |side: f64| {
+                        let at = |i: usize| f64::from((i % 41) as u32) * 0.01 - 0.2;
+                        gaps.iter().enumerate().any(|(i, gap)| at(i) * side > 0.0 && *gap < 4e-3)
+                    };
+                    assert!(near(1.0) && near(-1.0), "{name}");
+                }
+            }
+        }
     }
 
     // On a slope the middle of the foot comes to stand, however large the foot is.

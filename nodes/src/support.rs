@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::types::Placed;
+use crate::types::{Placed, Primitive};
 
 /// The box around an object and the part of it near the ground, in world units.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +26,19 @@ fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
     });
     let place = |p: &[f32; 3]| placed.world_from_object.transform_point3(DVec3::from_array(p.map(f64::from)));
     used.map(place).filter(|p| p.is_finite())
+}
+
+/// The triangles of an object in the world, as far as they are finite.
+pub fn triangles(placed: &Placed) -> Vec<[DVec3; 3]> {
+    let of = |primitive: &Primitive| {
+        let place = |i: u32| {
+            let local = DVec3::from_array(primitive.positions.get(i as usize)?.map(f64::from));
+            Some(placed.world_from_object.transform_point3(local)).filter(|p| p.is_finite())
+        };
+        let whole = |[a, b, c]: &[u32; 3]| Some([place(*a)?, place(*b)?, place(*c)?]);
+        primitive.triangles.iter().filter_map(whole).collect::<Vec<_>>()
+    };
+    placed.object.primitives.iter().flat_map(of).collect()
 }
 
 /// The box around some points.
@@ -64,6 +77,11 @@ pub struct Level {
 }
 
 impl Level {
+    /// Its height at a place.
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        self.height + self.slope[0] * x + self.slope[1] * y
+    }
+
     /// The level of points given by two horizontal coordinates and a height; `None` of no points.
     pub fn of(points: &[[f64; 3]]) -> Option<Self> {
         let first = points.first()?[2];
