@@ -23,7 +23,7 @@ use crate::whole_sphere::light;
 
 /// Width of the panoramas that are judged, and the least of those that are read.
 pub const WIDTH: usize = 256;
-/// Width of the finer ones that half of the photographs are taken of: four pixels make a cell of the grid.
+/// Width of the finer ones, which are judged too: four pixels make a cell of the grid.
 pub const FINE: usize = 512;
 
 /// What may be chosen about a training.
