@@ -233,7 +233,7 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
 fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
     let what = match layer {
         _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
-        "" => "has no colours without a layer's name (R, G, B or Y)".to_owned(),
+        "" => "has no channels R, G and B, nor Y".to_owned(),
         layer => format!("has no layer `{layer}`"),
     };
     let names = planes.channels.iter().map(|channel| channel.name.as_str());
