@@ -273,7 +273,7 @@ mod tests {
     }
 
     /// Eight at once are those of each, by every set of vector instructions.
-    /// Mutation: a shift of `wide_reversed`, or a constant of `wide_scramble` (each seen red).
+    /// Mutation: a shift of `wide_reversed`, or a constant of `wide_scramble`.
     #[test]
     fn eight_points_at_once_are_the_same() {
         for level in crate::testing::levels() {

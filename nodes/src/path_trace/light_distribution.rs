@@ -320,7 +320,7 @@ mod tests {
     }
 
     /// Lines of any length, whatever stands behind them: the entry is the one after those up to `u`.
-    /// Mutation: `half - 1` of `invert` to `half - 2` (seen red).
+    /// Mutation: `half - 1` of `invert` to `half - 2`.
     #[test]
     fn inversion_finds_the_first_entry_above() {
         for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {

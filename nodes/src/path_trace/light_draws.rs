@@ -141,7 +141,7 @@ mod tests {
     }
 
     /// Many vertices at once find what each finds alone, and every set of vector instructions the same bits.
-    /// Mutation: `wanted[0]` for `lane(k)` in `draw_each_at`, `draws.clear()` left out (each seen red).
+    /// Mutation: `wanted[0]` for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
     #[test]
     fn drawn_together_is_drawn_alone() {
         let sky = sky();
