@@ -368,7 +368,8 @@ mod tests {
         let hollow = |x: f64, y: f64| 0.6 * (x * x + y * y);
         let kerb = |x: f64, _: f64| 0.15 / (1.0 + exp(-x / 0.04));
         let valley = |x: f64, y: f64| 0.5 * (x * x + 0.01).sqrt() + 0.1 * y;
-        let grounds: [(&str, &dyn Fn(f64, f64) -> f64, bool); 4] = [
+        type Height<'a> = &'a dyn Fn(f64, f64) -> f64;
+        let grounds: [(&str, Height<'_>, bool); 4] = [
             ("mound", &mound, false),
             ("hollow", &hollow, false),
             ("kerb", &kerb, true),

@@ -298,7 +298,7 @@ mod tests {
         let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
         let text = "views of 64 px in place of 512 do: the objects are matte";
         fit.notes.push(note("probe-size", text));
-        let rows = judged(&[fit.clone(), trace.clone()], &[]);
+        let rows = judged(&[fit.clone(), trace], &[]);
         assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
         assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
         fit.notes[0].text = "views of 64 px would do, and have 512, as is asked".to_owned();

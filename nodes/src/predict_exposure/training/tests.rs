@@ -70,7 +70,7 @@ fn a_finer_photograph_of_the_same_light_hides_as_much() {
         let found = of(finer);
         assert!(plain.iter().zip(&found).all(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{plain:?} {found:?}");
         let glints = of(Shot { glints: 60, ..finer });
-        let pixel = 2.0 * std::f64::consts::PI.powi(2) / (FINE * FINE / 2) as f64;
+        let pixel = 2.0 * std::f64::consts::PI * std::f64::consts::PI / (FINE * FINE / 2) as f64;
         let more = glints[2] - found[2];
         assert!(more > 0.0 && more < 60.0 * 2.0 * pixel, "{more} {pixel}");
         assert!(glints[3] > found[3] - 60.0 * pixel, "cells stay open but for glints");
