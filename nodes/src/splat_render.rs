@@ -18,9 +18,9 @@ engine::params! {
         /// What orders the splats of a pixel.
         sort: Sort = Sort::Depth, other("Distance");
         /// How far before `limit` the centre of a splat must lie to be kept, in standard deviations along its middle
-        /// axis: the splats of a surface lie about it by less than they are wide, and are not in front of it. 0 is
-        /// the centre alone.
-        limit_sigmas: f64 = 1.0, range(0.0, 100.0), other("0.0");
+        /// axis. A splat is seen as far as three from its centre, so the splats of a slanting surface lie as far before
+        /// it, and are not in front of it. 0 is the centre alone.
+        limit_sigmas: f64 = 3.0, range(0.0, 100.0), other("0.0"), inert("without a `limit` nothing lies before it");
     }
 }
 engine::inputs! {

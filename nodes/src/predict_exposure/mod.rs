@@ -63,7 +63,7 @@ engine::params! {
         method: Method = Method::Learned, other("Skip");
         /// From where on a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures whose whites
         /// end below that, as those of splats and of video may.
-        white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
+        white: f32 = CLIPPED, range(0.5, 1.0), other("0.9"), inert("where no channel lies between two values the same pixels are clipped");
         /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
         /// light: it shows that what is left out there is nothing, and what that saves.
         force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
