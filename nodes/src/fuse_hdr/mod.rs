@@ -93,7 +93,7 @@ engine::outputs! {
     }
 }
 
-/// The least linear light that is white, whatever the last bit of the transfer is.
+/// The least linear light of a derived exposure that is white, whatever the last bit of the transfer is.
 const WHITE: f32 = 0.999;
 
 /// Where the luminance of one pixel came from after fusion.
@@ -109,7 +109,7 @@ struct Fused {
 
 impl Kind for FuseHdr {
     const NAME: &'static str = "fuse-hdr";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -273,15 +273,11 @@ fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize)
         Gain::Brackets if brackets.taken == Taken::Linear => exposure(params, brackets, n - 1, at).1,
         Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {
             let (linear, step) = exposure(params, brackets, i, at);
-            merge(params, fused, linear, step)
+            merge(params, fused, linear, step, brackets.taken == Taken::Display)
         }),
     };
-    // Photographs show what the panorama does up to where it clips, so what they measured needs no transition.
     let measured = brackets.taken != Taken::Derived && brackets.log2_gain.samples[at] > 0.0;
-    let fused = match params.blend {
-        Blend::Ramp if measured && ramp(params, base) > 0.0 && darkest.luminance > own.luminance => darkest,
-        _ => merge(params, darkest, base, own),
-    };
+    let fused = merge(params, darkest, base, own, measured);
     (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
 }
 
@@ -294,7 +290,12 @@ fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32
         *to = transfer.linear(*value);
     }
     let scaled = f64::from(luminance(linear)) * num::f64::exp2(-brackets.evs[i]);
-    let saturated = i == 0 && brackets.taken != Taken::Linear && max3(linear) >= WHITE;
+    let saturated = match brackets.taken {
+        Taken::Linear => false,
+        Taken::Display => Shown::display(brackets.evs[i], linear).clipped,
+        Taken::Derived => max3(linear) >= WHITE,
+    };
+    let saturated = i == 0 && saturated;
     (linear, Fused { luminance: scaled, source: i, saturated })
 }
 
@@ -303,8 +304,10 @@ fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
     ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
 }
 
-/// One step of the merge: keeps the darker estimate where the brighter picture is clipped.
-fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused) -> Fused {
+/// One step of the merge: keeps the darker estimate where the brighter picture is clipped. Photographs show the same light
+/// up to where they clip, so what they `measured` needs no transition; and white in a JPEG is a code or two below white, in
+/// the middle of it.
+fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measured: bool) -> Fused {
     match params.blend {
         Blend::Hard if luminance(brighter) > params.threshold => darker,
         Blend::Hard => own,
@@ -312,6 +315,9 @@ fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused) -> Fus
             let ramp = ramp(params, brighter);
             if ramp == 0.0 || darker.luminance <= own.luminance {
                 return own;
+            }
+            if measured {
+                return darker;
             }
             let m = f64::from(ramp);
             let mixed = own.luminance * (1.0 - m) + darker.luminance * m;

@@ -237,7 +237,7 @@ fn row_31_the_ramp_is_continuous_and_the_step_is_strict() {
     let one = |value: f32, blend: Blend| {
         let own = Fused { luminance: value.into(), source: 1, saturated: false };
         let darker = Fused { luminance: 30.0, source: 0, saturated: false };
-        merge(&FuseHdr { blend, ..params() }, darker, [value; 3], own).luminance
+        merge(&FuseHdr { blend, ..params() }, darker, [value; 3], own, false).luminance
     };
     let mut before = one(0.85, Blend::Ramp);
     for i in 1..=20_000 {
@@ -252,7 +252,8 @@ fn row_31_the_ramp_is_continuous_and_the_step_is_strict() {
     let darker = Fused { luminance: 30.0, source: 0, saturated: false };
     for (threshold, kept) in [(threshold.next_up(), true), (threshold, true), (threshold.next_down(), false)]
     {
-        let merged = merge(&FuseHdr { blend: Blend::Hard, threshold, ..params() }, darker, [grey; 3], own);
+        let merged =
+            merge(&FuseHdr { blend: Blend::Hard, threshold, ..params() }, darker, [grey; 3], own, false);
         assert_eq!(merged.luminance == 1.0, kept, "{threshold}");
     }
 }
@@ -393,6 +394,32 @@ fn photographs_of_another_curve_give_the_same_light_by_either_gain() {
     };
     assert!((peak(Gain::Direct) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Direct));
     assert!((peak(Gain::Brackets) / 40.0 - 1.0).abs() < 1e-3, "{}", peak(Gain::Brackets));
+}
+
+// White in a JPEG is a code or two below white: what is white in one photograph is what the next darker one shows, by either
+// gain. Mutation: `measured` false in the fold of `fuse`.
+#[test]
+fn whites_of_a_jpeg_hide_what_the_next_photograph_shows() {
+    let (base, brackets) = photograph(&ramp, &[-9.0, -6.0, -3.0], Transfer::Srgb, None);
+    let (mut base, mut brackets) = ((*base).clone(), (*brackets).clone());
+    let held = |samples: &mut Vec<f32>| samples.iter_mut().for_each(|code| *code = code.min(250.0 / 255.0));
+    let Picture::Srgb(shown) = &mut base.image else { panic!("display colours") };
+    held(&mut shown.samples);
+    brackets.exposures.iter_mut().for_each(|exposure| held(&mut exposure.samples));
+    // The gain is over what the panorama shows.
+    let shown = Transfer::Srgb.linear(250.0 / 255.0);
+    for at in 0..W * H {
+        brackets.log2_gain.samples[at] =
+            if ramp(at)[0] > shown { num::f32::log2(ramp(at)[0] / shown) } else { 0.0 };
+    }
+    let taken = (Arc::new(base), Arc::new(brackets));
+    for gain in [Gain::Direct, Gain::Brackets] {
+        let (out, _) = run(&FuseHdr { gain, ..params() }, taken.clone());
+        for at in 0..W * H {
+            let (found, want) = (out.env.image.samples[3 * at], ramp(at)[0]);
+            assert!((found / want - 1.0).abs() < 1e-3, "{gain:?} {at}: {found} {want}");
+        }
+    }
 }
 
 // A photograph of linear light holds what a lamp is, and its colour, below white, at it and above.

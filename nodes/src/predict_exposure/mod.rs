@@ -5,6 +5,7 @@ use std::sync::Arc;
 use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
 use glam::DVec3;
 
+use self::ceiling::ceiling;
 use self::enlarged::Enlarged;
 use self::grid::Grid;
 use self::photographs::Photographs;
@@ -22,6 +23,7 @@ use crate::types::{
     Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Table, Taken,
 };
 
+mod ceiling;
 mod enlarged;
 mod grid;
 mod kontext;
@@ -103,7 +105,7 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -179,7 +181,8 @@ impl Kind for PredictExposure {
             notes.warning("nothing-visible", text);
             nothing()
         };
-        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, &pixels, &mask);
+        let ceiling = ceiling(&pixels, &mask, params.white);
+        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, ceiling));
         let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
         let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
         books.enter_panorama("panorama", pixels.width, &own, cx)?;
@@ -194,7 +197,11 @@ impl Kind for PredictExposure {
                         _ => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
                             None => network::predict(&clipped, &mut books, cx)?,
                             Some(large) => {
-                                let clipped = Clipped::new(pano.up, &large.alpha, &large.pixels, &large.mask);
+                                let clipped = Clipped::new(
+                                    pano.up,
+                                    &large.alpha,
+                                    (&large.pixels, &large.mask, ceiling),
+                                );
                                 let (gain, regions) = network::predict(&clipped, &mut books, cx)?;
                                 (large.gathered(&gain), regions)
                             }
@@ -268,6 +275,8 @@ struct Clipped<'a> {
     up: Up,
     pixels: &'a LinearPixels,
     mask: &'a [bool],
+    /// Where the whites of the panorama end, above 0 to 1.
+    ceiling: f64,
     grid: Grid,
     labels: Regions,
     /// The cells of each region.
@@ -287,7 +296,7 @@ struct RegionLight {
 }
 
 impl<'a> Clipped<'a> {
-    fn new(up: Up, alpha: &[f32], pixels: &'a LinearPixels, mask: &'a [bool]) -> Self {
+    fn new(up: Up, alpha: &[f32], (pixels, mask, ceiling): (&'a LinearPixels, &'a [bool], f64)) -> Self {
         let grid = Grid::new(pixels, mask, alpha);
         let labels = regions::label(&grid.clipped, grid.width);
         let mut members = vec![Vec::new(); labels.count];
@@ -296,7 +305,7 @@ impl<'a> Clipped<'a> {
                 members[*region as usize].push(cell);
             }
         }
-        Self { up, pixels, mask, grid, labels, members }
+        Self { up, pixels, mask, ceiling, grid, labels, members }
     }
 
     /// The regions, with the gain that was predicted pixel by pixel.

@@ -26,12 +26,12 @@ pub(super) fn predict(
     clipped: &Clipped<'_>,
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
-    let Clipped { up, pixels, mask, ref grid, ref labels, ref members } = *clipped;
+    let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, ref members } = *clipped;
     let total: f64 = (0..grid.clipped.len()).filter(|&c| grid.clipped[c]).map(|c| grid.solid_angle(c)).sum();
     let rest = mean_of(grid, (0..grid.clipped.len()).filter(|&c| !grid.clipped[c] && grid.seen[c]));
     cx.progress(0.2);
     let regression = cx.for_each_tile(labels.count, |i| {
-        let weights = features(grid, up, &members[i], total, rest);
+        let weights = features(grid, up, &members[i], (total, rest), ceiling);
         let z = |k: usize| (weights[k] - MEAN[k]) / SPREAD[k] * WEIGHT[k];
         (0..9).map(z).sum::<f64>().clamp(STOPS.0, STOPS.1)
     })?;
@@ -70,8 +70,9 @@ pub(super) fn predict(
 
 /// The nine numbers of a region: 1, log2 solid angle, a tenth of its square, mean sine of elevation,
 /// mean brightness of its ring, length of the mean direction (1 when compact), log2 of all clipped
-/// solid angle, share of it, and the mean of everything unclipped.
-fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> [f64; 9] {
+/// solid angle, share of it, and the mean of everything unclipped. Brightness is of a panorama whose whites end at
+/// `ceiling` as if they ended at 1.
+fn features(grid: &Grid, up: Up, cells: &[usize], (total, rest): (f64, f64), ceiling: f64) -> [f64; 9] {
     let above = crate::equirect::axes(up)[2];
     let (mut size, mut sine, mut sum) = (0.0, 0.0, DVec3::ZERO);
     for &cell in cells {
@@ -84,6 +85,7 @@ fn features(grid: &Grid, up: Up, cells: &[usize], total: f64, rest: f64) -> [f64
     let log = num::f64::log2(size);
     let compact = sum.length() / cells.len() as f64;
     let share = size / total;
+    let (ring, rest) = (ring / ceiling, rest / ceiling);
     [1.0, log, log * log / 10.0, sine / size, ring, compact, num::f64::log2(total), share, rest]
 }
 

@@ -296,8 +296,8 @@ fn learned_flux_is_what_the_network_says() {
         let pano = room(width);
         let pixels = linear_pixels(&pano.image, Transfer::Srgb);
         let mask = clip_mask(&pano, &pixels, CLIPPED);
-        let clipped = Clipped::new(pano.up, &pano.alpha.samples, &pixels, &mask);
-        let scene = network::Scene::new(&clipped.grid, clipped.up, &clipped.labels);
+        let clipped = Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, 1.0));
+        let scene = network::Scene::new(&clipped.grid, clipped.up, &clipped.labels, 1.0);
         let bytes = network::WEIGHTS;
         let network =
             network::Network::parse("w", bytes, network::OVERVIEW, network::CELL).expect("is sound");

@@ -100,9 +100,9 @@ pub(super) fn predict(
     books: &mut Books,
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
-    let Clipped { up, pixels, mask, ref grid, ref labels, .. } = *clipped;
+    let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
     let network = Network::parse(FILE, WEIGHTS, OVERVIEW, CELL)?;
-    let scene = Scene::new(grid, up, labels);
+    let scene = Scene::new(grid, up, labels, ceiling);
     cx.check()?;
     cx.progress(0.4);
     let mut log2_gain = vec![0.0_f32; mask.len()];

@@ -198,7 +198,7 @@ mod tests {
         let lamp = 5 * width + 3;
         (grid.rgb[lamp], grid.clipped[lamp]) = ([1.0; 3], true);
         (grid.open_rgb[lamp], grid.clipped_rgb[lamp], grid.share[lamp]) = ([0.0; 3], [1.0; 3], 1.0);
-        Scene::new(&grid, Up::PlusZ, &regions::label(&grid.clipped, width)).overview
+        Scene::new(&grid, Up::PlusZ, &regions::label(&grid.clipped, width), 1.0).overview
     }
 
     // In a white furnace everything is as bright as what shines on it; a ground that sends back a quarter is two

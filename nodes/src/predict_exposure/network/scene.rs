@@ -89,13 +89,14 @@ pub(super) fn log2(v: f64, least: f64) -> f64 {
 }
 
 impl<'a> View<'a> {
-    fn new(grid: &'a Grid, up: Up) -> Self {
+    /// Of light whose whites end at `ceiling`, as if they ended at 1.
+    fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
         let above = axes(up)[2];
         let row = |y: usize| y * grid.width;
         let solid_angle: Vec<f64> = (0..grid.height).map(|y| grid.solid_angle(row(y))).collect();
         let sine = (0..grid.height).map(|y| grid.direction(up, row(y)).dot(above)).collect();
         let held = |light: &[[f64; 3]]| -> Vec<[f64; 3]> {
-            light.iter().map(|rgb| rgb.map(|v| v.min(1.0))).collect()
+            light.iter().map(|rgb| rgb.map(|v| (v / ceiling).min(1.0))).collect()
         };
         let bright = |light: &[[f64; 3]]| -> Vec<f64> { light.iter().map(|rgb| luminance(*rgb)).collect() };
         let (open_rgb, clipped_rgb) = (held(&grid.open_rgb), held(&grid.clipped_rgb));
@@ -221,9 +222,10 @@ impl<'a> View<'a> {
 }
 
 impl Scene {
-    /// Describes a panorama whose clipped regions are `labels`.
-    pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions) -> Self {
-        let view = View::new(grid, up);
+    /// Describes a panorama whose clipped regions are `labels` and whose whites end at `ceiling`, 1 in what was learned
+    /// from. The numbers are of the panorama as if they ended there; light is in the panorama's own unit.
+    pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
+        let view = View::new(grid, up, ceiling);
         let mut members = vec![Vec::new(); labels.count];
         for (cell, region) in labels.of.iter().enumerate() {
             if let Some(region) = region {
@@ -239,7 +241,7 @@ impl Scene {
         let cell = |(index, region): (usize, &Option<u32>)| {
             let region = (*region)? as usize;
             let features = view.cell(index, &regions[region], f64::from(depth[index]), &around);
-            let flux = view.clipped_luminance[index] * view.clipped[index];
+            let flux = ceiling * view.clipped_luminance[index] * view.clipped[index];
             Some(ClippedCell {
                 index,
                 region,
@@ -255,10 +257,10 @@ impl Scene {
             above: view
                 .cells()
                 .filter(|&c| grid.seen[c] && view.sine(c) > 0.0)
-                .map(|c| view.luminance[c] * view.solid_angle(c))
+                .map(|c| ceiling * view.luminance[c] * view.solid_angle(c))
                 .sum(),
             suns: sun::suns(grid, up, &members),
-            open_flux: view.cells().map(|c| view.open_luminance[c] * view.open[c]).sum(),
+            open_flux: view.cells().map(|c| ceiling * view.open_luminance[c] * view.open[c]).sum(),
         }
     }
 }

@@ -151,7 +151,7 @@ impl Truth {
         let pixels = clipped_light(&pano, &mut engine::Notes::none()).ok()?;
         let mask = clip_mask(&pano, &pixels, CLIPPED);
         let grid = Grid::new(&pixels, &mask, &pano.alpha.samples);
-        let scene = Scene::new(&grid, pano.up, &regions::label(&grid.clipped, grid.width));
+        let scene = Scene::new(&grid, pano.up, &regions::label(&grid.clipped, grid.width), 1.0);
         let exposure = num::f64::exp2(shot.ev);
         let image = self.taken(shot);
         let (width, height) = (image.width, image.height);
