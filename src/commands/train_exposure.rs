@@ -131,7 +131,8 @@ fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
         .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
         .map_err(told)?;
-    paths.retain(|path| path.extension().is_some_and(|end| end == "exr" || end == "hdr"));
+    let is = |path: &PathBuf, end: &str| path.extension().is_some_and(|it| it.eq_ignore_ascii_case(end));
+    paths.retain(|path| is(path, "exr") || is(path, "hdr"));
     paths.sort();
     if paths.is_empty() {
         return Err(format!("`{}` holds no .exr or .hdr file", folder.display()));

@@ -231,8 +231,8 @@ impl Trainer {
         write(path, tensors.collect(), &header)
     }
 
-    /// Writes what is needed to go on later.
-    pub fn save_state(&self, path: &Path) -> Result<()> {
+    /// Writes what is needed to go on later. `learned_from` stands for the model and the pairs.
+    pub fn save_state(&self, path: &Path, learned_from: &str) -> Result<()> {
         let mut tensors = Vec::new();
         for (i, adapter) in self.adapters.iter().enumerate() {
             for (j, (var, means)) in adapter.vars.iter().zip(&adapter.means).enumerate() {
@@ -242,12 +242,13 @@ impl Trainer {
             }
         }
         let settings = format!("{:?}", self.settings);
-        write(path, tensors, &[("done", self.done.to_string()), ("settings", settings)])
+        let from = learned_from.to_owned();
+        write(path, tensors, &[("done", self.done.to_string()), ("settings", settings), ("from", from)])
     }
 
-    /// Goes on from what [`Trainer::save_state`] wrote, with the same settings; the outcome is then that of a
-    /// training that never stopped.
-    pub fn load_state(&mut self, path: &Path) -> Result<()> {
+    /// Goes on from what [`Trainer::save_state`] wrote, with the same settings and learning from the same; the outcome is
+    /// then that of a training that never stopped.
+    pub fn load_state(&mut self, path: &Path, learned_from: &str) -> Result<()> {
         let source = Source::open(path)?;
         let said = source.metadata().get("settings");
         let settings = format!("{:?}", self.settings);
@@ -255,6 +256,9 @@ impl Trainer {
             let said = said.map_or("unknown settings", String::as_str);
             return Err(source
                 .wrong(format!("is of a training with {said}, not {settings}; remove it to begin anew")));
+        }
+        if source.metadata().get("from").map(String::as_str) != Some(learned_from) {
+            return Err(source.wrong("is of a training with other panoramas, another width, prompt or model; remove it to begin anew"));
         }
         let done = source.metadata().get("done").and_then(|text| text.parse().ok());
         self.done = done.ok_or_else(|| source.wrong("does not say how many steps are done"))?;

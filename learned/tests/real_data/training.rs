@@ -107,7 +107,7 @@ fn the_loss_falls_only_the_lora_changes_and_going_on_is_as_never_having_stopped(
     for _ in 0..4 {
         trainer.step(&pair, &mut ()).unwrap();
     }
-    trainer.save_state(&at("state")).unwrap();
+    trainer.save_state(&at("state"), "these").unwrap();
     for _ in 0..56 {
         trainer.step(&pair, &mut ()).unwrap();
     }
@@ -145,11 +145,13 @@ fn the_loss_falls_only_the_lora_changes_and_going_on_is_as_never_having_stopped(
         std::fs::read(at(name)).unwrap()
     };
     let (mut resumed, _) = begin();
-    resumed.load_state(&at("state")).unwrap();
+    resumed.load_state(&at("state"), "these").unwrap();
     assert_eq!(resumed.done(), 4);
     assert_eq!(run(resumed, 8, "a"), run(begin().0, 8, "b"));
     let other = TrainSettings { rate: 1e-3, ..SETTINGS };
-    let error =
-        Trainer::new(kontext(folder.path(), None), other).unwrap().load_state(&at("state")).unwrap_err();
-    assert!(error.to_string().contains("remove it to begin anew"), "{error}");
+    for (settings, from) in [(other, "these"), (SETTINGS, "others")] {
+        let mut trainer = Trainer::new(kontext(folder.path(), None), settings).unwrap();
+        let error = trainer.load_state(&at("state"), from).unwrap_err();
+        assert!(error.to_string().contains("remove it to begin anew"), "{error}");
+    }
 }

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use engine::Notes;
+use engine::{Digest, Notes};
 use learned::flux::{
     DType, Error as Flux, Files, Kontext, Pair, TrainSettings, Trainer, Watch, device, picture,
 };
@@ -100,6 +100,18 @@ fn shot(pixels: &LinearPixels, scale: f32, (width, height): (usize, usize)) -> V
     shrunk(&LinearPixels { rgb, ..*pixels }, width, height)
 }
 
+/// A digest of all that is learned from: the panoramas in their order, the model, the prompt, and the size of the pictures.
+fn learned_from(panoramas: &[PathBuf], files: &Files, width: usize) -> Result<String, Error> {
+    let mut all = format!("{width}");
+    for path in [&files.transformer, &files.vae, &files.prompt].into_iter().chain(panoramas) {
+        let mut hasher = blake3::Hasher::new();
+        let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
+        read.map_err(|error| Error::format(path.display().to_string(), format!("cannot be read: {error}")))?;
+        all += &format!(" {}", hasher.finalize());
+    }
+    Ok(Digest::of(all.as_bytes()).to_string())
+}
+
 struct Stoppable<'a>(&'a dyn Fn() -> bool);
 
 impl Watch for Stoppable<'_> {
@@ -141,12 +153,25 @@ pub fn train(
         guidance: 1.0,
         seed: plan.seed,
     };
+    // Found out now, not after hours.
+    let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)
+        .map_err(|error| Error::format(folder.display().to_string(), format!("cannot be made: {error}")))?;
+    let learned_from = learned_from(panoramas, &files, plan.width)?;
     let device = device().map_err(flux)?;
     let model = Kontext::load(&files, &device, DType::F32).map_err(flux)?;
     let mut trainer = Trainer::new(model, settings).map_err(flux)?;
     let state = out.with_added_extension("state");
     if state.exists() {
-        trainer.load_state(&state).map_err(flux)?;
+        trainer.load_state(&state, &learned_from).map_err(flux)?;
+        if trainer.done() > plan.steps {
+            let what = format!(
+                "is of {} steps, more than the {} that are asked for; remove it to begin anew",
+                trainer.done(),
+                plan.steps
+            );
+            return Err(Error::format(state.display().to_string(), what));
+        }
     }
     let size = (plan.width, plan.width / 2);
     let mut watch = Stoppable(stopped);
@@ -172,16 +197,16 @@ pub fn train(
         match trainer.step(&pairs[next], &mut watch) {
             Ok(loss) => tell(LoraProgress::Step(trainer.done(), plan.steps, loss)),
             Err(Flux::Stopped) => {
-                trainer.save_state(&state).map_err(flux)?;
+                trainer.save_state(&state, &learned_from).map_err(flux)?;
                 return Ok(false);
             }
             Err(error) => return Err(flux(error)),
         }
         if trainer.done().is_multiple_of(KEPT) {
-            trainer.save_state(&state).map_err(flux)?;
+            trainer.save_state(&state, &learned_from).map_err(flux)?;
         }
     }
-    trainer.save_state(&state).and_then(|()| trainer.save(out)).map_err(flux)?;
+    trainer.save_state(&state, &learned_from).and_then(|()| trainer.save(out)).map_err(flux)?;
     Ok(true)
 }
 

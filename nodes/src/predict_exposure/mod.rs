@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
 use glam::DVec3;
 
 use self::ceiling::ceiling;
@@ -66,6 +66,8 @@ engine::params! {
         /// From where on a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures whose whites
         /// end below that, as those of splats and of video may.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9"), inert("where no channel lies between two values the same pixels are clipped");
+        /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
+        weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
         /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
         /// light: it shows that what is left out there is nothing, and what that saves.
         force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
@@ -150,6 +152,7 @@ impl Kind for PredictExposure {
 
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         match (&params.method, params.method.kontext()) {
+            (Method::Learned, _) => Ok(params.weights.iter().map(|file| root.file(file)).collect()),
             (Method::Photographs { files }, _) => Ok(files.iter().map(|file| root.file(file)).collect()),
             (_, Some(kontext)) => kontext.sources(root),
             _ => Ok(Vec::new()),
@@ -160,6 +163,7 @@ impl Kind for PredictExposure {
         let pano = &inputs.pano;
         let mut notes = Notes::none();
         let pixels = clipped_light(pano, &mut notes)?;
+        let network = learned(params, &mut notes, cx)?;
         let mut mask = clip_mask(pano, &pixels, params.white);
         let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
         if let Some(photographs) = &photographs {
@@ -192,17 +196,17 @@ impl Kind for PredictExposure {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
                 clipped => {
                     sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
-                    match params.method {
-                        Method::Region => region::predict(&clipped, cx)?,
-                        _ => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
-                            None => network::predict(&clipped, &mut books, cx)?,
+                    match &network {
+                        None => region::predict(&clipped, cx)?,
+                        Some(network) => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
+                            None => network::predict(network, &clipped, &mut books, cx)?,
                             Some(large) => {
                                 let clipped = Clipped::new(
                                     pano.up,
                                     &large.alpha,
                                     (&large.pixels, &large.mask, ceiling),
                                 );
-                                let (gain, regions) = network::predict(&clipped, &mut books, cx)?;
+                                let (gain, regions) = network::predict(network, &clipped, &mut books, cx)?;
                                 (large.gathered(&gain), regions)
                             }
                         },
@@ -268,6 +272,26 @@ impl Kind for PredictExposure {
         let brackets = Arc::new(Brackets { log2_gain, evs, exposures, taken, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
+}
+
+/// The networks of `Learned`, those that ship or of the user; also where nothing is clipped, so that a wrong file is found.
+fn learned(
+    params: &PredictExposure,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Option<network::Network>, NodeError> {
+    if !matches!(params.method, Method::Learned) {
+        if let Some(file) = &params.weights {
+            let text = format!("`{}` is not read: `weights` are of `method: Learned`", file.0);
+            notes.warning("weights-unused", text);
+        }
+        return Ok(None);
+    }
+    let parsed = match &params.weights {
+        Some(file) => network::parse(&file.0, &cx.read(file)?),
+        None => network::parse(network::FILE, network::WEIGHTS),
+    };
+    Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))
 }
 
 /// What is clipped of a panorama, on the grid that light is judged on.

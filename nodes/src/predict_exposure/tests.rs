@@ -28,7 +28,7 @@ fn run(pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
 const METHODS: [Method; 2] = [Method::Region, Method::Learned];
 
 fn run_by(method: Method, pano: Arc<Panorama>, evs: &[f64]) -> (Arc<Brackets>, Notes) {
-    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, force: false };
+    let params = PredictExposure { evs: evs.to_vec(), method, white: CLIPPED, weights: None, force: false };
     let (out, notes) = PredictExposure::run(&params, In { pano }, &cx()).expect("runs");
     (out.brackets, notes)
 }
@@ -45,8 +45,13 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
     for source in [Arc::new(room), flat(0.0), flat(0.6)] {
         for method in METHODS {
             let run = |force: bool| {
-                let params =
-                    PredictExposure { evs: vec![-3.0, -6.0], method: method.clone(), white: CLIPPED, force };
+                let params = PredictExposure {
+                    evs: vec![-3.0, -6.0],
+                    method: method.clone(),
+                    white: CLIPPED,
+                    weights: None,
+                    force,
+                };
                 let (out, notes) =
                     PredictExposure::run(&params, In { pano: source.clone() }, &cx()).expect("runs");
                 let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
@@ -66,7 +71,13 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
 // and the edges of pixels. Mutation: hidden light entered without `/ grid.solid_angle(..)`.
 #[test]
 fn the_books_of_a_prediction_agree() {
-    let params = PredictExposure { evs: vec![-3.0], method: Method::Learned, white: CLIPPED, force: false };
+    let params = PredictExposure {
+        evs: vec![-3.0],
+        method: Method::Learned,
+        white: CLIPPED,
+        weights: None,
+        force: false,
+    };
     let (out, _) = PredictExposure::run(&params, In { pano: room(512) }, &cx()).expect("runs");
     let steps = out.report.tables.iter().find(|table| table.name == "steps").expect("has books");
     assert_eq!(steps.columns, ["", "panorama", "on the grid", "predicted on the grid", "predicted"]);
@@ -298,9 +309,7 @@ fn learned_flux_is_what_the_network_says() {
         let mask = clip_mask(&pano, &pixels, CLIPPED);
         let clipped = Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, 1.0));
         let scene = network::Scene::new(&clipped.grid, clipped.up, &clipped.labels, 1.0);
-        let bytes = network::WEIGHTS;
-        let network =
-            network::Network::parse("w", bytes, network::OVERVIEW, network::CELL).expect("is sound");
+        let network = network::parse("w", network::WEIGHTS).expect("is sound");
         let want: f64 = network::hidden(&network, &scene, clipped.labels.count).cells.iter().sum();
         let (brackets, _) = run_by(Method::Learned, pano.clone(), &[-3.0]);
         let plain = Brackets { log2_gain: Image::new(width, width / 2, 1), ..(*brackets).clone() };
@@ -385,8 +394,13 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
 fn row_35_exposures_are_sorted_and_listed_once() {
     assert_eq!(run(room(64), &[-3.0, -20.0, -6.0]).0.evs, [-20.0, -6.0, -3.0]);
     assert!(run(room(64), &[-20.0]).0.exposures[0].samples.iter().all(|v| v.is_finite()));
-    let params =
-        PredictExposure { evs: vec![-3.0, -6.0, -3.0], method: Method::Region, white: CLIPPED, force: false };
+    let params = PredictExposure {
+        evs: vec![-3.0, -6.0, -3.0],
+        method: Method::Region,
+        white: CLIPPED,
+        weights: None,
+        force: false,
+    };
     assert!(PredictExposure::check(&params).is_err());
     let many = PredictExposure { evs: (1..=65).map(|ev| -0.1 * f64::from(ev)).collect(), ..params };
     assert!(PredictExposure::check(&many).expect_err("are too many").to_string().contains("65 exposures"));
@@ -477,7 +491,8 @@ fn white_is_where_the_user_says() {
     image.samples.iter_mut().for_each(|code| *code = code.min(0.96));
     let (dull, method) = (Arc::new(dull), Method::Manual { emitters: vec![[0.0, 0.0, 180.0, 5.0]] });
     let lit = |white: f32| {
-        let params = PredictExposure { evs: vec![-3.0], method: method.clone(), white, force: false };
+        let params =
+            PredictExposure { evs: vec![-3.0], method: method.clone(), white, weights: None, force: false };
         let (out, notes) = PredictExposure::run(&params, In { pano: dull.clone() }, &cx()).expect("runs");
         let lit = out.brackets.log2_gain.samples.iter().filter(|gain| **gain > 0.0).count();
         (lit, notes.iter().any(|note| note.id == "nothing-to-light"))
@@ -485,6 +500,23 @@ fn white_is_where_the_user_says() {
     assert_eq!(lit(CLIPPED), (0, true));
     let (pixels, told) = lit(0.9);
     assert!(pixels > 0 && !told, "{pixels}");
+}
+
+// A file of weights is for the method that has any. Mutation: the warning dropped.
+#[test]
+fn weights_that_no_method_reads_are_told() {
+    let weights = Some(InputFile("own.safetensors".to_owned()));
+    let params = |method| PredictExposure {
+        evs: vec![],
+        method,
+        white: CLIPPED,
+        weights: weights.clone(),
+        force: false,
+    };
+    let run = |method| PredictExposure::run(&params(method), In { pano: room(64) }, &cx());
+    let (_, notes) = run(Method::Region).expect("runs");
+    assert!(notes.iter().any(|note| note.id == "weights-unused" && note.text.contains("own.safetensors")));
+    assert!(run(Method::Learned).err().expect("is not there").to_string().contains("own.safetensors"));
 }
 
 #[test]
@@ -497,6 +529,7 @@ fn emitters_act_where_the_user_states_them() {
             evs: vec![-3.0],
             method: Method::Manual { emitters },
             white: CLIPPED,
+            weights: None,
             force: false,
         };
         PredictExposure::check(&params)?;
@@ -536,7 +569,7 @@ fn emitters_act_where_the_user_states_them() {
 }
 
 fn flux_kontext(files: [&str; 4], steps: u32, seed: u64) -> Method {
-    let [transformer, vae, prompt, lora] = files.map(|file| engine::InputFile(file.to_owned()));
+    let [transformer, vae, prompt, lora] = files.map(|file| InputFile(file.to_owned()));
     let (strength, guidance, width_px, seamless) = (1.0, 2.5, 64, true);
     Method::FluxKontext {
         transformer,
@@ -566,8 +599,13 @@ fn files_of_the_diffusion_model_count_by_content_and_a_build_without_it_says_so(
     assert!(numbers(&method).is_ok());
     let error = numbers(&flux_kontext(["a", "b", "c", "d"], 0, 0)).expect_err("takes no steps").to_string();
     assert!(error.contains("`steps` of `FluxKontext` is 0; it lies between 1 and 200"), "{error}");
-    let checked =
-        PredictExposure::check(&PredictExposure { evs: vec![-3.0], method, white: CLIPPED, force: false });
+    let checked = PredictExposure::check(&PredictExposure {
+        evs: vec![-3.0],
+        method,
+        white: CLIPPED,
+        weights: None,
+        force: false,
+    });
     if cfg!(feature = "learned") {
         assert!(checked.is_ok());
     } else {
@@ -600,6 +638,7 @@ fn the_diffusion_model_fills_clipped_pixels_only() {
         evs: vec![-6.0, -3.0],
         method: flux_kontext(files, 2, 3),
         white: CLIPPED,
+        weights: None,
         force: false,
     };
     let cx = cx();

@@ -81,6 +81,7 @@ fn handmade() -> Vec<(&'static str, Vec<u8>)> {
         ("cameras.json", files::CAMERAS_JSON.into()),
         ("b.json", files::CAMERAS_JSON.into()),
         ("lpips.safetensors", files::lpips_safetensors()),
+        ("exposure.safetensors", files::exposure_safetensors()),
         ("splats.ply", files::splats_ply(12)),
         ("b.ply", files::splats_ply(3)),
         ("object.glb", files::object_glb()),

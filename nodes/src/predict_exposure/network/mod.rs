@@ -9,6 +9,7 @@ use engine::{Context, NodeError};
 
 use super::spread::Spread;
 use super::{Clipped, RegionLight, sun};
+use crate::error::Error;
 use crate::light::books::Books;
 use crate::light::measure::luminance;
 use crate::num;
@@ -21,7 +22,13 @@ pub(super) use self::scene::{CELL, Scene};
 
 /// The shipped weights: safetensors in f16, made by `train-exposure` as docs/light.md tells.
 pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../weights/exposure.safetensors");
-const FILE: &str = "exposure.safetensors";
+/// Their name for messages.
+pub(super) const FILE: &str = "exposure.safetensors";
+
+/// Reads a file of weights. `file` is the name for messages.
+pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
+    Network::parse(file, bytes, OVERVIEW, CELL)
+}
 
 /// The light hidden in each clipped cell, averaged over the members of a network, and how far the members
 /// disagree about each region, in stops.
@@ -96,17 +103,17 @@ impl Hidden {
 
 /// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
 pub(super) fn predict(
+    network: &Network,
     clipped: &Clipped<'_>,
     books: &mut Books,
     cx: &Context,
 ) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
     let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
-    let network = Network::parse(FILE, WEIGHTS, OVERVIEW, CELL)?;
     let scene = Scene::new(grid, up, labels, ceiling);
     cx.check()?;
     cx.progress(0.4);
     let mut log2_gain = vec![0.0_f32; mask.len()];
-    let hidden = hidden(&network, &scene, labels.count).with_suns(&scene);
+    let hidden = hidden(network, &scene, labels.count).with_suns(&scene);
     let mut light: Vec<f64> = grid.rgb.iter().map(|rgb| luminance(*rgb)).collect();
     let mut enter = |step: &'static str, light: &[f64]| {
         let cell = |c: usize| (grid.direction(up, c), grid.solid_angle(c), light[c]);

@@ -63,6 +63,7 @@ impl Place {
             evs: evs.to_vec(),
             method: Method::Photographs { files },
             white: CLIPPED,
+            weights: None,
             force: false,
         };
         PredictExposure::check(&params)?;

@@ -123,6 +123,17 @@ pub fn train(
     let mut number = 0;
     let mut team = |fold: Option<usize>, residual: f64| -> Result<Option<Vec<u8>>, Error> {
         let chosen = course.chosen(fold, plan.folds);
+        if chosen.is_empty() {
+            let what = match fold {
+                Some(_) => {
+                    "a part of the cross-validation leaves no panorama in which anything is clipped to learn from: take fewer parts or none (--folds), more panoramas, or some by formula (--procedural)"
+                }
+                None => {
+                    "nothing is clipped in any panorama, so there is nothing to learn from: take more panoramas, or some by formula (--procedural)"
+                }
+            };
+            return Err(Error::Mismatch(what.to_owned()));
+        }
         let scales = course.scales(&chosen);
         let amount = course.amount(&chosen, &scales);
         let mut scaled = None;

@@ -39,6 +39,18 @@ fn a_training_repeats_and_resumes() {
     assert!(fresh.regions.lines().all(|line| line.split(',').count() == 9), "{}", fresh.regions);
 }
 
+// Where a part of the places is all there is, the others leave nothing to learn from, which is said before anything is
+// trained. Mutation: `chosen.is_empty()` not asked (candle then ends in a message of its own).
+#[test]
+fn too_few_places_to_part_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recipe = Recipe { steps: 1, batch: 1, ..Recipe::default() };
+    let plan = Plan { seed: 3, members: 1, folds: 2, procedural: 0, recipe };
+    let panoramas = vec![("place_x".to_owned(), procedural::panorama(9, 0))];
+    let error = train(panoramas, &plan, folder.path(), &mut |_| true).err().expect("is refused");
+    assert!(error.to_string().contains("--folds"), "{error}");
+}
+
 // Clipping hides what it hides: visible and hidden light add up to the truth where nothing is softened.
 #[test]
 fn an_example_keeps_the_books() {
