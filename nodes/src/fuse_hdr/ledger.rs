@@ -112,7 +112,7 @@ impl Lights {
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out{without}"),
+                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out; where `white` of the prediction is lower, `threshold` should be below it{without}"),
             );
         }
     }

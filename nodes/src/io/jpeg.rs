@@ -5,6 +5,7 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+use super::icc;
 use super::png::{Raster, believable};
 use super::stretch::{Fed, Stretch, Sunk};
 use crate::Error;
@@ -46,14 +47,11 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let mut codes = Vec::with_capacity(raw.len());
     stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     let turned = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
-    let ignored = [
-        (decoder.icc_profile().is_some(), "an ICC profile"),
-        (
-            turned.is_some_and(|turn| turn != Orientation::NoTransforms),
-            "an orientation other than upright (EXIF)",
-        ),
-    ];
-    let ignored = ignored.into_iter().filter(|(is, _)| *is).map(|(_, what)| what.to_owned()).collect();
+    let mut ignored: Vec<String> =
+        decoder.icc_profile().and_then(|profile| icc::other(&profile)).into_iter().collect();
+    if turned.is_some_and(|turn| turn != Orientation::NoTransforms) {
+        ignored.push("an orientation other than upright (EXIF)".to_owned());
+    }
     Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored })
 }
 

@@ -5,6 +5,7 @@ pub mod exr;
 pub mod gltf;
 pub mod hdr;
 pub mod head;
+pub mod icc;
 pub mod jpeg;
 pub mod ply;
 pub mod png;

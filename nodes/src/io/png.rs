@@ -2,6 +2,7 @@
 
 use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 
+use super::icc;
 use super::png_pack::pack;
 use super::stretch::{Fed, Stretch};
 use crate::Error;
@@ -101,9 +102,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let (width, height) = (info.width, info.height);
     let mut ignored = Vec::new();
     if info.srgb.is_none() {
-        if info.icc_profile.is_some() {
-            ignored.push("an ICC profile".to_owned());
-        }
+        ignored.extend(info.icc_profile.as_deref().and_then(icc::other));
         if let Some(gamma) = info.gama_chunk.map(|g| g.into_value())
             && (gamma - 0.45455).abs() > 0.001
         {

@@ -4,6 +4,7 @@ use std::io::Cursor;
 
 use image_webp::{DecodingError, WebPDecoder};
 
+use super::icc;
 use super::png::{Raster, believable};
 use crate::Error;
 
@@ -21,10 +22,8 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     believable(file, width.into(), height.into(), channels as u64, most, 4096 * 4)?;
     let mut codes = vec![0_u8; width as usize * height as usize * channels];
     decoder.read_image(&mut codes).map_err(bad)?;
-    let ignored = match decoder.icc_profile().map_err(bad)? {
-        Some(_) => vec!["an ICC profile".to_owned()],
-        None => Vec::new(),
-    };
+    let ignored =
+        decoder.icc_profile().map_err(bad)?.and_then(|profile| icc::other(&profile)).into_iter().collect();
     Ok(Raster {
         width: width as usize,
         height: height as usize,

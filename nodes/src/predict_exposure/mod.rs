@@ -434,7 +434,10 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
             params.white
         )
     } else {
-        "the panorama holds light above white, so nothing in it is clipped".to_owned()
+        let equal = pixels.rgb.iter().filter(|rgb| max3(**rgb) == brightest).count();
+        format!(
+            "the panorama holds light above white, up to {brightest:.3} in {equal} pixels, so nothing in it counts as clipped"
+        )
     };
     if let Method::Manual { emitters } = &params.method
         && !emitters.is_empty()

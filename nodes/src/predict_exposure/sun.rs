@@ -24,13 +24,48 @@ const BLUER: [f64; 2] = [1.02, 1.1];
 /// thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those are no test of them.
 pub(super) const FLUX: f64 = 0.5;
 
+/// The sky is clear where it is so many times as blue as the ground, as B over R, and so blue in itself: rooms with brown floors
+/// and captures under clouds reach the one or the other. From how much of the solid angle above [`HORIZON`] on it is told to
+/// be clear, and for certain: walls and trees may hide the rest.
+const CLEAR: [f64; 2] = [2.0, 1.1];
+const SEEN_SKY: [f64; 2] = [0.1, 0.25];
+/// Sine of the elevation from which on there is sky.
+const HORIZON: f64 = 0.1;
+
 /// The sky around a region is blue in itself from here on, as B over R: then it may be the sun though the ground is as blue.
 const BLUE: f64 = 1.25;
 
-/// How certain it is that each region, given by its cells, is the sun: 0 to 1, and the part of [`FLUX`] that it gives.
+/// How certain it is that each region, given by its cells, is the sun of a clear sky: 0 to 1, and the part of [`FLUX`] that it
+/// gives. There is one at most: of several the largest.
 pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
-    let part = |[bluer, _]: [f64; 2]| ((bluer - BLUER[0]) / (BLUER[1] - BLUER[0])).clamp(0.0, 1.0);
-    hues(grid, up, regions).into_iter().map(|hues| hues.map_or(0.0, part)).collect()
+    let clear = ramp(clear_sky(grid, up), SEEN_SKY);
+    let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
+    let mut suns: Vec<f64> = hues(grid, up, regions).into_iter().map(|hues| hues.map_or(0.0, part)).collect();
+    let size = |i: usize| regions[i].iter().map(|&c| grid.clipped_angle(c)).sum::<f64>();
+    let told = (0..suns.len()).filter(|&i| suns[i] > 0.0);
+    let largest = told.max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)));
+    suns.iter_mut().enumerate().filter(|(i, _)| Some(*i) != largest).for_each(|(_, sun)| *sun = 0.0);
+    suns
+}
+
+fn ramp(value: f64, [from, to]: [f64; 2]) -> f64 {
+    ((value - from) / (to - from)).clamp(0.0, 1.0)
+}
+
+/// The share of what is above the horizon, by solid angle, that is clear sky.
+fn clear_sky(grid: &Grid, up: Up) -> f64 {
+    let above = axes(up)[2];
+    let height = |cell: usize| grid.direction(up, cell).dot(above);
+    let (mut all, mut clear) = (0.0, 0.0);
+    let [red, blue] = red_blue(grid, (0..grid.rgb.len()).filter(|&c| height(c) < -LOWEST));
+    for c in (0..grid.rgb.len()).filter(|&c| height(c) > HORIZON) {
+        let [cell_red, _, cell_blue] = grid.open_rgb[c];
+        all += grid.solid_angle(c);
+        if cell_blue * red > CLEAR[0] * cell_red * blue && cell_blue > CLEAR[1] * cell_red {
+            clear += grid.open_angle(c);
+        }
+    }
+    clear / all
 }
 
 /// Tells of a light that is like the sun in a blue sky but for the ground, which is as blue: over water, say.
