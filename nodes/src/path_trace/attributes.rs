@@ -7,7 +7,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::mipmap::Mipmap;
+use super::mipmap::{Mipmap, Texels};
 use crate::bvh::Hit;
 use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap};
 
@@ -53,19 +53,28 @@ impl SurfacePoint<'_> {
     /// A number by a channel of its texture.
     pub fn number(&self, map: &Map, channel: usize) -> f32 {
         match map.texture {
-            Some(texture) => map.factor * self.texture(Some(texture), false)[channel],
+            Some(texture) => map.factor * self.texture(Some(texture), Texels::Numbers)[channel],
             None => map.factor,
         }
     }
 
     /// A colour by its texture.
     pub fn colour(&self, map: &ColourMap) -> Vec3 {
-        let [r, g, b, _] = self.texture(map.texture, true);
+        let [r, g, b, _] = self.texture(map.texture, Texels::Colours);
         Vec3::from_array(map.factor) * Vec3::new(r, g, b)
     }
 
-    /// A texture at this point, decoded if `colour`; white where there is none.
-    pub fn texture(&self, texture: Option<TextureRef>, colour: bool) -> [f32; 4] {
+    /// A texture at this point, colours decoded; white where there is none.
+    pub fn texture(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
+        let [r, g, b, alpha] = self.weighed(texture, texels);
+        if texels != Texels::CoveredColours || alpha <= 0.0 {
+            return [r, g, b, alpha];
+        }
+        [r / alpha, g / alpha, b / alpha, alpha]
+    }
+
+    /// The same, of covered colours times alpha.
+    fn weighed(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let Some(texture) = texture else { return [1.0; 4] };
         let Some(image) = self.object.textures.get(texture.texture as usize) else { return [1.0; 4] };
         if image.width == 0 || image.height == 0 {
@@ -86,31 +95,34 @@ impl SurfacePoint<'_> {
             uv = Vec2::new(cos * u + sin * v + t.offset[0], cos * v - sin * u + t.offset[1]);
             share *= (t.scale[0] * t.scale[1]).abs();
         }
-        let texels = self.width * (share * image.width as f32 * image.height as f32).sqrt();
-        let Some(mipmap) = self.mipmaps.get(texture.texture as usize).filter(|_| texels > 1.0) else {
-            return self.between(image, texture, uv, colour);
+        let across = self.width * (share * image.width as f32 * image.height as f32).sqrt();
+        let Some(mipmap) = self.mipmaps.get(texture.texture as usize).filter(|_| across > 1.0) else {
+            return self.between(image, texture, uv, texels);
         };
         // Between two sizes linearly: all of the one that has a texel across, none at twice that.
-        let (mut level, mut over) = (0, texels);
+        let (mut level, mut over) = (0, across);
         while over >= 2.0 && level < 31 {
             (level, over) = (level + 1, over * 0.5);
         }
         let over = over.min(2.0);
-        let decode = colour.then_some(self.decode);
-        let [fine, coarse] = [level, level + 1]
-            .map(|level| self.between(mipmap.level(image, level, decode), texture, uv, colour));
+        let [fine, coarse] = [level, level + 1].map(|level| {
+            self.between(mipmap.level(image, level, (texels, self.decode)), texture, uv, texels)
+        });
         std::array::from_fn(|k| fine[k] * (2.0 - over) + coarse[k] * (over - 1.0))
     }
 
     /// A copy of a texture at a place, between its texels.
-    fn between(&self, image: &Texture, texture: TextureRef, uv: Vec2, colour: bool) -> [f32; 4] {
+    fn between(&self, image: &Texture, texture: TextureRef, uv: Vec2, texels: Texels) -> [f32; 4] {
         let fetch = |x: i64, y: i64| -> [f32; 4] {
             let x = wrap(x, i64::from(image.width), texture.sampler.wrap_u);
             let y = wrap(y, i64::from(image.height), texture.sampler.wrap_v);
             let first = (y * image.width as usize + x) * 4;
             let texel = [0, 1, 2, 3].map(|k| image.rgba[first + k]);
-            std::array::from_fn(|k| {
-                if colour && k < 3 { self.decode[texel[k] as usize] } else { f32::from(texel[k]) / 255.0 }
+            let alpha = f32::from(texel[3]) / 255.0;
+            std::array::from_fn(|k| match texels {
+                Texels::CoveredColours if k < 3 => self.decode[texel[k] as usize] * alpha,
+                Texels::Colours if k < 3 => self.decode[texel[k] as usize],
+                _ => f32::from(texel[k]) / 255.0,
             })
         };
         let (x, y) = (uv.x * image.width as f32, uv.y * image.height as f32);

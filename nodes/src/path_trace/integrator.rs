@@ -371,7 +371,10 @@ impl<'a> Integrator<'a> {
         let Some(light) = light.filter(|light| light.direction.dot(place.normal) > 0.0) else {
             return Vec3::ONE;
         };
-        let ray = Ray::new(place.position + place.normal * place.margin, light.direction);
+        // From below what lies on the place.
+        let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
+        let start = place.position + place.normal * below.unwrap_or(place.margin);
+        let ray = Ray::new(start, light.direction);
         let media = self.around(ray);
         self.object_transmittance(ray, key ^ 4, None, media)[0]
     }

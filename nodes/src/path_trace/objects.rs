@@ -13,7 +13,7 @@ use super::attributes::SurfacePoint;
 use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
 use super::emitters::{EmitterSample, Emitters, mean_luminance};
 use super::media::{Body, Media};
-use super::mipmap::Mipmap;
+use super::mipmap::{Mipmap, Texels};
 use super::receiver::{Surface, geometry, margin};
 use super::touching::Touching;
 use crate::bvh::{Bvh, Hit, Ray};
@@ -220,7 +220,7 @@ impl Objects {
             return true;
         }
         let alpha = material.base_colour[3]
-            * point.texture(material.base_colour_texture, false)[3]
+            * point.texture(material.base_colour_texture, Texels::Numbers)[3]
             * point.vertex_colour()[3];
         match material.alpha_mode {
             AlphaMode::Opaque => true,
@@ -374,7 +374,7 @@ impl Objects {
 
     /// The normal of a normal map.
     fn bump(&self, part: &PlacedPrimitive, point: &SurfacePoint<'_>, map: &NormalMap, normal: Vec3) -> Vec3 {
-        let [x, y, z, _] = point.texture(Some(map.texture), false).map(|c| 2.0 * c - 1.0);
+        let [x, y, z, _] = point.texture(Some(map.texture), Texels::Numbers).map(|c| 2.0 * c - 1.0);
         let (tangent, hand) = self.tangent(part, point, map.texture.uv_set, normal);
         let bitangent = normal.cross(tangent) * hand;
         ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
@@ -395,7 +395,7 @@ impl Objects {
         let (sin, cos) = (sin as f32, cos as f32);
         let [x, y, strength] = match brush.texture {
             Some(texture) => {
-                let [x, y, strength, _] = point.texture(Some(texture), false);
+                let [x, y, strength, _] = point.texture(Some(texture), Texels::Numbers);
                 [2.0 * x - 1.0, 2.0 * y - 1.0, strength]
             }
             None => [1.0, 0.0, 1.0],
@@ -412,17 +412,23 @@ fn emission(point: &SurfacePoint<'_>, material: &Material) -> Vec3 {
     if material.emissive == [0.0; 3] {
         return Vec3::ZERO;
     }
-    let [r, g, b, _] = point.texture(material.emissive_texture, true);
+    let [r, g, b, _] = point.texture(material.emissive_texture, Texels::Colours);
     Vec3::from_array(material.emissive) * Vec3::new(r, g, b)
 }
 
 /// What a material says at a point.
 fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
-    let base = point.texture(material.base_colour_texture, true);
+    let texels = match material.alpha_mode {
+        AlphaMode::Opaque => Texels::Colours,
+        // Cut off at 0 all of it is there.
+        AlphaMode::Mask(cutoff) if cutoff <= 0.0 => Texels::Colours,
+        AlphaMode::Mask(_) | AlphaMode::Blend => Texels::CoveredColours,
+    };
+    let base = point.texture(material.base_colour_texture, texels);
     let point = &SurfacePoint { width: 0.0, ..*point };
     let colour = point.vertex_colour();
     let channel = |c: usize| (material.base_colour[c] * base[c] * colour[c]).clamp(0.0, 1.0);
-    let [_, green, blue, _] = point.texture(material.metallic_roughness_texture, false);
+    let [_, green, blue, _] = point.texture(material.metallic_roughness_texture, Texels::Numbers);
     let mut params = BsdfParams {
         base: Vec3::new(channel(0), channel(1), channel(2)),
         metallic: (material.metallic * blue).clamp(0.0, 1.0),
@@ -437,7 +443,8 @@ fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
     let film = &material.iridescence;
     if film.strength.factor > 0.0 {
         let [thin, full] = film.thickness_nm;
-        let t = film.thickness_texture.map_or(1.0, |texture| point.texture(Some(texture), false)[1]);
+        let t =
+            film.thickness_texture.map_or(1.0, |texture| point.texture(Some(texture), Texels::Numbers)[1]);
         params.film = (point.number(&film.strength, 0), film.ior, thin + (full - thin) * t);
     }
     let (sheen, coat, through) = (&material.sheen, &material.clearcoat, &material.diffuse_transmission);

@@ -124,15 +124,19 @@ impl Objects {
     /// How far below a surface of the receiver, moved by `lift`, rays to objects start to meet what lies on it; none
     /// where nothing does.
     pub fn cover(&self, surface: &Surface, lift: Vec3) -> Option<f32> {
-        let (touching, position) = (&self.touching, surface.position + lift);
+        self.covers(surface.position + lift, surface.normal)
+    }
+
+    /// The same of a place with a unit normal.
+    pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
+        let touching = &self.touching;
         let [low, high] = touching.held?;
         if !(position.cmpge(low).all() && position.cmple(high).all()) {
             return None;
         }
-        let lies = |hit: &Hit| {
-            touching.holds(hit.triangle) && self.normal(hit.triangle).dot(surface.normal).abs() > ALONG
-        };
-        self.bvh.any(touching.across(position, surface.normal), lies).then_some(touching.reach)
+        let lies =
+            |hit: &Hit| touching.holds(hit.triangle) && self.normal(hit.triangle).dot(normal).abs() > ALONG;
+        self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
     }
 
     /// How far over a surface of the objects, seen along a ray, rays to the receiver start to meet what it lies on; less
