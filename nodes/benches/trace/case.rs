@@ -37,6 +37,24 @@ fn matrix(value: &serde_json::Value) -> DMat4 {
     DMat4::from_cols_array(&flat).transpose()
 }
 
+fn params(samples: u32, (env_block, bounce): (EnvBlock, Bounce), crop: f64) -> PathTrace {
+    PathTrace {
+        samples,
+        max_error: None,
+        max_bounces: 8,
+        env_block,
+        bounce,
+        object_specular_sees: SpecularSees::Auto,
+        near_field: NearField::Auto,
+        clamp_indirect: 0.0,
+        contact_metres: Some(0.0),
+        shadow_only: false,
+        coarse_px: 1,
+        crop,
+        skip_lobes: true,
+    }
+}
+
 impl Case {
     /// Loads a scene of `render-refs`.
     pub fn load(data: &Path, name: &str) -> Self {
@@ -99,6 +117,12 @@ impl Case {
         self.cropped(seed, samples, with, (block, bounce), 0.001)
     }
 
+    /// Traces only what the object changes.
+    pub fn shadow(&self, seed: u64, samples: u32, block: EnvBlock, bounce: Bounce) -> Traced {
+        let params = PathTrace { shadow_only: true, ..params(samples, (block, bounce), 0.001) };
+        self.traced(&params, seed, true)
+    }
+
     /// The same with another `crop`.
     pub fn cropped(
         &self,
@@ -108,20 +132,10 @@ impl Case {
         (block, bounce): (EnvBlock, Bounce),
         crop: f64,
     ) -> Traced {
-        let params = PathTrace {
-            samples,
-            max_error: None,
-            max_bounces: 8,
-            env_block: block,
-            bounce,
-            object_specular_sees: SpecularSees::Auto,
-            near_field: NearField::Auto,
-            clamp_indirect: 0.0,
-            contact_metres: Some(0.0),
-            coarse_px: 1,
-            crop,
-            skip_lobes: true,
-        };
+        self.traced(&params(samples, (block, bounce), crop), seed, with)
+    }
+
+    fn traced(&self, params: &PathTrace, seed: u64, with: bool) -> Traced {
         let run = |rig: Arc<Rig>| {
             let inputs = path_trace::In {
                 receiver: self.receiver.clone(),
@@ -131,7 +145,7 @@ impl Case {
             };
             let cx = context(&self.folder, seed);
             let start = super::cpu_seconds();
-            let out = PathTrace::run(&params, inputs, &cx).unwrap().0;
+            let out = PathTrace::run(params, inputs, &cx).unwrap().0;
             (super::cpu_seconds() - start, cx.counts(), out)
         };
         // A picture of one pixel costs what stands before the rays: trees and the table of the sky.

@@ -1,10 +1,12 @@
-// Rates of Embree 3 on triangles and rays from files: EMBREE TRIANGLES RAYS..., all little-endian f32, nine a
-// triangle and six a ray (origin, direction). One thread, CPU time, the least of three passes. Robust mode, as
-// our own test is watertight; high build quality. `rays.rs` compiles and runs it.
+// Embree 3 on triangles and rays from files: EMBREE PASSES TRIANGLES RAYS..., all little-endian f32, nine a triangle and
+// six a ray (origin, direction). Prints the CPU seconds of building; then, for each number of a set that comes in, the CPU
+// seconds of so many passes over it, closest and any, and the hits of one pass. One thread. Robust mode, as our own
+// test is watertight; high build quality. `rays.rs` compiles and runs it.
 #include <embree3/rtcore.h>
 
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <vector>
 
@@ -25,7 +27,8 @@ static double cpu() {
 }
 
 int main(int count, char** words) {
-  auto triangles = floats(words[1]);
+  int passes = atoi(words[1]);
+  auto triangles = floats(words[2]);
   size_t n = triangles.size() / 9;
   RTCDevice device = rtcNewDevice("threads=1");
   RTCScene scene = rtcNewScene(device);
@@ -40,16 +43,17 @@ int main(int count, char** words) {
   rtcAttachGeometry(scene, mesh);
   double start = cpu();
   rtcCommitScene(scene);
-  printf("build %.4f\n", cpu() - start);
-  for (int word = 2; word < count; word++) {
-    auto rays = floats(words[word]);
+  printf("%.6f\n", cpu() - start);
+  fflush(stdout);
+  std::vector<std::vector<float>> sets;
+  for (int word = 3; word < count; word++) sets.push_back(floats(words[word]));
+  for (size_t set; scanf("%zu", &set) == 1 && set < sets.size();) {
+    auto& rays = sets[set];
     size_t m = rays.size() / 6, hits = 0;
-    double best[2] = {INFINITY, INFINITY};
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    for (int pass = 0; pass < 3; pass++) {
-      start = cpu();
-      hits = 0;
+    double start = cpu();
+    for (int pass = 0; pass < passes; pass++) {
       for (size_t i = 0; i < m; i++) {
         float* r = &rays[i * 6];
         RTCRayHit ray = {};
@@ -59,15 +63,16 @@ int main(int count, char** words) {
         rtcIntersect1(scene, &context, &ray);
         hits += ray.hit.geomID != ~0u;
       }
-      best[0] = fmin(best[0], cpu() - start);
-      start = cpu();
+    }
+    double middle = cpu();
+    for (int pass = 0; pass < passes; pass++) {
       for (size_t i = 0; i < m; i++) {
         float* r = &rays[i * 6];
         RTCRay ray = {r[0], r[1], r[2], 0, r[3], r[4], r[5], 0, INFINITY, ~0u, 0, 0};
         rtcOccluded1(scene, &context, &ray);
       }
-      best[1] = fmin(best[1], cpu() - start);
     }
-    printf("rays %.3f %.3f %zu\n", m / best[0] / 1e6, m / best[1] / 1e6, hits);
+    printf("%.9f %.9f %zu\n", middle - start, cpu() - middle, hits / passes);
+    fflush(stdout);
   }
 }

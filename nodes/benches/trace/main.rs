@@ -1,24 +1,24 @@
 //! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
-//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|rays] [SAMPLES ..]`, where DATA holds
+//! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds
 //! `render-refs` and `gltf`. `ratio` takes numbers of samples. `rays` compares with Embree where that is installed.
+//! `beside OUT SAMPLES ..` is for `tests/tables/peers.py`.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
+mod beside;
 mod case;
 mod error;
 mod ratio;
 mod rays;
 mod turn;
 
-use std::path::PathBuf;
-use std::time::Instant;
+use std::path::{Path, PathBuf};
 
-/// CPU time of this thread, so that others on the machine do not enter; wall time where Linux does not
-/// tell it.
+use rustix::time::{ClockId, clock_gettime};
+
+/// CPU time of this thread by the kernel's clock, which counts nanoseconds: others on the machine do not enter.
 fn cpu_seconds() -> f64 {
-    static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
-    let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
-    nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed().as_secs_f64(), |ns| ns * 1e-9)
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 fn main() {
@@ -40,6 +40,9 @@ fn main() {
         }
         if asked("crop") {
             error::crop(&data);
+        }
+        if let Some(at) = wanted.iter().position(|word| word == "beside") {
+            beside::once(&data, Path::new(wanted.get(at + 1).expect("a folder to write to")), &samples);
         }
         if wanted.iter().any(|word| word == "turn") {
             turn::seconds(&data, samples.first().copied().unwrap_or(9));

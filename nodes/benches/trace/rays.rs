@@ -1,7 +1,8 @@
 //! Rays a second beside Embree, on the same triangles and rays in one run.
 
-use std::path::Path;
-use std::process::Command;
+use std::io::{BufRead, BufReader, Lines, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
 
 use engine::{InputFile, Kind};
 use glam::Vec3;
@@ -13,6 +14,10 @@ use super::case::{Case, context};
 
 /// Rays of a set.
 const RAYS: u32 = 196_608;
+/// How often a set is followed between two looks at the clock: a tenth of a second and more.
+const PASSES: usize = 4;
+/// Turns that ours and Embree take.
+const ROUNDS: usize = 7;
 
 fn helmet(data: &Path) -> Vec<[Vec3; 3]> {
     let params = LoadObject { path: InputFile("gltf/DamagedHelmet.glb".to_owned()), scene: None };
@@ -42,19 +47,20 @@ fn rays(eye: Vec3, tangent: f32, origins: impl Fn(Points) -> Vec3) -> [Vec<Ray>;
     [coherent.collect(), random.collect()]
 }
 
-/// Millions of rays a CPU second: closest and any, the best of three passes, and hits.
-fn rates(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
-    let mut best = [f64::INFINITY; 2];
-    let mut hits = 0;
-    for _ in 0..3 {
-        let start = super::cpu_seconds();
-        hits = rays.iter().filter(|ray| bvh.closest(**ray, |_| true).is_some()).count();
-        best[0] = best[0].min(super::cpu_seconds() - start);
-        let start = super::cpu_seconds();
-        assert_eq!(hits, rays.iter().filter(|ray| bvh.any(**ray, |_| true)).count());
-        best[1] = best[1].min(super::cpu_seconds() - start);
+/// CPU seconds of all rays of a set, [`PASSES`] times: closest and any, and hits.
+fn pass(bvh: &Bvh, rays: &[Ray]) -> ([f64; 2], usize) {
+    let start = super::cpu_seconds();
+    let mut hits = [0; 2];
+    for _ in 0..PASSES {
+        hits[0] += rays.iter().filter(|ray| bvh.closest(**ray, |_| true).is_some()).count();
     }
-    (best.map(|seconds| rays.len() as f64 / seconds / 1e6), hits)
+    let middle = super::cpu_seconds();
+    for _ in 0..PASSES {
+        hits[1] += rays.iter().filter(|ray| bvh.any(**ray, |_| true)).count();
+    }
+    let end = super::cpu_seconds();
+    assert_eq!(hits[0], hits[1], "closest and any agree");
+    ([middle - start, end - middle], hits[0] / PASSES)
 }
 
 fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
@@ -62,23 +68,63 @@ fn write(path: &Path, vectors: impl Iterator<Item = Vec3>) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Embree's rates on the same, if a C++ compiler and Embree 3 are installed.
-fn embree(triangles: &[[Vec3; 3]], sets: &[Vec<Ray>; 2]) -> Option<String> {
-    let folder = std::env::temp_dir().join(format!("lightharmony-rays-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let program = folder.join("embree");
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/trace/embree.cpp");
-    let built = Command::new("c++").arg("-O2").arg(source).arg("-o").arg(&program).arg("-lembree3").status();
-    let text = built.is_ok_and(|status| status.success()).then(|| {
+/// Embree on the same triangles and rays, as a program of its own that waits for a set to be named.
+struct Embree {
+    program: Child,
+    folder: PathBuf,
+    /// What it says.
+    said: Lines<BufReader<ChildStdout>>,
+}
+
+impl Embree {
+    /// None unless a C++ compiler and Embree 3 are installed.
+    fn start(triangles: &[[Vec3; 3]], sets: &[Vec<Ray>; 2]) -> Option<Self> {
+        let folder = std::env::temp_dir().join(format!("lightharmony-rays-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let program = folder.join("embree");
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/trace/embree.cpp");
+        let built =
+            Command::new("c++").arg("-O2").arg(source).arg("-o").arg(&program).arg("-lembree3").status();
+        if !built.is_ok_and(|status| status.success()) {
+            std::fs::remove_dir_all(&folder).unwrap();
+            return None;
+        }
         let files = ["triangles", "coherent", "random"].map(|name| folder.join(name));
         write(&files[0], triangles.iter().flatten().copied());
         for (file, rays) in files[1..].iter().zip(sets) {
             write(file, rays.iter().flat_map(|ray| [ray.origin, ray.direction]));
         }
-        String::from_utf8(Command::new(&program).args(&files).output().unwrap().stdout).unwrap()
-    });
-    std::fs::remove_dir_all(&folder).unwrap();
-    text
+        let mut command = Command::new(&program);
+        let command = command.arg(PASSES.to_string()).args(&files);
+        let mut program = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let said = BufReader::new(program.stdout.take().unwrap()).lines();
+        Some(Self { program, folder, said })
+    }
+
+    /// The numbers of its next line.
+    fn numbers(&mut self) -> Vec<f64> {
+        let line = self.said.next().expect("a line").unwrap();
+        line.split(' ').map(|word| word.parse().unwrap()).collect()
+    }
+
+    /// What [`pass`] gives, of a set.
+    fn pass(&mut self, set: usize) -> ([f64; 2], usize) {
+        writeln!(self.program.stdin.as_mut().unwrap(), "{set}").unwrap();
+        let told = self.numbers();
+        ([told[0], told[1]], told[2] as usize)
+    }
+
+    fn end(mut self) {
+        drop(self.program.stdin.take());
+        self.program.wait().unwrap();
+        std::fs::remove_dir_all(&self.folder).unwrap();
+    }
+}
+
+/// Least, median and most.
+fn spread(mut list: Vec<f64>) -> [f64; 3] {
+    list.sort_by(f64::total_cmp);
+    [list[0], list[list.len() / 2], list[list.len() - 1]]
 }
 
 /// Prints the table.
@@ -106,17 +152,48 @@ pub fn table(data: &Path) {
         ("a room and three helmets", &mixed, rays(middle + Vec3::Z * (0.45 * size.z), 0.8, inside)),
         ("one helmet", &helmet, rays(Vec3::new(0.0, 0.2, 3.0), 0.4, around)),
     ];
+    println!("| scene | rays | kind | ours | Embree | ratio: median, least to most |");
+    println!("|---|---|---|---|---|---|");
+    let mut more = Vec::new();
     for (name, triangles, sets) in cases {
         let start = super::cpu_seconds();
         let bvh = Bvh::build(triangles);
-        println!("{name}: {} triangles, build {:.4} CPU-s", triangles.len(), super::cpu_seconds() - start);
-        for (order, rays) in ["coherent", "random"].into_iter().zip(&sets) {
-            let ([closest, any], hits) = rates(&bvh, rays);
-            println!("  {order}: closest {closest:.2}, any {any:.2} M rays/CPU-s, {hits} hits");
+        let mut line =
+            format!("{name}: {} triangles, build {:.4} CPU-s", triangles.len(), super::cpu_seconds() - start);
+        let mut embree = Embree::start(triangles, &sets);
+        match &mut embree {
+            Some(embree) => line += &format!(", Embree {:.4}", embree.numbers()[0]),
+            None => line += "; no Embree 3 here (libembree-dev)",
         }
-        match embree(triangles, &sets) {
-            Some(text) => println!("  Embree, robust:\n{text}"),
-            None => println!("  no Embree 3 here (libembree-dev)"),
+        for (set, order) in ["coherent", "random"].into_iter().enumerate() {
+            let rays = &sets[set];
+            let mut seconds = [const { [const { Vec::new() }; 2] }; 2];
+            let mut hits = [0; 2];
+            for _ in 0..ROUNDS {
+                let ours = pass(&bvh, rays);
+                let told = embree.as_mut().map_or(([f64::NAN; 2], 0), |embree| embree.pass(set));
+                for (who, (pair, found)) in [ours, told].into_iter().enumerate() {
+                    hits[who] = found;
+                    seconds[who].iter_mut().zip(pair).for_each(|(list, s)| list.push(s));
+                }
+            }
+            line += &format!("; {order}: {} hits, Embree {}", hits[0], hits[1]);
+            for (kind, word) in ["closest", "any"].into_iter().enumerate() {
+                let [ours, theirs] = [0, 1].map(|who| &seconds[who][kind]);
+                // Both took turns, so the seconds of a round are of one state of the machine.
+                let [least, median, most] =
+                    spread(theirs.iter().zip(ours).map(|(theirs, ours)| theirs / ours).collect());
+                let rate =
+                    |list: &Vec<f64>| rays.len() as f64 * PASSES as f64 / spread(list.clone())[1] / 1e6;
+                println!(
+                    "| {name} | {order} | {word} | {:.2} | {:.2} | {median:.2}, {least:.2} to {most:.2} |",
+                    rate(ours),
+                    rate(theirs)
+                );
+            }
         }
+        embree.into_iter().for_each(Embree::end);
+        more.push(line);
     }
+    println!("\n{}\n", more.join("\n"));
 }

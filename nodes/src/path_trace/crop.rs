@@ -18,17 +18,19 @@
 //! that nothing of it is guessed.
 
 use std::f64::consts::PI;
+use std::sync::OnceLock;
 
 use glam::{DMat3, DVec3, Vec3};
 
 use super::env_resolution::smoothest;
 use super::integrator::Scene;
 use super::light_distribution::Cone;
+use super::near_crop::{NearBounds, apart};
 use super::receiver::Receiver;
 use crate::bvh::Hit;
 
 /// Boxes of the receiver that are looked into to find what of it a tile sees.
-const LOOKS: u32 = 256;
+pub(super) const LOOKS: u32 = 256;
 
 /// Where the points of a tile are, and what light they have without the objects.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -247,17 +249,37 @@ pub struct Crop {
     /// Whether scattered rays meet the receiver.
     lands: bool,
     objects: [Vec3; 2],
+    /// Where the receiver is the light: what is told of that when it is first asked for.
+    near: Option<NearCrop>,
+}
+
+/// What is known where the receiver is the light.
+#[derive(Debug)]
+struct NearCrop {
+    eye: Vec3,
+    albedo: Option<[f64; 3]>,
+    /// Whether objects lie apart from all of the receiver.
+    apart: bool,
+    bounds: OnceLock<NearBounds>,
 }
 
 impl Crop {
     /// For a scene; `Err` tells why nothing can be shown.
     pub fn new(scene: &Scene<'_>, limit: f64) -> Result<Self, &'static str> {
         let objects = scene.objects.bvh.bounds().ok_or("there is no object")?;
-        if scene.rules.near.is_some() {
-            return Err("the receiver is the light");
-        }
         if !scene.objects.emitters.is_empty() {
             return Err("objects shine");
+        }
+        if let Some(eye) = scene.rules.near {
+            let albedo = matte_albedo(scene).map(|albedo| albedo.max(scene.receiver.albedo()));
+            let near = NearCrop {
+                eye: Vec3::from_array(eye),
+                albedo: albedo.map(|albedo| albedo.to_array().map(f64::from)),
+                apart: apart(scene).is_some(),
+                bounds: OnceLock::new(),
+            };
+            let (surfaces, objects) = ([0.0; 3], objects.into());
+            return Ok(Self { limit, surfaces, lands: true, objects, near: Some(near) });
         }
         let (brightest, irradiance) = scene.sky.bounds();
         let lands = scene.rules.bounce_solid;
@@ -275,7 +297,7 @@ impl Crop {
             });
             matte.min(brightest[k])
         });
-        Ok(Self { limit, surfaces, lands, objects: objects.into() })
+        Ok(Self { limit, surfaces, lands, objects: objects.into(), near: None })
     }
 
     /// The largest share that the objects can change of the light of any pixel of a place whose points may be lifted so
@@ -294,6 +316,9 @@ impl Crop {
         let tile = tile.grown(scene.objects.touching.depth(tile.low, tile.high));
         let window = Window::of(&tile, &corners(self.objects))?;
         let solid = window.projected();
+        if let Some(near) = &self.near {
+            return self.near_bound(scene, near, &tile, (&window, solid), &share);
+        }
         let sent = self.surfaces.map(|radiance| radiance * solid);
         if share(sent) > self.limit {
             return None;
@@ -308,6 +333,33 @@ impl Crop {
         let bound = share(std::array::from_fn(|k| {
             (taken[k] + solid * of_receiver(k)).max(sent[k]) + seen * of_receiver(k)
         }));
+        (bound <= self.limit).then_some(bound)
+    }
+
+    /// The same where the receiver is the light.
+    fn near_bound(
+        &self,
+        scene: &Scene<'_>,
+        near: &NearCrop,
+        tile: &TileBounds,
+        (window, solid): (&Window, f64),
+        share: &impl Fn([f64; 3]) -> f64,
+    ) -> Option<f64> {
+        let alone = !sees(scene.receiver, tile);
+        if !alone && !near.apart {
+            return None;
+        }
+        let bounds = near.bounds.get_or_init(|| NearBounds::new(scene, near.albedo, near.eye));
+        let changed = if alone { [0.0; 3] } else { bounds.change? };
+        let sent = bounds.surfaces.map(|radiance| radiance * solid);
+        let seen = |taken: [f64; 3]| {
+            let behind = |k: usize| if alone { 0.0 } else { sent[k] };
+            share(std::array::from_fn(|k| (taken[k] + behind(k)).max(sent[k]) + PI * changed[k]))
+        };
+        if seen([0.0; 3]) > self.limit {
+            return None;
+        }
+        let bound = seen(if solid > 0.0 { self.hidden_light(scene, tile, window, solid) } else { [0.0; 3] });
         (bound <= self.limit).then_some(bound)
     }
 
@@ -351,6 +403,24 @@ impl Crop {
         });
         std::array::from_fn(|k| sum[k].min(brightest[k] * solid))
     }
+}
+
+/// Whether the points of a place may see any of the receiver.
+fn sees(receiver: &Receiver, tile: &TileBounds) -> bool {
+    let (mut found, mut left) = (false, LOOKS);
+    receiver.bvh.visit(|corners| {
+        let here = !found && Window::of(tile, corners).is_none_or(|window| window.projected() > 0.0);
+        let open = here && corners.len() == 8 && left > 0;
+        left -= u32::from(open);
+        found |= here && !open;
+        open
+    });
+    found
+}
+
+/// The greater of two radiances, for each channel.
+pub(super) fn greatest_of(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|k| a[k].max(b[k]))
 }
 
 /// The corners of a box.

@@ -20,8 +20,9 @@ pub(super) fn trace_first_hit(
         let (x, y) = camera_rays.pixel(block);
         let ray = camera_rays.through(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let key = hash(stream(camera_rays.seed, x, y), 0);
-        tile.rays.camera += 2;
-        let object = scene.objects.bvh.closest(ray, |hit| scene.objects.accepts(hit, key, true));
+        tile.rays.camera += 1 + u64::from(scene.objects.shown);
+        let found = || scene.objects.bvh.closest(ray, |hit| scene.objects.accepts(hit, key, true));
+        let object = if scene.objects.shown { found() } else { None };
         let landed = scene.camera_hit(ray);
         let out = -ray.direction;
         let (t, normal) = match (object, landed) {

@@ -21,6 +21,7 @@ mod light_draws;
 mod lobes;
 pub mod media;
 pub mod mipmap;
+mod near_crop;
 pub mod near_field;
 pub mod objects;
 mod pair;
@@ -28,6 +29,7 @@ mod prepared;
 pub mod receiver;
 mod reporting;
 mod sample_plan;
+mod stacked;
 mod subdivide;
 mod texel_grid;
 mod tile;
@@ -97,6 +99,9 @@ engine::params! {
         /// black gap under the object, one too high would hide its foot. `None` measures the mesh's roughness
         /// under each object and takes a smooth one as it is; 0 takes any as it is.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
+        /// Whether to trace only what the objects change of the receiver: for a graph that wants the shadow, and shows the
+        /// objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
+        shadow_only: bool = false, other("true");
         /// Traces one pixel of each block of so many by so many, for all of them: a look at what comes, which `watch`
         /// shows before all pixels are traced. 1 traces each.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
@@ -181,6 +186,9 @@ struct Extra<'a> {
     contact: Option<([f64; 3], Option<f64>)>,
     /// What may be left out; absent likewise.
     crop: Option<f64>,
+    /// Leaves out what the objects show.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    shadow_only: bool,
     /// Evaluates what is 0, for those who want to see that; in the key, so that it is done.
     every_lobe: bool,
 }
@@ -267,6 +275,7 @@ impl Kind for PathTrace {
         let rules = decided.rules;
         let mut objects = Objects::new(&inputs.objects, origin)?;
         objects.every_lobe = !params.skip_lobes;
+        objects.shown = !params.shadow_only;
         report_inputs(&prepared, &objects, &mut notes);
         if !objects.is_empty() {
             let most = inputs.env.image.width;
@@ -312,6 +321,7 @@ impl Kind for PathTrace {
                 range,
                 contact: objects.map(|(contact, _)| contact),
                 crop: objects.and_then(|(_, crop)| crop),
+                shadow_only: objects.is_some() && params.shadow_only,
                 every_lobe: objects.is_some() && !params.skip_lobes,
             };
             let take = |accumulator: &mut Accumulator, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
@@ -364,7 +374,7 @@ impl Kind for PathTrace {
             let object = &view.images[2];
             let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
             // A coarse look may miss what is there.
-            if !inputs.objects.is_empty() && !seen && params.coarse_px == 1 {
+            if !inputs.objects.is_empty() && !seen && params.coarse_px == 1 && !params.shadow_only {
                 let text = format!(
                     "`{}` sees no object; do pose, rig and mesh share a frame and a scale?",
                     camera.name

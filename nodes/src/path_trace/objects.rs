@@ -56,6 +56,8 @@ pub struct Objects {
     opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
+    /// Whether the camera sees them.
+    pub shown: bool,
     /// Whether lobes are evaluated that their materials do not have.
     pub every_lobe: bool,
     /// The insides that light can be in, and the box around them.
@@ -95,6 +97,7 @@ impl Objects {
                 .collect(),
             opaque: true,
             clear: false,
+            shown: true,
             every_lobe: false,
             bodies: Vec::new(),
             held: None,
@@ -148,6 +151,7 @@ impl Objects {
             }
         }
         objects.bvh = Bvh::build(&objects.corners);
+        objects.lift_sheets();
         let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
         if shining {
             let mean = |triangle| mean_luminance(triangle, |hit| objects.emission(hit));

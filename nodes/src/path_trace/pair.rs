@@ -174,7 +174,8 @@ fn trace_objects(
     (area, r0): (Area, &Sums),
 ) -> TileSums {
     let mut sums_of_tile = TileSums { untouched: pixels.len() as u64, ..TileSums::default() };
-    let seen = camera_rays.sees(pixels, scene.objects.bvh.bounds().map(<[Vec3; 2]>::from));
+    let bounds = scene.objects.bvh.bounds().filter(|_| scene.objects.shown);
+    let seen = camera_rays.sees(pixels, bounds.map(<[Vec3; 2]>::from));
     for &pixel in pixels {
         let mut sums = [0.0; PAIR];
         sums[..3].copy_from_slice(&known(r0, area, pixel));
@@ -204,6 +205,9 @@ fn show(
     of_tile: &mut TileSums,
 ) {
     let (ray, objects) = (sample.ray, scene.objects);
+    if !objects.shown {
+        return;
+    }
     of_tile.rays.camera += 1;
     let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
     let before = |front: &Hit| front.t - objects.slack(front, ray.direction);

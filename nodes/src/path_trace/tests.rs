@@ -129,6 +129,7 @@ fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
         near_field: NearField::Auto,
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
+        shadow_only: false,
         coarse_px: 1,
         crop: 0.0,
         skip_lobes: true,

@@ -65,6 +65,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
         near_field: NearField::Auto,
         clamp_indirect: 0.0,
         contact_metres: Some(0.0),
+        shadow_only: false,
         coarse_px: 1,
         crop: 0.0,
         skip_lobes: true,

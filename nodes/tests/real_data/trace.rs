@@ -100,6 +100,7 @@ impl Case {
             near_field: NearField::Auto,
             clamp_indirect: 0.0,
             contact_metres: Some(0.0),
+            shadow_only: false,
             coarse_px: 1,
             crop: 0.0,
             skip_lobes: true,

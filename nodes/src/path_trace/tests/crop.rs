@@ -95,8 +95,14 @@ fn nothing_is_left_out_that_no_bound_is_known_of() {
         ("it shines", Afar::new(sunny(), lamp)),
         ("it mirrors the sun", Afar::new(sunny(), mirror)),
         ("a wall throws light back", Afar { receiver: merge(plane(40.0), wall.clone()), ..floor() }),
-        ("the receiver is the light", {
-            Afar { env: near, how: PathTrace { near_field: NearField::On, ..floor().how }, ..floor() }
+        ("near light from a wall", {
+            let receiver = merge(plane(40.0), wall.clone());
+            Afar {
+                receiver,
+                env: near,
+                how: PathTrace { near_field: NearField::On, ..floor().how },
+                ..floor()
+            }
         }),
     ] {
         // Where a mirror throws the sun as far as this, it changes little.
@@ -124,7 +130,10 @@ fn no_scene_changes_more_than_the_bound() {
         let contrast = 1.0 + 30.0 * random() * random();
         let texels = (0..16 * 8 * 3).map(|_| (1.0 + (contrast - 1.0) * random() * random()) as f32).collect();
         let image = Image::from_samples(16, 8, 3, texels);
-        let env = Environment { image, up: Up::PlusZ, origin: None };
+        // Where the receiver is the light its places dim, too.
+        let near = scene % 3 == 1;
+        let origin = near.then(|| DVec3::new(4.0 * random() - 2.0, 3.0 * random(), 1.0 + random()));
+        let env = Environment { image, up: Up::PlusZ, origin };
         let base = [0.3 + 0.7 * random() as f32, 0.9, 1.0, 1.0];
         let material = match scene % 6 {
             0 => Material { base_colour: base, ..matte(1.0) },
@@ -144,7 +153,8 @@ fn no_scene_changes_more_than_the_bound() {
             _ => plane(30.0),
         };
         let block = if scene % 5 == 4 { EnvBlock::Pass } else { EnvBlock::Solid };
-        let how = PathTrace { samples: 4, ..params(4, block) };
+        let near_field = if near { NearField::On } else { NearField::Off };
+        let how = PathTrace { near_field, ..params(4, block) };
         let few = Afar { receiver, object, env, how };
         let limit = 0.01 + 0.09 * random();
         let (cropped, full) = (few.trace_in(limit, true, 24), few.trace_in(0.0, true, 24));
@@ -180,5 +190,74 @@ fn no_ray_asks_an_object_that_is_far_from_all() {
         assert!(found.rays <= none.rays + 64 * 64, "{at:?}");
         assert_eq!(samples(&found.out.with), samples(&found.out.without));
         assert!(found.told.is_some());
+    }
+}
+
+/// Where the receiver is the light: an object high over rough ground, or far aside, costs hardly a ray of `with`, and one
+/// near over an even floor is left out where it is far from.
+#[test]
+fn near_light_is_not_asked_for_what_is_far() {
+    let rough = || {
+        let bump = |i: u32| 0.02 * unit(hash(i, 3));
+        let side = 41_u32;
+        let positions = (0..side * side).map(|i| {
+            let [x, y] = [i % side, i / side].map(|k| k as f32 - 20.0);
+            [x, y, bump(i)]
+        });
+        let cells = (0..side * (side - 1)).filter(|i| i % side + 1 < side);
+        let triangles = cells.flat_map(|i| [[i, i + 1, i + side + 1], [i, i + side + 1, i + side]]);
+        Mesh { positions: positions.collect(), triangles: triangles.collect(), ..Mesh::default() }
+    };
+    let scene = |receiver: Mesh, at: DVec3| {
+        let env = Environment { origin: Some(DVec3::new(0.0, 0.0, 2.0)), ..sunny() };
+        let how = PathTrace { near_field: NearField::On, ..params(4, EnvBlock::Auto) };
+        Afar { receiver, object: ball(0.4, matte(0.5), at), env, how }
+    };
+    for at in [DVec3::Z * 300.0, DVec3::new(900.0, 0.0, 10.0)] {
+        let far = scene(rough(), at);
+        let (cropped, full, without) =
+            (far.trace(0.001, true), far.trace(0.0, true), far.trace(0.001, false));
+        // Nothing of it is met, so leaving it out is right in every bit.
+        assert_eq!(samples(&cropped.out.with), samples(&full.out.with), "{at}");
+        let [cropped, full] = [&cropped, &full].map(|found| found.rays - without.rays);
+        assert!(4 * cropped < full, "{at}: {cropped} of {full} rays");
+    }
+    let floor = scene(plane(40.0), DVec3::new(0.0, 0.0, 0.4));
+    let (cropped, full) = (floor.trace(0.002, true), floor.trace(0.0, true));
+    assert!(cropped.told.is_some() && cropped.rays < full.rays);
+    // A roof takes a good part of the sky of all that is under it.
+    let roof = Afar { object: placed(&plane(60.0), matte(0.5), DVec3::Z * 80.0), ..scene(rough(), DVec3::Z) };
+    assert_eq!(roof.trace(0.004, true).told, None);
+}
+
+/// No light sample for any surface falls into a cone more often than is told.
+#[test]
+fn the_chance_of_a_light_sample_is_bounded() {
+    // Of finer texels than `sunny` has, of which those that reach into a cone count whole.
+    let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 256);
+    (0..16)
+        .for_each(|i| env.image.pixel_mut(160 + i % 4, 24 + i / 4).copy_from_slice(&[900.0, 850.0, 700.0]));
+    let env = environment::EnvironmentLight::new(&env);
+    for (axis, cosine) in
+        [(Vec3::new(0.44, 0.4, 0.8).normalize(), 0.95), (Vec3::Z, 0.97), (Vec3::NEG_X, 0.97)]
+    {
+        let cone = light_distribution::Cone { axis, cosine };
+        let bound = env.most_chosen(&cone, 7.0, 100_000).expect("few texels");
+        let mut most = 0.0_f64;
+        for i in 0..60 {
+            let points = crate::sampling::Points::new(9, i);
+            let [[a, b], [c, _]] = [0, 1].map(|k| points.pair(k));
+            let normal = Vec3::new(a - 0.5, b - 0.5, c - 0.3).normalize();
+            let inside = (0..2000).filter(|&k| {
+                let light = env.sample_one(Some(normal), crate::sampling::Points::new(i, k).bits(0));
+                light.is_some_and(|light| light.direction.dot(axis) >= cosine)
+            });
+            let share = inside.count() as f64 / 2000.0;
+            most = most.max(share);
+            assert!(share <= bound + 0.01, "{normal}: {share} of {bound}");
+        }
+        assert!(most > 0.3 * bound, "{axis}: {most} of {bound}");
+        assert!(env.most_chosen(&cone, 1e-3, 100_000).expect("few texels") < bound);
+        assert_eq!(env.most_chosen(&cone, 7.0, 1), None);
     }
 }

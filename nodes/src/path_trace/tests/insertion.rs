@@ -106,3 +106,23 @@ fn colours_of_the_mesh_do_not_colour_the_shadow() {
         assert!(off < 1e-4, "{colour:?}: {off}");
     }
 }
+
+/// `with` is the same, bit for bit, where the object is not shown, and the object's rays are saved.
+#[test]
+fn a_shadow_alone_is_the_shadow() {
+    let (plane, objects, rig) = shadowed();
+    let trace = |shadow_only: bool| {
+        let cx = context();
+        let params = PathTrace { shadow_only, crop: 0.001, ..params(16, EnvBlock::Solid) };
+        let (out, notes) = render_in(&cx, &params, &plane, &objects, &rig, &sunny());
+        assert!(notes.iter().all(|note| note.id != "objects-not-seen"));
+        (out, cx.counts()["rays"])
+    };
+    let ((whole, rays), (alone, fewer)) = (trace(false), trace(true));
+    assert_eq!(samples(&whole.without), samples(&alone.without));
+    assert_eq!(samples(&whole.with), samples(&alone.with));
+    assert!(samples(&alone.object).iter().all(|&v| v == 0.0) && mean(&whole.object) > 0.0);
+    assert!(fewer * 10 < rays * 9, "{fewer} of {rays} rays");
+    // The ground is what is seen.
+    assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
+}

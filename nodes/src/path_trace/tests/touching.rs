@@ -124,3 +124,34 @@ fn what_hangs_on_a_wall_looks_as_a_millimetre_before_it() {
         }
     }
 }
+
+/// A label on a box, a card on a card: what lies exactly on an object is in front of it, as a millimetre over it.
+/// Before, the two took turns from pixel to pixel.
+#[test]
+fn what_lies_on_an_object_looks_as_a_hair_over_it() {
+    let camera = rig(DVec3::new(1.2, -1.3, 1.5), DVec3::new(0.0, 0.0, 0.3), 24, 2.5);
+    let block = placed(&box_mesh([-0.4, -0.4, 0.0], [0.4, 0.4, 0.3], false), matte(0.1), DVec3::ZERO);
+    let label = |z: f64, colour: [f32; 3]| {
+        let [r, g, b] = colour;
+        placed(&plane(0.3), Material { base_colour: [r, g, b, 1.0], ..matte(0.5) }, DVec3::Z * z)
+    };
+    let seen = |objects: &[Arc<Placed>]| -> [f64; 3] {
+        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), objects, &camera, &sunny());
+        [0, 1, 2].map(|k| samples(&out.object).chunks(4).map(|p| f64::from(p[k])).sum())
+    };
+    let green = [0.05, 0.9, 0.05];
+    let over = seen(&[block.clone(), label(0.301, green)]);
+    for z in [0.3, 0.3 - 3e-8, 0.3 + 3e-8] {
+        for objects in [[block.clone(), label(z, green)], [label(z, green), block.clone()]] {
+            let found = seen(&objects);
+            for k in 0..3 {
+                assert!((found[k] / over[k] - 1.0).abs() < 0.02, "{z}: {found:?} for {over:?}");
+            }
+        }
+    }
+    // Of two the later lies on the earlier.
+    let red = [0.9, 0.05, 0.05];
+    let pair = |z: f64| seen(&[block.clone(), label(0.3, red), label(z, green)]);
+    let (over, found) = (pair(0.301), pair(0.3));
+    assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
+}
