@@ -1,6 +1,6 @@
 //! How often the true value lies within the standard errors that a run tells, over twenty seeds: of the ratio
 //! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/trade.md`.
-//! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it.
+//! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it; `-- small` only tries it.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
 use std::path::Path;
@@ -16,9 +16,18 @@ use nodes::path_trace::{self, PathTrace};
 use nodes::shadow_ratio::{self, ShadowRatio};
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
-const SEEDS: u64 = 20;
-/// Seeds and samples of what is taken for the truth. They are none of those above.
-const TRUTH: (u64, u32) = (8, 256);
+/// How much is traced.
+struct Effort {
+    seeds: u64,
+    /// Seeds and samples of what is taken for the truth. They are none of those above.
+    truth: (u64, u32),
+    /// The most samples where an error is asked for.
+    most: u32,
+}
+
+const WHOLE: Effort = Effort { seeds: 20, truth: (8, 256), most: 256 };
+/// To see whether it runs.
+const SMALL: Effort = Effort { seeds: 2, truth: (2, 8), most: 8 };
 /// An error that is asked for, and the side of the tiles that it holds in.
 const ASKED: f64 = 0.03;
 const TILE: usize = 8;
@@ -103,6 +112,20 @@ impl Place {
 }
 
 impl Place {
+    /// The same for some seeds, in their order; two threads take turns.
+    fn all_traced(&self, params: &PathTrace, seeds: std::ops::Range<u64>) -> Vec<[Told; 2]> {
+        let half = |first| move |seed: &u64| seed % 2 == first;
+        let traced = |first: u64| -> Vec<[Told; 2]> {
+            seeds.clone().filter(half(first)).map(|seed| self.traced(params, seed)).collect()
+        };
+        let (even, odd) = std::thread::scope(|scope| {
+            let odd = scope.spawn(|| traced(1));
+            (traced(0), odd.join().unwrap())
+        });
+        let (mut even, mut odd) = (even.into_iter(), odd.into_iter());
+        seeds.filter_map(|seed| if seed % 2 == 0 { even.next() } else { odd.next() }).collect()
+    }
+
     /// The true error of the ratio in each tile that has noise, as `max_error` means it: root mean square over its
     /// pixels with noise, relative to the ratio where that is above 1.
     fn tiles(&self, told: &Told, truth: &[f64]) -> Vec<f64> {
@@ -163,15 +186,17 @@ impl Tally {
         }
     }
 
-    fn cells(&self) -> String {
+    fn cells(&self, seeds: u64) -> String {
         let n = self.pixels as f64;
         let shares = self.within.map(|within| format!("{:.1} %", 100.0 * within as f64 / n));
         let ratio = (self.told / self.square).sqrt();
-        format!("{} | {} | {ratio:.2} | {:+.4}", self.pixels / SEEDS, shares.join(" | "), self.off / n)
+        format!("{} | {} | {ratio:.2} | {:+.4}", self.pixels / seeds, shares.join(" | "), self.off / n)
     }
 }
 
 fn main() {
+    let small = std::env::args().any(|word| word == "small");
+    let Effort { seeds, truth: (truth_seeds, truth_samples), most } = if small { SMALL } else { WHOLE };
     println!(
         "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | told over true error | mean off by |"
     );
@@ -196,30 +221,28 @@ fn main() {
             contact_metres,
             ..PathTrace::defaults().unwrap()
         };
-        let (seeds, samples) = TRUTH;
         let mut truth: [Vec<f64>; 2] = Default::default();
-        for seed in 0..seeds {
-            for (truth, told) in truth.iter_mut().zip(place.traced(&params(samples, None), 1000 + seed)) {
+        for told in place.all_traced(&params(truth_samples, None), 1000..1000 + truth_seeds) {
+            for (truth, told) in truth.iter_mut().zip(told) {
                 truth.resize(told.len(), 0.0);
-                truth.iter_mut().zip(told).for_each(|(sum, [value, _])| *sum += value / seeds as f64);
+                truth.iter_mut().zip(told).for_each(|(sum, [value, _])| *sum += value / truth_seeds as f64);
             }
         }
         for (said, params) in [
             ("4", params(4, None)),
             ("16", params(16, None)),
-            ("up to 256, `max_error: 0.03`", params(256, Some(ASKED))),
+            ("up to 256, `max_error: 0.03`", params(most, Some(ASKED))),
         ] {
             let mut tallies: [Tally; 2] = Default::default();
             let mut tiles = Vec::new();
-            for seed in 0..SEEDS {
-                let told = place.traced(&params, seed);
+            for told in place.all_traced(&params, 0..seeds) {
                 tiles.extend(place.tiles(&told[0], &truth[0]));
                 for ((tally, told), truth) in tallies.iter_mut().zip(&told).zip(&truth) {
                     tally.add(told, truth);
                 }
             }
             for (rows, tally) in rows.iter_mut().zip(&tallies) {
-                rows.push(format!("{name} | {said} | {} |", tally.cells()));
+                rows.push(format!("{name} | {said} | {} |", tally.cells(seeds)));
             }
             if params.max_error.is_some() {
                 let share = |times: f64| {
@@ -228,7 +251,7 @@ fn main() {
                 };
                 let worst = tiles.iter().copied().fold(0.0, f64::max);
                 let shares = [share(1.0), share(1.5), share(2.0)].join(" | ");
-                held.push(format!("{name} | {} | {shares} | {worst:.3} |", tiles.len() as u64 / SEEDS));
+                held.push(format!("{name} | {} | {shares} | {worst:.3} |", tiles.len() as u64 / seeds));
             }
         }
     }

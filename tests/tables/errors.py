@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """How far a trace with `max_error` is off: the duck of render-refs, beside plain traces.
 
-usage: errors.py LIGHTHARMONY DATA WORK    prints the table of docs/trade.md; WORK is a folder to fill
+usage: errors.py LIGHTHARMONY DATA WORK [small]    prints the table of docs/trade.md; WORK is a folder to fill; `small` only
+tries it: a sixteenth of the pixels, few samples
 
 The truth is a plain trace of 512 samples with another seed. CPU time is that of a process on one thread, less that of the
 same process with one sample. Needs numpy and OpenEXR.
@@ -12,11 +13,13 @@ import OpenEXR
 
 PROGRAM, DATA, WORK = (os.path.abspath(word) for word in sys.argv[1:4])
 FOLDER = os.path.join(DATA, "render-refs/sunny_plane")
-TRUTH, TILE = 512, 8
+SMALL = sys.argv[4:] == ["small"]
+TRUTH, TILE, ASKED, PLAIN = (16, 8, [0.3], [8]) if SMALL else (512, 8, [0.1, 0.05, 0.03, 0.02], [16, 64, 128])
 
 def graph(scene):
     """The scene, traced."""
-    camera = scene["camera"]
+    part = 4 if SMALL else 1
+    camera = {key: type(value)(value / part) if isinstance(value, (int, float)) else value for key, value in scene["camera"].items()}
     view = {"name": "view", "w": camera["width"], "h": camera["height"], "c2w_opencv": camera["c2w"]}
     view |= {key: camera[key] for key in ["fx", "fy", "cx", "cy"]}
     with open(os.path.join(WORK, "rig.json"), "w") as file:
@@ -84,12 +87,12 @@ def main():
     truth = trace("truth", samples=TRUTH, seed=99)[0]
     print("| `max_error` | promised by the first samples | reached, as told | worst tile, true | all touched pixels, true | samples a pixel | CPU-s |")
     print("|---|---|---|---|---|---|---|")
-    for asked in [0.1, 0.05, 0.03, 0.02]:
+    for asked in ASKED:
         planes, told, spent = trace(f"asked_{asked}", max_error=asked)
         worst, mean = off(planes, truth)
         print(f"| {asked} | {told['error that the first samples promise']:.3f} | {told['error reached']:.4f} | {worst:.4f} | {mean:.4f} | "
               f"{told['samples a pixel']:.0f} | {spent - start:.1f} |", flush=True)
-    for samples in [16, 64, 128]:
+    for samples in PLAIN:
         planes, _, spent = trace(f"plain_{samples}", samples=samples)
         worst, mean = off(planes, truth)
         print(f"| none | | | {worst:.4f} | {mean:.4f} | {samples} | {spent - start:.1f} |", flush=True)

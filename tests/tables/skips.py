@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What each check saves that leaves something out: counts and CPU time of a node with and without.
 
-usage: skips.py PROGRAM WORK
+usage: skips.py PROGRAM WORK [small]        `small` only tries it: few splats, few samples, one run of each
 
 A node runs alone, what stands above it known. Counts are those of every machine; CPU time is the least of three runs of
 each, in turns, and stands as a ratio.
@@ -68,21 +68,26 @@ def run(program, graph, only, cache, settings):
 def short(count):
     return f"{count / 1e6:.2f} M" if count >= 1e6 else f"{count / 1e3:.0f} k" if count >= 1e4 else str(count)
 
-def main(program, work):
+def main(program, work, small=None):
     os.makedirs(work, exist_ok=True)
     graph = os.path.join(work, "skips.ron")
     with open(graph, "w") as file:
-        file.write(GRAPH)
+        file.write(GRAPH.replace("splats: 120000, width_px: 160, height_px: 120", "splats: 4000, width_px: 40, height_px: 30")
+                   .replace("samples: 16", "samples: 1") if small else GRAPH)
     grey(os.path.join(work, "grey.png"))
     print("| left out | counted | done all the same | left out | CPU of that |\n|---|---|---|---|---|")
+    # What every row begins with.
+    base = os.path.join(work, "base")
+    run(program, graph, "demo", base, [])
     for what, node, forced, spared, above, count in ROWS:
         sides = list(zip([forced, spared], above if isinstance(above, list) else [above, above]))
         known = [os.path.join(work, f"known{side}") for side in (0, 1)]
         for folder, (settings, nodes) in zip(known, sides):
             shutil.rmtree(folder, ignore_errors=True)
+            shutil.copytree(base, folder)
             run(program, graph, nodes, folder, settings)
         counts, seconds = [0, 0], [[], []]
-        for turn in range(6):
+        for turn in range(2 if small else 6):
             side = (turn + turn // 2) % 2
             folder = os.path.join(work, "cache")
             shutil.rmtree(folder, ignore_errors=True)

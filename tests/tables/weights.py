@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """What a unit of each count costs: CPU-seconds of single nodes over settings, fitted by their counts.
 
-usage: weights.py LIGHTHARMONY WORK        prints the table of docs/trade.md; WORK is a folder to fill
+usage: weights.py LIGHTHARMONY WORK [small]    prints the table of docs/trade.md; WORK is a folder to fill; `small` only
+tries it: few splats, small pictures, one round over two settings
 
 Each node runs in a process of its own on one thread, in a cache that holds what is above it; the CPU time of the same
 call once the node is known is taken off. What is left is its code and storing what it made. Least squares of relative
@@ -75,17 +76,17 @@ def fit(rows):
             weights[k] = max(0.0, weights[k] + rest / square) if square else 0.0
     return [w / s for w, s in zip(weights, scale)]
 
-def measure(program, work):
+def measure(program, work, small):
     """(kind, CPU-seconds, counts) of every node at every row, the least of two rounds."""
     graph = os.path.join(work, "weights.ron")
     with open(graph, "w") as file:
-        file.write(GRAPH)
+        file.write(GRAPH.replace("splats: 120000, width_px: 400, height_px: 300", "splats: 4000, width_px: 80, height_px: 60, truth_width_px: 32") if small else GRAPH)
     base = os.path.join(work, "base")
     call = [program, "run", graph, "--jobs", "1", "--json"]
     cpu(call + ["--cache", base, "--only", "demo"])
     found = {}
-    for again in range(2):
-        for number, row in enumerate(ROWS):
+    for _ in range(1 if small else 2):
+        for number, row in enumerate(ROWS[::3] if small else ROWS):
             folder = os.path.join(work, f"row{number}")
             shutil.rmtree(folder, ignore_errors=True)
             shutil.copytree(base, folder)
@@ -100,9 +101,9 @@ def measure(program, work):
                     found[number, node] = event["kind"], min(seconds, old), event["counts"]
     return list(found.values())
 
-def main(program, work):
+def main(program, work, small=None):
     os.makedirs(work, exist_ok=True)
-    found = measure(program, work)
+    found = measure(program, work, small)
     print("| count | ns of CPU a unit | in rays | fitted on | predicted over measured |\n|---|---|---|---|---|")
     ray = None
     for names, kinds in GROUPS:
