@@ -30,9 +30,25 @@ pub fn matching<'a>(
     Ok(picture)
 }
 
-/// The linear light of a colour picture of 3 or 4 channels, still premultiplied. Display-encoded values
-/// are un-premultiplied, decoded and premultiplied again.
+/// A picture of light whose one channel is luminance, as OpenEXR has it (Y, or Y and A), as three equal ones; any other
+/// as it is.
+pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
+    let Picture::Linear(image) = picture else { return Cow::Borrowed(picture) };
+    if !(1..=2).contains(&image.channels) {
+        return Cow::Borrowed(picture);
+    }
+    let pixels = image.samples.chunks_exact(image.channels);
+    let samples = pixels.flat_map(|p| [p[0]; 3].into_iter().chain(p.get(1).copied())).collect();
+    let colour = Image::<Linear>::from_samples(image.width, image.height, image.channels + 2, samples);
+    Cow::Owned(colour.into())
+}
+
+/// The linear light of a colour picture of 3 or 4 channels, still premultiplied; luminance alone is grey. Display-encoded
+/// values are un-premultiplied, decoded and premultiplied again.
 pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Image<Linear>>, NodeError> {
+    if let Cow::Owned(Picture::Linear(grey)) = coloured(picture) {
+        return Ok(Cow::Owned(grey));
+    }
     let channels = picture.size().2;
     if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
         let what =

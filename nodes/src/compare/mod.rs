@@ -122,7 +122,7 @@ const DARKEST: f64 = 0.001;
 
 impl Kind for Compare {
     const NAME: &'static str = "compare";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -209,7 +209,7 @@ impl Kind for Compare {
                     }
                     differences.push(named(pair.difference(p.gain).into()));
                     flips.extend(pair.flip().map(|map| named(map.into())));
-                    for (id, what) in pair.not_computed(p) {
+                    for (id, what) in pair.not_computed(p, mask.is_some()) {
                         notes.decision(id, format!("`{}`: {what}", view.name));
                     }
                 }
@@ -569,6 +569,47 @@ mod tests {
         assert_eq!(row(f32::INFINITY), [Cell::Text("-inf".to_owned()), Cell::Text("inf".to_owned())]);
         assert_eq!(row(0.5)[0], Cell::Text("inf".to_owned()));
         assert_eq!(row(f32::NAN)[1], Cell::Missing);
+    }
+
+    // A depth beside itself: what is not there is there in neither. Data of other channels are refused by them.
+    #[test]
+    fn what_is_infinite_alike_is_no_difference() {
+        let depth = |channels: usize, values: &[f32]| {
+            one(Image::<Data>::from_samples(values.len() / channels, 1, channels, values.to_vec()))
+        };
+        let row = |a: Arc<Images>, b: Arc<Images>| {
+            let (out, notes) = Compare::run(&node(), inputs(a, b), &context()).unwrap();
+            let row = out.report.tables[0].rows[0][COMMON.len()..].to_vec();
+            (row, notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>().join("; "))
+        };
+        let far = [2.0, f32::INFINITY, 4.0, f32::NEG_INFINITY];
+        let (own, notes) = row(depth(1, &far), depth(1, &far));
+        let text = |text: &str| Cell::Text(text.to_owned());
+        let zero = Cell::Number(0.0);
+        assert_eq!(own, [text("inf"), zero.clone(), zero.clone(), zero, Cell::Number(1.0)]);
+        assert_eq!(notes, "");
+        let (off, _) = row(depth(1, &far), depth(1, &[2.5, f32::INFINITY, 4.0, f32::NEG_INFINITY]));
+        assert_eq!(off[1], Cell::Number(0.125));
+        assert_eq!(row(depth(1, &far), depth(1, &[2.0, 3.0, 4.0, 0.0])).0[1], text("inf"));
+        let (_, notes) = row(depth(1, &[1.0, f32::NAN]), depth(1, &[1.0, 1.0]));
+        assert!(notes.contains("1 samples are no numbers"), "{notes}");
+        let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
+        let Err(told) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
+        assert!(told.to_string().contains("data of 1 channels"), "{told}");
+    }
+
+    #[test]
+    fn luminance_alone_is_grey() {
+        let light =
+            |channels: usize, values: Vec<f32>| one(Image::<Linear>::from_samples(16, 12, channels, values));
+        let ramp = |v: usize| v as f32 / 192.0;
+        let grey = light(1, (0..192).map(ramp).collect());
+        let clear = light(2, (0..192).flat_map(|v| [ramp(v), 1.0]).collect());
+        let colour = light(3, (0..192).flat_map(|v| [ramp(v); 3]).collect());
+        for other in [grey, clear] {
+            let (out, _) = Compare::run(&node(), inputs(other, colour.clone()), &context()).unwrap();
+            assert_eq!(out.report.tables[0].rows[0][COMMON.len()], Cell::Text("inf".to_owned()));
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use engine::{Context, NodeError};
 
 use super::{Compare, DARKEST, Space};
 use crate::color::srgb_from_linear;
-use crate::layers::linear;
+use crate::layers::{coloured, linear};
 use crate::metrics::{
     Errors, Exposures, Lpips, Plane, SSIM_RADIUS, Sight, ciede2000_map, errors, hdr_flip_map, mean_over,
     quantile_over, ssim_map,
@@ -58,13 +58,23 @@ impl Pair {
     ) -> Result<Self, NodeError> {
         let data = |picture: &Picture| matches!(picture, Picture::Data(_));
         if data(a) || data(b) {
-            if a.encoding() != b.encoding() || a.size() != b.size() {
+            if a.encoding() != b.encoding() {
                 let what =
                     format!("a picture of {} cannot be compared with one of {}", a.encoding(), b.encoding());
                 return Err(NodeError::new(what).at("reference"));
             }
-            return Ok(Self { a: plain(a), b: plain(b), kind: Of::Data });
+            let (of_a, of_b) = (a.size().2, b.size().2);
+            if of_a != of_b {
+                let what = format!("data of {of_a} channels cannot be compared with data of {of_b}");
+                let hint = "`layer` of `load-image` picks channels of an OpenEXR";
+                return Err(NodeError::new(what).at("reference").hint(hint));
+            }
+            let (mut a, mut b) = (plain(a), plain(b));
+            level_infinite(&mut a, &mut b);
+            return Ok(Self { a, b, kind: Of::Data });
         }
+        let (a, b) = (coloured(a), coloured(b));
+        let (a, b) = (&*a, &*b);
         let light = (light(a, "image")?, light(b, "reference")?);
         let (a, b) = match p.space {
             Space::Display => (display(p, a), display(p, b)),
@@ -96,22 +106,30 @@ impl Pair {
     }
 
     /// What was asked for and could not be computed: ids and reasons of notes.
-    pub fn not_computed(&self, p: &Compare) -> Vec<(&'static str, &'static str)> {
+    pub fn not_computed(&self, p: &Compare, masked: bool) -> Vec<(&'static str, String)> {
         let mut missing = Vec::new();
+        let broken = |plane: &Plane| plane.samples.iter().filter(|v| v.is_nan()).count();
+        let broken = broken(&self.a).max(broken(&self.b));
+        if broken > 0 && !self.is_colour() {
+            let text = "samples are no numbers, and a mean over any of them is not computed";
+            missing.push(("not-a-number", format!("{broken} {text}")));
+        }
         let colours = if let Of::Colours(colours) = &self.kind { Some(colours) } else { None };
         if colours.is_some_and(|c| c.flip.is_none()) {
-            missing.push(("no-flip", "half of the reference is black; HDR-FLIP has no exposure for it"));
+            let why = "half of the reference is black; HDR-FLIP has no exposure for it";
+            missing.push(("no-flip", why.to_owned()));
         }
         if colours.is_some_and(|c| c.ciede2000.is_none()) {
-            missing.push(("no-ciede2000", "CIEDE2000 is not computed in linear light"));
+            missing.push(("no-ciede2000", "CIEDE2000 is not computed in linear light".to_owned()));
         }
-        if p.lpips.is_some() && colours.is_none_or(|c| c.lpips.is_none()) {
+        if p.lpips.is_some() && (masked || colours.is_none_or(|c| c.lpips.is_none())) {
             let why = match (colours, p.space) {
                 (None, _) => "LPIPS is not computed of data",
                 (_, Space::Linear) => "LPIPS is not computed in linear light",
+                _ if masked => "LPIPS is of whole pictures, and not computed where there is a `mask`",
                 _ => "the picture is too small for the network of LPIPS",
             };
-            missing.push(("no-lpips", why));
+            missing.push(("no-lpips", why.to_owned()));
         }
         missing
     }
@@ -202,6 +220,16 @@ impl Pair {
             })
             .collect();
         Image::from_samples(self.a.width, self.a.height, channels, samples)
+    }
+}
+
+/// What is infinite in both alike, as the depth of what is not there, is no difference: one number on the same side of
+/// every bound stands for both.
+fn level_infinite(a: &mut Plane, b: &mut Plane) {
+    for (a, b) in a.samples.iter_mut().zip(&mut b.samples) {
+        if a.is_infinite() && a == b {
+            (*a, *b) = if *a > 0.0 { (1.0, 1.0) } else { (0.0, 0.0) };
+        }
     }
 }
 

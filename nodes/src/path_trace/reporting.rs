@@ -189,18 +189,19 @@ pub(super) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
         );
         // Errors fall with the root of the samples.
         let ratio = worst / asked;
-        let hint = match round_up(f64::from(most) * ratio * ratio) {
-            needed if needed <= MOST_SAMPLES => {
-                format!("about {needed} `samples` would reach it, these a `max_error` of {worst:.2e}")
-            }
-            _ => format!(
-                "no number of `samples` that may be asked for reaches it, these a `max_error` of {worst:.2e}"
-            ),
+        let mut hint = match round_up(f64::from(most) * ratio * ratio) {
+            needed if needed <= MOST_SAMPLES => format!("about {needed} `samples` would reach it"),
+            _ => "by this noise it takes more `samples` than may be asked for".to_owned(),
         };
+        if worst <= LARGEST_ERROR {
+            hint.push_str(&format!(", these a `max_error` of {worst:.2e}"));
+        }
         notes.degraded("error-not-reached", format!("{text}; {hint}"));
     }
 }
 
+/// The largest error that may be asked for: see the range of `max_error`.
+const LARGEST_ERROR: f64 = 1.0;
 /// The most samples that may be asked for: see the range of `samples`.
 const MOST_SAMPLES: u64 = 1 << 20;
 

@@ -66,7 +66,8 @@ impl ErrorGoal {
     /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
     /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
     /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
-    /// above 1 its error is relative to what it surely is; that of a highlight is relative to the highlight. From one
+    /// above 1 its error is relative to what it surely is, by itself or as part of its tile; that of a highlight is relative
+    /// to the highlight. From one
     /// chunk as if samples were independent, from several by how far they lie apart, the less so the fewer pixels the
     /// error is that of.
     fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
@@ -74,6 +75,7 @@ impl ErrorGoal {
         for tile in area.pieces(TILE) {
             let (mut alone, mut apart, mut counts) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
             let mut squares = [0.0_f64; 2];
+            let around = self.lit(accumulator, tile);
             for pixel in tile.each() {
                 let index = accumulator.whole.index(pixel);
                 let spread = accumulator.variances(index);
@@ -83,7 +85,7 @@ impl ErrorGoal {
                 let scale = self.scale.max(object_luminance);
                 let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
                 let shown = if without > self.dark {
-                    seen / surely(with / without, spread.ratio).max(1.0)
+                    seen / beside(with / without, spread.ratio, around)
                 } else {
                     0.0
                 };
@@ -102,6 +104,22 @@ impl ErrorGoal {
             }
         }
         worst
+    }
+
+    /// What the mean ratio of a tile is at least, over what is seen of it past the objects.
+    fn lit(&self, accumulator: &Accumulator, tile: Area) -> f64 {
+        let (mut sum, mut noise, mut weight) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for pixel in tile.each() {
+            let index = accumulator.whole.index(pixel);
+            let seen = 1.0 - accumulator.alpha(index);
+            let [without, with, _] = accumulator.luminances(index);
+            if without > self.dark && seen > 0.0 {
+                sum += seen * (with / without);
+                noise += seen * seen * accumulator.variances(index).ratio;
+                weight += seen;
+            }
+        }
+        if weight > 0.0 { surely(sum / weight, noise / (weight * weight)) } else { 0.0 }
     }
 
     /// Takes what samples each block of a picture needs by `take`, which traces a range of samples of an area. Tells
@@ -140,6 +158,12 @@ impl ErrorGoal {
     }
 }
 
+/// What the error of a ratio is relative to: 1, or what the ratio surely is, or, up to its own value, what the mean of its
+/// tile surely is. One pixel of a bright tile that is not sure by itself is no lone dot.
+fn beside(ratio: f64, variance: f64, around: f64) -> f64 {
+    surely(ratio, variance).max(ratio.min(around)).max(1.0)
+}
+
 /// What a ratio is at least, by its variance.
 fn surely(ratio: f64, variance: f64) -> f64 {
     if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
@@ -161,6 +185,22 @@ mod tests {
         assert_eq!(surely(8.0, 64.0), 0.0);
         assert!((surely(8.0, 0.01) - 7.995).abs() < 1e-9);
         assert_eq!(surely(0.0, 0.0), 0.0);
+    }
+
+    // A lamp on dark ground: its light is 2000 times what was there, and one pixel of it does not know its own. A dot in a
+    // tile that is not lit, and the dark side of the edge of a light, are judged as they were.
+    #[test]
+    fn a_pixel_that_is_not_sure_is_judged_beside_what_its_tile_surely_is() {
+        let tile = |others: [f64; 2], odd: [f64; 2]| {
+            let (sum, noise) = (63.0 * others[0] + odd[0], 63.0 * others[1] * others[1] + odd[1] * odd[1]);
+            surely(sum / 64.0, noise / 4096.0)
+        };
+        let bright = tile([2000.0, 500.0], [1910.0, 1024.0]);
+        assert!(bright > 1950.0 && surely(1910.0, 1024.0 * 1024.0) == 0.0);
+        assert!((1024.0 / beside(1910.0, 1024.0 * 1024.0, bright) - 0.54).abs() < 0.01);
+        assert_eq!(beside(1.2, 0.01, bright), 1.2, "no more than it is");
+        let dark = tile([1.0, 0.0], [64.0, 64.0]);
+        assert_eq!(beside(64.0, 64.0 * 64.0, dark), 1.0);
     }
 
     #[test]
