@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
-use crate::trade::attribution::{Attribution, attributions};
+use crate::trade::attribution::{Attribution, Blame, attributions};
 use crate::trade::bench::{Bench, Miss, Point};
 use crate::trade::judge::Off;
 use crate::trade::left_out::{LeftOut, left_out};
@@ -247,9 +247,11 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
         Some(Level::Warning) => "with warnings",
         _ => "as asked",
     };
-    let known =
-        attributions.first().filter(|attribution| attribution.all_but.or(attribution.alone).is_some());
-    let bottleneck = known.map_or("not known".to_owned(), |attribution| attribution.node.clone());
+    let bottleneck = match Blame::of(attributions, metric.error(&point.off)) {
+        Blame::Makes(node, _) | Blame::Helps(node) => node.to_owned(),
+        Blame::None => "none".to_owned(),
+        Blame::Unknown => "not known".to_owned(),
+    };
     page.facts(&[
         ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
@@ -267,12 +269,15 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -
     page.heading("Pictures");
     page.words("As it is, the reference, and FLIP between them: black is 0, white 1, along the root.");
     for (index, (name, images)) in pictures.iter().enumerate() {
+        let map = maps.get(index).and_then(|map| map.as_ref().ok());
         if let Some(Err(why)) = maps.get(index) {
             page.words(&format!("There is no map of FLIP of `{name}`: {why}."));
         }
+        for why in map.iter().flat_map(|map| &map.missing) {
+            page.words(&format!("There is no map of FLIP of `{name}`, {why}."));
+        }
         for view in &images.0 {
-            if maps.get(index).is_some_and(|map| map.as_ref().is_ok_and(|map| map.view(&view.name).is_none()))
-            {
+            if map.is_some_and(|map| map.missing.is_empty() && map.maps.view(&view.name).is_none()) {
                 let why = "it takes colours, all of them finite";
                 page.words(&format!("There is no map of FLIP of `{name} {}`: {why}.", view.name));
             }
@@ -281,7 +286,7 @@ fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -
             let row = [
                 (Some(view.picture.clone()), "as it is"),
                 (reference, "reference"),
-                (other(maps.get(index).and_then(|map| map.as_ref().ok())), "FLIP"),
+                (other(map.map(|map| &map.maps)), "FLIP"),
             ];
             let row: Vec<(Picture, String)> = row
                 .into_iter()
@@ -418,15 +423,17 @@ fn attribution(
         "."
     });
     page.words(&text);
-    page.words(&match attributions {
-        [Attribution { node, all_but: Some(own), .. }, ..] => {
-            let own = metric.told(Some(*own));
+    page.words(&match Blame::of(attributions, error) {
+        Blame::Makes(node, own) => {
+            let own = metric.told(Some(own));
             format!("`{node}` is the bottleneck: by itself it makes an error of {own}.")
         }
-        [Attribution { node, alone: Some(_), .. }, ..] => {
-            format!("Setting `{node}` to the reference helps most.")
+        Blame::Helps(node) => format!("Setting `{node}` to the reference helps most."),
+        Blame::None if both => "No node makes an error by itself.".to_owned(),
+        Blame::None => "Setting a node to the reference helps nowhere.".to_owned(),
+        Blame::Unknown => {
+            format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs())
         }
-        _ => format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs()),
     });
     let row = |b: &Attribution| {
         let all_but = both.then(|| metric.told(b.all_but));

@@ -139,7 +139,7 @@ impl Tune {
                 let least =
                     half.all.iter().map(|t| t.error).reduce(f64::min).map(|error| metric.value(error));
                 json!({"settings": half.all.len(), "complete": half.complete, "least_error": least, "least_cost": half.least.cost,
-                       "pairs": half.saved.pairs, "most_saved": half.saved.most})
+                       "pairs": half.saved.pairs, "most_saved": half.saved.most, "margin": half.margin})
             });
             super::print(&format!("{told}\n"))?;
         } else {
@@ -274,7 +274,7 @@ fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static
     search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
 }
 
-/// That nothing reaches the goal for half of what the preset costs, which was found out.
+/// What was found out of settings that cost less than half of what the preset does, and how far that holds.
 fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {
@@ -292,16 +292,24 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
         Some(_) => {
             let (count, least) = (half.all.len(), metric.told(least));
             format!(
-                "none of the {count} settings that cost less than half of it reaches it (least error {least})"
+                "none of the {count} settings that were found to cost less than half of it reaches it (least error {least})"
             )
         }
         None => {
             let cost = tick_text(half.least.cost);
-            format!("none costs less than half of it: with every knob at its least it is {cost}")
+            format!(
+                "none was found that costs less than half of it: with every knob at its least it is {cost}"
+            )
         }
     };
     let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
-    format!("{found}, where knobs turned up save at most {most:.1} % elsewhere in {pairs} pairs of settings")
+    let saved = format!("turning knobs up saved at most {most:.1} % elsewhere in {pairs} pairs of settings");
+    if half.complete {
+        let margin = 100.0 * half.margin;
+        format!("{found}; for another one it would have to save more than {margin:.1} %, and {saved}")
+    } else {
+        format!("{found}; {saved}")
+    }
 }
 
 fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option<&(&str, Tried)>) -> String {

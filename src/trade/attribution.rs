@@ -16,6 +16,33 @@ pub struct Attribution {
     pub work_alone: f64,
 }
 
+/// The node that comes first, and what is to be said of it.
+#[derive(Debug, PartialEq)]
+pub enum Blame<'a> {
+    /// By itself it makes this error.
+    Makes(&'a str, f64),
+    /// Setting it to the reference helps most; what it makes by itself was not measured.
+    Helps(&'a str),
+    /// None makes an error, or none helps.
+    None,
+    /// The error was not computed.
+    Unknown,
+}
+
+impl<'a> Blame<'a> {
+    /// That of the worst, which comes first, beside the error of the graph as it is.
+    pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
+        let Some(first) = attributions.first() else { return Self::Unknown };
+        match (first.all_but, first.alone, error) {
+            (Some(own), ..) if own > 0.0 => Self::Makes(&first.node, own),
+            (Some(_), ..) => Self::None,
+            (None, Some(alone), Some(error)) if alone >= error => Self::None,
+            (None, Some(_), _) => Self::Helps(&first.node),
+            _ => Self::Unknown,
+        }
+    }
+}
+
 /// Every node that has something to turn, the worst first: the one whose own error is largest, and of equal ones
 /// the one whose repair leaves least. `measure` gives the index of a point; its failure ends it all.
 pub fn attributions<E>(

@@ -5,7 +5,8 @@ use std::collections::BTreeSet;
 use super::search::{Steps, Tried};
 
 /// A knob turned up may save work elsewhere, since other light takes other paths. At least this share of the cost is
-/// allowed for what all of them may save together, and at least [`TIMES`] what any turns that were measured did.
+/// allowed for what all of them may save together, and at least [`TIMES`] what any turns that were measured did. What is
+/// found holds as far as none saves more, which is measured and not proved.
 const MARGIN: f64 = 0.05;
 /// How many times what was seen is allowed for what was not.
 const TIMES: f64 = 2.0;
@@ -17,8 +18,12 @@ pub struct Below {
     pub least: Tried,
     /// All that cost less than the bound, as far as no turns up save more than was allowed.
     pub all: Vec<Tried>,
-    /// Whether that is all; else there are more than may be measured, or measuring ended.
+    /// Whether that is all, if no turns up save more than `margin`; else there are more than may be measured, or
+    /// measuring ended.
     pub complete: bool,
+    /// The share of its cost that turning knobs up from a measured position would have to save, for one that was not
+    /// measured to cost less than the bound.
+    pub margin: f64,
     /// What was seen of turns up.
     pub saved: Saved,
 }
@@ -79,7 +84,7 @@ pub fn below(
         let cheaper = |a: &'_ Tried, b: &'_ Tried| a.cost.total_cmp(&b.cost);
         let least = measured.iter().filter(at_least).min_by(|a, b| cheaper(a, b))?.clone();
         let all = measured.into_iter().filter(|tried| tried.cost < bound).collect();
-        return Some(Below { least, all, complete, saved });
+        return Some(Below { least, all, complete, margin, saved });
     }
 }
 

@@ -12,7 +12,7 @@ use nodes::compare::Space;
 use nodes::types::{Images, Report};
 
 use super::Metric;
-use super::judge::{Off, Output, Truth, holds_data, is_bright, outputs};
+use super::judge::{FlipMaps, Off, Output, Truth, holds_data, is_bright, outputs};
 use super::search::Steps;
 use super::tunables::{Assignment, Tunable, same_nodes, tunables};
 use super::work::work_of;
@@ -63,7 +63,7 @@ pub struct Bench<'e> {
     told: usize,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
-    /// What must be computed of every picture; of one where it cannot be is said why, and it is left out.
+    /// What must be computed of every picture; of one where it cannot be is said why, and it does not count.
     metric: Option<Metric>,
     pub points: Vec<Point>,
 }
@@ -248,7 +248,7 @@ impl<'e> Bench<'e> {
             }
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
-            self.leave_out_uncomputed(pictures)?;
+            self.mark_uncomputed()?;
             let told = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
                 let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
                 let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
@@ -274,8 +274,9 @@ impl<'e> Bench<'e> {
         truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
     }
 
-    /// Leaves out what the metric cannot be computed of, such as HDR-FLIP of a picture that is black over half of its area.
-    fn leave_out_uncomputed(&mut self, pictures: &mut Vec<Arc<Images>>) -> Result<(), Miss> {
+    /// Marks what the metric cannot be computed of, such as HDR-FLIP of a picture that is black over half of its area: it
+    /// does not count for the error, and its other numbers are told.
+    fn mark_uncomputed(&mut self) -> Result<(), Miss> {
         let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
         let why =
             truth.uncomputed(&self.outputs, &metric).map_err(|error| Miss::Failed(error.to_string()))?;
@@ -286,18 +287,18 @@ impl<'e> Bench<'e> {
             let text = format!("{} cannot be computed of any picture here ({first})", metric.name);
             return Err(Miss::Failed(format!("{text}; {way_out}")));
         }
-        for (at, why) in why.iter().enumerate().rev() {
-            if let Some(why) = why {
-                let which: Vec<bool> = (0..pictures.len()).map(|other| other == at).collect();
-                let text = format!(
-                    "has no {} in linear light, in which what goes to OpenEXR alone is judged ({why})",
-                    metric.name
-                );
-                self.leave_out(pictures, &which, &text);
-                if !self.remarks.iter().any(|remark| remark == way_out) {
-                    self.remarks.push(way_out.to_owned());
-                }
+        for (output, why) in self.outputs.iter_mut().zip(why) {
+            if let Some(why) = &why {
+                self.remarks.push(format!(
+                    "`{}` has no {} in linear light, in which what goes to OpenEXR alone is judged ({why}), so it does not \
+                     count for that",
+                    output.name, metric.name
+                ));
             }
+            output.uncomputed = why;
+        }
+        if self.outputs.iter().any(|output| output.uncomputed.is_some()) {
+            self.remarks.push(way_out.to_owned());
         }
         Ok(())
     }
@@ -364,7 +365,7 @@ impl<'e> Bench<'e> {
     }
 
     /// FLIP of each pixel between pictures and those of the reference, by output, or why it was not computed.
-    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<Arc<Images>, NodeError>> {
+    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<FlipMaps, NodeError>> {
         self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
     }
 

@@ -24,6 +24,8 @@ pub struct Off {
     pub pixels: u64,
     /// By column of `compare`.
     pub values: BTreeMap<String, f64>,
+    /// Whether what is missing here leaves the error unknown: not where it was said before that it is.
+    pub counts: bool,
 }
 
 impl Off {
@@ -40,14 +42,45 @@ pub struct Output {
     /// In linear light what goes to OpenEXR alone, and else what a display of 8 bits shows.
     pub space: Space,
     inserted: Option<Insertion>,
+    /// Why it has no number of the metric that is asked for, so that others alone are told of it.
+    pub uncomputed: Option<String>,
 }
 
-/// What a picture was put together from by `composite`.
+/// What a picture was put together from by `composite`, or by several on one another.
 struct Insertion {
+    /// What the first one puts its object over.
     background: Wire,
+    /// From the first one on.
+    layers: Vec<Layer>,
+}
+
+/// What one `composite` puts in.
+struct Layer {
     object: Wire,
     front: Option<Wire>,
     params: Composite,
+}
+
+impl Insertion {
+    /// That of the picture of a node; none where it is no `composite`.
+    fn of(graph: &Graph, node: usize) -> Option<Self> {
+        let (mut layers, mut at) = (Vec::new(), node);
+        loop {
+            let node = &graph.nodes[at];
+            let read = |name: &str| {
+                let mut ports = node.kind.inputs.iter().zip(&node.inputs);
+                ports.find(|(port, _)| port.name == name).and_then(|(_, wires)| wires.first().copied())
+            };
+            let (background, object) = (read("background")?, read("object")?);
+            layers.push(Layer { object, front: read("front"), params: node.params()? });
+            // A picture with an object in it is no background without one.
+            if graph.nodes[background.node].kind.name != Composite::NAME || background.port != 0 {
+                layers.reverse();
+                return Some(Self { background, layers });
+            }
+            at = background.node;
+        }
+    }
 }
 
 /// Pictures of the reference, and for those with an object put in what to see that beside.
@@ -56,7 +89,7 @@ pub struct Truth {
     inserted: Vec<Option<Inserted>>,
 }
 
-/// The parts of a picture that an object changes, by name, and the two pictures that miss all of it or its shadow.
+/// The parts of a picture that objects change, by name, and the two pictures that miss all of them or their shadows.
 #[derive(Clone)]
 struct Inserted {
     regions: Vec<(&'static str, Arc<Images>)>,
@@ -65,26 +98,40 @@ struct Inserted {
 }
 
 impl Truth {
-    /// Pictures of the reference, and what is to see beside those that `composite` made, whose inputs `value` knows.
+    /// Pictures of the reference, and what is to see beside those that `composite` made, whose inputs `value` knows. Of
+    /// several `composite` on one another it is what all of them put in.
     pub fn of(
         outputs: &[Output],
         pictures: &[Arc<Images>],
         value: impl Fn(Wire) -> Option<Arc<Images>>,
     ) -> Self {
         let inserted = |(output, picture): (&Output, &Arc<Images>)| {
-            let Insertion { background, object, front, params } = output.inserted.as_ref()?;
-            let (background, object) = (value(*background)?, value(*object)?);
-            // What stands in front of the object stands there without its shadow, too.
-            let front = front.map(&value).map_or(Some(None), |front| front.map(Some))?;
-            let with = |object, front| {
-                let (background, shadow, added, variance) = (background.clone(), None, None, None);
-                let layers = composite::In { background, object, shadow, added, front, variance };
-                Some(Composite::run(params, layers, &detached()).ok()?.0.image)
+            let Insertion { background, layers } = output.inserted.as_ref()?;
+            let background = value(*background)?;
+            let values = |Layer { object, front, params }: &Layer| {
+                let front = front.map(&value).map_or(Some(None), |front| front.map(Some))?;
+                Some((value(*object)?, front, params.clone()))
             };
-            let nothing = with(Arc::new(absent(&background)), None)?;
-            let regions = regions(picture, &nothing, &object)?;
-            let no_shadow = with(object, front);
-            Some(Inserted { regions, nothing, no_shadow })
+            let layers: Vec<_> = layers.iter().map(values).collect::<Option<_>>()?;
+            let built = |shows_objects: bool| {
+                let put = |background: Arc<Images>, (object, front, params): &_| {
+                    let absent = || Arc::new(absent(&background));
+                    // What stands in front of an object stands there without its shadow, too.
+                    let (object, front) = if shows_objects {
+                        (Arc::clone(object), Option::clone(front))
+                    } else {
+                        (absent(), None)
+                    };
+                    let (shadow, added, variance) = (None, None, None);
+                    let layers = composite::In { background, object, shadow, added, front, variance };
+                    Some(Composite::run(params, layers, &detached()).ok()?.0.image)
+                };
+                layers.iter().try_fold(Arc::clone(&background), put)
+            };
+            let nothing = built(false)?;
+            let objects: Vec<&Images> = layers.iter().map(|(object, ..)| &**object).collect();
+            let regions = regions(picture, &nothing, &objects)?;
+            Some(Inserted { regions, nothing, no_shadow: built(true) })
         };
         let inserted = outputs.iter().zip(pictures).map(inserted).collect();
         Self { pictures: pictures.to_vec(), inserted }
@@ -115,7 +162,8 @@ impl Truth {
             let inserted = self.inserted[index].clone();
             let (out, ..) = compare(picture, &self.pictures[index], inserted, output.space)?;
             for table in &out.tables {
-                all.extend(table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row)));
+                let rows = table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row));
+                all.extend(rows.map(|row| Off { counts: output.uncomputed.is_none(), ..row }));
             }
         }
         Ok(all)
@@ -134,18 +182,27 @@ impl Truth {
         outputs.iter().zip(&self.pictures).map(why).collect()
     }
 
-    /// FLIP of each pixel, by output, or why it was not computed.
+    /// FLIP of each pixel, by output, and why some views have none; or why it was not computed.
     pub fn flip_maps(
         &self,
         outputs: &[Output],
         pictures: &[(String, Arc<Images>)],
-    ) -> Vec<Result<Arc<Images>, NodeError>> {
+    ) -> Vec<Result<FlipMaps, NodeError>> {
         let all = outputs.iter().zip(pictures).zip(&self.pictures);
         all.map(|((output, (_, picture)), truth)| {
-            compare(picture, truth, None, output.space).map(|(_, flip, _)| flip)
+            let (_, maps, notes) = compare(picture, truth, None, output.space)?;
+            let told = notes.iter().filter(|note| note.id == "no-flip");
+            Ok(FlipMaps { maps, missing: told.map(|note| note.text.clone()).collect() })
         })
         .collect()
     }
+}
+
+/// FLIP of each pixel of the views of a picture.
+pub struct FlipMaps {
+    pub maps: Arc<Images>,
+    /// Of what view there is none, and why.
+    pub missing: Vec<String>,
 }
 
 /// Whether a picture is of numbers that are no colours.
@@ -211,19 +268,29 @@ fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
     };
     let values = columns.iter().zip(row).skip(4).filter_map(number).collect();
     let [output, view, judged, region] = [output, view, judged, region].map(str::to_owned);
-    Some(Off { output, view, region, judged, pixels: *pixels, values })
+    Some(Off { output, view, region, judged, pixels: *pixels, values, counts: true })
 }
 
-/// What an object changes: all that it covers, shades or lights (`touched`), of that what it covers by more than half
-/// (`object`), and the rest (`shadow`).
-fn regions(picture: &Images, nothing: &Images, object: &Images) -> Option<Vec<(&'static str, Arc<Images>)>> {
+/// What objects change: all that they cover, shade or light (`touched`), of that what one of them covers by more than
+/// half (`object`), and the rest (`shadow`).
+fn regions(
+    picture: &Images,
+    nothing: &Images,
+    objects: &[&Images],
+) -> Option<Vec<(&'static str, Arc<Images>)>> {
     let touched = touched(picture, nothing)?;
     let part = |is_object: bool| -> Option<Images> {
         let one = |view: &NamedImage| {
-            let (width, height, channels) = object.view(&view.name)?.size();
-            let covers = object.view(&view.name)?.samples().chunks_exact(channels);
-            let covers = covers.map(|pixel| channels < 4 || pixel[3] > 0.5);
-            let samples = view.picture.samples().iter().zip(covers);
+            let (width, height, _) = view.picture.size();
+            let mut covered = vec![false; width * height];
+            for object in objects {
+                let picture = object.view(&view.name)?;
+                let (.., channels) = picture.size();
+                let covers = picture.samples().chunks_exact(channels);
+                let covers = covers.map(|pixel| channels < 4 || pixel[3] > 0.5);
+                covered.iter_mut().zip(covers).for_each(|(covered, covers)| *covered |= covers);
+            }
+            let samples = view.picture.samples().iter().zip(covered);
             let samples = samples.map(|(touched, covers)| if covers == is_object { *touched } else { 0.0 });
             let mask = Image::<Data>::from_samples(width, height, 1, samples.collect());
             Some(NamedImage { name: view.name.clone(), picture: Picture::Data(mask) })
@@ -298,17 +365,9 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         let node = &graph.nodes[wire.node];
         let port = node.kind.outputs[wire.port].name;
         let name = if wire.port == 0 { node.id.clone() } else { format!("{}.{port}", node.id) };
-        let read = |name: &str| {
-            let mut ports = node.kind.inputs.iter().zip(&node.inputs);
-            ports.find(|(port, _)| port.name == name).and_then(|(_, wires)| wires.first().copied())
-        };
-        let insertion = || {
-            let (background, object) = (read("background")?, read("object")?);
-            Some(Insertion { background, object, front: read("front"), params: node.params()? })
-        };
-        let inserted = if node.kind.name == Composite::NAME { insertion() } else { None };
+        let inserted = if node.kind.name == Composite::NAME { Insertion::of(graph, wire.node) } else { None };
         let space = if shown.contains(&wire) { Space::Display } else { Space::Linear };
-        Output { name, wire, space, inserted }
+        Output { name, wire, space, inserted, uncomputed: None }
     };
     (wires.into_iter().map(output).collect(), told)
 }

@@ -119,7 +119,9 @@ impl Metric {
             Of::Column(column) => row.value(column),
             Of::Rmse | Of::Psnr => row.value("psnr (dB)").map(|db| nodes::num::pow(10.0, -db / 20.0)),
         };
-        rows.map(value).reduce(|a, b| Some(a?.max(b?))).flatten()
+        let counting =
+            rows.map(|row| (row.counts, value(row))).filter(|(counts, value)| *counts || value.is_some());
+        counting.map(|(_, value)| value).reduce(|a, b| Some(a?.max(b?))).flatten()
     }
 }
 
@@ -153,6 +155,7 @@ mod tests {
             judged: "image".to_owned(),
             pixels: 1,
             values: [("psnr (dB)".to_owned(), psnr)].into(),
+            counts: true,
         };
         // The object is out of sight in one view, of which nothing can be computed there.
         let unseen = Off { pixels: 0, values: [].into(), ..row("touched", 0.0) };
