@@ -61,6 +61,8 @@ const NEAR: f64 = 0.02;
 const TRIED: u32 = 400;
 /// Splats more transparent than this are no ground.
 const OPAQUE: f32 = 0.3;
+/// How far ground is looked for to tell where it is, in metres: as far as `reach_metres` goes.
+const FAR: f64 = 100.0;
 /// Cosine of the steepest ground.
 const STEEPEST: f64 = 0.7;
 
@@ -96,9 +98,17 @@ impl Kind for Snap {
             }
         };
         let Some(level) = Level::of(&densest(&points, NEAR * metre, cx)?) else {
-            let what = format!("no ground within {} m of the object's foot", params.reach_metres);
-            let hint = "move the pose nearer, or raise `reach_metres`";
-            return Err(NodeError::new(what).at("pose").hint(hint));
+            let far = FAR * metre;
+            let points = match (&felt, &inputs.splats) {
+                // What is too steep there is none.
+                (Some(felt), _) => on_mesh(felt, &foot, up, far, cx, &mut Notes::none()).unwrap_or_default(),
+                (None, splats) => {
+                    splats.iter().flat_map(|splats| on_splats(splats, &foot, up, far)).collect()
+                }
+            };
+            let nearest = points.iter().map(|p| p[2]).min_by(|a, b| a.abs().total_cmp(&b.abs()));
+            let below = pose.w_axis.truncate().dot(up) - foot.base;
+            return Err(none_near(params.reach_metres, below / metre, nearest.map(|height| height / metre)));
         };
         let [across, along] = Foot::axes(up);
         let mut normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
@@ -157,6 +167,38 @@ impl Kind for Snap {
         let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
         Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))
     }
+}
+
+/// No ground is near the foot of an object, which is so far below the origin of its pose: how far over the foot the
+/// nearest is, if there is any. In metres.
+fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
+    let side = |height: f64, [over, under]: [&'static str; 2]| if height > 0.0 { over } else { under };
+    let foot = match below.abs() {
+        0.005.. => {
+            let side = side(below, ["below", "above"]);
+            format!(", which is {:.2} m {side} the origin of its pose", below.abs())
+        }
+        _ => String::new(),
+    };
+    let (what, hint) = match nearest {
+        Some(height) => {
+            let (by, up) = (height.abs(), side(height, ["up", "down"]));
+            // A whole centimetre above it.
+            let enough = ((by * 100.0).round() + 1.0) / 100.0;
+            let side = side(height, ["above", "below"]);
+            (
+                format!("the nearest is {by:.2} m {side} the foot"),
+                format!("move the pose {up} by {by:.2} m, or raise `reach_metres` to {enough:.2}"),
+            )
+        }
+        None => (
+            format!("nor is there any within {FAR} m"),
+            "move the pose to where there is ground above or below it".to_owned(),
+        ),
+    };
+    NodeError::new(format!("no ground within {reach} m of the object's foot{foot}: {what}"))
+        .at("pose")
+        .hint(hint)
 }
 
 /// A mesh by its tree, from the middle of a foot at the height of its base.
@@ -320,9 +362,39 @@ mod tests {
         }
         let error = run(Some(plane(0.75, 0.0)), None, 2.0, false).map(|_| ()).expect_err("too far");
         assert!(error.message().contains("0.5 m"), "{error}");
+        let told = format!("{error:?}");
+        assert!(told.contains("the nearest is 1.25 m below the foot"), "{told}");
+        assert!(told.contains("down by 1.25 m, or raise `reach_metres` to 1.26"), "{told}");
         let error = run(Some(plane(0.0, 1.2)), None, 0.2, false).map(|_| ()).expect_err("too steep");
         assert!(error.message().contains("steeper than 45 degrees"), "{error}");
         assert!(run(None, None, 0.0, false).is_err());
+    }
+
+    /// An object whose origin is its middle, as of many models: its foot is far under a pose that is near the ground.
+    #[test]
+    fn what_is_too_far_is_told_by_the_foot() {
+        let mut object = (*object()).clone();
+        object.primitives[0].positions.iter_mut().for_each(|p| p[1] -= 0.9);
+        let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, 0.1)) };
+        let go = |mesh: Mesh, reach_metres: f64| {
+            let inputs = In {
+                object: Arc::new(object.clone()),
+                pose: Arc::new(pose.clone()),
+                mesh: Some(Arc::new(mesh)),
+                splats: None,
+            };
+            Snap::run(&Snap { reach_metres, align: false }, inputs, &context())
+        };
+        let error = go(plane(0.0, 0.0), 0.5).map(|_| ()).expect_err("0.8 m");
+        let told = format!("{error:?}");
+        for part in ["0.90 m below the origin", "nearest is 0.80 m above", "up by 0.80 m", "to 0.81"] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+        assert!(go(plane(0.0, 0.0), 0.81).is_ok(), "as it says");
+        let aside = Mesh { positions: vec![[5.0; 3], [6.0, 5.0, 5.0], [5.0, 6.0, 5.0]], ..plane(0.0, 0.0) };
+        let aside = Mesh { triangles: vec![[0, 1, 2]], ..aside };
+        let told = go(aside, 0.5).map(|_| ()).expect_err("none").message().to_owned();
+        assert!(told.contains("nor is there any within 100 m"), "{told}");
     }
 
     #[test]
