@@ -149,7 +149,7 @@ pub use artifact::{
 pub use bundle::{
     Bundle, BundleError, Packed, Results, Verdict, Verified, VerifyOptions, bundle_around, verify,
 };
-pub use cache::{Change, Digest, Manifest, Store};
+pub use cache::{Change, Digest, DigestWriter, Manifest, Store};
 pub use context::{Context, ContextField, Part, Point, Scene, Up};
 pub use diag::{Code, Diagnostic, Diagnostics, Source, nearest};
 pub use diff::{NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences};

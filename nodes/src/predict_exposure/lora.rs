@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use engine::{Digest, Notes};
+use engine::{Digest, DigestWriter, Notes};
 use learned::flux::{
     DType, Error as Flux, Files, Kontext, Pair, TrainSettings, Trainer, Watch, device, picture,
 };
@@ -104,10 +104,10 @@ fn shot(pixels: &LinearPixels, scale: f32, (width, height): (usize, usize)) -> V
 fn learned_from(panoramas: &[PathBuf], files: &Files, width: usize) -> Result<String, Error> {
     let mut all = format!("{width}");
     for path in [&files.transformer, &files.vae, &files.prompt].into_iter().chain(panoramas) {
-        let mut hasher = blake3::Hasher::new();
-        let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
+        let mut digest = DigestWriter::new();
+        let read = std::fs::File::open(path).and_then(|mut file| std::io::copy(&mut file, &mut digest));
         read.map_err(|error| Error::format(path.display().to_string(), format!("cannot be read: {error}")))?;
-        all += &format!(" {}", hasher.finalize());
+        all += &format!(" {}", digest.finish());
     }
     Ok(Digest::of(all.as_bytes()).to_string())
 }
