@@ -57,6 +57,7 @@ impl MakeReport {
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
         bench.judge_by(&metric);
+        bench.leave_out_resized()?;
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);
         let Measured { presets, now, attributions } = match measured {
             Ok(measured) => measured,

@@ -63,6 +63,7 @@ impl Tune {
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
         bench.judge_by(&metric);
+        bench.leave_out_resized()?;
         let steps = bench.steps();
         // The first one is what others are compared with.
         let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];

@@ -68,6 +68,12 @@ pub struct Bench<'e> {
     pub points: Vec<Point>,
 }
 
+/// The nodes that make pictures, each once.
+fn targets(outputs: &[Output]) -> Vec<usize> {
+    let nodes: BTreeSet<usize> = outputs.iter().map(|output| output.wire.node).collect();
+    nodes.into_iter().collect()
+}
+
 /// Why there is no point.
 pub enum Miss {
     /// The run was asked to stop.
@@ -109,9 +115,7 @@ impl<'e> Bench<'e> {
         let unreached = |name: &String| format!("no knob reaches `{name}`, so it is left out");
         let mut remarks: Vec<String> = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
         let outputs = kept;
-        let mut targets: Vec<usize> = outputs.iter().map(|output| output.wire.node).collect();
-        targets.sort_unstable();
-        targets.dedup();
+        let targets = targets(&outputs);
         let tunables = tunables(&base, &targets, &registry)?;
         remarks.extend(tunables.iter().filter_map(Tunable::finer_than_the_reference));
         let (truth, points) = (None, Vec::new());
@@ -135,6 +139,33 @@ impl<'e> Bench<'e> {
     /// Asks for a metric, so that pictures of which it cannot be computed are left out.
     pub fn judge_by(&mut self, metric: &Metric) {
         self.metric = Some(metric.clone());
+    }
+
+    /// Leaves out beforehand the pictures whose size a knob sets, so that no knob is turned that reaches them alone: their
+    /// files would be made worse, and nothing would tell. The reference and the preset farthest from it show which; they are
+    /// measured again as if it were the first time. What fails here fails there, too.
+    pub fn leave_out_resized(&mut self) -> Result<(), Error> {
+        if self.outputs.len() < 2 {
+            return Ok(());
+        }
+        for level in [3, 0] {
+            if self.measure(&self.preset(level)).is_err() {
+                break;
+            }
+        }
+        (self.truth, self.points) = (None, Vec::new());
+        if !self.outputs.is_empty() {
+            self.targets = targets(&self.outputs);
+            self.tunables = tunables(&self.base, &self.targets, &self.registry)?;
+        }
+        Ok(())
+    }
+
+    /// Says something once.
+    fn remark(&mut self, text: String) {
+        if !self.remarks.contains(&text) {
+            self.remarks.push(text);
+        }
     }
 
     /// How far each knob can be turned.
@@ -260,7 +291,7 @@ impl<'e> Bench<'e> {
                 told(&cut, "holds light far above white, which is judged as white"),
                 told(&linear, "goes to OpenEXR alone and is judged in linear light, FLIP as HDR-FLIP"),
             ];
-            self.remarks.extend(remarks.into_iter().flatten());
+            remarks.into_iter().flatten().for_each(|text| self.remark(text));
         }
         let fits =
             |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();
@@ -287,9 +318,10 @@ impl<'e> Bench<'e> {
             let text = format!("{} cannot be computed of any picture here ({first})", metric.name);
             return Err(Miss::Failed(format!("{text}; {way_out}")));
         }
+        let mut told = Vec::new();
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
-                self.remarks.push(format!(
+                told.push(format!(
                     "`{}` has no {} in linear light, in which what goes to OpenEXR alone is judged ({why}), so it does not \
                      count for that",
                     output.name, metric.name
@@ -297,9 +329,10 @@ impl<'e> Bench<'e> {
             }
             output.uncomputed = why;
         }
-        if self.outputs.iter().any(|output| output.uncomputed.is_some()) {
-            self.remarks.push(way_out.to_owned());
+        if !told.is_empty() {
+            told.push(way_out.to_owned());
         }
+        told.into_iter().for_each(|text| self.remark(text));
         Ok(())
     }
 
@@ -312,7 +345,7 @@ impl<'e> Bench<'e> {
                 truth.remove(at);
             }
             self.points.iter_mut().for_each(|point| point.off.retain(|row| row.output != name));
-            self.remarks.push(format!("`{name}` {why}, so it is left out"));
+            self.remark(format!("`{name}` {why}, so it is left out"));
             self.unjudged.push(name);
         }
     }

@@ -201,6 +201,20 @@ fn what_is_judged(engine: &Engine) {
         both.new_remarks()[0].contains("another size at other settings") && both.new_remarks().is_empty()
     );
     assert!(both.points.iter().flat_map(|point| &point.off).all(|row| row.output == "final"));
+    // A knob that reaches such a picture alone is not turned: it would be made worse, and nothing would tell.
+    let around = "around: SplatPanorama(splats: \"demo.splats\", at: \"pose\", width_px: 32), \
+                  round: WriteImage(image: \"around.image\", path: \"around.png\")";
+    let text = GRAPH.replace(save, &format!("{save}, {around}"));
+    let text = text.replace("draft: (", "draft: (around: (width_px: 16),");
+    let mut beside = bench(engine, &text);
+    let turned = |bench: &Bench<'_>, node: &str| bench.tunables.iter().any(|tunable| tunable.node == node);
+    assert!(turned(&beside, "around"));
+    beside.leave_out_resized().unwrap();
+    assert!(!turned(&beside, "around") && turned(&beside, "view") && beside.points.is_empty());
+    assert_eq!(beside.unjudged, ["around.image"]);
+    let reference = beside.preset(3);
+    let at = measured(&mut beside, reference).unwrap();
+    assert!(beside.points[at].nodes.iter().all(|node| node.id != "around"), "nor does it cost");
     let layers = GRAPH.replace(save, "save: WriteExr(layers: [\"final\"], path: \"final.exr\")");
     let mut layers = bench(engine, &layers);
     let assignment = layers.preset(3);
