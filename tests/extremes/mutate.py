@@ -70,7 +70,7 @@ def target_of(test):
 
 def build(copy, crate, which):
     """The program with a set of tests."""
-    command = [*CARGO, "test", "--release", "--no-run", "--message-format=json", "-p", f"lightharmony-{crate}", *which]
+    command = [*CARGO, "test", "--release", "--no-run", "--message-format=json-render-diagnostics", "-p", f"lightharmony-{crate}", *which]
     done = subprocess.run(command, cwd=copy, stdout=subprocess.PIPE, text=True, check=True)
     made = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
     [program] = [message["executable"] for message in made if message.get("executable")]
