@@ -64,6 +64,15 @@ impl SurfacePoint<'_> {
         Vec3::from_array(map.factor) * Vec3::new(r, g, b)
     }
 
+    /// How many texels of a texture the triangle is across: the square root of those of a parallelogram over two of its sides.
+    pub fn texels(&self, texture: TextureRef) -> f32 {
+        let [a, b, c] = self.coordinates(texture.uv_set);
+        let scale = texture.transform.map_or(1.0, |t| (t.scale[0] * t.scale[1]).abs());
+        let all = self.object.textures.get(texture.texture as usize);
+        let all = all.map_or(0.0, |image| image.width as f32 * image.height as f32);
+        ((b - a).perp_dot(c - a).abs() * scale * all).sqrt()
+    }
+
     /// A texture at this point, colours decoded; white where there is none.
     pub fn texture(&self, texture: Option<TextureRef>, texels: Texels) -> [f32; 4] {
         let [r, g, b, alpha] = self.weighed(texture, texels);

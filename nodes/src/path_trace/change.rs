@@ -8,16 +8,18 @@ use glam::Vec3;
 
 use super::bsdf::Lobe;
 use super::environment::DrawnDirection;
-use super::integrator::{Integrator, PAIRS, PathState, Vertex};
+use super::integrator::{Integrator, PAIRS, PathState, Scene, Vertex};
 use super::light_distribution::Cone;
 use super::receiver::Surface;
+use super::visibility::Block;
 use crate::bvh::{Hit, Ray};
+use crate::color::luminance;
 use crate::sampling::{Points, circle, hash, unit};
 
 /// First of the pairs of dimensions for rays to the objects: direction, whether one is sent, and whether the
 /// sample asks for a change at all.
 const TOWARDS: u32 = 1 << 17;
-/// Rays to the objects for each steradian in which they are seen.
+/// Rays to the objects for each steradian in which they are seen and shine no more than the sky does.
 const RAYS: f32 = 1.0;
 
 /// Where the objects are for the first vertex.
@@ -31,6 +33,8 @@ pub struct ChangeSampling<'a> {
     pub start: Vec3,
     /// The box around them.
     pub objects: [Vec3; 2],
+    /// See [`rays_towards`].
+    pub rays: f32,
     /// Added to the start of rays to them: see [`super::contact`].
     pub lift: Vec3,
 }
@@ -47,7 +51,7 @@ impl Integrator<'_> {
     /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
-            self.paired_estimate(hit, ray, sampling.lift)
+            self.paired_estimate(hit, ray, sampling)
         } else if asks(&self.points, sampling.probability) {
             self.separate_estimate(hit, sampling) / sampling.probability
         } else {
@@ -60,6 +64,7 @@ impl Integrator<'_> {
         let (sky, rules) = (self.scene.sky, self.scene.rules);
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let mut lift = sampling.lift;
+        let lamps_in_it = !self.scene.objects.emitters.is_empty();
         for bounce in 0..=rules.max_bounces {
             let surface = self.receiver_surface(&hit, lift);
             let surface = Surface { media: [self.around(surface.upright(lift)); 2], ..surface };
@@ -82,33 +87,33 @@ impl Integrator<'_> {
             light -= rules.clamped(bounce, throughput * taken);
 
             // Light that they give: their own, by samples of it,
-            let lamps = self.sample_emitters(&surface, key ^ 2, bounce);
+            let towards = match (first, &surface.cover) {
+                (true, None) => Towards::of(sampling),
+                (true, Some(_)) => Towards::NOWHERE,
+                (false, _) => self.towards_lamps(&surface),
+            };
+            let lamps = self.sample_emitters(&surface, key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
 
             // and what they scatter, by rays to where they are
-            let cone = match first && self.scene.objects.emitters.is_empty() && surface.cover.is_none() {
-                true => Cone::between([sampling.start; 2], sampling.objects),
-                false => Cone::ALL,
-            };
-            let cone_pdf = cone_pdf(&cone);
-            if cone_pdf > 0.0 && unit(self.points.bits(TOWARDS + 1)[0]) < cone_pdf * cone.solid_angle() {
-                let ray = towards(&cone, self.points.pair(TOWARDS));
+            let points = branch(self.points, bounce);
+            if let Some(ray) = towards.ray(&points) {
                 let seen = surface.bsdf.eval(ray)[Lobe::Diffuse as usize];
                 if seen.pdf > 0.0 {
-                    let throughput = throughput * seen.value / (seen.pdf + cone_pdf);
-                    let points = self.points;
-                    self.points = points.branch(TOWARDS);
-                    light += self.difference(&surface, lift, ray, (throughput, seen.pdf), key ^ 3, bounce).0;
-                    self.points = points;
+                    let pdf = seen.pdf + towards.pdf;
+                    let share = if lamps_in_it { seen.pdf / pdf } else { 1.0 };
+                    let how = (throughput * seen.value / pdf, share, pdf);
+                    let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
+                    light += self.difference(&surface, lift, ray, how, key ^ 3, bounce).0;
+                    self.points = own;
                 }
             }
 
             // and by rays in all directions, which find how the rest of the receiver changes too.
             let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
-            let inside = cone_pdf > 0.0 && ray.dot(cone.axis) >= cone.cosine;
-            let scatter_weight = scatter.value / scatter.pdf;
-            let mis_weight = if inside { scatter.pdf / (scatter.pdf + cone_pdf) } else { 1.0 };
-            let how = (throughput * scatter_weight * mis_weight, scatter.pdf);
+            let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
+            let own = if lamps_in_it { share } else { 1.0 };
+            let how = (throughput * scatter_weight * share, own, scatter.pdf + towards.pdf(ray));
             let (change, landed) = self.difference(&surface, lift, ray, how, key ^ 1, bounce);
             light += change;
             if !rules.visibility(Lobe::Diffuse).lands
@@ -119,12 +124,12 @@ impl Integrator<'_> {
                     let end = Vertex::Receiver(unlit);
                     let (passed, media) =
                         self.along(way, key ^ 1, Lobe::Diffuse, Some(&end), surface.medium(ray));
-                    let throughput = throughput * scatter_weight * passed;
+                    let throughput = (throughput * scatter_weight * passed, 1.0);
                     light += self.lamps_beyond(Some(unlit), ray, bounce, throughput, media);
                 }
             }
             let Some(next) = landed else { break };
-            let Some(left) = self.russian_roulette(bounce, throughput * scatter_weight) else { break };
+            let Some(left) = self.russian_roulette(bounce, throughput * scatter_weight, 1.0) else { break };
             (hit, throughput, lift) = (next, left, Vec3::ZERO);
         }
         light
@@ -132,14 +137,65 @@ impl Integrator<'_> {
 
     /// The same by whole paths with and without the objects, which share their random numbers: where the
     /// receiver is the light, objects also take from what its places give.
-    fn paired_estimate(&mut self, hit: Hit, ray: Ray, lift: Vec3) -> Vec3 {
-        self.lift = lift;
+    fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
+        self.lift = sampling.lift;
+        if !self.scene.objects.emitters.is_empty() {
+            self.towards = Towards::of(sampling);
+        }
         let with = self.radiance(Vertex::Receiver(hit), ray);
         if !self.touched {
             return Vec3::ZERO;
         }
         self.objects = false;
         with - self.radiance(Vertex::Receiver(hit), ray)
+    }
+
+    /// Rays from a later vertex on the receiver to where the objects are, if these shine: see [`Integrator::towards`].
+    pub(super) fn towards_lamps(&self, surface: &Surface) -> Towards {
+        let objects = self.scene.objects;
+        match objects.bvh.bounds() {
+            Some(bounds) if !objects.emitters.is_empty() && surface.cover.is_none() => {
+                let cone = Cone::between([surface.position; 2], bounds.into());
+                Towards::within(cone, rays_towards(&self.scene))
+            }
+            _ => Towards::NOWHERE,
+        }
+    }
+
+    /// What the objects send along a ray to where they are to a vertex on the receiver, after some bounces; that goes on
+    /// by `onwards`.
+    pub(super) fn sent(
+        &mut self,
+        (surface, lift): (&Surface, Vec3),
+        towards: &Towards,
+        (throughput, share, bounce): (Vec3, f32, u32),
+        key: u32,
+        onwards: fn(&mut Self, Vertex, PathState) -> Vec3,
+    ) -> Vec3 {
+        let points = branch(self.points, bounce);
+        let Some(direction) = towards.ray(&points) else { return Vec3::ZERO };
+        let seen = surface.bsdf.eval(direction)[Lobe::Diffuse as usize];
+        if seen.pdf <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let (ray, to_objects) = (surface.ray_to_receiver(direction), surface.ray_to_objects(direction, lift));
+        let Some(vertex) = self.object(to_objects, key, Lobe::Diffuse) else { return Vec3::ZERO };
+        let Some(hit) = vertex.on_object().copied() else { return Vec3::ZERO };
+        let before = Ray { t_max: self.scene.objects.reach(&hit, direction), ..ray };
+        if !self.passes(Block::Solid, before) {
+            return Vec3::ZERO;
+        }
+        let (passed, media) =
+            self.along(to_objects, key, Lobe::Diffuse, Some(&vertex), surface.medium(direction));
+        let pdf = seen.pdf + towards.pdf;
+        let throughput = throughput * passed * seen.value / pdf;
+        let mis_weight = self.mis_weight(&hit, ray, pdf);
+        let share = share * seen.pdf / pdf;
+        let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight, media };
+        let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
+        let light = onwards(self, vertex, state);
+        self.points = own;
+        light
     }
 
     /// What the objects take of the light that a light sample brings. How much that is asked last, since most
@@ -167,7 +223,7 @@ impl Integrator<'_> {
         surface: &Surface,
         lift: Vec3,
         direction: Vec3,
-        (throughput, pdf): (Vec3, f32),
+        (throughput, share, pdf): (Vec3, f32, f32),
         key: u32,
         bounce: u32,
     ) -> (Vec3, Option<Hit>) {
@@ -188,7 +244,7 @@ impl Integrator<'_> {
         if object.is_none() && passed == Vec3::ONE {
             return (Vec3::ZERO, landed);
         }
-        let way = PathState { direction, bounce: bounce + 1, throughput, mis_weight: 1.0, media };
+        let way = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
         let mut change = Vec3::ZERO;
         if let Some(vertex) = found {
             let mis_weight = match vertex {
@@ -212,19 +268,72 @@ impl Integrator<'_> {
     }
 }
 
-/// Density of rays to the objects: so many a steradian, at most one in all; 0 where they may be anywhere.
-fn cone_pdf(cone: &Cone) -> f32 {
-    if cone.cosine > 0.0 { RAYS.min(1.0 / cone.solid_angle()) } else { 0.0 }
+/// Rays to the objects for each steradian in which they are seen: more where they shine, by how much brighter the box
+/// around them is for it, on the mean, than the sky. A lamp under a shade has one for each sample.
+pub fn rays_towards(scene: &Scene<'_>) -> f32 {
+    let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
+    let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };
+    let [x, y, z] = (high - low).as_dvec3().to_array();
+    let own = power / (2.0 * (x * y + y * z + z * x));
+    let sky = f64::from(luminance(scene.sky.power.map(|v| v as f32))) / (4.0 * std::f64::consts::PI);
+    RAYS * (1.0 + own / sky) as f32
 }
 
-/// A direction in a cone, uniform over its solid angle.
-fn towards(cone: &Cone, [u, v]: [f32; 2]) -> Vec3 {
-    let (sin, cos) = circle(u);
-    // From the axis up, so that narrow cones keep their precision.
-    let below = v * (1.0 - cone.cosine);
-    let radius = (below * (2.0 - below)).max(0.0).sqrt();
-    let local = Vec3::new(radius * cos, radius * sin, 1.0 - below);
-    super::bsdf::Frame::around(cone.axis).from(local)
+/// The points of rays to the objects after some bounces.
+fn branch(points: Points, bounce: u32) -> Points {
+    if bounce == 0 { points } else { points.branch(TOWARDS + bounce) }
+}
+
+/// Rays to where the objects are: none, or at most one, uniform over a cone.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Towards {
+    cone: Cone,
+    /// Density within the cone, by solid angle: of all that are sent, fewer than one on average; 0 where none is.
+    pdf: f32,
+}
+
+impl Towards {
+    /// None, as where the objects may be anywhere.
+    pub(super) const NOWHERE: Self = Self { cone: Cone::ALL, pdf: 0.0 };
+
+    /// From a first vertex.
+    fn of(sampling: &ChangeSampling<'_>) -> Self {
+        Self::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
+    }
+
+    /// So many a steradian, at most one in all.
+    fn within(cone: Cone, rays: f32) -> Self {
+        let pdf = if cone.cosine > 0.0 { rays.min(1.0 / cone.solid_angle()) } else { 0.0 };
+        Self { cone, pdf }
+    }
+
+    /// The density of a direction.
+    pub(super) fn pdf(&self, direction: Vec3) -> f32 {
+        let inside = self.pdf > 0.0 && direction.dot(self.cone.axis) >= self.cone.cosine;
+        if inside { self.pdf } else { 0.0 }
+    }
+
+    /// The share of other scattered rays of some density in what both find (Veach 1997, balance heuristic).
+    pub(super) fn share(&self, direction: Vec3, pdf: f32) -> f32 {
+        let own = self.pdf(direction);
+        if own > 0.0 { pdf / (pdf + own) } else { 1.0 }
+    }
+
+    /// The direction of the ray of a sample, if it sends one.
+    fn ray(&self, points: &Points) -> Option<Vec3> {
+        let sends = self.pdf > 0.0 && unit(points.bits(TOWARDS + 1)[0]) < self.pdf * self.cone.solid_angle();
+        sends.then(|| self.direction(points.pair(TOWARDS)))
+    }
+
+    /// A direction, from two fractions.
+    fn direction(&self, [u, v]: [f32; 2]) -> Vec3 {
+        let (sin, cos) = circle(u);
+        // From the axis up, so that narrow cones keep their precision.
+        let below = v * (1.0 - self.cone.cosine);
+        let radius = (below * (2.0 - below)).max(0.0).sqrt();
+        let local = Vec3::new(radius * cos, radius * sin, 1.0 - below);
+        super::bsdf::Frame::around(self.cone.axis).from(local)
+    }
 }
 
 #[cfg(test)]
@@ -235,18 +344,19 @@ mod tests {
 
     /// Chi-square of rays to the objects against their density, by rings and sectors of the cone, and of how often one is
     /// sent.
-    /// Mutation: `below` to `v * below` in `towards`, or the lower bound of `RAYS` left out of `cone_pdf` (each seen red).
+    /// Mutation: `below` to `v * below` in `direction`, or the bound of `rays` left out of `within` (each seen red).
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {
         let axis = Vec3::new(0.48, -0.6, 0.64);
         for cosine in [0.1_f32, 0.7, 0.96, 1.0 - 1e-5] {
             let cone = Cone { axis, cosine };
+            let towards = Towards::within(cone, RAYS);
             let across = axis.any_orthonormal_vector();
             let (n, mut counts) = (100_000, vec![0.0; 12 * 12 + 1]);
             for i in 0..n {
                 let points = Points::new(stream(4, i, 0), 0);
-                let sent = unit(points.bits(TOWARDS + 1)[0]) < cone_pdf(&cone) * cone.solid_angle();
-                let ray = towards(&cone, points.pair(TOWARDS)).as_dvec3();
+                let sent = towards.ray(&points).is_some();
+                let ray = towards.direction(points.pair(TOWARDS)).as_dvec3();
                 assert!((ray.length() - 1.0).abs() < 1e-5);
                 // What is above 1 - cosine is taken from the chord, which keeps its digits.
                 let below = 0.5 * (ray - axis.as_dvec3()).length_squared() / f64::from(1.0 - cosine);
@@ -255,7 +365,7 @@ mod tests {
                 let [ring, sector] = [below, turns].map(|at| ((12.0 * at) as usize).min(11));
                 counts[if sent { ring * 12 + sector } else { 144 }] += 1.0;
             }
-            let sent = f64::from(cone_pdf(&cone) * cone.solid_angle());
+            let sent = f64::from(towards.pdf * cone.solid_angle());
             assert!(sent <= 1.0 + 1e-6);
             let mut expected = vec![f64::from(n) * sent / 144.0; 144];
             expected.push(f64::from(n) * (1.0 - sent).max(0.0));

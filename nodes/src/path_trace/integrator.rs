@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::bsdf::{Lobe, Scatter};
+use super::change::Towards;
 use super::environment::{Distributions, DrawnDirection, EnvironmentLight, LightSample, TIERS};
 use super::film::Rays;
 use super::light_draws::wanted;
@@ -105,6 +106,8 @@ pub struct Integrator<'a> {
     pub drawn: Option<&'a [DrawnDirection]>,
     /// Added to the start of rays to objects from the first vertex: see [`super::contact`].
     pub lift: Vec3,
+    /// Rays from the first vertex to where the objects are, beside others.
+    pub(super) towards: Towards,
     /// Width of the camera's ray for each unit of its length, for the textures of objects.
     pub spread: f32,
     /// Rays cast so far.
@@ -124,6 +127,8 @@ pub(super) struct PathState {
     pub bounce: u32,
     /// Throughput (beta): what of the light from the vertex comes to the eye.
     pub throughput: Vec3,
+    /// The share of the throughput that it has beside rays which find the same, so that it does not end the path.
+    pub share: f32,
     /// Weight of what the vertex emits, beside light samples of the one before.
     pub mis_weight: f32,
     /// What the ray was in at the vertex.
@@ -165,6 +170,7 @@ impl<'a> Integrator<'a> {
             distributions: None,
             drawn: None,
             lift: Vec3::ZERO,
+            towards: Towards::NOWHERE,
             spread: 0.0,
             rays: Rays::default(),
             touched: false,
@@ -277,8 +283,15 @@ impl<'a> Integrator<'a> {
         [straight, Vec3::ZERO]
     }
 
-    /// Light of the objects that a light sample brings to a surface. The receiver hides it like any body.
-    pub(super) fn sample_emitters(&mut self, surface: &Surface, key: u32, bounce: u32) -> Vec3 {
+    /// Light of the objects that a light sample brings to a surface, beside scattered rays and those `towards` the
+    /// objects. The receiver hides it like any body.
+    pub(super) fn sample_emitters(
+        &mut self,
+        surface: &Surface,
+        key: u32,
+        bounce: u32,
+        towards: &Towards,
+    ) -> Vec3 {
         let objects = self.scene.objects;
         if !self.objects || objects.emitters.is_empty() {
             return Vec3::ZERO;
@@ -294,23 +307,25 @@ impl<'a> Integrator<'a> {
         if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
             return Vec3::ZERO;
         }
-        let before = distance - objects.slack(&emitter.hit, direction);
-        let ray = Ray { t_max: before, ..surface.ray_to_receiver(direction) };
+        let way = emitter.way(surface.ray_to_receiver(direction).origin);
+        let ray = Ray { t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
         if !objects.accepts(&emitter.hit, key, false) || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
         self.touched = true;
-        let ray = Ray { t_max: distance, ..surface.ray_to_objects(direction, Vec3::ZERO) };
+        let ray = emitter.way(surface.ray_to_objects(direction, Vec3::ZERO).origin);
         let unshaded =
             self.object_transmittance(ray, key, Some(emitter.hit.triangle), surface.medium(direction));
-        let weighed = |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power_heuristic(pdf, s.pdf);
+        let also = towards.pdf(direction);
+        let weighed =
+            |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power_heuristic(pdf, s.pdf + also);
         let arrived: Vec3 = lobes.iter().zip(unshaded).map(weighed).sum();
-        arrived * objects.emission(&emitter.hit) / pdf
+        arrived * objects.emission(&emitter.hit, 0.0) / pdf
     }
 
     /// The MIS weight of what shines at a hit that a scattered ray of some density found.
     pub(super) fn mis_weight(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
-        let emitter_pdf = self.scene.objects.emitters.pdf(hit.triangle);
+        let emitter_pdf = self.scene.objects.emitters.pdf(hit);
         let before = hit.t - self.scene.objects.slack(hit, ray.direction);
         if emitter_pdf == 0.0 || !self.passes(Block::Solid, Ray { t_max: before, ..ray }) {
             // What is never sampled as a lamp shines in full, if at all.
@@ -467,7 +482,7 @@ impl<'a> Integrator<'a> {
         }
         self.path_radiance(
             first,
-            PathState { direction: ray.direction, bounce: 0, throughput, mis_weight: 1.0, media },
+            PathState { direction: ray.direction, bounce: 0, throughput, share: 1.0, mis_weight: 1.0, media },
         )
     }
 
@@ -475,7 +490,7 @@ impl<'a> Integrator<'a> {
     pub(super) fn path_radiance(&mut self, mut vertex: Vertex, state: PathState) -> Vec3 {
         let Scene { sky, rules, .. } = self.scene;
         let near = self.scene.near();
-        let PathState { bounce: start, mut throughput, mut mis_weight, mut media, .. } = state;
+        let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;
         // How wide the ray is at the vertex, and how fast it widens.
         let (mut width, mut spread) = (0.0, if start == 0 { self.spread } else { BLUR });
         let (mut out, mut light) = (-state.direction, Vec3::ZERO);
@@ -534,8 +549,19 @@ impl<'a> Integrator<'a> {
             }
             light += rules.clamped(bounce, throughput * lit);
 
-            let lamps = self.sample_emitters(&surface, key ^ 2, bounce);
+            let towards = match first && self.objects && surface.cover.is_none() {
+                true => self.towards,
+                false => Towards::NOWHERE,
+            };
+            let lamps = self.sample_emitters(&surface, key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
+            light += self.sent(
+                (&surface, lift),
+                &towards,
+                (throughput, share, bounce),
+                key ^ 3,
+                Self::path_radiance,
+            );
 
             // Scattering. Light samples bring a matte surface all light of a sky that is far, so from there a ray
             // looks for surfaces only.
@@ -582,7 +608,13 @@ impl<'a> Integrator<'a> {
                     let arrived = arriving.0.radiance
                         * power_heuristic(scatter.pdf, near_lights as f32 * arriving.0.pdf);
                     light += rules.clamped(bounce, throughput * scatter_weight * dimming * arrived);
-                    light += self.lamps_beyond(landed, direction, bounce, throughput * scatter_weight, media);
+                    light += self.lamps_beyond(
+                        landed,
+                        direction,
+                        bounce,
+                        (throughput * scatter_weight, share),
+                        media,
+                    );
                     break;
                 }
             } else if object.is_none() && to_sky {
@@ -600,12 +632,17 @@ impl<'a> Integrator<'a> {
             }
             if !visibility.lands && object.is_none() {
                 let unlit = self.unlit(ray);
-                light += self.lamps_beyond(unlit, direction, bounce, throughput * scatter_weight, media);
+                light +=
+                    self.lamps_beyond(unlit, direction, bounce, (throughput * scatter_weight, share), media);
             }
             let Some(next) = found else { break };
             vertex = next;
             mis_weight = match vertex {
-                Vertex::Object(hit) | Vertex::Straight(hit) => self.mis_weight(&hit, ray, scatter.pdf),
+                Vertex::Object(hit) | Vertex::Straight(hit) => {
+                    let own = towards.share(direction, scatter.pdf);
+                    (throughput, share) = (throughput * own, share * own);
+                    self.mis_weight(&hit, ray, scatter.pdf + towards.pdf(direction))
+                }
                 Vertex::Receiver(_) => 1.0,
             };
             throughput *= scatter_weight;
@@ -613,18 +650,19 @@ impl<'a> Integrator<'a> {
             if lobe == Lobe::Diffuse {
                 spread = f32::max(spread, BLUR);
             }
-            let Some(left) = self.russian_roulette(bounce, throughput) else { break };
+            let Some(left) = self.russian_roulette(bounce, throughput, share) else { break };
             throughput = left;
         }
         light
     }
 
-    /// The throughput of a path after some bounces if it goes on, by Russian roulette; those that bring little may end at random.
-    pub(super) fn russian_roulette(&self, bounce: u32, throughput: Vec3) -> Option<Vec3> {
+    /// The throughput of a path after some bounces if it goes on, by Russian roulette; those that bring little may end at random,
+    /// but for a share that says nothing of that: see [`PathState::share`].
+    pub(super) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
         if bounce + 1 < ROULETTE_FROM {
             return Some(throughput);
         }
-        let survival = throughput.max_element().clamp(0.05, 0.95);
+        let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
         (unit(self.points.bits(1 + bounce * PAIRS + 3)[0]) < survival).then(|| throughput / survival)
     }
 }

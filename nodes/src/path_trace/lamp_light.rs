@@ -6,6 +6,7 @@
 
 use glam::Vec3;
 
+use super::change::Towards;
 use super::integrator::{Integrator, PAIRS, PathState, Vertex};
 use crate::bvh::{Hit, Ray};
 use crate::sampling::hash;
@@ -26,22 +27,22 @@ impl Integrator<'_> {
         landed: Option<Hit>,
         direction: Vec3,
         bounce: u32,
-        throughput: Vec3,
+        (throughput, share): (Vec3, f32),
         media: super::media::Media,
     ) -> Vec3 {
         let Some(hit) = landed.filter(|_| bounce < self.scene.rules.max_bounces) else { return Vec3::ZERO };
         if !self.objects || self.scene.objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
-        let state = PathState { direction, bounce: bounce + 1, throughput, mis_weight: 1.0, media };
-        self.lamp_radiance(Vertex::Receiver(hit), state)
+        let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
+        self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
     /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the
-    /// receiver is solid.
-    fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState) -> Vec3 {
+    /// receiver is solid. Where it `sends` them, rays from the receiver to the objects find what lies around lamps.
+    fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState, sends: bool) -> Vec3 {
         let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
-        let PathState { bounce: start, mut throughput, mut mis_weight, mut media, .. } = state;
+        let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;
         let (mut out, mut light) = (-state.direction, Vec3::ZERO);
         for bounce in start..=rules.max_bounces + 1 {
             let surface = self.surface(&vertex, (out, 0.0), Vec3::ZERO, media);
@@ -51,8 +52,15 @@ impl Integrator<'_> {
             }
             let pair = 1 + bounce * PAIRS;
             let key = hash(self.key, pair);
-            let lamps = self.sample_emitters(&surface, key ^ 2, bounce);
+            let towards = match vertex {
+                Vertex::Receiver(_) if sends => self.towards_lamps(&surface),
+                _ => Towards::NOWHERE,
+            };
+            let lamps = self.sample_emitters(&surface, key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
+            let onwards = |own: &mut Self, vertex, state| own.lamp_radiance(vertex, state, false);
+            let start = (&surface, Vec3::ZERO);
+            light += self.sent(start, &towards, (throughput, share, bounce), key ^ 3, onwards);
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let ray = surface.ray_to_receiver(direction);
             let to_objects = surface.ray_to_objects(direction, Vec3::ZERO);
@@ -67,12 +75,16 @@ impl Integrator<'_> {
             let passed;
             (passed, media) = self.along(to_objects, key ^ 1, lobe, Some(&found), surface.medium(direction));
             mis_weight = match found {
-                Vertex::Object(hit) | Vertex::Straight(hit) => self.mis_weight(&hit, ray, scatter.pdf),
+                Vertex::Object(hit) | Vertex::Straight(hit) => {
+                    let own = towards.share(direction, scatter.pdf);
+                    (throughput, share) = (throughput * own, share * own);
+                    self.mis_weight(&hit, ray, scatter.pdf + towards.pdf(direction))
+                }
                 Vertex::Receiver(_) => 1.0,
             };
             throughput *= passed * scatter.value / scatter.pdf;
             (vertex, out) = (found, -direction);
-            let Some(left) = self.russian_roulette(bounce, throughput) else { break };
+            let Some(left) = self.russian_roulette(bounce, throughput, share) else { break };
             throughput = left;
         }
         self.touched |= light != Vec3::ZERO;

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::attributes::SurfacePoint;
 use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
-use super::emitters::{EmitterSample, Emitters, mean_luminance};
+use super::emitters::{EmitterSample, Emitters};
 use super::media::{Body, Media};
 use super::mipmap::{Mipmap, Texels};
 use super::receiver::{Surface, geometry, margin};
@@ -101,7 +101,7 @@ impl Objects {
             every_lobe: false,
             bodies: Vec::new(),
             held: None,
-            emitters: Emitters::new(&[], |_| 0.0),
+            emitters: Emitters::new(&[], |_| 1, |_, _| Vec3::ZERO),
             touching: Touching::default(),
         };
         for (index, one) in placed.iter().enumerate() {
@@ -154,8 +154,9 @@ impl Objects {
         objects.lift_sheets();
         let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
         if shining {
-            let mean = |triangle| mean_luminance(triangle, |hit| objects.emission(hit));
-            objects.emitters = Emitters::new(&objects.corners, mean);
+            let emission = |hit: &Hit, width| objects.emission(hit, width);
+            objects.emitters =
+                Emitters::new(&objects.corners, |triangle| objects.lattice(triangle), emission);
         }
         Ok(objects)
     }
@@ -338,10 +339,21 @@ impl Objects {
         (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3()
     }
 
-    /// What shines at a hit.
-    pub fn emission(&self, hit: &Hit) -> Vec3 {
+    /// What shines at a hit, on the mean over a width as a share of the square root of twice the triangle's area.
+    pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
-        emission(&point, material)
+        emission(&SurfacePoint { width, ..point }, material)
+    }
+
+    /// Squares a side of the lattice by which the picture of what a triangle emits is looked at: of four texels, as a
+    /// rule, and at most 32.
+    fn lattice(&self, triangle: u32) -> u32 {
+        let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
+        let (_, material, point) = self.point(&hit);
+        let picture = if material.unlit { material.base_colour_texture } else { material.emissive_texture };
+        let texels = picture.map_or(0.0, |picture| point.texels(picture));
+        // What is not a number is 0.
+        ((texels / 4.0).ceil() as u32).clamp(1, 32)
     }
 
     /// A point that shines, from fractions; there must be some.

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::camera_rays::CameraRays;
-use super::change::{ChangeSampling, FIRST_LIGHTS, asks};
+use super::change::{ChangeSampling, FIRST_LIGHTS, asks, rays_towards};
 use super::crop::{Crop, TileBounds};
 use super::film::{Area, Rays, Sums, TileSums};
 use super::integrator::{Integrator, Scene, Vertex};
@@ -109,6 +109,7 @@ pub(super) fn trace_pair(
         return TileSums { cropped, ..trace_objects(scene, camera_rays, pixels, range, (area, r0)) };
     }
     let tile = Tile::new(scene, camera_rays, pixels, range);
+    let rays = rays_towards(&scene);
     let place = |s: &Sample| {
         let hit = s.hit?;
         let shift = shift(&scene, camera_rays, &hit, s.ray);
@@ -144,7 +145,7 @@ pub(super) fn trace_pair(
             let Some((start, hit, shift)) = landed else { continue };
             let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
             let lift = ray.direction * shift;
-            let reach = ChangeSampling { drawn, probability, start, objects: [low, high], lift };
+            let reach = ChangeSampling { drawn, probability, start, objects: [low, high], rays, lift };
             let light = integrator.change(hit, ray, &reach);
             sums_of_tile.rays += integrator.rays;
             touched |= light != Vec3::ZERO;

@@ -76,7 +76,11 @@ fn matte(albedo: f32) -> Material {
 
 /// A sphere of the given radius as a fine mesh with smooth normals.
 fn ball(radius: f32, material: Material, at: DVec3) -> Arc<Placed> {
-    let rings = 24;
+    fine_ball(radius, 24, material, at)
+}
+
+/// The same of so many rings of facets.
+fn fine_ball(radius: f32, rings: i32, material: Material, at: DVec3) -> Arc<Placed> {
     let mut primitive = Primitive::default();
     for i in 0..=rings {
         for j in 0..=2 * rings {

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::camera_rays::CameraRays;
+use super::change::rays_towards;
 use super::environment::TIERS;
 use super::integrator::Scene;
 use super::light_distribution::{Cone, LightDistribution};
@@ -102,8 +103,9 @@ impl<'a> Tile<'a> {
             ..4.0 => sky.lights[k].min(2),
             _ => sky.lights[k],
         });
-        // What scattered rays find: the share of them that can meet the objects.
-        let scattered = SAMPLES_WHERE_ALL_IS_HIDDEN * solid_angle / std::f64::consts::PI;
+        // What scattered rays find: the share of them that can meet the objects, the more where these shine.
+        let rays = f64::from(rays_towards(&self.scene));
+        let scattered = SAMPLES_WHERE_ALL_IS_HIDDEN * solid_angle / std::f64::consts::PI * rays;
         let most = wanted.into_iter().fold(scattered, f64::max);
         Some(TileSampling { distributions, lights, probability: (most as f32).clamp(LEAST_PROBABILITY, 1.0) })
     }

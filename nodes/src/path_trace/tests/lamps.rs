@@ -2,6 +2,7 @@
 //! environment's own.
 
 use super::*;
+use crate::types::{ColourMap, DiffuseTransmission, Map};
 
 /// The inside of a ball as a receiver.
 fn hollow(radius: f32) -> Mesh {
@@ -18,8 +19,7 @@ fn hollow(radius: f32) -> Mesh {
 fn light_of_a_lamp_goes_from_wall_to_wall() {
     let (radius, lamp, radiance) = (2.0, 0.2, 50.0);
     let walls = hollow(radius);
-    let shines = Material { emissive: [radiance; 3], ..matte(0.0) };
-    let objects = [ball(lamp, shines, DVec3::ZERO)];
+    let objects = [ball(lamp, shining(radiance), DVec3::ZERO)];
     let camera = rig(DVec3::new(0.9, 0.0, 0.0), DVec3::new(2.0, 0.3, 0.2), 12, 2.0);
     let mut env = constant(Up::PlusZ, [0.01; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.5, 0.3));
@@ -39,6 +39,155 @@ fn light_of_a_lamp_goes_from_wall_to_wall() {
         let added = mean(&out.with) - mean(&out.without);
         assert!((added / direct - 1.0).abs() < 0.03, "{name}, once: {added} for {direct}");
     }
+}
+
+fn shining(radiance: f32) -> Material {
+    Material { emissive: [radiance; 3], ..matte(0.0) }
+}
+
+/// The mean over the pixels of a square camera of what a place of the level z gives to its picture.
+fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f64) -> f64 {
+    let rig = rig(eye, DVec3::Z * z, size, focal);
+    let [camera] = &rig.cameras[..] else { panic!("one camera") };
+    let pose = DMat4::from_cols_array(&camera.world_from_camera);
+    let place = |i: u32| {
+        let [x, y] = [i % size, i / size].map(|k| f64::from(k) + 0.5);
+        let (x, y) = ((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy);
+        let way = pose.transform_vector3(DVec3::new(x, y, 1.0));
+        of(eye + way * ((z - eye.z) / way.z))
+    };
+    crate::num::ordered_sum((0..size * size).map(|i| place(i) as f32)) / f64::from(size * size)
+}
+
+/// The light of a glowing ball of fine facets on a floor and on a table, near and far from where coordinates start, in closed
+/// form: radiance albedo * L * (r / d)^2 * cos. What a facet sends must not be lost to the facets beside it.
+/// Mutation: `way` of a sample ends on the triangle, and is parallel to that from the surface (seen red).
+#[test]
+fn fine_lamps_shed_all_their_light() {
+    let (radiance, height) = (5e4, 1.0);
+    let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
+    env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
+    for (radius, rings, away, near_field) in [
+        (0.02, 48, 2.0, NearField::Off),
+        (0.02, 48, 7.0, NearField::Off),
+        (0.02, 48, 7.0, NearField::On),
+        (0.02, 48, 27.0, NearField::Off),
+        (0.01, 80, 7.0, NearField::Off),
+        (0.2, 96, 7.0, NearField::Off),
+    ] {
+        for table in [None, Some(0.3)] {
+            let z = table.unwrap_or(0.0);
+            let lamp = DVec3::Z * (z + height);
+            let mut objects = vec![fine_ball(radius, rings, shining(radiance), lamp)];
+            objects.extend(table.map(|z| placed(&plane(1.0), matte(0.5), DVec3::Z * z)));
+            let (eye, focal) = (DVec3::Z * z + DVec3::new(0.0, -0.8, 0.6) * away, away / 0.15);
+            let params = PathTrace { near_field, ..params(64, EnvBlock::Auto) };
+            let (out, _) = render(&params, &plane(30.0), &objects, &rig(eye, DVec3::Z * z, 24, focal), &env);
+            let found = match table {
+                None => mean(&out.with) - mean(&out.without),
+                Some(_) => covered(&out.object),
+            };
+            let expected = mean_over(eye, 24, focal, z, |place| {
+                let way = lamp - place;
+                let seen = f64::from(radius).powi(2) / way.length_squared();
+                0.5 * f64::from(radiance) * seen * way.z / way.length()
+            });
+            let name = format!("{radius} m, {rings} rings, {away} m away, {near_field:?}, {table:?}");
+            assert!((found / expected - 1.0).abs() < 0.01, "{name}: {}", found / expected);
+        }
+    }
+}
+
+/// A lamp in a globe of paper, which half of the light passes and half comes back from: outside the globe shines with L (r / R)^2
+/// times 0.5 + 0.25 + .., less what the lamp takes of what comes back, whether the receiver is the light or not. Rays of all directions
+/// seldom meet it; those sent to where it is do, so that every pixel is lit. Both count, and nothing twice.
+/// Mutation: `share` is 1, `pdf` left out of the weights of lamps, or no rays to objects that shine (each seen red).
+#[test]
+fn a_lamp_in_a_globe_lights_every_pixel() {
+    let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
+    let paper = DiffuseTransmission { strength: Map::of(0.5), colour: ColourMap::of(1.0) };
+    let paper = Material { diffuse_transmission: paper, ..matte(1.0) };
+    let middle = DVec3::Z;
+    let objects = [fine_ball(lamp, 48, shining(radiance), middle), fine_ball(globe, 48, paper, middle)];
+    let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
+    let camera = rig(eye, DVec3::ZERO, 24, focal);
+    let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
+    env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
+    // Of what comes back from the globe such a share meets the lamp, which is black.
+    let taken = f64::from(lamp / globe).powi(2);
+    let outside = f64::from(radiance) * taken * 0.5 / (1.0 - 0.5 * (1.0 - taken));
+    let expected = mean_over(eye, 24, focal, 0.0, |place| {
+        let way = middle - place;
+        0.5 * outside * f64::from(globe).powi(2) / way.length_squared() * way.z / way.length()
+    });
+    for near_field in [NearField::Off, NearField::On] {
+        let params = PathTrace { near_field, ..params(64, EnvBlock::Auto) };
+        let (out, _) = render(&params, &plane(30.0), &objects, &camera, &env);
+        let (with, pixels) = (mean(&out.with), samples(&out.with));
+        let found = with - mean(&out.without);
+        let square = pixels.iter().map(|&v| (f64::from(v) - with).powi(2)).sum::<f64>();
+        let spread = (square / pixels.len() as f64).sqrt() / found;
+        assert!(spread < 0.35, "{near_field:?}: pixels differ by {spread}");
+        let error = spread / f64::from(24 * 24).sqrt();
+        let off = found / expected - 1.0;
+        assert!(off.abs() < 4.0 * error, "{near_field:?}: {off} for an error of {error}");
+    }
+}
+
+/// A panel that is dark but for a lamp of 8 texels of 256 lights a floor by radiance * area * cos^2 / d^2 / pi * albedo, and the pixels are
+/// alike: light samples fall on the lamp, not on the panel. Before, none fell there.
+/// Mutation: lattices of one square, or of the width of nothing (each seen red).
+#[test]
+fn a_small_lamp_of_a_picture_is_a_lamp() {
+    use crate::types::{Sampler, Texture, TextureRef, Wrap};
+    let side = 256_u32;
+    let lit = |i: u32| (152..160).contains(&(i % side)) && (88..96).contains(&(i / side));
+    let texel = |i: u32| if lit(i) { [255; 4] } else { [0, 0, 0, 255] };
+    let texture = Texture { width: side, height: side, rgba: (0..side * side).flat_map(texel).collect() };
+    let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false };
+    let picture = TextureRef { texture: 0, uv_set: 0, sampler, transform: None };
+    let material = Material { emissive_texture: Some(picture), ..shining(5e4) };
+    let primitive = Primitive {
+        positions: vec![[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]],
+        uv0: vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Primitive::default()
+    };
+    let object = Object { primitives: vec![primitive], materials: vec![material], textures: vec![texture] };
+    let world_from_object = DMat4::from_translation(DVec3::Z);
+    let objects = [Arc::new(Placed { object: Arc::new(object), world_from_object })];
+    let lamp = DVec3::new(156.0 / 256.0 - 0.5, 0.5 - 92.0 / 256.0, 1.0);
+    let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
+    let camera = rig(eye, DVec3::ZERO, 16, focal);
+    let env = constant(Up::PlusZ, [1e-3; 3], 64);
+    let (out, _) = render(&params(64, EnvBlock::Auto), &plane(30.0), &objects, &camera, &env);
+    let found = mean(&out.with) - mean(&out.without);
+    let expected = mean_over(eye, 16, focal, 0.0, |place| {
+        let way = lamp - place;
+        let cosine = way.z / way.length();
+        0.5 / std::f64::consts::PI * 5e4 * (8.0_f64 / 256.0).powi(2) * cosine * cosine / way.length_squared()
+    });
+    assert!((found / expected - 1.0).abs() < 0.03, "{}", found / expected);
+    let off = |v: &f32| (f64::from(*v) / mean(&out.with) - 1.0).powi(2);
+    let spread = (samples(&out.with).iter().map(off).sum::<f64>() / (3.0 * 256.0)).sqrt();
+    assert!(spread < 0.4, "pixels differ by {spread}");
+}
+
+/// A lamp a tenth of a millimetre over a black sheet, 7 m from where coordinates start, sends nothing through it.
+#[test]
+fn what_lies_before_a_lamp_hides_it() {
+    let lamp = placed(&plane(0.1), shining(5e4), DVec3::Z * 1.0001);
+    let sheet = placed(&plane(0.11), matte(0.0), DVec3::Z);
+    let eye = DVec3::new(0.0, -5.6, 4.2);
+    let camera = rig(eye, DVec3::ZERO, 16, 40.0);
+    let added = |objects: &[Arc<Placed>]| {
+        let env = constant(Up::PlusZ, [1e-3; 3], 64);
+        let (out, _) = render(&params(16, EnvBlock::Auto), &plane(30.0), objects, &camera, &env);
+        mean(&out.with) - mean(&out.without)
+    };
+    let open = added(std::slice::from_ref(&lamp));
+    let hidden = added(&[lamp, sheet]);
+    assert!(hidden.abs() < 1e-6 * open, "{hidden} of {open}");
 }
 
 /// An object that stands on another one stands.

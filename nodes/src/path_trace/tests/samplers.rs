@@ -71,7 +71,7 @@ fn russian_roulette_keeps_what_paths_bring() {
         let throughput = Vec3::new(0.25, 1.0, 0.5) * throughput;
         let left = |i: u32, bounce: u32| {
             let points = Points::new(stream(6, i, 0), 0);
-            Integrator::new(scene, points, 0, false).russian_roulette(bounce, throughput)
+            Integrator::new(scene, points, 0, false).russian_roulette(bounce, throughput, 1.0)
         };
         expect_share("survival", survival, |i| left(i, 3).is_some());
         for i in 0..100 {
