@@ -34,7 +34,7 @@ engine::inputs! {
         /// Light that the objects give to the background, or take where it is negative; by `shadow-ratio`.
         added: Option<Arc<Images>>,
         /// What of the background lies in front of the objects, premultiplied, with alpha: a `splat-render` with
-        /// `limit: "trace.depth"`. It is laid over them and their shadow; a mesh in front has cut their alpha already.
+        /// `limit: "trace.nearest"`. It is laid over them and their shadow; a mesh in front has cut their alpha already.
         front: Option<Arc<Images>>,
         /// Variance of the trace that the object and the shadow come from, as `path-trace` gives it, for `error`.
         variance: Option<Arc<Images>>,

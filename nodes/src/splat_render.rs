@@ -30,7 +30,7 @@ engine::inputs! {
         splats: Arc<Splats>,
         /// The cameras.
         rig: Arc<Rig>,
-        /// Planar depth of a surface in front for each view, as `path-trace.depth` gives it: splats at or
+        /// Planar depth of a surface in front for each view, as `path-trace.nearest` gives it: splats at or
         /// beyond it, or nearer to it than `limit_sigmas`, are left out. 0 and +inf are no surface.
         limit: Option<Arc<Images>>,
     }

@@ -14,6 +14,7 @@ const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
 pub(super) struct FinishedView {
     pub(super) images: [Image<Linear>; 3],
     pub(super) depth: Image<Data>,
+    pub(super) nearest: Image<Data>,
     pub(super) normal: Image<Data>,
     pub(super) variance: Image<Data>,
     pub(super) row: Vec<Cell>,
@@ -183,7 +184,8 @@ pub(super) fn finish(
 ) -> FinishedView {
     let (width, height) = (camera.width_px as usize, camera.height_px as usize);
     let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
-    let [mut depth, mut normal, mut variance] = [1, 3, 4].map(|channels| Image::new(width, height, channels));
+    let [mut depth, mut nearest, mut normal, mut variance] =
+        [1, 1, 3, 4].map(|channels| Image::new(width, height, channels));
     let (mut means, mut errors, mut beyond, mut told_any) = ([0.0; 3], [0.0; 3], 0, false);
     for (x, y) in Area::whole(camera).each() {
         let index = accumulator.whole.index((x / coarse_px, y / coarse_px));
@@ -212,7 +214,8 @@ pub(super) fn finish(
         told_any |= n > 1.0;
         let values = &front.sums[index * FIRST_HIT..(index + 1) * FIRST_HIT];
         depth.pixel_mut(x, y)[0] = values[0];
-        normal.pixel_mut(x, y).copy_from_slice(&values[1..]);
+        nearest.pixel_mut(x, y)[0] = values[1];
+        normal.pixel_mut(x, y).copy_from_slice(&values[2..]);
     }
     let all = (width * height).max(1) as f64;
     let mut rays = accumulator.rays;
@@ -231,6 +234,7 @@ pub(super) fn finish(
     FinishedView {
         images,
         depth,
+        nearest,
         normal,
         variance,
         row,

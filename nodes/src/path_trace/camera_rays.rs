@@ -83,12 +83,16 @@ impl<'a> CameraRays<'a> {
         let (Some(objects), Some(first), Some(last)) = (objects, blocks.first(), blocks.last()) else {
             return false;
         };
-        let (first, last) = (self.pixel(*first), self.pixel(*last));
+        self.cone(*first, *last).meets(&Cone::between([self.eye; 2], objects))
+    }
+
+    /// The directions through the pixels of some blocks, given by the first and the last.
+    pub(super) fn cone(&self, first: (u32, u32), last: (u32, u32)) -> Cone {
+        let (first, last) = (self.pixel(first), self.pixel(last));
         let [left, top] = [first.0, first.1].map(f64::from);
         let [right, bottom] = [last.0 + 1, last.1 + 1].map(f64::from);
         let corners = [(left, top), (right, top), (left, bottom), (right, bottom)];
-        let through = Cone::around(corners.map(|(x, y)| self.through(x, y).direction).into_iter());
-        through.meets(&Cone::between([self.eye; 2], objects))
+        Cone::around(corners.map(|(x, y)| self.through(x, y).direction).into_iter())
     }
 
     /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel, a box filter.

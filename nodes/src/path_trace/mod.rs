@@ -137,8 +137,12 @@ engine::outputs! {
         with: Arc<Images>,
         /// The objects: linear, premultiplied, alpha.
         object: Arc<Images>,
-        /// Planar depth of what is in front, object or receiver, at the centre of each pixel; +inf for none.
+        /// Planar depth of what is in front, object or receiver, at the centre of each pixel; +inf for none. Of
+        /// what is blended, where it covers more than half.
         depth: Arc<Images>,
+        /// Planar depth of the nearest of the objects that is seen anywhere in the pixel, however little it covers; where
+        /// there is none, `depth`. For `splat-render(limit:)`: what lies before it is in front of the objects.
+        nearest: Arc<Images>,
         /// Unit normal of the same point in world axes, towards the camera; 0 for none.
         normal: Arc<Images>,
         /// Variance of the mean over samples: of the luminance of `without`, `with` and `object`, and of the ratio
@@ -163,8 +167,8 @@ const R0: usize = 4;
 /// Sums a pixel of the part `pair`: RGB of R1 and the root of that of the squared luminance of R1 - R0; RGB, alpha and
 /// the root of that of the squared luminance of O.
 const PAIR: usize = 9;
-/// Values a pixel of the part `front`: depth, normal.
-const FIRST_HIT: usize = 4;
+/// Values a pixel of the part `front`: depth, that of the nearest object, normal.
+const FIRST_HIT: usize = 5;
 
 /// Bytes that parts store of a pixel and chunk: 53.
 const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
@@ -210,7 +214,7 @@ impl Kind for PathTrace {
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
         // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
-        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 19 * 4) as u64;
+        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 20 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
         Cost { bytes: pixels * pixel_bytes + scene + sky }
@@ -289,7 +293,9 @@ impl Kind for PathTrace {
         let (ground, measured) =
             Ground::measure(prepared.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
         let carried = objects.carried(&inputs.objects, origin, up, metre);
-        report_contact(&measured, &carried, cx.metres_per_unit(), &mut notes);
+        let tall: Vec<f64> =
+            objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
+        report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
         objects.touching = Touching::of(&objects, prepared.receiver(), &ground);
         let contact = (up.to_array(), params.contact_metres);
         let limit = (params.crop > 0.0).then_some(params.crop);
@@ -351,7 +357,7 @@ impl Kind for PathTrace {
             let more = |accumulator: &mut Accumulator, area, range| take(accumulator, area, range, &|| ());
             let blocks = |done: f32| progress(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
-            let part = Part { name: "front", version: 6, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 7, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
                 let scene = scene();
                 Sums::trace(cx, whole, FIRST_HIT, || (), |_, tile| trace_first_hit(scene, &camera_rays, tile))

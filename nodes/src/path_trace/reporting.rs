@@ -105,10 +105,12 @@ pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
     }
 }
 
-/// Tells how far the mesh misses the bases of objects that stand on it.
+/// Tells how far the mesh misses the bases of objects that stand on it, and of those that do not how far they are off, or how
+/// deep they stand in it. Objects reach so far up from their bases, in world units.
 pub(super) fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
+    tall: &[f64],
     metres_per_unit: f64,
     notes: &mut Notes,
 ) {
@@ -119,8 +121,13 @@ pub(super) fn report_contact(
         measured.iter().enumerate().filter_map(|(index, measured)| Some((index, (*measured)?)))
     {
         if !near(&level) && !carried[index] {
-            let (off, side) =
-                (millimetres(level.height.abs()), if level.height > 0.0 { "below" } else { "above" });
+            let off = millimetres(level.height.abs());
+            if level.height > 0.0 && level.height < tall[index] {
+                let text = format!("object {index} reaches {off:.0} mm into the receiver");
+                notes.decision("in-the-ground", format!("{text}; `snap` puts it on the mesh"));
+                continue;
+            }
+            let side = if level.height > 0.0 { "below" } else { "above" };
             let text = format!(
                 "object {index} stands {off:.0} mm {side} the receiver, so its shadow does not meet it"
             );
@@ -250,7 +257,7 @@ pub(super) fn assemble(
     centre: DVec3,
     crop: String,
 ) -> Out {
-    let mut sets: [Vec<NamedImage>; 6] = Default::default();
+    let mut sets: [Vec<NamedImage>; 7] = Default::default();
     let mut rows = Vec::with_capacity(views.len());
     let mut plans = Vec::new();
     let mut rays = Rays::default();
@@ -261,6 +268,7 @@ pub(super) fn assemble(
             with.into(),
             object.into(),
             view.depth.into(),
+            view.nearest.into(),
             view.normal.into(),
             view.variance.into(),
         ];
@@ -345,6 +353,6 @@ pub(super) fn assemble(
             rows: plans,
         });
     }
-    let [without, with, object, depth, normal, variance] = sets.map(|set| Arc::new(Images(set)));
-    Out { without, with, object, depth, normal, variance, report: Arc::new(report) }
+    let [without, with, object, depth, nearest, normal, variance] = sets.map(|set| Arc::new(Images(set)));
+    Out { without, with, object, depth, nearest, normal, variance, report: Arc::new(report) }
 }

@@ -126,3 +126,48 @@ fn a_shadow_alone_is_the_shadow() {
     // The ground is what is seen.
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
+
+/// Rods a third of a pixel wide, and a pane of which a third is seen: `nearest` is theirs wherever any of the pixel shows
+/// them, as its first 16 samples tell, and else `depth`, which is that of most of what is at the centre.
+/// Mutation: `PLACES` is 1, `share` of the nearest is 0.5 (each seen red).
+#[test]
+fn nearest_is_what_shows_anywhere_in_a_pixel() {
+    let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);
+    let rods: Vec<_> =
+        (0..7).map(|i| placed(&rod, matte(0.5), DVec3::X * (0.137 * f64::from(i) - 0.5))).collect();
+    let sheet = Mesh {
+        positions: vec![[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, 1.0], [-0.5, 0.0, 1.0]],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    };
+    let glimpse = Material {
+        base_colour: [0.5, 0.5, 0.5, 0.3],
+        alpha_mode: crate::types::AlphaMode::Blend,
+        ..matte(0.5)
+    };
+    let camera = rig(DVec3::new(0.0, -4.0, 2.0), DVec3::new(0.0, 0.0, 0.5), 32, 4.0);
+    let one = |images: &Images, i: usize| samples(images)[i];
+    for (name, objects) in [("rods", rods), ("pane", vec![placed(&sheet, glimpse, DVec3::ZERO)])] {
+        let go =
+            |objects: &[_]| render(&params(16, EnvBlock::Auto), &plane(4.0), objects, &camera, &white()).0;
+        let (out, bare) = (go(&objects), go(&[]));
+        let (mut shown, mut missed) = (0, 0);
+        for i in 0..32 * 32 {
+            let [depth, nearest, ground] = [&out.depth, &out.nearest, &bare.depth].map(|z| one(z, i));
+            assert_eq!(ground, one(&bare.nearest, i));
+            if samples(&out.object)[4 * i + 3] > 0.0 {
+                shown += 1;
+                missed += u32::from(depth == ground);
+                // The plane of the objects, seen along the camera's axis: 4 m aside and 0.5 to 2 m below.
+                assert!((3.85..4.5).contains(&nearest), "{name}, {i}: {nearest}");
+                assert!(nearest <= ground + 1e-5, "{name}, {i}: {nearest} {ground}");
+            } else if name == "rods" {
+                assert_eq!(nearest, depth, "{i}");
+            }
+        }
+        assert!(
+            shown > 100 && 3 * missed > shown,
+            "{name}: {missed} of {shown} have the ground at the centre"
+        );
+    }
+}

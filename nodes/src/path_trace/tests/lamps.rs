@@ -206,6 +206,21 @@ fn objects_stand_on_objects() {
     assert_eq!(told(&[table, aloft]), 1);
 }
 
+/// A boulder with its middle in the ground meets its shadow; one wholly under the ground does not.
+/// Mutation: `in-the-ground` is asked of none, or of all that are below (each seen red).
+#[test]
+fn half_buried_objects_meet_their_shadows() {
+    let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
+    for (z, id) in [(0.0, "in-the-ground"), (-0.25, "off-the-ground"), (0.5, "off-the-ground")] {
+        let boulder = [ball(0.2, matte(0.5), DVec3::Z * z)];
+        let params = PathTrace { contact_metres: None, ..params(1, EnvBlock::Solid) };
+        let (_, notes) = render(&params, &plane(4.0), &boulder, &camera, &white());
+        let ids = notes.iter().map(|note| note.id.clone());
+        let told: Vec<_> = ids.filter(|id| id.ends_with("the-ground")).collect();
+        assert_eq!(told, [id], "{z}");
+    }
+}
+
 /// A point of capture a hair under the ground sees the lower side of it, which has no sun.
 #[test]
 fn a_point_of_capture_under_the_ground_is_taken_over_it() {
