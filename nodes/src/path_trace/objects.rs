@@ -214,16 +214,16 @@ impl Objects {
     /// Whether a ray of the given random key meets the surface at a hit or passes through its cut-outs.
     /// `camera` rays also pass through the backs of single-sided surfaces.
     pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
-        self.opaque || self.covers(hit, camera, || unit(hash(key, hit.triangle)))
+        self.opaque || self.meets(hit, camera, || unit(hash(key, hit.triangle)))
     }
 
     /// Whether the camera sees anything of the surface at a hit: more than some share of what it sees there.
     pub fn shows(&self, hit: &Hit, share: f32) -> bool {
-        self.opaque || self.covers(hit, true, || share)
+        self.opaque || self.meets(hit, true, || share)
     }
 
     /// Whether the surface at a hit is not cut out there, and where it is blended covers more than a share.
-    fn covers(&self, hit: &Hit, camera: bool, share: impl FnOnce() -> f32) -> bool {
+    fn meets(&self, hit: &Hit, camera: bool, share: impl FnOnce() -> f32) -> bool {
         let (part, material, point) = self.point(hit);
         if camera && hit.back && !material.double_sided {
             return false;
