@@ -344,7 +344,7 @@ mod tests {
 
     /// Chi-square of rays to the objects against their density, by rings and sectors of the cone, and of how often one is
     /// sent.
-    /// Mutation: `below` to `v * below` in `direction`, or the bound of `rays` left out of `within` (each seen red).
+    /// Mutation: `below` to `v * below` in `direction`, or the bound of `rays` left out of `within` (each seen red where they stood before).
     #[test]
     fn rays_to_the_objects_fill_their_cone_evenly() {
         let axis = Vec3::new(0.48, -0.6, 0.64);

@@ -185,7 +185,7 @@ mod tests {
 
     /// Chi-square of points against their density, by sixteenths of triangles of many sizes and strengths, some of which
     /// do not shine.
-    /// Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left out of `Emitters::new` (each seen red).
+    /// Mutation: `root` to `unit(u)` in `Emitters::sample`, `/ area` left out of `Emitters::new` (each seen red when triangles were whole).
     #[test]
     fn points_follow_their_density() {
         let corners: Vec<[Vec3; 3]> = (0..12)

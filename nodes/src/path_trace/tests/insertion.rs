@@ -129,7 +129,6 @@ fn a_shadow_alone_is_the_shadow() {
 
 /// Rods a third of a pixel wide, and a pane of which a third is seen: `nearest` is theirs wherever any of the pixel shows
 /// them, as its first 16 samples tell, and else `depth`, which is that of most of what is at the centre.
-/// Mutation: `PLACES` is 1, `share` of the nearest is 0.5 (each seen red).
 #[test]
 fn nearest_is_what_shows_anywhere_in_a_pixel() {
     let rod = box_mesh([-0.01, -0.01, 0.0], [0.01, 0.01, 1.0], false);

@@ -61,7 +61,7 @@ fn mean_over(eye: DVec3, size: u32, focal: f64, z: f64, of: impl Fn(DVec3) -> f6
 
 /// The light of a glowing ball of fine facets on a floor and on a table, near and far from where coordinates start, in closed
 /// form: radiance albedo * L * (r / d)^2 * cos. What a facet sends must not be lost to the facets beside it.
-/// Mutation: `way` of a sample ends on the triangle, and is parallel to that from the surface (seen red).
+/// Before, samples ended on the triangle, by ways parallel to those from the surface: 0.95 of it at 2 cm, 0.80 at 1 cm.
 #[test]
 fn fine_lamps_shed_all_their_light() {
     let (radiance, height) = (5e4, 1.0);
@@ -101,7 +101,7 @@ fn fine_lamps_shed_all_their_light() {
 /// A lamp in a globe of paper, which half of the light passes and half comes back from: outside the globe shines with L (r / R)^2
 /// times 0.5 + 0.25 + .., less what the lamp takes of what comes back, whether the receiver is the light or not. Rays of all directions
 /// seldom meet it; those sent to where it is do, so that every pixel is lit. Both count, and nothing twice.
-/// Mutation: `share` is 1, `pdf` left out of the weights of lamps, or no rays to objects that shine (each seen red).
+/// Mutation: roulette by the throughput without `share` (seen red: pixels 1.2 apart). Before, without such rays, 1.5.
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel() {
     let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
@@ -136,7 +136,6 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
 
 /// A panel that is dark but for a lamp of 8 texels of 256 lights a floor by radiance * area * cos^2 / d^2 / pi * albedo, and the pixels are
 /// alike: light samples fall on the lamp, not on the panel. Before, none fell there.
-/// Mutation: lattices of one square, or of the width of nothing (each seen red).
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
@@ -207,7 +206,6 @@ fn objects_stand_on_objects() {
 }
 
 /// A boulder with its middle in the ground meets its shadow; one wholly under the ground does not.
-/// Mutation: `in-the-ground` is asked of none, or of all that are below (each seen red).
 #[test]
 fn half_buried_objects_meet_their_shadows() {
     let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
