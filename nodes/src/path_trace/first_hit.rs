@@ -11,14 +11,16 @@ use super::objects::Objects;
 use super::pair::shift;
 use crate::bvh::{Hit, Ray};
 
-/// Places of a pixel in which objects are looked for: those of its first samples.
-const PLACES: u32 = 16;
+/// The most places of a pixel in which objects are looked for.
+pub(super) const PLACES: u32 = 16;
 
-/// Depth of what is in front at the centres of some pixels, of the nearest object anywhere in them, and normal.
+/// Depth of what is in front at the centres of some pixels, of the nearest object in so many `places` of them, those of their
+/// first samples, and normal.
 pub(super) fn trace_first_hit(
     scene: Scene<'_>,
     camera_rays: &CameraRays<'_>,
     pixels: &[(u32, u32)],
+    places: u32,
 ) -> TileSums {
     let mut tile = TileSums::default();
     let shown = scene.objects.shown;
@@ -44,7 +46,7 @@ pub(super) fn trace_first_hit(
         let depth = if t.is_finite() { planar(t, &ray) } else { f64::INFINITY };
         let mut nearest = None::<f64>;
         let near = seen && any_within(scene.objects, camera_rays.eye, &camera_rays.cone(block, block));
-        for number in if near { 0..PLACES } else { 0..0 } {
+        for number in 0..if near { places } else { 0 } {
             let (_, _, ray) = camera_rays.sample(block, number);
             tile.rays.camera += 1;
             if let Some(hit) = scene.objects.bvh.closest(ray, |hit| scene.objects.shows(hit, 0.0)) {

@@ -50,7 +50,7 @@ use contact::Ground;
 use crop::{Crop, TileBounds};
 use env_resolution::EnvResolution;
 use film::{Area, Sums, TILE, chunks};
-use first_hit::trace_first_hit;
+use first_hit::{PLACES, trace_first_hit};
 use integrator::Scene;
 use objects::Objects;
 use pair::{trace_pair, trace_r0};
@@ -357,10 +357,17 @@ impl Kind for PathTrace {
             let more = |accumulator: &mut Accumulator, area, range| take(accumulator, area, range, &|| ());
             let blocks = |done: f32| progress(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
+            let places = most.min(PLACES);
             let part = Part { name: "front", version: 7, inputs: &["receiver", "objects"] };
-            let front = cx.part(part, &extra(whole, (0, 0), Some((contact, None))), || {
+            let front = cx.part(part, &extra(whole, (0, places), Some((contact, None))), || {
                 let scene = scene();
-                Sums::trace(cx, whole, FIRST_HIT, || (), |_, tile| trace_first_hit(scene, &camera_rays, tile))
+                Sums::trace(
+                    cx,
+                    whole,
+                    FIRST_HIT,
+                    || (),
+                    |_, tile| trace_first_hit(scene, &camera_rays, tile, places),
+                )
             })?;
             expect_size(&front, whole, FIRST_HIT)?;
             views.push(finish(camera, params.coarse_px, &accumulator, &front, reached));

@@ -225,9 +225,18 @@ fn near_light_is_not_asked_for_what_is_far() {
     let floor = scene(plane(40.0), DVec3::new(0.0, 0.0, 0.4));
     let (cropped, full) = (floor.trace(0.002, true), floor.trace(0.0, true));
     assert!(cropped.told.is_some() && cropped.rays < full.rays);
-    // A roof takes a good part of the sky of all that is under it.
-    let roof = Afar { object: placed(&plane(60.0), matte(0.5), DVec3::Z * 80.0), ..scene(rough(), DVec3::Z) };
-    assert_eq!(roof.trace(0.004, true).told, None);
+    // A black roof over ground that is all but black sends next to nothing, and takes a good part of the sky of all that is
+    // under it. Mutation: `near_bound` without `hidden_light`.
+    let mut dark = rough();
+    dark.colours = vec![[0.01; 3]; dark.positions.len()];
+    let mut roof =
+        Afar { object: placed(&plane(25.0), matte(0.0), DVec3::Z * 80.0), ..scene(dark, DVec3::Z) };
+    roof.env = Environment { origin: roof.env.origin, ..white() };
+    let (width, height) = (roof.env.image.width, roof.env.image.height);
+    for (x, y) in (height / 2..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+        roof.env.image.pixel_mut(x, y).fill(1e-4);
+    }
+    assert_eq!(roof.trace(0.1, true).told, None);
 }
 
 /// No light sample for any surface falls into a cone more often than is told.
