@@ -24,7 +24,8 @@ pub(super) fn trace_first_hit(
 ) -> TileSums {
     let mut tile = TileSums::default();
     let shown = scene.objects.shown;
-    let seen = shown && camera_rays.sees(pixels, scene.objects.bvh.bounds().map(<[Vec3; 2]>::from));
+    let bounds = scene.objects.bvh.bounds().map(<[Vec3; 2]>::from);
+    let seen = shown && camera_rays.sees(pixels, bounds);
     let planar = |t: f32, ray: &Ray| f64::from(t) * ray.direction.as_dvec3().dot(camera_rays.axes[2]);
     for &block in pixels {
         let (x, y) = camera_rays.pixel(block);
@@ -48,6 +49,10 @@ pub(super) fn trace_first_hit(
         let near = seen && any_within(scene.objects, camera_rays.eye, &camera_rays.cone(block, block));
         for number in 0..if near { places } else { 0 } {
             let (_, _, ray) = camera_rays.sample(block, number);
+            // Cones are wider than what they hold, so much that of a small object far off they tell too little.
+            if !bounds.is_some_and(|bounds| meets_box(&ray, bounds)) {
+                continue;
+            }
             tile.rays.camera += 1;
             if let Some(hit) = scene.objects.bvh.closest(ray, |hit| scene.objects.shows(hit, 0.0)) {
                 tile.rays.camera += 1;
@@ -76,6 +81,15 @@ fn any_within(objects: &Objects, eye: Vec3, cone: &Cone) -> bool {
         meets
     });
     found
+}
+
+/// Whether a ray may meet a box, with a margin for rounding.
+fn meets_box(ray: &Ray, [low, high]: [Vec3; 2]) -> bool {
+    let [a, b] = [low, high].map(|corner| (corner - ray.origin) / ray.direction);
+    let (enters, leaves) = (a.min(b).max_element(), a.max(b).min_element());
+    // What is no number, of a ray along a side, may meet it.
+    let misses = enters > leaves * (1.0 + 1e-5) || leaves < 0.0;
+    !misses
 }
 
 /// Whether an object is met before the receiver.
