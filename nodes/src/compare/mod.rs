@@ -578,7 +578,7 @@ mod tests {
             one(Image::<Data>::from_samples(values.len() / channels, 1, channels, values.to_vec()))
         };
         let row = |a: Arc<Images>, b: Arc<Images>| {
-            let (out, notes) = Compare::run(&node(), inputs(a, b), &context()).unwrap();
+            let (out, notes) = Compare::run(&node(), inputs(a, b), &context()).expect("runs");
             let row = out.report.tables[0].rows[0][COMMON.len()..].to_vec();
             (row, notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>().join("; "))
         };
@@ -607,7 +607,7 @@ mod tests {
         let clear = light(2, (0..192).flat_map(|v| [ramp(v), 1.0]).collect());
         let colour = light(3, (0..192).flat_map(|v| [ramp(v); 3]).collect());
         for other in [grey, clear] {
-            let (out, _) = Compare::run(&node(), inputs(other, colour.clone()), &context()).unwrap();
+            let (out, _) = Compare::run(&node(), inputs(other, colour.clone()), &context()).expect("runs");
             assert_eq!(out.report.tables[0].rows[0][COMMON.len()], Cell::Text("inf".to_owned()));
         }
     }

@@ -43,7 +43,7 @@ impl Lattice {
     fn place(&self, cell: u32, [u, v]: [f32; 2]) -> [f32; 2] {
         let side = self.side as f32;
         let [i, j] = [cell / 2 / self.side, cell / 2 % self.side].map(|k| k as f32);
-        if cell % 2 == 0 {
+        if cell.is_multiple_of(2) {
             [(i + u) / side, (j + v) / side]
         } else {
             [(i + 1.0 - u) / side, (j + 1.0 - v) / side]

@@ -4,6 +4,10 @@
 use super::*;
 use crate::types::{ColourMap, DiffuseTransmission, Map};
 
+fn square(v: f64) -> f64 {
+    v * v
+}
+
 /// The inside of a ball as a receiver.
 fn hollow(radius: f32) -> Mesh {
     let ball = ball(radius, matte(0.5), DVec3::ZERO);
@@ -89,7 +93,7 @@ fn fine_lamps_shed_all_their_light() {
             };
             let expected = mean_over(eye, 24, focal, z, |place| {
                 let way = lamp - place;
-                let seen = f64::from(radius).powi(2) / way.length_squared();
+                let seen = square(radius.into()) / way.length_squared();
                 0.5 * f64::from(radiance) * seen * way.z / way.length()
             });
             let name = format!("{radius} m, {rings} rings, {away} m away, {near_field:?}, {table:?}");
@@ -114,18 +118,18 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     let mut env = constant(Up::PlusZ, [1e-3; 3], 64);
     env.origin = Some(DVec3::new(0.0, 0.0, 0.5));
     // Of what comes back from the globe such a share meets the lamp, which is black.
-    let taken = f64::from(lamp / globe).powi(2);
+    let taken = square((lamp / globe).into());
     let outside = f64::from(radiance) * taken * 0.5 / (1.0 - 0.5 * (1.0 - taken));
     let expected = mean_over(eye, 24, focal, 0.0, |place| {
         let way = middle - place;
-        0.5 * outside * f64::from(globe).powi(2) / way.length_squared() * way.z / way.length()
+        0.5 * outside * square(globe.into()) / way.length_squared() * way.z / way.length()
     });
     for near_field in [NearField::Off, NearField::On] {
         let params = PathTrace { near_field, ..params(64, EnvBlock::Auto) };
         let (out, _) = render(&params, &plane(30.0), &objects, &camera, &env);
         let (with, pixels) = (mean(&out.with), samples(&out.with));
         let found = with - mean(&out.without);
-        let square = pixels.iter().map(|&v| (f64::from(v) - with).powi(2)).sum::<f64>();
+        let square = pixels.iter().map(|&v| square(f64::from(v) - with)).sum::<f64>();
         let spread = (square / pixels.len() as f64).sqrt() / found;
         assert!(spread < 0.35, "{near_field:?}: pixels differ by {spread}");
         let error = spread / f64::from(24 * 24).sqrt();
@@ -164,10 +168,10 @@ fn a_small_lamp_of_a_picture_is_a_lamp() {
     let expected = mean_over(eye, 16, focal, 0.0, |place| {
         let way = lamp - place;
         let cosine = way.z / way.length();
-        0.5 / std::f64::consts::PI * 5e4 * (8.0_f64 / 256.0).powi(2) * cosine * cosine / way.length_squared()
+        0.5 / std::f64::consts::PI * 5e4 * square(8.0 / 256.0) * cosine * cosine / way.length_squared()
     });
     assert!((found / expected - 1.0).abs() < 0.03, "{}", found / expected);
-    let off = |v: &f32| (f64::from(*v) / mean(&out.with) - 1.0).powi(2);
+    let off = |v: &f32| square(f64::from(*v) / mean(&out.with) - 1.0);
     let spread = (samples(&out.with).iter().map(off).sum::<f64>() / (3.0 * 256.0)).sqrt();
     assert!(spread < 0.4, "pixels differ by {spread}");
 }
