@@ -69,6 +69,57 @@ fn edits_rerun_what_they_touch_and_nothing_else() {
     assert_eq!(ran(&place, INSERT).nodes("ran"), [""; 0]);
 }
 
+/// A triangle of half a metre in the object's own units.
+const OBJECT: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
+"bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36,
+"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAPwAAAAAAAAAAAAAAAAAAAD8AAAAA"}]}"#;
+
+/// A floor, and a step of 3 cm on it where the object stands.
+const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
+    element face 4\nproperty list uchar int vertex_indices\nend_header\n-3 -3 0\n3 -3 0\n3 3 0\n-3 3 0\n\
+    -0.1 -0.1 0.03\n0.1 -0.1 0.03\n0.1 0.1 0.03\n-0.1 0.1 0.03\n3 0 1 2\n3 0 2 3\n3 4 5 6\n3 4 6 7\n";
+
+/// Another scale of the capture, with an object as large in the picture as before: the same bytes for receiver, object,
+/// camera and sky, and an error of the mesh that is twice as high.
+#[test]
+fn what_another_metre_changes_is_traced_anew() {
+    let graph = |metres_per_unit: f64| {
+        format!(
+            r#"Graph(version: 1, scene: (up: "+z", seed: 3, metres_per_unit: {metres_per_unit:?}), nodes: (
+            floor:  LoadMesh(path: "floor.ply"),
+            sky:    LoadEnvironment(path: "sky.hdr"),
+            sheet:  LoadObject(path: "sheet.gltf"),
+            pose:   Pose(translation: (0.0, 0.0, 0.0), scale: {metres_per_unit:?}),
+            placed: Place(object: "sheet", pose: "pose"),
+            camera: Camera(eye: (0.5, -1.5, 0.7), target: (0.0, 0.0, 0.2), width_px: 48, height_px: 32),
+            trace:  PathTrace(receiver: "floor", objects: ["placed"], rig: "camera", env: "sky", samples: 4, contact_metres: 0.02),
+            layers: WriteExr(layers: ["trace.with", "trace.object", "trace.nearest"], path: "layers.exr"),
+        ))"#
+        )
+    };
+    let place = |metres_per_unit| {
+        let place = Place::new(&graph(metres_per_unit));
+        std::fs::write(place.path("floor.ply"), FLOOR).unwrap();
+        std::fs::write(place.path("sheet.gltf"), OBJECT).unwrap();
+        let mut sky = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".to_vec();
+        sky.extend([[128, 128, 128, 129]; 16].as_flattened());
+        sky.extend([[64, 64, 64, 129]; 16].as_flattened());
+        std::fs::write(place.path("sky.hdr"), sky).unwrap();
+        place
+    };
+    let kept = place(1.0);
+    kept.run(&[]).good();
+    let before = kept.outputs();
+    let scaled = ran(&kept, &graph(0.5));
+    assert_eq!(scaled.parts("trace", "cached"), ["r0"]);
+    let fresh = place(0.5);
+    fresh.run(&[]).good();
+    assert_eq!(kept.outputs(), fresh.outputs());
+    assert_ne!(kept.outputs(), before, "the step is within 4 cm, not within 2");
+}
+
 #[test]
 fn more_samples_trace_only_the_missing_ones() {
     let place = Place::new(INSERT);

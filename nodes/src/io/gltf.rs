@@ -7,7 +7,7 @@ use std::path::Path;
 
 use gltf::accessor::{DataType, Dimensions};
 use gltf::{Accessor, Document};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::png::Raster;
 use super::{jpeg, png, webp};
@@ -73,8 +73,13 @@ pub struct File {
 pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
     let (text, blob) = if bytes.starts_with(b"glTF") { split(name, bytes)? } else { (bytes, None) };
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    let mut json: Value = serde_json::from_slice(text)
-        .map_err(|e| Error::format(name, format!("neither GLB nor glTF: its JSON does not parse: {e}")))?;
+    let mut json: Value = serde_json::from_slice(text).map_err(|e| match other_format(name, text) {
+        Some(format) => Error::unsupported(
+            name,
+            format!("{format}: objects are read from glTF and GLB; open it in a program that has it, as Blender, and export glTF 2.0"),
+        ),
+        None => Error::format(name, format!("neither GLB nor glTF: its JSON does not parse: {e}")),
+    })?;
     let version = json["asset"]["version"].as_str().unwrap_or_default().to_owned();
     if !version.starts_with("2.") {
         return Err(Error::unsupported(name, format!("glTF version `{version}`")));
@@ -109,20 +114,58 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<File, Error> {
             texture.insert("source".to_owned(), webp);
         }
     }
-    // Bounds of positions, which the crate insists on, are often missing and never needed.
+    let views = json["bufferViews"].as_array().is_some_and(|views| !views.is_empty());
     for accessor in json.get_mut("accessors").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(accessor) = accessor.as_object_mut() {
+            // Bounds of positions, which the crate insists on, are often missing and never needed.
             for bound in ["min", "max"] {
                 accessor.entry(bound).or_insert_with(|| Value::from(vec![0.0; 3]));
             }
+            // Neither numbers nor changes of them: all are 0 (glTF 2.0, 3.6.2.3), which the crate takes for a mistake.
+            if views && !accessor.contains_key("bufferView") {
+                accessor.entry("sparse").or_insert_with(|| {
+                    json!({"count": 0, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}})
+                });
+            }
         }
     }
+    let invalid = |text: String| {
+        let text = text.trim().trim_end_matches(';').trim_start_matches("invalid glTF: ");
+        Error::format(name, format!("not valid glTF: {text}"))
+    };
     let text = serde_json::to_vec(&json).map_err(|e| Error::format(name, e.to_string()))?;
-    let root = gltf::json::deserialize::from_slice(&text)
-        .map_err(|e| Error::format(name, format!("not valid glTF: {e}")))?;
-    let document =
-        Document::from_json(root).map_err(|e| Error::format(name, format!("not valid glTF: {e}")))?;
+    let root = gltf::json::deserialize::from_slice(&text).map_err(|e| invalid(e.to_string()))?;
+    let document = Document::from_json(root).map_err(|e| invalid(e.to_string()))?;
     Ok(File { name: name.to_owned(), document, json, blob })
+}
+
+/// What a file is that holds no glTF, by its first bytes and by its name where these tell nothing.
+fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
+    let starts: [(&[u8], &str); 6] = [
+        (b"Kaydara FBX", "FBX"),
+        (b"BLENDER", "a Blender file"),
+        (b"PXR-USDC", "USD"),
+        (b"#usda", "USD"),
+        (b"ply", "PLY"),
+        (b"solid ", "STL"),
+    ];
+    let extensions = [
+        (".obj", "Wavefront OBJ"),
+        (".fbx", "FBX"),
+        (".stl", "STL"),
+        (".dae", "COLLADA"),
+        (".3ds", "3DS"),
+        (".usd", "USD"),
+        (".usda", "USD"),
+        (".usdc", "USD"),
+        (".usdz", "USD"),
+        (".abc", "Alembic"),
+        (".blend", "a Blender file"),
+    ];
+    let name = name.to_ascii_lowercase();
+    let by_bytes = starts.iter().find(|(start, _)| bytes.starts_with(start));
+    let by_name = || extensions.iter().find(|(end, _)| name.ends_with(end));
+    by_bytes.map(|(_, format)| *format).or_else(|| by_name().map(|(_, format)| *format))
 }
 
 /// The JSON of a file that is glTF by its first bytes, and whether it is binary (GLB), of which nothing else

@@ -218,6 +218,37 @@ fn instances_stand_where_their_attributes_say() {
 }
 
 #[test]
+fn an_accessor_without_numbers_is_zeros() {
+    // As Blender writes a shape key that moves nothing.
+    let mut json = triangle(json!({"mesh": 0}));
+    push(&mut json, "accessors", json!({"componentType": 5126, "count": 3, "type": "VEC3"}));
+    json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 4}]);
+    json["meshes"][0]["weights"] = json!([1.0]);
+    assert_eq!(good(&json).0.primitives[0].positions[1], [1.0, 0.0, 0.0]);
+    // An index of 0 for every corner leaves no triangle with an area.
+    json["meshes"][0]["primitives"][0]["indices"] = json!(5);
+    push(&mut json, "accessors", json!({"componentType": 5123, "count": 3, "type": "SCALAR"}));
+    let told = load_value(&json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(told.contains("with an area"), "{told}");
+}
+
+#[test]
+fn other_formats_are_named() {
+    for (name, bytes, format) in [
+        ("chair.obj", &b"v 0 0 0"[..], "Wavefront OBJ"),
+        ("chair.OBJ", b"# made by hand", "Wavefront OBJ"),
+        ("chair.bin", b"Kaydara FBX Binary  ", "FBX"),
+        ("chair.stl", b"\x00\x01", "STL"),
+        ("chair.glb", b"ply\nformat ascii 1.0", "PLY"),
+    ] {
+        let told = gltf::parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(told.contains(&format!("{format}: objects are read from glTF")), "{told}");
+    }
+    let told = gltf::parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(told.contains("JSON does not parse"), "{told}");
+}
+
+#[test]
 fn webp_pictures_are_read_and_preferred() {
     let mut json = triangle(json!({"mesh": 0}));
     let mut picture = Vec::new();

@@ -186,8 +186,8 @@ struct Extra<'a> {
     area: Area,
     coarse_px: u32,
     range: (u32, u32),
-    /// Up and the mesh's error where objects stand; absent for what does not depend on it.
-    contact: Option<([f64; 3], Option<f64>)>,
+    /// Up, metres per unit and the mesh's error where objects stand; absent for what does not depend on it.
+    contact: Option<([f64; 3], f64, Option<f64>)>,
     /// What may be left out; absent likewise.
     crop: Option<f64>,
     /// Leaves out what the objects show.
@@ -297,7 +297,7 @@ impl Kind for PathTrace {
             objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
         report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
         objects.touching = Touching::of(&objects, prepared.receiver(), &ground);
-        let contact = (up.to_array(), params.contact_metres);
+        let contact = (up.to_array(), cx.metres_per_unit(), params.contact_metres);
         let limit = (params.crop > 0.0).then_some(params.crop);
         let most = params.most();
         tell_first(params.samples, most, &mut notes);
