@@ -320,7 +320,7 @@ impl<'a> Integrator<'a> {
         let weighed =
             |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power_heuristic(pdf, s.pdf + also);
         let arrived: Vec3 = lobes.iter().zip(unshaded).map(weighed).sum();
-        arrived * objects.emission(&emitter.hit, 0.0) / pdf
+        arrived * objects.emission_towards(&emitter.hit, -direction) / pdf
     }
 
     /// The MIS weight of what shines at a hit that a scattered ray of some density found.

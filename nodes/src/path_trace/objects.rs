@@ -14,7 +14,7 @@ use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
 use super::emitters::{EmitterSample, Emitters};
 use super::media::{Body, Media};
 use super::mipmap::{Mipmap, Texels};
-use super::receiver::{Surface, geometry, margin};
+use super::receiver::{Receiver, Surface, geometry, margin};
 use super::touching::Touching;
 use crate::bvh::{Bvh, Hit, Ray};
 use crate::color::linear_from_srgb8;
@@ -83,8 +83,13 @@ fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
 }
 
 impl Objects {
-    /// Triangles of the objects, relative to `origin`.
+    /// Triangles of the objects, relative to `origin`, where there is no receiver.
     pub fn new(placed: &[Arc<Placed>], origin: DVec3) -> Result<Self, NodeError> {
+        Self::on(None, placed, origin)
+    }
+
+    /// Triangles of the objects, relative to `origin`, as they lie on one another and on the receiver.
+    pub fn on(receiver: Option<&Receiver>, placed: &[Arc<Placed>], origin: DVec3) -> Result<Self, NodeError> {
         let mut objects = Self {
             bvh: Bvh::default(),
             corners: Vec::new(),
@@ -151,7 +156,7 @@ impl Objects {
             }
         }
         objects.bvh = Bvh::build(&objects.corners);
-        objects.lift_sheets();
+        objects.lift_sheets(receiver);
         let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
         if shining {
             let emission = |hit: &Hit, width| objects.emission(hit, width);
@@ -212,7 +217,7 @@ impl Objects {
     }
 
     /// Whether a ray of the given random key meets the surface at a hit or passes through its cut-outs.
-    /// `camera` rays also pass through the backs of single-sided surfaces.
+    /// `camera` rays also pass through the backs of single-sided surfaces, but for those of bodies, in whose stuff they are.
     pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
         self.opaque || self.meets(hit, camera, || unit(hash(key, hit.triangle)))
     }
@@ -225,7 +230,7 @@ impl Objects {
     /// Whether the surface at a hit is not cut out there, and where it is blended covers more than a share.
     fn meets(&self, hit: &Hit, camera: bool, share: impl FnOnce() -> f32) -> bool {
         let (part, material, point) = self.point(hit);
-        if camera && hit.back && !material.double_sided {
+        if camera && hit.back && !material.double_sided && part.body.is_none() {
             return false;
         }
         if part.opaque {
@@ -336,7 +341,7 @@ impl Objects {
             true => Bsdf::matte(geometric, Vec3::ZERO),
             false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &params)),
         };
-        let emission = emission(&filtered, material);
+        let emission = emission(&filtered, material) * bsdf.under();
         Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None }
     }
 
@@ -346,7 +351,19 @@ impl Objects {
         (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3()
     }
 
-    /// What shines at a hit, on the mean over a width as a share of the square root of twice the triangle's area.
+    /// What shines at a hit towards a unit direction: less than the material emits where a coat or sheen is over it.
+    pub fn emission_towards(&self, hit: &Hit, out: Vec3) -> Vec3 {
+        let (_, material, _) = self.point(hit);
+        if material.unlit
+            || (material.clearcoat.strength.factor == 0.0 && material.sheen.colour.factor == [0.0; 3])
+        {
+            return self.emission(hit, 0.0);
+        }
+        let back = self.normal(hit.triangle).dot(out) < 0.0;
+        self.surface(&Hit { back, ..*hit }, out, false, 0.0, Media::default()).emission
+    }
+
+    /// What the material emits at a hit, on the mean over a width as a share of the square root of twice the triangle's area.
     pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
         let (_, material, point) = self.point(hit);
         emission(&SurfacePoint { width, ..point }, material)

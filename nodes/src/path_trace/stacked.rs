@@ -2,12 +2,14 @@
 //!
 //! Of two surfaces in one place rounding would choose which a ray meets. A flat object in the plane of a face of another one
 //! lies on that face: it is lifted off it by a hair, some millionths of its coordinates, so that it is in front for all rays.
+//! A rug on the floor with a table on it stays where it is: off the table's feet it would be pressed into the floor, and
+//! they are not seen.
 
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 
 use super::objects::Objects;
-use super::receiver::margin;
-use crate::bvh::Bvh;
+use super::receiver::{Receiver, margin};
+use crate::bvh::{Bvh, Ray};
 
 /// How far a sheet is lifted, in units of how far rays start off what it lies on.
 const HAIR: f32 = 4.0;
@@ -43,20 +45,61 @@ impl Sheet {
         (point.dot(self.normal) - self.height).abs()
     }
 
-    /// Whether a triangle lies in its plane, where it is.
-    fn lies_on(&self, corners: &[Vec3; 3], reach: f32) -> bool {
+    /// Whether a triangle lies in its plane and shares some area with it, made of `own` triangles.
+    fn lies_on<'a>(
+        &self,
+        corners: &[Vec3; 3],
+        mut own: impl Iterator<Item = &'a [Vec3; 3]>,
+        reach: f32,
+    ) -> bool {
         let [a, b, c] = corners;
         let (low, high) = (a.min(*b).min(*c), a.max(*b).max(*c));
-        corners.iter().all(|p| self.off(*p) <= reach)
+        let near = corners.iter().all(|p| self.off(*p) <= reach)
             && low.cmple(self.high).all()
-            && high.cmpge(self.low).all()
+            && high.cmpge(self.low).all();
+        let across = self.normal.any_orthonormal_vector().as_dvec3();
+        let along = self.normal.as_dvec3().cross(across);
+        let flat = |corners: &[Vec3; 3]| {
+            corners.map(|p| DVec2::new(p.as_dvec3().dot(across), p.as_dvec3().dot(along)))
+        };
+        near && own.any(|own| share_area(&flat(own), &flat(corners), f64::from(reach)))
     }
+
+    /// Whether the receiver is in its place, under the middle of one of its triangles.
+    fn rests_on<'a>(
+        &self,
+        receiver: &Receiver,
+        mut own: impl Iterator<Item = &'a [Vec3; 3]>,
+        reach: f32,
+    ) -> bool {
+        // Of its triangles the receiver knows places as well as their own size allows.
+        let reach = reach + 2.0 * receiver.margin_within(self.low, self.high);
+        own.any(|[a, b, c]| {
+            let middle = (*a + *b + *c) / 3.0;
+            let across = Ray { t_max: 2.0 * reach, ..Ray::new(middle + self.normal * reach, -self.normal) };
+            receiver.bvh.any(across, |hit| receiver.normal(hit.triangle).dot(self.normal).abs() > 0.5)
+        })
+    }
+}
+
+/// Whether two triangles overlap by more than a length: no line along an edge of either parts them.
+fn share_area(a: &[DVec2; 3], b: &[DVec2; 3], by: f64) -> bool {
+    let extent = |corners: &[DVec2; 3], way: DVec2| {
+        let at = corners.map(|p| p.dot(way));
+        (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]))
+    };
+    [a, b].into_iter().flat_map(|corners| [0, 1, 2].map(|i| corners[(i + 1) % 3] - corners[i])).all(|edge| {
+        let Some(way) = edge.perp().try_normalize() else { return false };
+        let ((low, high), (other_low, other_high)) = (extent(a, way), extent(b, way));
+        high.min(other_high) - low.max(other_low) > by
+    })
 }
 
 impl Objects {
     /// Lifts flat objects off those in whose place they lie: to the side that a face's winding shows; of two flat ones the
-    /// later off the earlier.
-    pub(super) fn lift_sheets(&mut self) {
+    /// later off the earlier, towards the start of coordinates, where the camera is, if that has two sides. One that rests
+    /// on the receiver is lifted off flat ones alone.
+    pub(super) fn lift_sheets(&mut self, receiver: Option<&Receiver>) {
         let Some((low, high)) = self.bvh.bounds().filter(|_| self.placed().len() > 1) else { return };
         let space = margin(&[low, high, low]);
         let reach = 2.0 * space;
@@ -68,18 +111,27 @@ impl Objects {
         }
         let of = |index: usize| spans[index].iter().flat_map(|span| &self.corners[span.clone()]);
         let sheets: Vec<Option<Sheet>> = (0..count).map(|index| Sheet::of(of(index), reach)).collect();
+        let rests = |index: usize| match (&sheets[index], receiver) {
+            (Some(sheet), Some(receiver)) => sheet.rests_on(receiver, of(index), reach),
+            _ => false,
+        };
+        let rests: Vec<bool> = (0..count).map(rests).collect();
+        let two_sided = |index: usize| self.placed()[index].object.materials.iter().all(|m| m.double_sided);
         // How many hairs along its normal each is lifted.
         let mut lifts = vec![0.0_f32; count];
         for index in 0..count {
             let Some(sheet) = &sheets[index] else { continue };
             for below in (0..count).filter(|&below| below != index) {
-                if sheets[below].is_some() && below > index {
+                if if sheets[below].is_some() { below > index } else { rests[index] } {
                     continue;
                 }
-                let Some([a, b, c]) = of(below).find(|corners| sheet.lies_on(corners, reach)) else {
+                let lies = |corners: &&[Vec3; 3]| sheet.lies_on(corners, of(index), reach);
+                let Some([a, b, c]) = of(below).find(lies) else {
                     continue;
                 };
-                let side = 1.0_f32.copysign((*b - *a).cross(*c - *a).dot(sheet.normal));
+                let seen = sheets[below].is_some() && two_sided(below) && sheet.height != 0.0;
+                let winding = (*b - *a).cross(*c - *a).dot(sheet.normal);
+                let side = 1.0_f32.copysign(if seen { -sheet.height } else { winding });
                 // That of a sheet that was lifted itself.
                 let own =
                     sheets[below].as_ref().map_or(0.0, |own| lifts[below] * own.normal.dot(sheet.normal));

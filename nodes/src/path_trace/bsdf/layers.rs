@@ -104,6 +104,11 @@ impl Layers {
         (!passes).then(|| self.frame.normal())
     }
 
+    /// What coat and sheen leave to the base, and to what shines under them.
+    pub fn under(&self) -> f32 {
+        self.under
+    }
+
     /// A material around the frames of the base and of its coat, whose normals lie on the side of the unit
     /// direction `out`, and so does the geometric normal.
     pub fn new([frame, coated]: [Frame; 2], geometric: Vec3, out: Vec3, params: &BsdfParams) -> Self {

@@ -201,6 +201,14 @@ impl Bsdf {
         }
     }
 
+    /// What is left towards the viewer of what shines under its coat and sheen.
+    pub fn under(&self) -> f32 {
+        match self {
+            Self::Matte { .. } => 1.0,
+            Self::Layers(layers) => layers.under(),
+        }
+    }
+
     /// Whether it is matte and nothing passes it, so that light samples alone find all its light.
     pub fn is_matte(&self) -> bool {
         matches!(self, Self::Matte { .. })

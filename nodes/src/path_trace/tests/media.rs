@@ -152,6 +152,16 @@ fn a_camera_may_be_in_a_body() {
     };
     near(go(&[body.clone(), sheet]), [f64::from(exp(-6.9 * ln(2.0))), 1.0], 0.01, "what stands in it");
     near(go(&[body]), [f64::from(exp(-9.0 * ln(2.0))), 1.0], 0.01, "out of it");
+    // As files have it, a body has one side: it is full of its stuff all the same. Before, the camera saw none of it.
+    let sheet = slab(2.0, 2.1, 100.0, Material { unlit: true, ..matte(1.0) });
+    let body = slab(0.0, 10.0, 200.0, Material { double_sided: false, ..tinted(1.0) });
+    near(
+        go(&[body.clone(), sheet]),
+        [f64::from(exp(-6.9 * ln(2.0))), 1.0],
+        0.01,
+        "one side, what stands in it",
+    );
+    near(go(&[body]), [f64::from(exp(-9.0 * ln(2.0))), 1.0], 0.01, "one side, out of it");
 }
 
 // White light stays white where air is in glass, glass in water, and each in one object or in two.

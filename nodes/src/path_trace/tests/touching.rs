@@ -155,3 +155,44 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
     let (over, found) = (pair(0.301), pair(0.3));
     assert!((found[1] / over[1] - 1.0).abs() < 0.02, "{found:?} for {over:?}");
 }
+
+/// A rug on the floor with something that stands on it, and tiles edge to edge whose winding is down, while the objects reach
+/// high up: they are seen as a millimetre over the floor. Before, the rug was pressed into the floor by the foot on it, and
+/// each tile by the one beside it, so that none of the rug and a quarter of the tiles was seen.
+#[test]
+fn a_rug_under_a_table_stays_on_the_floor() {
+    let camera = rig(DVec3::new(1.2, -1.2, 0.9), DVec3::ZERO, 24, 1.4);
+    let table = placed(&box_mesh([-0.1, -0.1, 0.0], [0.1, 0.1, 0.2], false), matte(0.1), DVec3::ZERO);
+    let high = placed(&plane(0.2), matte(0.1), DVec3::Z * 10.0);
+    let red = Material { base_colour: [0.9, 0.05, 0.05, 1.0], ..matte(0.5) };
+    let down = |size: f32| {
+        let up = plane(size);
+        Mesh { triangles: up.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(), ..up }
+    };
+    let seen = |objects: &[Arc<Placed>]| -> f64 {
+        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), objects, &camera, &sunny());
+        samples(&out.object).chunks(4).map(|p| f64::from(p[0])).sum()
+    };
+    let rug = |z: f64| seen(&[placed(&plane(0.35), red.clone(), DVec3::Z * z), table.clone(), high.clone()]);
+    let tiles = |z: f64| {
+        let tile = |i: i32| placed(&down(0.1), red.clone(), DVec3::new(0.2 * f64::from(i) - 0.5, 0.0, z));
+        seen(&(0..6).map(tile).chain([high.clone()]).collect::<Vec<_>>())
+    };
+    let cards = |z: f64| {
+        let of = |size, colour: f32| {
+            placed(&down(size), Material { base_colour: [colour, 0.1, 0.1, 1.0], ..matte(0.5) }, DVec3::Z * z)
+        };
+        seen(&[of(0.35, 0.1), of(0.3, 0.9)])
+    };
+    let over = {
+        let of = |size, colour: f32, z| {
+            placed(&down(size), Material { base_colour: [colour, 0.1, 0.1, 1.0], ..matte(0.5) }, DVec3::Z * z)
+        };
+        seen(&[of(0.35, 0.1, 0.001), of(0.3, 0.9, 0.002)])
+    };
+    for (name, found, wanted) in
+        [("rug", rug(0.0), rug(0.001)), ("tiles", tiles(0.0), tiles(0.001)), ("cards", cards(0.0), over)]
+    {
+        assert!((found / wanted - 1.0).abs() < 0.02, "{name}: {found} for {wanted}");
+    }
+}
