@@ -145,7 +145,7 @@ fn guide<'a>(
 
 impl Kind for Denoise {
     const NAME: &'static str = "denoise";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
     const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
     type Params = Self;

@@ -98,6 +98,35 @@ fn noise_goes_and_the_edge_stays() {
     }
 }
 
+/// The light of a lamp in a dark place, many times what is there without it, keeps its slope, and noise in it goes.
+/// Before, all above 8 looked alike, so that a pool of light became a plateau with a rim.
+#[test]
+fn bright_ratios_are_told_apart() {
+    let lit = |x: usize| crate::num::f32::exp(x as f32 * 0.15 - 1.0);
+    let mut inputs = noisy(5);
+    let before = samples(&inputs.without).to_vec();
+    for spread in [0.001, 0.05_f32] {
+        let random = |i: usize| unit(mix(mix(77) ^ i as u32)) + unit(mix(mix(78) ^ i as u32)) - 1.0;
+        for (i, pixel) in samples_mut(&mut inputs.with).chunks_exact_mut(3).enumerate() {
+            let ratio = lit(i % SIZE) * (1.0 + spread * random(i));
+            (0..3).for_each(|k| pixel[k] = before[3 * i + k] * ratio);
+        }
+        for (i, pixel) in samples_mut(&mut inputs.variance).chunks_exact_mut(4).enumerate() {
+            let sigma = lit(i % SIZE) * spread;
+            pixel[3] = sigma * sigma / 6.0;
+        }
+        let out = run(1.0, inputs.clone());
+        let off = |without: &Images, with: &Images| -> f64 {
+            let pairs = samples(without).chunks(3).zip(samples(with).chunks(3)).enumerate();
+            let squares =
+                pairs.map(|(i, (a, b))| f64::from(b[0] / a[0] / lit(i % SIZE) - 1.0)).map(|e| e * e);
+            (squares.sum::<f64>() / (SIZE * SIZE) as f64).sqrt()
+        };
+        let (raw, left) = (off(&inputs.without, &inputs.with), off(&out.without, &out.with));
+        assert!(left < raw, "{left} for {raw}");
+    }
+}
+
 // Where no object touches anything near, nothing changes, bit for bit.
 #[test]
 fn what_no_object_touches_stays() {

@@ -4,11 +4,12 @@ use glam::Vec3;
 
 use super::means::{Field, Pixel};
 use crate::color::luminance;
+use crate::num;
 use crate::types::{Image, Linear, Picture};
 
-/// Largest ratio that is told from larger ones.
-const MOST: f32 = 8.0;
-/// The same of the object's light, relative to its mean, and of variances: squares and sums have room to spare.
+/// Ratios above this, in the light of an inserted lamp, are compared as they are to each other: by the logarithm.
+const BRIGHT: f32 = 8.0;
+/// Largest ratio, or light of the object relative to its mean, and largest variance: squares and sums have room to spare.
 pub(super) const BRIGHTEST: f32 = 1e15;
 
 /// Layers of one view.
@@ -58,9 +59,9 @@ impl View<'_> {
             let met = pixel.nearness[0] > 0.0;
             pixel.there = met && pixel.values.iter().all(|v| v.is_finite()) && luminance(r0) > 0.0;
             if pixel.there {
-                let ratio = |k: usize| if r0[k] > 0.0 { (r1[k] / r0[k]).clamp(0.0, MOST) } else { 1.0 };
+                let ratio = |k: usize| if r0[k] > 0.0 { (r1[k] / r0[k]).clamp(0.0, BRIGHTEST) } else { 1.0 };
                 pixel.signal = [ratio(0), ratio(1), ratio(2)];
-                pixel.variance = known(variance).min(BRIGHTEST);
+                pixel.variance = known(variance).min(BRIGHTEST * BRIGHTEST);
             }
             // In front is the object; which part of the receiver lies behind is not known.
             if alpha > 0.0 {
@@ -71,6 +72,7 @@ impl View<'_> {
         let fireflies = field.quench(1.0, |values, ratio| {
             (0..3).for_each(|k| values[3 + k] = values[k] * ratio[k]);
         });
+        field.pixels.iter_mut().for_each(tell_apart);
         // A few chunks of samples tell a variance with few degrees of freedom.
         field.smooth_variance(3);
         (field, fireflies)
@@ -111,6 +113,18 @@ impl View<'_> {
         field.find_doubts();
         field.smooth_variance(1);
         field
+    }
+}
+
+/// Brings ratios to the scale on which they are compared, and the variance of them.
+fn tell_apart(pixel: &mut Pixel) {
+    let slope = |ratio: f32| if ratio > BRIGHT { BRIGHT / ratio } else { 1.0 };
+    let scale: f32 = pixel.signal.iter().map(|&ratio| slope(ratio) * slope(ratio)).sum::<f32>() / 3.0;
+    pixel.variance = (pixel.variance * scale).min(BRIGHTEST);
+    for ratio in &mut pixel.signal {
+        if *ratio > BRIGHT {
+            *ratio = BRIGHT * (1.0 + num::f32::ln(*ratio / BRIGHT));
+        }
     }
 }
 
