@@ -35,8 +35,8 @@ engine::params! {
         /// Turns it about the up axis, counter-clockwise seen from above: light to a part of a pixel, display colours by
         /// the nearest whole number of columns, since a clipped lamp of one pixel would be mixed with what is beside it.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
-        /// Where it was taken.
-        origin: [f64; 3] = [0.0; 3], other("(0.5, 0.0, 1.0)"), unit("world units");
+        /// Where it was taken, as far as the frame of the scene tells; without it, its light is taken to come from far away.
+        origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
     }
 }
 engine::inputs! {
@@ -60,7 +60,7 @@ const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -117,7 +117,7 @@ impl Kind for LoadPanorama {
                 (codes.into(), Image::from_samples(width, height, 3, light))
             }
         };
-        let origin = DVec3::from_array(p.origin);
+        let origin = p.origin.map(DVec3::from_array);
         let out = Out {
             image: Arc::new(Images::single("pano", image.clone())),
             pano: Arc::new(Panorama {
@@ -127,7 +127,7 @@ impl Kind for LoadPanorama {
                 origin,
                 turned_deg: turned,
             }),
-            env: Arc::new(Environment { image: light, up: cx.up(), origin: Some(origin) }),
+            env: Arc::new(Environment { image: light, up: cx.up(), origin }),
         };
         Ok((out, notes))
     }
@@ -265,7 +265,7 @@ mod tests {
             path: InputFile("a".into()),
             photograph_ev,
             rotation_deg,
-            origin: [1.0, 2.0, 3.0],
+            origin: Some([1.0, 2.0, 3.0]),
         };
         LoadPanorama::run(&p, In {}, &cx)
     }
@@ -317,7 +317,7 @@ mod tests {
         let seen = f64::from(linear_from_srgb(codes.rgb(0, 0)[0]));
         assert!((seen - 0.2 * scale).abs() < 0.005, "{seen}");
         assert!((f64::from(out.env.image.rgb(1, 1)[0]) / (900.0 * scale) - 1.0).abs() < 1e-6);
-        assert_eq!(out.pano.origin, DVec3::new(1.0, 2.0, 3.0));
+        assert_eq!(out.pano.origin, Some(DVec3::new(1.0, 2.0, 3.0)));
         // As it is, nothing clips.
         let (out, _) = load(&hdr(rgb), None).expect("loads");
         assert!(matches!(&out.pano.image, Picture::Linear(image) if image.rgb(1, 1) == [900.0; 3]));

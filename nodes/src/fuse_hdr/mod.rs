@@ -184,7 +184,7 @@ impl Kind for FuseHdr {
         lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
         notes.count("lights-not-listed", lights.unlisted(), "lights have no row of their own in the report");
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
-        let env = Environment { image, up: base.up, origin: Some(base.origin) };
+        let env = Environment { image, up: base.up, origin: base.origin };
         let image = Arc::new(Images::single("env", env.image.clone()));
         Ok((Out { env: Arc::new(env), report: Arc::new(report), image }, notes))
     }

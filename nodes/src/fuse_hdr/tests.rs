@@ -59,7 +59,7 @@ fn photograph(
         image: take(0.0).into(),
         alpha: Image::from_samples(W, H, 1, vec![1.0; W * H]),
         up: Up::PlusZ,
-        origin: DVec3::new(1.0, 2.0, 3.0),
+        origin: Some(DVec3::new(1.0, 2.0, 3.0)),
         turned_deg: 0.0,
     };
     let brackets = Brackets {

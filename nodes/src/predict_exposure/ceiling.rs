@@ -49,7 +49,7 @@ mod tests {
             image: Image::<Linear>::from_samples(WIDTH, WIDTH / 2, 3, samples).into(),
             alpha: Image::from_samples(WIDTH, WIDTH / 2, 1, vec![1.0; WIDTH * WIDTH / 2]),
             up: Up::PlusZ,
-            origin: DVec3::ZERO,
+            origin: None,
             turned_deg: 0.0,
         })
     }

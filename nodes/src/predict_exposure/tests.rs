@@ -16,7 +16,7 @@ fn pano(width: usize, colour: impl Fn(usize, usize) -> [f32; 3]) -> Arc<Panorama
         image: Image::<Srgb>::from_samples(width, height, 3, samples).into(),
         alpha: Image::from_samples(width, height, 1, vec![1.0; width * height]),
         up: Up::PlusZ,
-        origin: DVec3::ZERO,
+        origin: None,
         turned_deg: 0.0,
     })
 }

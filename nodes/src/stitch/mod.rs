@@ -317,7 +317,7 @@ pub(crate) fn finish(
         Image::<Linear>::from_samples(width, height, 3, samples).into()
     };
     let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
-    Ok(Panorama { image, alpha, up, origin, turned_deg: 0.0 })
+    Ok(Panorama { image, alpha, up, origin: Some(origin), turned_deg: 0.0 })
 }
 
 /// Linear light, premultiplied, of one row of premultiplied RGBA.

@@ -4,7 +4,7 @@ use engine::{Artifact, Corrupt, Decoder, Difference, Encoder, Up};
 use glam::DVec3;
 
 use super::image::{Image, Images, Linear, Picture, samples_difference};
-use super::panorama::{decode_up, decode_vec, encode_up, encode_vec};
+use super::panorama::{decode_point, decode_up, encode_point, encode_up};
 
 /// Linear radiance from every direction, as an equirectangular image of 3 channels in the same layout
 /// as a [`Panorama`](super::Panorama).
@@ -25,10 +25,7 @@ impl Artifact for Environment {
     fn encode(&self, to: &mut Encoder) {
         Images::single("", self.image.clone()).encode(to);
         encode_up(self.up, to);
-        to.bool(self.origin.is_some());
-        if let Some(origin) = self.origin {
-            encode_vec(origin, to);
-        }
+        encode_point(self.origin, to);
     }
 
     fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
@@ -39,7 +36,7 @@ impl Artifact for Environment {
             return Err(Corrupt("radiance has three channels".to_owned()));
         }
         let up = decode_up(from)?;
-        let origin = if from.bool()? { Some(decode_vec(from)?) } else { None };
+        let origin = decode_point(from)?;
         Ok(Self { image, up, origin })
     }
 

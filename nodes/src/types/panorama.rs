@@ -17,8 +17,8 @@ pub struct Panorama {
     pub alpha: Image<Data>,
     /// Which axis of the world points up; fixes the direction of every pixel.
     pub up: Up,
-    /// Where it was seen from, in world units.
-    pub origin: DVec3,
+    /// Where it was seen from, in world units, if that is known.
+    pub origin: Option<DVec3>,
     /// How far it was turned about the up axis when it was loaded, counter-clockwise seen from above, in degrees: other
     /// photographs of the same place lie as far off.
     pub turned_deg: f64,
@@ -69,12 +69,13 @@ pub(crate) fn decode_up(from: &mut Decoder<'_>) -> Result<Up, Corrupt> {
     })
 }
 
-pub(crate) fn encode_vec(v: DVec3, to: &mut Encoder) {
-    v.to_array().iter().for_each(|c| to.f64(*c));
+pub(super) fn encode_point(point: Option<DVec3>, to: &mut Encoder) {
+    to.bool(point.is_some());
+    point.into_iter().flat_map(|p| p.to_array()).for_each(|c| to.f64(c));
 }
 
-pub(crate) fn decode_vec(from: &mut Decoder<'_>) -> Result<DVec3, Corrupt> {
-    Ok(DVec3::new(from.f64()?, from.f64()?, from.f64()?))
+pub(super) fn decode_point(from: &mut Decoder<'_>) -> Result<Option<DVec3>, Corrupt> {
+    Ok(if from.bool()? { Some(DVec3::new(from.f64()?, from.f64()?, from.f64()?)) } else { None })
 }
 
 fn encode_picture(picture: &Picture, to: &mut Encoder) {
@@ -87,13 +88,13 @@ fn decode_picture(from: &mut Decoder<'_>) -> Result<Picture, Corrupt> {
 
 impl Artifact for Panorama {
     const TYPE: &'static str = "pano";
-    const FORMAT: u32 = 2;
+    const FORMAT: u32 = 3;
 
     fn encode(&self, to: &mut Encoder) {
         encode_picture(&self.image, to);
         encode_picture(&Picture::Data(self.alpha.clone()), to);
         encode_up(self.up, to);
-        encode_vec(self.origin, to);
+        encode_point(self.origin, to);
         to.f64(self.turned_deg);
     }
 
@@ -107,7 +108,7 @@ impl Artifact for Panorama {
         {
             return Err(Corrupt("panorama and alpha differ in size".to_owned()));
         }
-        let (up, origin) = (decode_up(from)?, decode_vec(from)?);
+        let (up, origin) = (decode_up(from)?, decode_point(from)?);
         Ok(Self { image, alpha, up, origin, turned_deg: from.f64()? })
     }
 
@@ -117,7 +118,8 @@ impl Artifact for Panorama {
 
     fn difference(&self, other: &Self) -> Difference {
         if self.up != other.up || self.origin != other.origin {
-            return Difference::of(format!("seen from {} against {}", self.origin, other.origin));
+            let from = |pano: &Self| pano.origin.map_or("an unknown place".to_owned(), |p| p.to_string());
+            return Difference::of(format!("seen from {} against {}", from(self), from(other)));
         }
         if self.turned_deg != other.turned_deg {
             return Difference::of(format!("turned by {} against {}", self.turned_deg, other.turned_deg));

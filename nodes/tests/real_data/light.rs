@@ -28,7 +28,7 @@ fn picture(name: &str) -> Image<Srgb> {
 fn pano() -> Arc<Panorama> {
     let image = picture("truth_equirect_ev0.png");
     let alpha = Image::from_samples(image.width, image.height, 1, vec![1.0; image.width * image.height]);
-    Arc::new(Panorama { image: image.into(), alpha, up: Up::PlusZ, origin: DVec3::ZERO, turned_deg: 0.0 })
+    Arc::new(Panorama { image: image.into(), alpha, up: Up::PlusZ, origin: None, turned_deg: 0.0 })
 }
 
 fn fusion(gain: Gain) -> FuseHdr {
@@ -115,7 +115,7 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
             path: InputFile(file.to_str().unwrap().to_owned()),
             photograph_ev: Some(0.0),
             rotation_deg: 0.0,
-            origin: [0.0; 3],
+            origin: Some([0.0; 3]),
         };
         let (loaded, _) = LoadPanorama::run(&params, load_panorama::In {}, &cx()).unwrap();
         for (sums, method) in sums.iter_mut().zip([&Method::Skip, method]) {

@@ -85,7 +85,7 @@ fn pano(turned: usize) -> Panorama {
         image: Image::<Srgb>::from_samples(W, H, 3, (0..W * H).flat_map(codes).collect()).into(),
         alpha: Image::from_samples(W, H, 1, vec![1.0; W * H]),
         up: Up::PlusZ,
-        origin: DVec3::ZERO,
+        origin: None,
         turned_deg: 360.0 * turned as f64 / W as f64,
     }
 }

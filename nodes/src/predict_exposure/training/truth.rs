@@ -140,7 +140,7 @@ impl Truth {
             image: Image::<Srgb>::from_samples(width, height, 3, codes).into(),
             alpha: Image::from_samples(width, height, 1, (0..width * height).map(seen).collect()),
             up: Up::PlusZ,
-            origin: DVec3::ZERO,
+            origin: None,
             turned_deg: 0.0,
         }
     }
