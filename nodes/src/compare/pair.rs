@@ -2,7 +2,7 @@
 
 use engine::{Context, NodeError};
 
-use super::{Compare, DARKEST, Space};
+use super::{Compare, Space};
 use crate::color::srgb_from_linear;
 use crate::layers::{coloured, linear};
 use crate::metrics::{
@@ -11,6 +11,10 @@ use crate::metrics::{
 };
 use crate::num;
 use crate::types::{Data, Image, Picture};
+
+/// Less light than this share is as good as none: what is below counts as this in the logarithm, so that a shadow which is
+/// pitch black, as `shadow-ratio` may give, is off by a number and not left out.
+const DARKEST: f64 = 0.001;
 
 /// Two pictures in the numbers to compare.
 pub struct Pair {

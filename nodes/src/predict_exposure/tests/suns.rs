@@ -1,0 +1,105 @@
+//! Which clipped light is the sun.
+
+use super::*;
+
+// A clipped disc of a few pixels at 45 degrees is the sun where it stands in a clear sky, also in the white balance of a
+// sunset, and no sun in a blue room, under a white ceiling over a brown floor, or in an overcast sky; where little of the
+// sky is seen it gives a part.
+// Mutation: `with_suns` without its loop; `clear` 1; either number of `CLEAR` 0.
+#[test]
+fn a_lone_small_light_in_a_sky_bluer_than_the_ground_is_taken_for_the_sun() {
+    for method in METHODS {
+        let seen = |columns: usize, colour: [f32; 3], ground: [f32; 3]| {
+            let pano = pano(256, |x, y| match (x, y) {
+                (60..=61, 32..=33) => [1.0; 3],
+                (_, 64..) => ground,
+                _ if (x + 68) % 256 < 128 + columns / 2 && (x + 68) % 256 >= 128 - columns / 2 => colour,
+                _ => [0.5; 3],
+            });
+            let (brackets, notes) = run_by(method.clone(), pano.clone(), &[-3.0]);
+            let sun = flux(&brackets, &pano, |at| brackets.log2_gain.samples[at] > 0.0);
+            let rest = flux(&brackets, &pano, |at| brackets.log2_gain.samples[at] == 0.0);
+            (sun / rest, notes.iter().any(|note| note.id == "sun"))
+        };
+        let share = |colour: [f32; 3], ground: [f32; 3]| seen(256, colour, ground);
+        let grey = [0.3; 3];
+        for (sky, ground) in [([0.3, 0.45, 0.7], grey), ([0.5, 0.5, 0.55], [0.4, 0.3, 0.2])] {
+            let (sun, told) = share(sky, ground);
+            assert!(told && (sun - 0.5).abs() < 0.02, "{method:?}: half of the rest, not {sun}");
+        }
+        let (ceiling, overcast) = (([0.6, 0.6, 0.58], [0.5, 0.36, 0.25]), ([0.6, 0.6, 0.64], grey));
+        let rooms = [([0.5, 0.48, 0.45], grey), ([0.4, 0.45, 0.5], [0.4, 0.45, 0.5])];
+        for (sky, ground) in rooms.into_iter().chain([ceiling, overcast]) {
+            let (lamp, told) = share(sky, ground);
+            assert!(!told && lamp < 0.35, "{method:?}: no sky, no sun: {lamp}");
+        }
+        // The sky is seen in 45 of 256 columns, between grey walls.
+        let (part, told) = seen(45, [0.3, 0.45, 0.7], [0.5; 3]);
+        assert!(told && part < 0.45, "{method:?}: {part}");
+    }
+}
+
+// White pixels of the ground, glints or snow, take no sun away: what is clipped below the horizon is lit, no light.
+// Mutation: `height(c) > 0.0` to `true` in `hues`.
+#[test]
+fn glints_on_the_ground_leave_the_sun_one() {
+    for method in METHODS {
+        let glints = |every: usize| {
+            let source = pano(256, |x, y| match (x, y) {
+                (60..=61, 32..=33) => [1.0; 3],
+                (_, 80..) if every > 0 && x % every == 7 && y % 9 == 0 => [1.0; 3],
+                (_, 64..) => [0.3; 3],
+                _ => [0.3, 0.45, 0.7],
+            });
+            let (brackets, notes) = run_by(method.clone(), source.clone(), &[-3.0]);
+            let sun = flux(&brackets, &source, |at| at / 256 < 64 && brackets.log2_gain.samples[at] > 0.0);
+            let rest = flux(&brackets, &source, |at| brackets.log2_gain.samples[at] == 0.0);
+            let below = brackets.log2_gain.samples[64 * 256..].iter().copied().fold(0.0, f32::max);
+            (sun / rest, below, notes.iter().any(|note| note.id == "sun"))
+        };
+        for every in [64, 8] {
+            let (sun, below, told) = glints(every);
+            assert!(told && sun > 0.48, "{method:?}, {every}: {sun}");
+            // No brighter than white paper in all that shines from above. Mutation: `lit_below` not asked.
+            assert!(method == Method::Region || below < 1.0, "{below} stops on the ground");
+        }
+    }
+}
+
+// There is one sun: of two lights that may be it the larger. Mutation: the others kept in `suns`.
+#[test]
+fn there_is_one_sun() {
+    for method in METHODS {
+        let source = pano(256, |x, y| match (x, y) {
+            (60..=61, 32..=33) | (160..=162, 32..=33) => [1.0; 3],
+            (_, 64..) => [0.3; 3],
+            _ => [0.3, 0.45, 0.7],
+        });
+        let (brackets, notes) = run_by(method.clone(), source, &[-3.0]);
+        assert!(notes.iter().any(|note| note.id == "sun"));
+        let suns: Vec<bool> = brackets.report.tables[1]
+            .rows
+            .iter()
+            .map(|row| row[6] == Cell::Text("the sun".to_owned()))
+            .collect();
+        assert_eq!(suns, [false, true], "{method:?}");
+    }
+}
+
+// A sun over water, which is as blue as the sky, is told to be one that may be missed; a lamp in a grey room is not.
+// Mutation: `*blue > BLUE` to `false`, or to `true`.
+#[test]
+fn a_sun_over_water_is_told_to_be_doubtful() {
+    for method in METHODS {
+        let told = |colour: [f32; 3]| {
+            let source = pano(256, |x, y| match (x, y) {
+                (60..=61, 32..=33) => [1.0; 3],
+                _ => colour,
+            });
+            let (_, notes) = run_by(method.clone(), source, &[-3.0]);
+            assert!(notes.iter().all(|note| note.id != "sun"));
+            notes.iter().any(|note| note.id == "sun-doubtful")
+        };
+        assert!(told([0.3, 0.45, 0.7]) && !told([0.5; 3]));
+    }
+}
