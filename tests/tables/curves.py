@@ -1,7 +1,6 @@
 """The picture of docs/trace.md: error over CPU seconds, beside other programs."""
-import math, os, re
+import math, re
 
-from job import ROOT
 from page import blocks
 
 # CPU-seconds and errors of other programs on the sunny plane, measured on a machine of the same sort: the object by
@@ -12,10 +11,13 @@ CYCLES = {"without": [(1.81, .0939), (1.37, .0199), (1.74, .00135), (3.33, .0002
 CYCLES_DENOISED = {"without": [(1.69, .00108), (1.77, .000347), (2.06, .000136), (4.34, .000076)],
                    "S": [(4.1, .0117), (4.3, .0075), (7.5, .0053)],
                    "object": [(1.83, .00187), (1.90, .000964), (2.00, .00037), (2.62, .000162), (4.98, .0000712)]}
+# S, its rim by Cycles with OpenImageDenoise on R0 and R1, by samples: of the notes.
+CYCLES_FILTERED = {4: "0.0117, 0.0185", 16: "0.0075, 0.0098", 64: "0.0053, 0.0062"}
 MITSUBA = {"without": [(.009, .0869), (.019, .0159), (.057, .0016), (.195, .000186), (.766, .00004)]}
 
-def curves(text):
-    """Error over CPU seconds of `without`, S and O as a drawing, from the tables of the bench."""
+def curves(text, picture):
+    """The tables of the bench with one more for docs/light-transport.md; error over CPU seconds of `without`, S and O as a
+    drawing."""
     def rows(head):
         table = next(lines for lines in ("\n".join(text.split("\n")[a:b]) for a, b in blocks(text.split("\n")))
                      if lines.startswith(head)).split("\n")[2:]
@@ -57,6 +59,8 @@ def curves(text):
             dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{colours[who]}"/>' for x, y in map(at, line))
             svg.append(f'<polyline points="{places}" fill="none" stroke="{colours[who]}" stroke-width="1.5"/>{dots}'
                        f'<text x="{left + 4}" y="{top + tall + 32 + 14 * index}" fill="{colours[who]}">{who}</text>')
-    with open(os.path.join(ROOT, "docs/trace.svg"), "w") as file:
+    with open(picture, "w") as file:
         file.write("\n".join(svg + ["</svg>", ""]))
-    return text
+    noise = [f"| {r[0][0]:.0f} | {r[4][0]:.4f}, {r[4][1]:.4f} | {r[5][0]:.4f}, {r[5][1]:.4f} | {CYCLES_FILTERED.get(r[0][0], '')} |" for r in ratio]
+    head = ["| samples | raw | denoised | Cycles with OpenImageDenoise on R0 and R1 (notes) |", "|---|---|---|---|"]
+    return "\n".join([text, "", *head, *noise, ""])

@@ -46,6 +46,10 @@ class Job:
             text = text.replace(before, after)
         return self.write(f"{name}.ron", text)
 
+    def picture(self, name):
+        """Where a drawing of the docs lies; where the job is only tried one of the folder."""
+        return self.path(f"{name}.svg") if self.small else os.path.join(ROOT, f"docs/{name}.svg")
+
     def write(self, name, text):
         with open(self.path(name), "w") as file:
             file.write(text)

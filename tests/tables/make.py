@@ -20,23 +20,25 @@ from job import Failed, HERE, Job, ROOT, cpu
 from page import renew
 from trade import bad, presets, tune
 
-# Name: page, seeds or None, CPU-minutes, what it needs beside the program (below the data, or a command), what makes its
-# tables, and whether there is a small form of that.
+# Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs beside the program (below the data, or a command), what
+# makes its tables, and whether there is a small form of that.
 def tables(job):
-    trade, small = "docs/trade.md", ["small"] * job.small
+    trade, small = ["docs/trade.md"], ["small"] * job.small
+    traced = lambda: curves(job.bench("trace", job.data, "plane", "ratio", *small), job.picture("trace"))
     return {
         "weights": (trade, 7, 3, None, lambda: job.script("weights"), True),
         "errors": (trade, 7, 3, "render-refs", lambda: job.script("errors", job.data), True),
         "skips": (trade, 3, 3, None, lambda: job.script("skips"), True),
         "bad": (trade, 3, 1, None, lambda: bad(job), True),
-        "presets": (trade, "7 and 1", 11, "bench-case", lambda: presets(job), True),
+        "presets": (trade, "7 and 1", 9, "bench-case", lambda: presets(job), True),
         "coverage": (trade, "0 to 19", 8, "bench-case", lambda: job.bench("coverage", *small), True),
-        "bench_case": ("README.md", 1, 12, "bench-case", lambda: job.script("bench_case", job.data), True),
+        "bench_case": (["README.md", "docs/bench.md"], 1, 10, "bench-case", lambda: job.script("bench_case", job.data), True),
+        "ablations": (["docs/light-transport.md", "docs/bench.md"], 1, 5, "bench-case", lambda: job.script("ablations", job.data), True),
         "tune": (trade, "7, 1, 7 and 3", 20, "splats/garden_sog", lambda: tune(job), True),
-        "extremes": (None, None, 2, None, lambda: job.call("tests/extremes/page"), False),
-        "splats": ("docs/splats.md", None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
-        "trace": ("docs/trace.md", "7 and 1 to 3", 2, "render-refs", lambda: curves(job.bench("trace", job.data, "plane", "ratio")), False),
-        "noop": ("docs/bench.md", None, 4, "ninja", lambda: job.call("python3", "tests/noop/ninja.py", job.program, "ninja", job.path("noop")), False),
+        "extremes": ([], None, 2, None, lambda: job.call("tests/extremes/page"), False),
+        "splats": (["docs/splats.md"], None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
+        "trace": (["docs/trace.md", "docs/light-transport.md"], "7 and 1 to 3", 3, "render-refs", traced, True),
+        "noop": (["docs/bench.md"], None, 4, "ninja", lambda: job.call("python3", "tests/noop/ninja.py", job.program, "ninja", job.path("noop")), False),
     }
 
 def missing(data, needs):
@@ -60,9 +62,9 @@ def main():
     if unknown:
         sys.exit(f"there are no tables {unknown}; there are {', '.join(known)}")
     if asked.list:
-        for name, (page, _, minutes, needs, *_) in known.items():
+        for name, (pages, _, minutes, needs, *_) in known.items():
             lacks = f", which is not here: {needs}" if missing(job.data, needs) else f", needs {needs}" if needs else ""
-            print(f"{name:9} {page or 'docs/extremes.md':16} about {minutes:2} CPU-min{lacks}")
+            print(f"{name:10} {', '.join(pages or ['docs/extremes.md']):38} about {minutes:2} CPU-min{lacks}")
         return
     if not os.path.exists(program):
         sys.exit(f"there is no program {program}: cargo build --release, or name one by LIGHTHARMONY")
@@ -70,7 +72,7 @@ def main():
     commit = job.call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if job.call("git", "status", "--short", "-uno") else "")
     told = []
     for name in asked.names or known:
-        page, seed, _, needs, make, has_small = known[name]
+        pages, seed, _, needs, make, has_small = known[name]
         lacks = missing(job.data, needs)
         if lacks or (job.small and not has_small):
             told.append((name, f"left out: there is no {lacks or 'small form of it'}"))
@@ -79,9 +81,9 @@ def main():
         try:
             text = make()
             job.write(f"{name}.md", text)
-            if page:
+            if pages:
                 seeded = f", seed{'s' * isinstance(seed, str)} {seed}" if seed is not None else ""
-                renew(page, text, f"*Made by `{HERE}/make.py {name}`, commit {commit}{seeded}.*", keep=job.small)
+                renew(pages, text, f"*Made by `{HERE}/make.py {name}`, commit {commit}{seeded}.*", keep=job.small)
             how = "made"
         # What one table runs into, the others need not.
         except Exception as error:

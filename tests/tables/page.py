@@ -24,12 +24,9 @@ def note_end(lines, end):
         last += 1
     return last + 1 if last < len(lines) and lines[last].endswith("*") else end
 
-def renew(page, text, note, keep=False):
-    """Puts the tables of `text` in the places of those of a page that have the same first row; with `keep` the page stays
-    as it is, and is only asked whether it has them."""
-    path = os.path.join(ROOT, page)
-    with open(path) as file:
-        lines = file.read().split("\n")
+def renew(pages, text, note, keep=False):
+    """Puts the tables of `text` in the places of those of some pages that have the same first row; with `keep` the pages stay
+    as they are, and are only asked whether they have them."""
     fresh, made = {}, text.split("\n")
     for first, end in blocks(made):
         if end - first < 3:
@@ -37,13 +34,17 @@ def renew(page, text, note, keep=False):
         fresh.setdefault(made[first].replace(" ", ""), []).append(made[first:end])
     if not fresh:
         raise Failed("nothing was made")
-    for first, end in reversed(blocks(lines)):
-        waiting = fresh.get(lines[first].replace(" ", ""))
-        if waiting:
-            lines[first:note_end(lines, end)] = waiting.pop() + ["", note]
-    if not keep:
-        with open(path, "w") as file:
-            file.write("\n".join(lines))
+    for page in pages:
+        path = os.path.join(ROOT, page)
+        with open(path) as file:
+            lines = file.read().split("\n")
+        for first, end in reversed(blocks(lines)):
+            waiting = fresh.get(lines[first].replace(" ", ""))
+            if waiting:
+                lines[first:note_end(lines, end)] = waiting.pop() + ["", note]
+        if not keep:
+            with open(path, "w") as file:
+                file.write("\n".join(lines))
     left = [head for head, waiting in fresh.items() if waiting]
     if left:
-        raise Failed(f"{page} has no table (or too few) of: {left}")
+        raise Failed(f"{', '.join(pages)}: no table (or too few) of {left}")

@@ -19,11 +19,21 @@ fn ratio_error(r0: &[f32], r1: &[f32], b0: &[f32], b1: &[f32]) -> f64 {
     (sum / f64::max(n, 1.0)).sqrt()
 }
 
-/// Prints the table of the open scene.
-pub fn plane(data: &Path) {
+/// Samples of the rows of a table, and of what they are compared with.
+struct Effort {
+    rows: &'static [u32],
+    reference: u32,
+}
+const WHOLE: Effort = Effort { rows: &[4, 8, 16, 64], reference: 256 };
+/// To see whether it runs.
+const SMALL: Effort = Effort { rows: &[4], reference: 8 };
+
+/// Prints the table of the open scene, or only tries it.
+pub fn plane(data: &Path, small: bool) {
     let case = Case::load(data, "sunny_plane");
     let outside = case.reference("ref-mitsuba/R0.exr");
-    table("sunny_plane", &case, EnvBlock::Solid, Bounce::Solid, &outside);
+    let effort = if small { SMALL } else { WHOLE };
+    table("sunny_plane", &case, (EnvBlock::Solid, Bounce::Solid), &outside, &effort);
 }
 
 /// Prints those of the closed room.
@@ -31,7 +41,7 @@ pub fn rooms(data: &Path) {
     let case = Case::load(data, "closed_room");
     for (tag, bounce) in [("env", Bounce::Env), ("solid", Bounce::Solid)] {
         let outside = case.reference(&format!("ref-proto/R0-frontface-{tag}.exr"));
-        table("closed_room", &case, EnvBlock::FrontFace { max_layers: 3 }, bounce, &outside);
+        table("closed_room", &case, (EnvBlock::FrontFace { max_layers: 3 }, bounce), &outside, &WHOLE);
     }
 }
 
@@ -53,18 +63,18 @@ fn block_scores(ours: &[f32], other: &[f32], width: usize) -> (f64, f64) {
     (scores.iter().sum::<f64>() / n, scores.iter().filter(|z| z.abs() > 3.0).count() as f64 / n)
 }
 
-fn table(name: &str, case: &Case, block: EnvBlock, bounce: Bounce, outside: &[f32]) {
+fn table(name: &str, case: &Case, (block, bounce): (EnvBlock, Bounce), outside: &[f32], effort: &Effort) {
     println!("{name} {block:?} {bounce:?}\n");
     // The same estimator with other random numbers: what it has in common with ours beside them, the tests
     // against other programs would show.
-    let own = case.trace(99, 256, true, block, bounce);
+    let own = case.trace(99, effort.reference, true, block, bounce);
     let [b0, b1, bo] = [&own.out.without, &own.out.with, &own.out.object].map(|i| rgb(i));
     println!(
         "| samples | `without`: CPU-s, error | `with` and `object`: CPU-s | error of `with`, `object` | error of S |"
     );
     println!("|---|---|---|---|---|");
     let mut more = Vec::new();
-    for samples in [4, 8, 16, 64] {
+    for &samples in effort.rows {
         let alone = case.trace(7, samples, false, block, bounce);
         let all = case.trace(7, samples, true, block, bounce);
         let [r0, r1, o] = [&all.out.without, &all.out.with, &all.out.object].map(|i| rgb(i));

@@ -1,6 +1,6 @@
 //! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
 //! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds
-//! `render-refs` and `gltf`. `ratio` takes numbers of samples. `rays` compares with Embree where that is installed.
+//! `render-refs` and `gltf`. `ratio` takes numbers of samples; `small` only tries `plane` and `ratio`. `rays` compares with Embree where that is installed.
 //! `beside OUT SAMPLES ..` is for `tests/tables/peers.py`.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
@@ -29,11 +29,13 @@ fn main() {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let asked = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
     one.install(|| {
+        let small = wanted.iter().any(|word| word == "small");
         if asked("plane") {
-            error::plane(&data);
+            error::plane(&data, small);
         }
         if asked("ratio") {
-            ratio::table(&data, if samples.is_empty() { &[2, 4, 8, 16, 64] } else { &samples });
+            let numbers: &[u32] = if small { &[2, 4] } else { &[2, 4, 8, 16, 64] };
+            ratio::table(&data, if samples.is_empty() { numbers } else { &samples }, small);
         }
         if asked("rooms") {
             error::rooms(&data);

@@ -48,12 +48,13 @@ pub fn clean(data: &Path, out: &Out) -> (denoise::Out, f64) {
     (clean, super::cpu_seconds() - start)
 }
 
-/// Prints the table. A turn of the object keeps `without`, so it costs what the objects cost beside it and the
+/// Prints the table, or only tries it. A turn of the object keeps `without`, so it costs what the objects cost beside it and the
 /// filter; a step costs all.
-pub fn table(data: &Path, numbers: &[u32]) {
+pub fn table(data: &Path, numbers: &[u32], small: bool) {
+    let (seeds, most) = if small { (1, 8) } else { (SEEDS, 128) };
     let case = Case::load(data, "sunny_plane");
     let reference = ["R0", "R1"].map(|layer| case.reference(&format!("ref-cycles/{layer}.exr")));
-    let converged = rgb(&case.trace(99, 128, true, EnvBlock::Solid, Bounce::Solid).out.object);
+    let converged = rgb(&case.trace(99, most, true, EnvBlock::Solid, Bounce::Solid).out.object);
     println!(
         "| samples | `without`, CPU-s | `objects` | filter | S and its rim, raw | denoised | O, raw | denoised |"
     );
@@ -62,7 +63,7 @@ pub fn table(data: &Path, numbers: &[u32]) {
     for &samples in numbers {
         let (mut squares, mut seconds) = ([[0.0; 2]; 2], [const { Vec::new() }; 3]);
         let (mut objects, mut counts) = ([0.0; 2], BTreeMap::new());
-        for seed in 1..=SEEDS {
+        for seed in 1..=seeds {
             let trace = |with| case.trace(seed, samples, with, EnvBlock::Solid, Bounce::Solid);
             let (alone, all) = (trace(false), trace(true));
             let Traced { out, .. } = all;
@@ -72,10 +73,10 @@ pub fn table(data: &Path, numbers: &[u32]) {
                 errors(&out.object, [&filtered.without, &filtered.with], &reference),
             ];
             for (square, error) in squares.iter_mut().flatten().zip(told.iter().flatten()) {
-                *square += error * error / SEEDS as f64;
+                *square += error * error / seeds as f64;
             }
             for (sum, images) in objects.iter_mut().zip([&out.object, &filtered.object]) {
-                *sum += relative_mse(&rgb(images), &converged) / SEEDS as f64;
+                *sum += relative_mse(&rgb(images), &converged) / seeds as f64;
             }
             for (list, s) in seconds.iter_mut().zip([alone.seconds, all.seconds - alone.seconds, spent]) {
                 list.push(s);
