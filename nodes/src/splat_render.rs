@@ -20,7 +20,7 @@ engine::params! {
         /// How far before `limit` the centre of a splat must lie to be kept, in standard deviations along its middle
         /// axis. A splat is seen as far as three from its centre, so the splats of a slanting surface lie as far before
         /// it, and are not in front of it. 0 is the centre alone.
-        limit_sigmas: f64 = 3.0, range(0.0, 100.0), other("0.0"), inert("without a `limit` nothing lies before it");
+        limit_sigmas: f64 = 3.0, range(0.0, 100.0), other("0.0");
     }
 }
 engine::inputs! {

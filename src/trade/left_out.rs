@@ -89,13 +89,15 @@ const SKIPS: [Skip; 8] = [
     },
     Skip {
         what: "telling the receiver from the light that it sends",
-        check: "the receiver is under a quarter of what the point of capture sees",
+        check: "light without a point of capture, or a receiver under a quarter of what is seen from there; else as set",
         force: "`near_field: On`, and `env_block`",
         kinds: TRACE,
         judge: |seen| {
             let near = seen.note("near-field")?;
             let text = [near].into_iter().chain(seen.note("env-block")).collect::<Vec<_>>().join("; ");
-            Some((near.contains("the scene is open"), text))
+            // Light from infinitely far on what is solid: the receiver is no light, and hides none that is.
+            let plain = |name, wanted| seen.value("decisions", name).is_some_and(|value| value == wanted);
+            Some((plain("near_field", "Off") && plain("env_block", "Solid"), text))
         },
     },
     Skip {
@@ -283,14 +285,31 @@ mod tests {
         assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need one"));
         assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100"));
 
-        let mut trace = node("trace", "path-trace");
-        trace.notes.push(note("near-field", "Off: the scene is open; rays"));
+        let trace = node("trace", "path-trace");
         let lobes =
             vec![Cell::Text("lobes that no material has".to_owned()), Cell::Text("sheen, brush".to_owned())];
         let reports = [("trace.report".to_owned(), table("decisions", &["what", "value"], lobes))];
-        let rows = judged(&[trace], &reports);
-        assert_eq!(rows[1], (Some(true), "Off: the scene is open; rays".to_owned()));
-        assert_eq!(rows[5], (Some(true), "sheen, brush".to_owned()));
+        assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
+    }
+
+    // Whatever the light is far for, a solid receiver under it is told from no light. Mutation: `near_field` or `env_block`
+    // not asked.
+    #[test]
+    fn a_solid_receiver_under_far_light_is_told_from_no_light() {
+        let row = |near: &str, block: &str, why: &str| {
+            let mut trace = node("trace", "path-trace");
+            trace.notes.push(note("near-field", why));
+            let mut report = table("decisions", &["what", "value"], Vec::new());
+            let cells =
+                |what: &str, value: &str| vec![Cell::Text(what.to_owned()), Cell::Text(value.to_owned())];
+            report.tables[0].rows = vec![cells("env_block", block), cells("near_field", near)];
+            judged(&[trace], &[("trace.report".to_owned(), report)]).swap_remove(1)
+        };
+        for why in ["Off: the scene is open", "Off: the environment has no point of capture", "Off: as set"] {
+            assert_eq!(row("Off", "Solid", why), (Some(true), why.to_owned()));
+            assert_eq!(row("Off", "Pass", why).0, Some(false));
+        }
+        assert_eq!(row("On", "Solid", "On: as set").0, Some(false));
     }
 
     #[test]

@@ -4,7 +4,8 @@
 usage: tests/extremes/mutate.py [TEXT..]     those alone whose test or file holds one of the texts
 
 All of them are built at once into a copy of the sources, each behind a number that is read when the program runs, so
-one build a crate does for all. `CARGO_TARGET_DIR` may name a folder of builds to reuse, `CARGO` another cargo. Fails where
+one build a crate does for all. `CARGO_TARGET_DIR` may name a folder of builds to reuse, but not a checkout's own `target`: cargo
+would take mutated tests for those of the checkout. `CARGO` may name another cargo. Fails where
 a test is red without a mutation, or green with one. A test that does not end within two minutes is red.
 """
 import json

@@ -6,7 +6,7 @@ usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, 
        make.py --list                                  what there is, what it takes and needs
 
 The program is that of target/release, or of LIGHTHARMONY; benches are built by cargo, or lie in the folder
-LIGHTHARMONY_BENCHES.
+LIGHTHARMONY_BENCHES. `tune` takes references that `presets` made in the same folder.
 
 Every command prints markdown tables, which are kept below the folder as NAME.md; each takes the place of the table in the
 page that has the same first row, of several those in their order, and gets a line that says by which command and at which
@@ -34,12 +34,15 @@ def tables(job):
         "coverage": (trade, "0 to 19", 8, "bench-case", lambda: job.bench("coverage", *small), True),
         "bench_case": (["README.md", "docs/bench.md"], 1, 10, "bench-case", lambda: job.script("bench_case", job.data), True),
         "ablations": (["docs/light-transport.md", "docs/bench.md"], 1, 5, "bench-case", lambda: job.script("ablations", job.data), True),
-        "tune": (trade, "7, 1, 7 and 3", 20, "splats/garden_sog", lambda: tune(job), True),
+        "tune": (trade, "7, 1, 7 and 3", 15, "splats/garden_sog", lambda: tune(job), True),
         "extremes": ([], None, 2, None, lambda: job.call("tests/extremes/page"), False),
         "splats": (["docs/splats.md"], None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
         "trace": (["docs/trace.md", "docs/light-transport.md"], "7 and 1 to 3", 3, "render-refs", traced, True),
         "noop": (["docs/bench.md"], None, 4, "ninja", lambda: job.call("python3", "tests/noop/ninja.py", job.program, "ninja", job.path("noop")), False),
     }
+
+# What decides what a table says: all but the pages that tables go to.
+ALL_BUT_PAGES = ["--", ".", ":!docs", ":!README.md"]
 
 def missing(data, needs):
     """What a table needs and is not there; None where all is."""
@@ -69,7 +72,7 @@ def main():
     if not os.path.exists(program):
         sys.exit(f"there is no program {program}: cargo build --release, or name one by LIGHTHARMONY")
     os.makedirs(job.work, exist_ok=True)
-    commit = job.call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if job.call("git", "status", "--short", "-uno") else "")
+    commit = job.call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if job.call("git", "status", "--short", "-uno", *ALL_BUT_PAGES) else "")
     told = []
     for name in asked.names or known:
         pages, seed, _, needs, make, has_small = known[name]

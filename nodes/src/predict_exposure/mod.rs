@@ -65,7 +65,7 @@ engine::params! {
         method: Method = Method::Learned, other("Skip");
         /// From where on a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures whose whites
         /// end below that, as those of splats and of video may.
-        white: f32 = CLIPPED, range(0.5, 1.0), other("0.9"), inert("where no channel lies between two values the same pixels are clipped");
+        white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
         /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
