@@ -89,7 +89,15 @@ impl PathTrace {
                     Block::FrontFace { .. } => "FrontFace",
                     _ => "Pass",
                 };
-                notes.decision("env-block", format!("{name}: {}", seen(&probe)));
+                let mut text = format!("{name}: {}", seen(&probe));
+                let one_side = probe.front_share() >= 0.9 || probe.front_share() <= 0.1;
+                if block == Block::Pass && one_side {
+                    let lit = 100.0 * probe.lit_share();
+                    text += &format!(
+                        "; `FrontFace` would let light come to {lit:.1} % of them: walls have an outer side"
+                    );
+                }
+                notes.decision("env-block", text);
                 block
             }
         };

@@ -92,7 +92,7 @@ impl Integrator<'_> {
                 (true, Some(_)) => Towards::NOWHERE,
                 (false, _) => self.towards_lamps(&surface),
             };
-            let lamps = self.sample_emitters(&surface, key ^ 2, bounce, &towards);
+            let lamps = self.sample_emitters((&surface, lift), key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
 
             // and what they scatter, by rays to where they are
@@ -207,8 +207,10 @@ impl Integrator<'_> {
         }
         let ray = surface.spawn_ray(drawn.direction);
         let to_objects = surface.ray_to_objects(drawn.direction, lift);
-        let [straight, _] = self.object_transmittance(to_objects, key, None, surface.medium(ray.direction));
-        if straight == Vec3::ONE || !self.passes(self.scene.rules.visibility(Lobe::Diffuse).shadow, ray) {
+        let (block, media) =
+            (self.scene.rules.visibility(Lobe::Diffuse).shadow, surface.medium(ray.direction));
+        let [straight, _] = self.sky_transmittance((ray, to_objects), block == Block::Solid, key, media);
+        if straight == Vec3::ONE || !self.passes(block, ray) {
             return Vec3::ZERO;
         }
         let light = self.scene.sky.light(drawn);
@@ -234,10 +236,14 @@ impl Integrator<'_> {
         let (objects, receiver) = (self.scene.objects, self.scene.receiver);
         let allowance = |l: &Hit| objects.touching.allowance(&ray, l.t, receiver.normal(l.triangle));
         let t_max = landed.map_or(ray.t_max, |l| l.t + allowance(&l));
-        let to_objects = Ray { t_max, ..surface.ray_to_objects(direction, lift) };
+        let mut to_objects = Ray { t_max, ..surface.ray_to_objects(direction, lift) };
         let before = |hit: &Hit| landed.is_none_or(|l| hit.t - objects.slack(hit, direction) <= l.t);
         let object = self.object(to_objects, key, Lobe::Diffuse);
-        let object = object.filter(|vertex| vertex.on_object().is_none_or(before));
+        let mut object = object.filter(|vertex| vertex.on_object().is_none_or(before));
+        if !rules.visibility(Lobe::Diffuse).lands {
+            let block = rules.visibility(Lobe::Diffuse).block;
+            (object, to_objects.t_max) = self.before_the_light(object, ray, block);
+        }
         let found = object.or(landed.map(Vertex::Receiver));
         let start = surface.medium(direction);
         let (passed, media) = self.along(to_objects, key, Lobe::Diffuse, found.as_ref(), start);

@@ -5,7 +5,9 @@
 //! What the camera sees is the true place, so a hit of one of its rays that is as high as the base of an
 //! object, to the error of the mesh, is moved along the ray to the height of the base: there the light that
 //! objects take away is judged, and there the object is in front or behind. What the receiver itself
-//! shades stays where it is, so R0 depends on no object.
+//! shades stays where it is, so R0 depends on no object. And so does what it shades of the objects: from a foot that it
+//! hides, rays to it start just above it, where the camera's hits moved from. From below it they would see what is
+//! outside of a closed room.
 
 use glam::{DVec3, Vec3};
 
@@ -88,9 +90,15 @@ impl Ground {
         (ground, found)
     }
 
+    /// How near to a place of the mesh another one may be that a better mesh would not have: its largest error where objects
+    /// stand.
+    pub fn error(&self) -> f32 {
+        self.supports.iter().map(|support| support.reach).fold(0.0, f32::max)
+    }
+
     /// The farthest that a camera's hit moves.
     pub fn max_shift(&self) -> f32 {
-        10.0 * self.supports.iter().map(|support| support.reach).fold(0.0, f32::max)
+        10.0 * self.error()
     }
 
     /// Whether a triangle of an object lies at the height of a base to which the camera's hits move, as near as that.
@@ -110,11 +118,37 @@ impl Ground {
     /// How far a camera's hit must move along its unit ray to lie on the ground of the object that is
     /// nearest to it (the first of equally near ones); 0 where it belongs to no ground.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
-        let (steep, height) = (normal.dot(self.up).abs(), position.dot(self.up));
         let fall = direction.dot(self.up);
-        if steep < STEEPEST || fall == 0.0 {
+        if normal.dot(self.up).abs() < STEEPEST || fall == 0.0 {
             return 0.0;
         }
+        let part = self.rise(position);
+        // A ray that hardly falls would run far; it moves ten times its height at most.
+        let way = part / fall;
+        way.clamp(-10.0 * part.abs(), 10.0 * part.abs())
+    }
+
+    /// Where rays to the receiver start from a place of an object that the mesh hides though the camera sees it, off that
+    /// place: just over the mesh, straight above. None where no mesh lies over the place that counts as lower than it.
+    pub fn over(&self, receiver: &Receiver, position: Vec3) -> Option<Vec3> {
+        let height = position.dot(self.up);
+        // Above twice the reach the mesh is where it is.
+        let within = |s: &&Support| (s.height - s.reach..s.height + 2.0 * s.reach).contains(&height);
+        let most = self.supports.iter().filter(within).map(|s| s.height + 2.0 * s.reach - height);
+        let most = most.reduce(f32::max)?;
+        let ray = Ray { t_max: most, ..Ray::new(position + self.up * most, -self.up) };
+        let flat = |hit: &Hit| receiver.normal(hit.triangle).dot(self.up).abs() >= STEEPEST;
+        let hit = receiver.bvh.closest(ray, flat)?;
+        let mesh = ray.origin + ray.direction * hit.t;
+        let level = mesh.dot(self.up) + self.rise(mesh);
+        // Rounding must not decide about the lowest edge of the object.
+        let slack = 1e-3 * most;
+        (level <= height + slack).then(|| receiver.start(&hit) - position)
+    }
+
+    /// How far the ground at a place of a flat part of the mesh lies over the mesh.
+    fn rise(&self, position: Vec3) -> f32 {
+        let height = position.dot(self.up);
         let aside = |s: &Support| {
             let out = (s.low - position).max(position - s.high).max(Vec3::ZERO);
             (out - self.up * out.dot(self.up)).length_squared()
@@ -124,10 +158,7 @@ impl Ground {
         let error = support.height - height;
         // The whole of it up to the reach, then less, to none at twice the reach.
         let whole = error.clamp(-support.reach, support.reach);
-        let part = whole - (error - whole).clamp(-support.reach, support.reach);
-        // A ray that hardly falls would run far; it moves ten times its height at most.
-        let way = part / fall;
-        way.clamp(-10.0 * part.abs(), 10.0 * part.abs())
+        whole - (error - whole).clamp(-support.reach, support.reach)
     }
 }
 

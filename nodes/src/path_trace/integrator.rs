@@ -201,6 +201,9 @@ impl<'a> Integrator<'a> {
         };
         let mut surface = self.scene.objects.surface(hit, out, straight, width, media);
         surface.bed = self.scene.objects.bed(hit, -out, &surface, self.scene.receiver);
+        if surface.bed.is_none() {
+            surface.bed = self.scene.objects.ground.over(self.scene.receiver, surface.position);
+        }
         let [near, far] = surface.media;
         if !near.is_empty() && far.is_deeper(&near) {
             // Where two bodies touch, the path sees one of the two surfaces, and may be out of the first body.
@@ -283,11 +286,11 @@ impl<'a> Integrator<'a> {
         [straight, Vec3::ZERO]
     }
 
-    /// Light of the objects that a light sample brings to a surface, beside scattered rays and those `towards` the
-    /// objects. The receiver hides it like any body.
+    /// Light of the objects that a light sample brings to a surface, moved by `lift` for them, beside scattered rays and
+    /// those `towards` the objects. The receiver hides it like any body.
     pub(super) fn sample_emitters(
         &mut self,
-        surface: &Surface,
+        (surface, lift): (&Surface, Vec3),
         key: u32,
         bounce: u32,
         towards: &Towards,
@@ -298,7 +301,7 @@ impl<'a> Integrator<'a> {
         }
         let pair = LAMPS + 2 * bounce;
         let emitter = objects.sample_emitter(self.points.bits(pair)[0], self.points.bits(pair + 1));
-        let to = emitter.position - surface.position;
+        let to = emitter.position - (surface.position + lift);
         let distance = to.length();
         let direction = to / distance;
         // By solid angle; a lamp seen from the edge, or where the surface is, gives nothing.
@@ -307,13 +310,15 @@ impl<'a> Integrator<'a> {
         if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
             return Vec3::ZERO;
         }
-        let way = emitter.way(surface.ray_to_receiver(direction).origin);
-        let ray = Ray { t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
+        // Past the receiver it is as far from where the surface is.
+        let start = surface.ray_to_receiver(direction).origin;
+        let way = emitter.way(start + lift);
+        let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
         if !objects.accepts(&emitter.hit, key, false) || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
         self.touched = true;
-        let ray = emitter.way(surface.ray_to_objects(direction, Vec3::ZERO).origin);
+        let ray = emitter.way(surface.ray_to_objects(direction, lift).origin);
         let unshaded =
             self.object_transmittance(ray, key, Some(emitter.hit.triangle), surface.medium(direction));
         let also = towards.pdf(direction);
@@ -333,6 +338,57 @@ impl<'a> Integrator<'a> {
         }
         let cosine = self.scene.objects.normal(hit.triangle).dot(ray.direction).abs();
         power_heuristic(pdf, emitter_pdf * hit.t * hit.t / cosine.max(1e-12))
+    }
+
+    /// How far along a ray from a surface light starts that passes the receiver: it shows what is there, so what lies
+    /// behind hides none of it. What is nearer than a mesh may be wrong is in its own way.
+    fn start_of_light(&mut self, ray: Ray) -> f32 {
+        self.rays.shadow += 1;
+        let Scene { receiver, objects, .. } = self.scene;
+        let beyond = objects.ground.error();
+        let Some(hit) = receiver.bvh.closest(ray, |hit| hit.t > beyond) else { return ray.t_max };
+        hit.t + objects.touching.allowance(&ray, hit.t, receiver.normal(hit.triangle))
+    }
+
+    /// What the objects let through of light along a ray, by the lobe that it serves; `to_receiver` is the same ray for the
+    /// receiver. Where that is not solid to the light, objects behind it hide none.
+    pub(super) fn sky_transmittance(
+        &mut self,
+        (to_receiver, to_objects): (Ray, Ray),
+        solid: bool,
+        key: u32,
+        media: Media,
+    ) -> [Vec3; 2] {
+        let touched = self.touched;
+        let all = self.object_transmittance(to_objects, key, None, media);
+        if solid || all == [Vec3::ONE; 2] {
+            return all;
+        }
+        let t_max = self.start_of_light(to_receiver);
+        if t_max >= to_objects.t_max {
+            return all;
+        }
+        self.touched = touched;
+        self.object_transmittance(Ray { t_max, ..to_objects }, key, None, media)
+    }
+
+    /// An object that a ray of a lobe found, if it is not behind a receiver that lets light of the sky pass, and how far the
+    /// ray goes.
+    pub(super) fn before_the_light(
+        &mut self,
+        object: Option<Vertex>,
+        ray: Ray,
+        block: Block,
+    ) -> (Option<Vertex>, f32) {
+        let objects = self.scene.objects;
+        let solid = block == Block::Solid || self.scene.rules.printed;
+        if solid || !self.objects || !(object.is_some() || objects.clear) {
+            return (object, ray.t_max);
+        }
+        let end = self.start_of_light(ray);
+        let before =
+            |vertex: &Vertex| vertex.on_object().is_none_or(|hit| objects.reach(hit, ray.direction) <= end);
+        (object.filter(before), end)
     }
 
     pub(super) fn passes(&mut self, block: Block, ray: Ray) -> bool {
@@ -391,7 +447,8 @@ impl<'a> Integrator<'a> {
         let start = place.position + place.normal * below.unwrap_or(place.margin);
         let ray = Ray::new(start, light.direction);
         let media = self.around(ray);
-        self.object_transmittance(ray, key ^ 4, None, media)[0]
+        // That light comes from a place of the receiver, too, or from the sky.
+        self.sky_transmittance((ray, ray), false, key ^ 4, media)[0]
     }
 
     /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points
@@ -412,7 +469,11 @@ impl<'a> Integrator<'a> {
         }
         let ray = NearFieldLight::towards(surface.ray_to_receiver(sample.direction), place.as_ref());
         let to_objects = Ray { t_max: ray.t_max, ..surface.ray_to_objects(sample.direction, lift) };
-        let mut unshaded = self.object_transmittance(to_objects, key, None, surface.medium(sample.direction));
+        let media = surface.medium(sample.direction);
+        let mut unshaded = match place {
+            Some(_) => self.object_transmittance(to_objects, key, None, media),
+            None => self.sky_transmittance((ray, to_objects), self.scene.rules.is_solid(), key, media),
+        };
         if let Some((near, points)) = near {
             let dimming = self.dimming(near, arriving, points, key);
             unshaded = unshaded.map(|passes| passes * dimming);
@@ -454,9 +515,10 @@ impl<'a> Integrator<'a> {
         }
         let ray = surface.ray_to_receiver(sample.direction);
         let to_objects = surface.ray_to_objects(sample.direction, lift);
-        let [unshaded, _] =
-            self.object_transmittance(to_objects, key, None, surface.medium(sample.direction));
-        if unshaded == Vec3::ZERO || !self.passes(self.scene.rules.visibility(Lobe::Diffuse).shadow, ray) {
+        let (block, media) =
+            (self.scene.rules.visibility(Lobe::Diffuse).shadow, surface.medium(ray.direction));
+        let [unshaded, _] = self.sky_transmittance((ray, to_objects), block == Block::Solid, key, media);
+        if unshaded == Vec3::ZERO || !self.passes(block, ray) {
             return Vec3::ZERO;
         }
         unshaded * scatter.value * sample.radiance / sample.pdf
@@ -520,7 +582,8 @@ impl<'a> Integrator<'a> {
                 for number in 0..near_lights {
                     let points = (self.points.twig(number, near_lights), pair);
                     self.rays.shadow += 1;
-                    let Some(mut arriving) = near.sample(surface.position, side, points.0.bits(pair)) else {
+                    let Some(mut arriving) = near.sample(surface.looks_from(), side, points.0.bits(pair))
+                    else {
                         continue;
                     };
                     arriving.0.pdf *= near_lights as f32;
@@ -553,7 +616,7 @@ impl<'a> Integrator<'a> {
                 true => self.towards,
                 false => Towards::NOWHERE,
             };
-            let lamps = self.sample_emitters(&surface, key ^ 2, bounce, &towards);
+            let lamps = self.sample_emitters((&surface, lift), key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
             light += self.sent(
                 (&surface, lift),
@@ -573,7 +636,7 @@ impl<'a> Integrator<'a> {
             let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
             let visibility = rules.visibility(lobe);
             let ray = surface.ray_to_receiver(direction);
-            let to_objects = surface.ray_to_objects(direction, lift);
+            let mut to_objects = surface.ray_to_objects(direction, lift);
             let touching = match (&vertex, lobe) {
                 (Vertex::Object(hit), Lobe::Specular)
                     if !touches
@@ -586,7 +649,10 @@ impl<'a> Integrator<'a> {
                 _ => None,
             };
             touches = touching.is_some();
-            let object = touching.or_else(|| self.object(to_objects, key ^ 1, lobe));
+            let mut object = touching.or_else(|| self.object(to_objects, key ^ 1, lobe));
+            if !visibility.lands {
+                (object, to_objects.t_max) = self.before_the_light(object, ray, visibility.block);
+            }
             let to_sky = near.is_some() || !matte;
             let landed = if visibility.lands && (go_on || (to_sky && visibility.block == Block::Solid)) {
                 self.rays.scattered += 1;

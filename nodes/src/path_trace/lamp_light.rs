@@ -56,7 +56,7 @@ impl Integrator<'_> {
                 Vertex::Receiver(_) if sends => self.towards_lamps(&surface),
                 _ => Towards::NOWHERE,
             };
-            let lamps = self.sample_emitters(&surface, key ^ 2, bounce, &towards);
+            let lamps = self.sample_emitters((&surface, Vec3::ZERO), key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
             let onwards = |own: &mut Self, vertex, state| own.lamp_radiance(vertex, state, false);
             let start = (&surface, Vec3::ZERO);

@@ -199,7 +199,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 15;
+    const VERSION: u32 = 16;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -297,6 +297,7 @@ impl Kind for PathTrace {
             objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
         report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
         objects.touching = Touching::of(&objects, prepared.receiver(), &ground);
+        objects.ground = ground;
         let contact = (up.to_array(), cx.metres_per_unit(), params.contact_metres);
         let limit = (params.crop > 0.0).then_some(params.crop);
         let most = params.most();
@@ -312,7 +313,7 @@ impl Kind for PathTrace {
         let cameras = &inputs.rig.cameras;
         let mut views = Vec::with_capacity(cameras.len());
         for (number, camera) in cameras.iter().enumerate() {
-            let camera_rays = CameraRays::new(camera, origin, seed, &ground, params.coarse_px);
+            let camera_rays = CameraRays::new(camera, origin, seed, &objects.ground, params.coarse_px);
             let whole = Area::whole(camera).in_blocks(params.coarse_px);
             let progress = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
             let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
@@ -337,7 +338,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 14, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 15, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
                     let (scene, crop) = (scene(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {

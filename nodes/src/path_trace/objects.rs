@@ -11,6 +11,7 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::attributes::SurfacePoint;
 use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
+use super::contact::Ground;
 use super::emitters::{EmitterSample, Emitters};
 use super::media::{Body, Media};
 use super::mipmap::{Mipmap, Texels};
@@ -67,6 +68,10 @@ pub struct Objects {
     pub emitters: Emitters,
     /// Where they lie on the receiver.
     pub touching: Touching,
+    /// What they stand on.
+    pub ground: Ground,
+    /// The farthest that a flat one was lifted off another: see [`super::stacked`].
+    pub(super) lifted: f32,
 }
 
 fn columns(m: DMat3) -> [Vec3; 3] {
@@ -108,6 +113,8 @@ impl Objects {
             held: None,
             emitters: Emitters::new(&[], |_| 1, |_, _| Vec3::ZERO),
             touching: Touching::default(),
+            ground: Ground::default(),
+            lifted: 0.0,
         };
         for (index, one) in placed.iter().enumerate() {
             let matrix = one.world_from_object;

@@ -32,8 +32,8 @@ pub struct Surface {
     pub media: [Media; 2],
     /// How far below it rays to objects start, where one lies on it: see [`super::touching`].
     pub cover: Option<f32>,
-    /// How far over it rays to the receiver start, where it lies on that.
-    pub bed: Option<f32>,
+    /// How far off it rays to the receiver start, where it lies on that, or under it: see [`super::contact`].
+    pub bed: Option<Vec3>,
 }
 
 impl Surface {
@@ -48,9 +48,15 @@ impl Surface {
     #[inline]
     pub fn ray_to_receiver(&self, direction: Vec3) -> Ray {
         match self.bed {
-            Some(over) => Ray::new(self.position + self.normal * over, direction),
+            Some(off) => Ray::new(self.position + off, direction),
             None => self.spawn_ray(direction),
         }
+    }
+
+    /// The place that looks for light of the receiver.
+    #[inline]
+    pub fn looks_from(&self) -> Vec3 {
+        self.position + self.bed.unwrap_or_default()
     }
 
     /// A ray that leaves the surface from a start that is lifted and may meet objects.

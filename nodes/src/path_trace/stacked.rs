@@ -146,7 +146,9 @@ impl Objects {
         }
         for (index, sheet) in sheets.iter().enumerate() {
             let Some(sheet) = sheet else { continue };
-            let way = sheet.normal * (lifts[index] * HAIR * space);
+            let far = lifts[index] * HAIR * space;
+            self.lifted = self.lifted.max(far.abs());
+            let way = sheet.normal * far;
             for span in &spans[index] {
                 self.corners[span.clone()].iter_mut().flatten().for_each(|corner| *corner += way);
             }

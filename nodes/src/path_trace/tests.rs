@@ -11,6 +11,7 @@ use crate::testing::context;
 use crate::types::{Camera, Material, Object, Primitive};
 
 mod adaptive;
+mod closed_room;
 mod coarse;
 mod crop;
 mod env_resolution;

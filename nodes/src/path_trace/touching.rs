@@ -56,7 +56,8 @@ impl Touching {
             }
             meets
         });
-        let reach = 2.0 * (space + coarsest);
+        // One that was lifted off the underside of what stands on it lies as far below the receiver.
+        let reach = 2.0 * (space + coarsest) + objects.lifted;
         let touches = |corners: &[Vec3; 3]| {
             let own = around(corners, reach);
             if ground.is_base(corners, reach) {
@@ -139,14 +140,14 @@ impl Objects {
         self.bvh.any(touching.across(position, normal), lies).then_some(touching.reach)
     }
 
-    /// How far over a surface of the objects, seen along a ray, rays to the receiver start to meet what it lies on; less
-    /// than 0 where the ray came from there, and none where the surface lies on nothing.
-    pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<f32> {
+    /// How far off a surface of the objects, seen along a ray, rays to the receiver start to meet what it lies on: along its
+    /// normal, or against it where the ray came from there; none where the surface lies on nothing.
+    pub fn bed(&self, hit: &Hit, direction: Vec3, surface: &Surface, receiver: &Receiver) -> Option<Vec3> {
         let touching = &self.touching;
         let lies = |hit: &Hit| receiver.normal(hit.triangle).dot(surface.normal).abs() > ALONG;
         let found = touching.holds(hit.triangle)
             && receiver.bvh.any(touching.across(surface.position, surface.normal), lies);
         let from_there = hit.t * surface.normal.dot(direction).abs() <= 3.0 * touching.reach;
-        found.then_some(if from_there { -touching.reach } else { touching.reach })
+        found.then(|| surface.normal * if from_there { -touching.reach } else { touching.reach })
     }
 }

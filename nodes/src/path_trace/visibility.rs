@@ -138,6 +138,8 @@ pub struct Probe {
     pub escaped: u32,
     /// Rays that met a front face first.
     pub front: u32,
+    /// Rays to which `FrontFace` would let light come, of three layers, with fronts on the side that most of them met.
+    pub lit: u32,
 }
 
 impl Probe {
@@ -152,6 +154,8 @@ impl Probe {
                 Some(hit) => probe.front += u32::from(!hit.back),
             }
         }
+        let block = Block::FrontFace { max_layers: three(), flip: probe.front_share() < 0.5 };
+        probe.lit = Self::rays(from).map(|ray| u32::from(block.passes(receiver, ray))).sum();
         probe
     }
 
@@ -186,11 +190,19 @@ impl Probe {
         f64::from(self.front) / f64::from((self.rays - self.escaped).max(1))
     }
 
+    /// Share of the rays to which `FrontFace` would let light come.
+    pub fn lit_share(&self) -> f64 {
+        f64::from(self.lit) / f64::from(self.rays.max(1))
+    }
+
     /// What `Auto` becomes. Over 5 % of sky means an open scene; else 90 % of one side mean that the
-    /// orientation of the mesh can be trusted. Both bounds are judgement, so the report tells the shares.
+    /// orientation of the mesh can be trusted, unless it then keeps out three quarters of the light, as walls with an
+    /// outer side do. The bounds are judgement, so the report tells the shares.
     pub fn decide(&self) -> Block {
         if self.is_open() {
             Block::Solid
+        } else if self.lit_share() < 0.25 {
+            Block::Pass
         } else if self.front_share() >= 0.9 {
             Block::FrontFace { max_layers: 3, flip: false }
         } else if self.front_share() <= 0.1 {
@@ -244,6 +256,12 @@ pub struct Visibility {
 }
 
 impl Rules {
+    /// Whether no light of the sky passes the receiver to any lobe.
+    #[inline]
+    pub fn is_solid(&self) -> bool {
+        self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)
+    }
+
     /// The row of the table for rays of a lobe. Rows: diffuse rays of the receiver and of objects, and
     /// specular rays of objects that see the environment or the receiver. The receiver has no specular
     /// lobe, and the objects are solid to every ray.

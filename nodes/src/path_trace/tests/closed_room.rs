@@ -1,0 +1,174 @@
+//! Objects whose foot lies under the floor of a closed room, within what its mesh may be wrong: the room lets in what it
+//! lets in for one that stands on the floor.
+
+use super::materials::clear;
+use super::*;
+
+/// Heights of the base of a cube over the floor: sunk, a little sunk, on it, a little over it.
+const HEIGHTS: [f64; 4] = [-0.01, -0.001, 0.0, 0.001];
+
+fn cube(material: &Material, z: f64) -> [Arc<Placed>; 1] {
+    [placed(&box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.4], false), material.clone(), DVec3::Z * z)]
+}
+
+/// Of the foot of the cube at some height and what it stands on; a centimetre is three pixels.
+fn at_the_foot(z: f64) -> Arc<Rig> {
+    rig(DVec3::new(-1.0, 0.05, 0.3 + z), DVec3::new(-0.2, 0.0, z), 24, 20.0)
+}
+
+fn told(env_block: EnvBlock, near_field: NearField) -> PathTrace {
+    PathTrace { contact_metres: Some(0.02), near_field, ..params(64, env_block) }
+}
+
+/// No light gets into a room without openings, on the floor or on what stands on it.
+/// Mutation: `over` left out of `Integrator::surface`.
+#[test]
+fn no_light_gets_in_under_a_foot() {
+    let mirror = Material { double_sided: true, ..Material::default() };
+    for material in [matte(0.6), mirror, clear(0.9, Some([0.0; 3]), 1.5)] {
+        for z in HEIGHTS {
+            let params = told(EnvBlock::Solid, NearField::Off);
+            let (out, _) = render(&params, &room(), &cube(&material, z), &at_the_foot(z), &white());
+            let object = samples(&out.object).chunks(4);
+            assert!(object.clone().any(|pixel| pixel[3] == 1.0), "it is seen");
+            let lit = object.flat_map(|pixel| &pixel[..3]).chain(samples(&out.with)).filter(|v| **v != 0.0);
+            assert_eq!(lit.count(), 0, "at {z}: {material:?}");
+        }
+    }
+}
+
+/// Under a bright ceiling a foot has the light that it has a millimetre over the floor.
+/// Mutation: `over` left out of `Integrator::surface`.
+#[test]
+fn a_sunk_foot_is_lit_like_one_on_the_floor() {
+    let mut env = constant(Up::PlusZ, [0.2; 3], 64);
+    let half = env.image.samples.len() / 2;
+    env.image.samples[..half].fill(1.0);
+    env.origin = Some(DVec3::new(-0.5, 0.4, 1.6));
+    for (env_block, near_field) in
+        [(EnvBlock::Auto, NearField::On), (EnvBlock::FrontFace { max_layers: 3 }, NearField::Off)]
+    {
+        let seen = |z: f64| {
+            let params = told(env_block, near_field);
+            let (out, _) = render(&params, &room(), &cube(&matte(0.6), z), &at_the_foot(z), &env);
+            [covered(&out.object), mean(&out.with)]
+        };
+        let over = seen(0.001);
+        for z in &HEIGHTS[..3] {
+            let found = seen(*z);
+            for k in 0..2 {
+                let off = found[k] / over[k] - 1.0;
+                assert!(off.abs() < 0.03, "{near_field:?}, {env_block:?}, {z}: {found:?} for {over:?}");
+            }
+        }
+    }
+}
+
+/// A room of walls with an outer side is lit: its normals are right, but by `FrontFace` every wall would be furniture.
+/// Mutation: `lit_share` not asked in `Probe::decide`.
+#[test]
+fn a_room_with_thick_walls_is_lit() {
+    let shell = box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false);
+    for outside in [Mesh::default(), shell] {
+        let name = if outside.triangles.is_empty() { "FrontFace" } else { "Pass" };
+        let room = merge(room(), outside);
+        let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
+        let (out, notes) = render(&params(16, EnvBlock::Auto), &room, &object, &inside(), &white());
+        let told = notes.iter().find(|note| note.id == "env-block").expect("told").text.clone();
+        assert!(told.starts_with(name), "{told}");
+        assert!((mean(&out.without) - 0.5).abs() < 5e-3 && covered(&out.object) > 0.3, "{name}");
+    }
+}
+
+/// What stands behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
+/// Mutation: in `sky_transmittance` return `all`; `before_the_light` give back what it is given (seen red, by a mirror).
+#[test]
+fn objects_behind_a_wall_change_nothing() {
+    let mut env = sunny();
+    let far = ball(0.9, matte(0.3), DVec3::new(3.5, 0.5, 1.5));
+    let mirror = Material { roughness: 0.0, double_sided: true, ..Material::default() };
+    let own = ball(0.3, mirror, DVec3::new(0.5, 0.5, 1.0));
+    for (env_block, near_field) in [
+        (EnvBlock::Auto, NearField::On),
+        (EnvBlock::FrontFace { max_layers: 3 }, NearField::Off),
+        (EnvBlock::Pass, NearField::Off),
+        (EnvBlock::PassBeyond { metres: 1.0 }, NearField::Off),
+    ] {
+        env.origin = Some(DVec3::new(0.0, 0.0, 1.6));
+        let params = PathTrace { near_field, ..params(16, env_block) };
+        let go = |objects: &[Arc<Placed>]| render(&params, &room(), objects, &inside(), &env).0;
+        let out = go(std::slice::from_ref(&far));
+        let differ = samples(&out.with).iter().zip(samples(&out.without)).filter(|(a, b)| a != b).count();
+        assert_eq!(differ, 0, "{env_block:?}");
+        let [alone, both] = [vec![own.clone()], vec![own.clone(), far.clone()]].map(|objects| go(&objects));
+        for (a, b) in [(&alone.object, &both.object), (&alone.with, &both.with)] {
+            assert!((mean(a) / mean(b) - 1.0).abs() < 1e-3, "{env_block:?}: {} {}", mean(a), mean(b));
+        }
+    }
+}
+
+/// On a mesh that lies too low, and within what it may be wrong, a lamp lights what the camera sees of the ground as on a
+/// mesh that is right; none of its light comes out from under a box of which the bottom alone shines.
+/// Mutation: `lift` left out of the direction, the ray to the receiver or that to the objects in `sample_emitters`.
+#[test]
+fn lamps_light_the_ground_where_the_camera_sees_it() {
+    let lamp = Material { emissive: [3.0; 3], ..matte(0.0) };
+    let sides = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.3], false);
+    let part = |mesh: &Mesh, triangles: &[[u32; 3]], material| Primitive {
+        positions: mesh.positions.clone(),
+        triangles: triangles.to_vec(),
+        material,
+        ..Primitive::default()
+    };
+    let object = |primitives| {
+        let object = Object { primitives, materials: vec![matte(0.0), lamp.clone()], textures: Vec::new() };
+        [Arc::new(Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY })]
+    };
+    let whole = object(vec![part(&sides, &sides.triangles, 1)]);
+    let bottom = object(vec![part(&sides, &sides.triangles[..2], 1), part(&sides, &sides.triangles[2..], 0)]);
+    let ground = |z: f32| {
+        let mut mesh = plane(3.0);
+        mesh.positions.iter_mut().for_each(|p| p[2] = z);
+        mesh
+    };
+    let camera = rig(DVec3::new(0.0, -2.0, 1.2), DVec3::new(0.0, -0.3, 0.0), 24, 4.0);
+    let added = |z: f32, objects: &[Arc<Placed>]| {
+        let params = PathTrace { contact_metres: Some(0.05), ..params(128, EnvBlock::Solid) };
+        let env = constant(Up::PlusZ, [0.2; 3], 64);
+        let (out, _) = render(&params, &ground(z), objects, &camera, &env);
+        // Of what the object does not cover.
+        let open = samples(&out.object).chunks(4).map(|pixel| pixel[3] == 0.0);
+        let light = samples(&out.with).chunks(3).zip(samples(&out.without).chunks(3));
+        let each = light.zip(open).filter(|(_, open)| *open).map(|((b, a), _)| f64::from(b[0] - a[0]));
+        let found: Vec<f64> = each.collect();
+        found.iter().sum::<f64>() / found.len() as f64
+    };
+    for (objects, least) in [(&whole, 0.05), (&bottom, -0.05)] {
+        let right = added(0.0, objects);
+        for z in [-0.03, 0.01] {
+            let found = added(z, objects);
+            let off = (found - right).abs();
+            assert!(off < 0.03 * right.abs() + 1e-4, "{z}: {found} for {right}");
+        }
+        assert!(if least > 0.0 { right > least } else { right < 0.0 && right > least }, "{right}");
+    }
+}
+
+/// A rug right on the floor stays there with a box on it, however far up other things are.
+/// Mutation: `lifted` left out of the reach of `Touching`: the rug was gone.
+#[test]
+fn a_rug_under_a_box_stays_in_front_of_the_floor() {
+    let red = Material { base_colour: [0.9, 0.05, 0.05, 1.0], ..matte(0.5) };
+    let rug = |z: f64| placed(&plane(0.6), red.clone(), DVec3::Z * z);
+    let block = placed(&box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.3], false), matte(0.5), DVec3::ZERO);
+    let pendant = ball(0.1, matte(0.5), DVec3::Z * 10.0);
+    let camera = rig(DVec3::new(1.2, -1.3, 1.5), DVec3::ZERO, 24, 2.5);
+    let seen = |z: f64| -> f64 {
+        let objects = [rug(z), block.clone(), pendant.clone()];
+        // A floor of small triangles near the objects, since rounding is judged by the largest.
+        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(1.0), &objects, &camera, &white());
+        samples(&out.object).chunks(4).map(|pixel| f64::from(pixel[3])).sum()
+    };
+    let (over, on) = (seen(0.002), seen(0.0));
+    assert!((on / over - 1.0).abs() < 0.02 && over > 50.0, "{on} for {over}");
+}
