@@ -89,6 +89,10 @@ pub trait Kind: 'static {
     /// The parameter by which a first preview computes one pixel for each block of so many by so many; 1 is each.
     const COARSE: Option<&'static str> = None;
 
+    /// Inputs that only tell how fine others need be, such as a coarse look at the light. Knobs of what nothing else reads
+    /// stay as the graph has them: turned up they would cost what the look is to save.
+    const LOOKS: &'static [&'static str] = &[];
+
     /// The parameter in whose steps the work is kept in parts: raising it pays only for what is new. A forecast
     /// counts no more than that.
     const REFINES: Option<&'static str> = None;
@@ -222,6 +226,8 @@ pub struct KindEntry {
     pub instant: bool,
     /// [`Kind::REFINES`].
     pub refines: Option<&'static str>,
+    /// [`Kind::LOOKS`].
+    pub looks: &'static [&'static str],
     /// [`Kind::ROUGH`].
     pub rough: &'static [(&'static str, &'static str)],
     /// [`Kind::COARSE`].
@@ -253,6 +259,7 @@ impl KindEntry {
             data: K::DATA,
             instant: K::INSTANT,
             refines: K::REFINES,
+            looks: K::LOOKS,
             rough: K::ROUGH,
             coarse: K::COARSE,
             folders: K::FOLDERS,

@@ -6,11 +6,12 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use crate::diag::Source;
-use crate::document::RawField;
+use crate::document::{Document, RawField};
 use crate::graph::{Graph, Node};
 use crate::include::parse_all;
 use crate::kind::Registry;
 use crate::root::SourceRoot;
+use crate::wires::wire_names;
 
 /// The presets that every graph has, from the least work to the least error. A graph's own preset of the same
 /// name takes the place of one.
@@ -105,7 +106,7 @@ impl Graph {
     /// Every knob above the given targets, none standing for [`Graph::targets`], in the order of the file.
     pub fn knobs(&self, only: &[usize]) -> Vec<GraphKnob> {
         let targets = if only.is_empty() { self.targets() } else { only.to_vec() };
-        let above: Vec<(usize, Vec<bool>)> = targets.iter().map(|&to| (to, self.above(&[to]))).collect();
+        let above: Vec<(usize, Vec<bool>)> = targets.iter().map(|&to| (to, self.shown_by(to))).collect();
         let mut knobs: Vec<GraphKnob> = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
             let name = name_in_file(&node.id, !node.point.is_empty());
@@ -143,7 +144,23 @@ impl Graph {
         knobs
     }
 
-    /// The fields above the given targets that are no knobs and that another form of this graph, such as one under
+    /// Which nodes a target shows: itself and what is above it, but by inputs that only look ([`Kind::LOOKS`]).
+    ///
+    /// [`Kind::LOOKS`]: crate::Kind::LOOKS
+    fn shown_by(&self, target: usize) -> Vec<bool> {
+        let (mut shown, mut open) = (vec![false; self.nodes.len()], vec![target]);
+        while let Some(at) = open.pop() {
+            if !std::mem::replace(&mut shown[at], true) {
+                let node = &self.nodes[at];
+                let ports = node.kind.inputs.iter().zip(&node.inputs);
+                let ports = ports.filter(|(port, _)| !node.kind.looks.contains(&port.name));
+                open.extend(ports.flat_map(|(_, wires)| wires.iter().map(|wire| wire.node)));
+            }
+        }
+        shown
+    }
+
+    /// The fields above the given targets that [`Graph::knobs`] does not have and that another form of this graph, such as one under
     /// a preset, sets otherwise: node, parameter, and its canonical values here and there. Instances of axes are
     /// left out.
     pub fn fields_otherwise(
@@ -152,6 +169,7 @@ impl Graph {
         targets: &[usize],
     ) -> Vec<(String, &'static str, [String; 2])> {
         let wanted = self.above(targets);
+        let shown: Vec<Vec<bool>> = targets.iter().map(|&to| self.shown_by(to)).collect();
         let others: BTreeMap<&str, &Node> = other.nodes.iter().map(|node| (&*node.id, &**node)).collect();
         let mut fields = Vec::new();
         for (index, node) in self.nodes.iter().enumerate() {
@@ -160,6 +178,7 @@ impl Graph {
             };
             for ((parameter, here), (_, there)) in node.values().into_iter().zip(other.values()) {
                 let knob = node.kind.params.iter().any(|spec| spec.name == parameter && spec.knob.is_some());
+                let knob = knob && shown.iter().any(|shown| shown[index]);
                 if here != there && !knob {
                     fields.push((node.id.clone(), parameter, [here, there]));
                 }
@@ -191,6 +210,42 @@ fn varies(field: &RawField<'_>) -> bool {
     ["Axis(", "Track("].iter().any(|call| field.text.contains(call))
 }
 
+/// Whether each node of a text is read by inputs that only look ([`Kind::LOOKS`]), itself or by all that it comes to.
+///
+/// [`Kind::LOOKS`]: crate::Kind::LOOKS
+fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {
+    let nodes = &document.nodes;
+    let ids: BTreeMap<&str, usize> = nodes.iter().enumerate().map(|(at, node)| (&*node.id, at)).collect();
+    // Who reads a node, and whether only to look.
+    let mut readers = vec![Vec::new(); nodes.len()];
+    for (reader, node) in nodes.iter().enumerate() {
+        let Some(kind) = registry.get(node.kind) else { continue };
+        for port in &kind.inputs {
+            let Some(field) = node.fields.iter().find(|field| field.name == port.name) else { continue };
+            // What is wrong with a wire is told when it is checked; what a gather reads is read.
+            for named in wire_names(field, &document.scopes).unwrap_or_default() {
+                let whole = format!("{}{}", document.scopes[named.scope].prefix, named.name);
+                let found = ids.get(&*whole).or_else(|| ids.get(whole.rsplit_once('.')?.0));
+                if let Some(&at) = found {
+                    readers[at].push((reader, kind.looks.contains(&port.name)));
+                }
+            }
+        }
+    }
+    // What nobody reads is shown, and so is what it reads otherwise than to look.
+    let (mut shown, mut above) = (vec![false; nodes.len()], vec![Vec::new(); nodes.len()]);
+    for (at, readers) in readers.iter().enumerate() {
+        readers.iter().filter(|(_, looks)| !looks).for_each(|(reader, _)| above[*reader].push(at));
+    }
+    let mut open: Vec<usize> = (0..nodes.len()).filter(|&at| readers[at].is_empty()).collect();
+    while let Some(at) = open.pop() {
+        if !std::mem::replace(&mut shown[at], true) {
+            open.extend(&above[at]);
+        }
+    }
+    shown.into_iter().map(|shown| !shown).collect()
+}
+
 impl Source {
     /// The names of the graph's own presets and those of included files, each once. What is wrong with the text is told when it is checked.
     pub fn own_presets(&self, root: &SourceRoot) -> Vec<String> {
@@ -210,8 +265,8 @@ impl Source {
         let (Some(level), false) = (level, document.presets.iter().any(|own| own.name == preset)) else {
             return self.with_own_preset(preset);
         };
-        let mut fields = Vec::new();
-        for node in &document.nodes {
+        let (mut fields, looks) = (Vec::new(), looked_at(&document, registry));
+        for (node, _) in document.nodes.iter().zip(looks).filter(|(_, looked_at)| !looked_at) {
             let specs = registry.get(node.kind).map_or(&[][..], |kind| kind.params.as_slice());
             for spec in specs {
                 let own = node.fields.iter().find(|field| field.name == spec.name);

@@ -45,6 +45,7 @@ impl Kind for FitProbe {
     const NAME: &'static str = "fit-probe";
     const VERSION: u32 = 1;
     const STORE: Keep = Keep::Cheap;
+    const LOOKS: &'static [&'static str] = &["look"];
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -178,6 +178,52 @@ fn insert(values: &mut Vec<String>, value: &str, kind: KnobKind) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use engine::{Source, SourceRoot};
+
+    /// A light that is looked at coarsely first.
+    const FITTED: &str = r#"Graph(
+        version: 1, scene: (up: "+z", seed: 1), nodes: (
+            demo:   DemoScene(splats: 4000, width_px: 36, height_px: 26),
+            pose:   Pose(),
+            placed: Place(object: "demo.object", pose: "pose"),
+            small:  CubeRig(at: "pose", size_px: 64),
+            seen:   SplatRender(splats: "demo.splats", rig: "small"),
+            look:   Stitch(views: "seen", width_px: 128),
+            lamps:  PredictExposure(pano: "look", evs: [-6.0], method: Region),
+            dim:    FuseHdr(base: "look", brackets: "lamps"),
+            broad:  CubeRig(at: "pose", size_px: 200),
+            probe:  FitProbe(rig: "broad", objects: ["placed"], look: "dim"),
+            faces:  SplatRender(splats: "demo.splats", rig: "probe"),
+            pano:   Stitch(views: "faces", width_px: 300, as_views: true),
+            save:   WriteImage(image: "pano", path: "pano.png"),
+        ),
+    )"#;
+
+    // Presets turn what the light is made of and not what tells how much of it is needed, unless that is shown, too, or a
+    // preset of the graph sets it. Mutation: `LOOKS` of `fit-probe` empty; `shown_by` as `above`; `looked_at` all false.
+    #[test]
+    fn what_only_looks_is_turned_by_no_preset() {
+        let registry = nodes::registry();
+        let parse = |text: &str| {
+            let graph = Graph::parse(Source::new("graph.ron", text), &registry, SourceRoot::new("."));
+            graph.unwrap_or_else(|mistakes| panic!("{mistakes}"))
+        };
+        let turned = |text: &str| -> Vec<String> {
+            let graph = parse(text);
+            let all = tunables(&graph, &graph.targets(), &registry).expect("are found");
+            let fine = |tunable: &Tunable| tunable.presets.iter().any(|at| *at != tunable.now);
+            all.iter().filter(|t| fine(t)).map(|t| format!("{}.{}", t.node, t.parameter)).collect()
+        };
+        let names = turned(FITTED);
+        assert!(names.contains(&"broad.size_px".to_owned()) && names.contains(&"pano.width_px".to_owned()));
+        let looks =
+            |name: &String| ["small.", "seen.", "look.", "lamps."].iter().any(|of| name.starts_with(of));
+        assert!(!names.iter().any(looks), "{names:?}");
+        let seen = FITTED.replace("save:", "two: WriteImage(image: \"look\", path: \"look.png\"), save:");
+        assert!(turned(&seen).contains(&"look.width_px".to_owned()));
+        let own = FITTED.replace("nodes: (", "presets: (draft: (look: (width_px: 64))), nodes: (");
+        assert!(turned(&own).contains(&"look.width_px".to_owned()));
+    }
 
     #[test]
     fn values_are_put_where_they_belong_on_rising_and_falling_ladders() {
