@@ -389,6 +389,16 @@ fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
          its shadow. `touched` is what the object covers, shades or lights in the reference, `object` the part that it \
          covers by more than half, `shadow` the rest.",
     );
+    let rows = &bench.points[now].off;
+    let has = |output: &str| rows.iter().any(|row| row.output == output && row.judged != "image");
+    let bare: BTreeSet<&str> = rows.iter().map(|row| &*row.output).filter(|output| !has(output)).collect();
+    if !bare.is_empty() {
+        let names: Vec<String> = bare.iter().map(|name| format!("`{name}`")).collect();
+        page.words(&format!(
+            "Baselines and these regions are not computed of {}: no `composite` makes it.",
+            names.join(", ")
+        ));
+    }
     let cell = |row: &Off, column: &str| row.value(column).map_or("not computed".to_owned(), tick_text);
     let rows: Vec<Vec<String>> = bench.points[now]
         .off

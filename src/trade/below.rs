@@ -16,7 +16,7 @@ const TIMES: f64 = 2.0;
 pub struct Below {
     /// The cheapest position of those with every knob at its least.
     pub least: Tried,
-    /// All that cost less than the bound, as far as no turns up save more than was allowed.
+    /// All that cost less than the bound, as far as no turns up save more than was allowed; what was known before, too.
     pub all: Vec<Tried>,
     /// Whether that is all, if no turns up save more than `margin`; else there are more than may be measured, or
     /// measuring ended.
@@ -83,7 +83,7 @@ pub fn below(
             |tried: &&Tried| knobs.iter().zip(&tried.assignment).all(|(knob, at)| !knob.ordered || *at == 0);
         let cheaper = |a: &'_ Tried, b: &'_ Tried| a.cost.total_cmp(&b.cost);
         let least = measured.iter().filter(at_least).min_by(|a, b| cheaper(a, b))?.clone();
-        let all = measured.into_iter().filter(|tried| tried.cost < bound).collect();
+        let all = known.into_iter().filter(|tried| tried.cost < bound).collect();
         return Some(Below { least, all, complete, margin, saved });
     }
 }
@@ -160,6 +160,10 @@ mod tests {
             let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
             assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
         }
+        // What was measured before and costs as little counts, wherever it lies. Mutation: `all` of `measured` alone.
+        let known = [Tried { assignment: vec![2, 3, 1], cost: cost(&[2, 3, 1]), error: 0.1 }];
+        let found = below(&knobs, &known, 100.0, 3, |a| Some((cost(a), 0.5))).unwrap();
+        assert!(found.all.len() == 4 && found.all.iter().any(|tried| tried.error == 0.1));
         let mut left = 3;
         let found = below(&knobs, &[], 100.0, 30, |a| {
             left -= 1;
