@@ -1,10 +1,11 @@
 //! From triangles to the folded tree.
 
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::ploc::{PlocSearchDistance, SortPrecision};
 use obvhs::{BvhBuildParams, bvh2::Bvh2, bvh2::builder::build_bvh2};
 
+use super::collapse::Collapse;
 use super::triangles::Packet;
 use super::{Bvh, LEAF, LEAF_SHIFT, Node, STACK, WIDE};
 
@@ -66,8 +67,8 @@ fn most_in_one_place(boxes: &[(Vec3, Vec3)]) -> usize {
 /// Which child of a node is folded into it first.
 #[derive(Clone, Copy)]
 pub(super) enum Opens {
-    /// The one that most rays meet.
-    Largest,
+    /// Those that leave the fewest nodes to rays: see [`Collapse`].
+    Fewest,
     /// The one with the most triangles, so that the folded tree is a third as deep.
     Fullest,
 }
@@ -112,7 +113,7 @@ impl Fold<'_> {
                 count => Branch::Leaf { first: node.first_index, count },
             })
             .collect();
-        self.fold(&branches, &tree.primitive_indices, Opens::Largest)
+        self.fold(&branches, &tree.primitive_indices, Opens::Fewest)
     }
 
     /// Folds a binary tree whose root is its first branch; gives the depth.
@@ -142,12 +143,13 @@ impl Fold<'_> {
             };
         }
         self.out.bounds = Some(bounds[0]);
-        let weight = |at: u32| {
+        let surface = |at: u32| {
             let size = bounds[at as usize].1 - bounds[at as usize].0;
-            match opens {
-                Opens::Largest => size.x * size.y + size.y * size.z + size.z * size.x,
-                Opens::Fullest => counts[at as usize] as f32,
-            }
+            size.x * size.y + size.y * size.z + size.z * size.x
+        };
+        let collapse = match opens {
+            Opens::Fewest => Some(Collapse::of(tree, surface)),
+            Opens::Fullest => None,
         };
         let mut deepest = 0;
         let mut todo = vec![(0_u32, usize::MAX, 0, 1)];
@@ -157,20 +159,10 @@ impl Fold<'_> {
                 self.out.nodes[parent].children[lane] = self.leaf(order, first, count);
                 continue;
             }
-            let mut children = vec![at];
-            // Opens the largest inner child until there are no more places.
-            while children.len() < WIDE {
-                let inner = |&&c: &&u32| matches!(tree[c as usize], Branch::Inner(..));
-                let Some(&open) =
-                    children.iter().filter(inner).max_by(|&&a, &&b| weight(a).total_cmp(&weight(b)))
-                else {
-                    break;
-                };
-                let Branch::Inner(left, right) = tree[open as usize] else { break };
-                let place = children.iter().position(|&c| c == open).unwrap_or(0);
-                children[place] = left;
-                children.push(right);
-            }
+            let children = match &collapse {
+                Some(collapse) => collapse.children(tree, at),
+                None => fullest(tree, &counts, at),
+            };
             let none = [[f32::INFINITY; WIDE], [f32::NEG_INFINITY; WIDE]];
             let mut node = Node { bounds: [none; 3], children: [LEAF; WIDE] };
             let index = self.out.nodes.len();
@@ -193,7 +185,7 @@ impl Fold<'_> {
     fn leaf(&mut self, order: &[u32], first: u32, count: u32) -> u32 {
         let start = self.out.packets.len() as u32;
         for chunk in order[first as usize..(first + count) as usize].chunks(4) {
-            let mut packet = Packet { corners: [[Vec4::ZERO; 3]; 3], ids: [u32::MAX; 4] };
+            let mut packet = Packet::EMPTY;
             for (lane, &i) in chunk.iter().enumerate() {
                 let id = self.kept[i as usize];
                 packet.ids[lane] = id;
@@ -208,6 +200,21 @@ impl Fold<'_> {
         let packets = self.out.packets.len() as u32 - start;
         LEAF | (packets << LEAF_SHIFT) | start
     }
+}
+
+/// The children of a node: of the branch itself the inner one with the most triangles is opened until there are no more
+/// places.
+fn fullest(tree: &[Branch], counts: &[u32], node: u32) -> Vec<u32> {
+    let mut children = vec![node];
+    while children.len() < WIDE {
+        let inner = |&&c: &&u32| matches!(tree[c as usize], Branch::Inner(..));
+        let Some(&open) = children.iter().filter(inner).max_by_key(|&&c| counts[c as usize]) else { break };
+        let Branch::Inner(left, right) = tree[open as usize] else { break };
+        let place = children.iter().position(|&c| c == open).unwrap_or(0);
+        children[place] = left;
+        children.push(right);
+    }
+    children
 }
 
 /// A tree split at the median of the widest axis: not the fastest, but of logarithmic depth whatever the

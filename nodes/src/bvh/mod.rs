@@ -6,6 +6,7 @@
 //! gives the same bits on every platform, by whatever instructions it has.
 
 mod build;
+mod collapse;
 mod stack;
 mod steps;
 mod triangles;
@@ -300,23 +301,35 @@ impl Bvh {
                         }
                         let mut hits = enter.simd_le(leave * SLACK).to_bitmask() as u32;
                         if hits != 0 && hits & (hits - 1) == 0 {
-                            at = children[hits.trailing_zeros() as usize];
+                            at = children[hits.trailing_zeros() as usize % WIDE];
                             continue;
                         }
-                        let mut entries = [0.0; WIDE];
-                        enter.store_slice(&mut entries);
-                        let base = depth;
-                        while hits != 0 {
-                            let lane = hits.trailing_zeros() as usize;
+                        if hits != 0 {
+                            let mut entries = [0.0; WIDE];
+                            enter.store_slice(&mut entries);
+                            let base = depth;
+                            // If asked the nearest child is next, and the others wait with nearer ones on top, equal ones in
+                            // order of lanes; else that of the first lane.
+                            let lane = hits.trailing_zeros() as usize % WIDE;
                             hits &= hits - 1;
-                            // Insertion keeps the nearest child on top; equal ones stay in order of lanes.
-                            let mut place = depth;
-                            while NEAR && place > base && stack[place - 1].1 < entries[lane] {
-                                stack[place] = stack[place - 1];
-                                place -= 1;
+                            let mut next = (children[lane], entries[lane]);
+                            while hits != 0 {
+                                let lane = hits.trailing_zeros() as usize % WIDE;
+                                hits &= hits - 1;
+                                let mut waits = (children[lane], entries[lane]);
+                                if NEAR && waits.1 <= next.1 {
+                                    std::mem::swap(&mut waits, &mut next);
+                                }
+                                let mut place = depth;
+                                while NEAR && place > base && stack[place - 1].1 < waits.1 {
+                                    stack[place] = stack[place - 1];
+                                    place -= 1;
+                                }
+                                stack[place] = waits;
+                                depth += 1;
                             }
-                            stack[place] = (children[lane], entries[lane]);
-                            depth += 1;
+                            at = next.0;
+                            continue;
                         }
                     }
                     // The last that waits, unless what was found is nearer.

@@ -4,7 +4,7 @@ use glam::Vec4;
 
 use super::{Hit, Ray};
 
-/// Four triangles, one a lane. Unused lanes are a point at the origin, which nothing hits.
+/// Four triangles, one a lane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Packet {
     pub(super) corners: [[Vec4; 3]; 3],
@@ -37,6 +37,10 @@ impl Sheared {
 }
 
 impl Packet {
+    /// Of no triangles: lanes of what is no number, which no test takes for inside or for an edge. A point, as which they
+    /// once stood, lies on its own edges, so that every packet with a lane to spare was tested to the end.
+    pub(super) const EMPTY: Self = Self { corners: [[Vec4::NAN; 3]; 3], ids: [u32::MAX; 4] };
+
     /// Tests four triangles. Corners are projected along the ray one by one, so that neighbours see the
     /// same projected corners; the sign of an edge function of two of them is exact, for rounding is
     /// monotone and a 0 is decided in f64. So no ray slips between neighbours, at corners neither.
