@@ -78,7 +78,7 @@ impl PathTrace {
                     let text = format!("the normals seem to point out of the room: {}", seen(&p));
                     notes.warning("normals-outward", text);
                 }
-                Block::FrontFace { max_layers, flip: false }
+                Block::FrontFace { max_layers, flip: false, within: visibility::EVERYWHERE }
             }
             (EnvBlock::Auto, probe) => {
                 let probe = probe.unwrap_or_default();
@@ -90,11 +90,10 @@ impl PathTrace {
                     _ => "Pass",
                 };
                 let mut text = format!("{name}: {}", seen(&probe));
-                let one_side = probe.front_share() >= 0.9 || probe.front_share() <= 0.1;
-                if block == Block::Pass && one_side {
+                if block != Block::Solid && probe.one_side() {
                     let lit = 100.0 * probe.lit_share();
                     text += &format!(
-                        "; `FrontFace` would let light come to {lit:.1} % of them: walls have an outer side"
+                        "; by FrontFace light comes to {lit:.1} % of them, past what stands in the room"
                     );
                 }
                 notes.decision("env-block", text);

@@ -386,8 +386,9 @@ impl<'a> Integrator<'a> {
             return (object, ray.t_max);
         }
         let end = self.start_of_light(ray);
-        let before =
-            |vertex: &Vertex| vertex.on_object().is_none_or(|hit| objects.reach(hit, ray.direction) <= end);
+        // In the place of the receiver it is still before it.
+        let place = |hit: &Hit| hit.t - (objects.reach(hit, ray.direction) - hit.t).abs();
+        let before = |vertex: &Vertex| vertex.on_object().is_none_or(|hit| place(hit) <= end);
         (object.filter(before), end)
     }
 

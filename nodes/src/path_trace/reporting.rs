@@ -165,7 +165,7 @@ fn block_text(block: &Block) -> String {
     match block {
         Block::Solid => "Solid".to_owned(),
         Block::Pass => "Pass".to_owned(),
-        Block::FrontFace { max_layers, flip } => {
+        Block::FrontFace { max_layers, flip, .. } => {
             let side = if *flip { ", normals turned round" } else { "" };
             format!("FrontFace, {max_layers} layers{side}")
         }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bsdf::Lobe;
 use super::receiver::Receiver;
-use crate::bvh::Ray;
+use crate::bvh::{Hit, Ray};
 use crate::sampling::{Points, circle};
 
 /// How the receiver blocks light of the environment.
@@ -119,6 +119,9 @@ pub enum Block {
         max_layers: u32,
         /// Backs count as fronts.
         flip: bool,
+        /// What lies outside of this box has no say: the outer side of a wall, the next room. For all that the user says
+        /// himself it is [`EVERYWHERE`].
+        within: [[f32; 3]; 2],
     },
     /// See [`EnvBlock::PassBeyond`].
     PassBeyond {
@@ -129,8 +132,11 @@ pub enum Block {
     },
 }
 
+/// The box that holds everything; the key takes no infinity.
+pub const EVERYWHERE: [[f32; 3]; 2] = [[-f32::MAX; 3], [f32::MAX; 3]];
+
 /// What probe rays from the point of capture met first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Probe {
     /// Rays sent.
     pub rays: u32,
@@ -138,8 +144,10 @@ pub struct Probe {
     pub escaped: u32,
     /// Rays that met a front face first.
     pub front: u32,
-    /// Rays to which `FrontFace` would let light come, of three layers, with fronts on the side that most of them met.
+    /// Rays to which `FrontFace` would let light come, as [`decide`](Self::decide) would choose it.
     pub lit: u32,
+    /// The box around the places that they met: the room, if it is one.
+    pub room: [[f32; 3]; 2],
 }
 
 impl Probe {
@@ -148,13 +156,20 @@ impl Probe {
     /// Sends rays in all directions.
     pub fn send(receiver: &Receiver, from: Vec3) -> Self {
         let mut probe = Self { rays: Self::RAYS, ..Self::default() };
+        let (mut low, mut high) = (from, from);
         for ray in Self::rays(from) {
             match receiver.bvh.closest(ray, |_| true) {
                 None => probe.escaped += 1,
-                Some(hit) => probe.front += u32::from(!hit.back),
+                Some(hit) => {
+                    probe.front += u32::from(!hit.back);
+                    let place = from + ray.direction * hit.t;
+                    low = low.min(place);
+                    high = high.max(place);
+                }
             }
         }
-        let block = Block::FrontFace { max_layers: three(), flip: probe.front_share() < 0.5 };
+        probe.room = [low.to_array(), high.to_array()];
+        let block = probe.front_face();
         probe.lit = Self::rays(from).map(|ray| u32::from(block.passes(receiver, ray))).sum();
         probe
     }
@@ -195,20 +210,26 @@ impl Probe {
         f64::from(self.lit) / f64::from(self.rays.max(1))
     }
 
+    /// Whether 90 % of what was met showed one side.
+    pub fn one_side(&self) -> bool {
+        self.front_share() >= 0.9 || self.front_share() <= 0.1
+    }
+
+    /// The rule for a closed room: fronts are on the side that most rays met.
+    fn front_face(&self) -> Block {
+        Block::FrontFace { max_layers: three(), flip: self.front_share() < 0.5, within: self.room }
+    }
+
     /// What `Auto` becomes. Over 5 % of sky means an open scene; else 90 % of one side mean that the
-    /// orientation of the mesh can be trusted, unless it then keeps out three quarters of the light, as walls with an
-    /// outer side do. The bounds are judgement, so the report tells the shares.
+    /// orientation of the mesh can be trusted, unless it then keeps out three quarters of the light. The bounds are
+    /// judgement, so the report tells the shares.
     pub fn decide(&self) -> Block {
         if self.is_open() {
             Block::Solid
-        } else if self.lit_share() < 0.25 {
+        } else if !self.one_side() || self.lit_share() < 0.25 {
             Block::Pass
-        } else if self.front_share() >= 0.9 {
-            Block::FrontFace { max_layers: 3, flip: false }
-        } else if self.front_share() <= 0.1 {
-            Block::FrontFace { max_layers: 3, flip: true }
         } else {
-            Block::Pass
+            self.front_face()
         }
     }
 }
@@ -289,12 +310,20 @@ impl Block {
             Block::PassBeyond { centre, radius } => !receiver.bvh.any(ray, |hit| {
                 (ray.origin + ray.direction * hit.t - Vec3::from_array(centre)).length() <= radius
             }),
-            Block::FrontFace { max_layers, flip } => {
+            Block::FrontFace { max_layers, flip, within: [low, high] } => {
+                let [low, high] = [low, high].map(Vec3::from_array);
+                let outside = |hit: &Hit| {
+                    let place = ray.origin + ray.direction * hit.t;
+                    place.cmplt(low).any() || place.cmpgt(high).any()
+                };
                 // One walk over all hits: the nearest back blocks unless enough fronts lie before it.
                 let mut fronts = [f32::INFINITY; MOST_LAYERS];
                 let layers = (max_layers as usize).clamp(1, MOST_LAYERS);
                 let mut back = f32::INFINITY;
                 receiver.bvh.any(ray, |hit| {
+                    if outside(hit) {
+                        return false;
+                    }
                     if hit.back != flip {
                         back = back.min(hit.t);
                     } else {
@@ -357,7 +386,7 @@ mod tests {
         // A ray through an edge meets both of its triangles, in one place.
         let edge = squares(&[0.5, 0.5, 1.0, -1.5]);
         let receivers = [&nothing, &shell, &furniture, &back, &layers, &edge];
-        let front = |max_layers, flip| Block::FrontFace { max_layers, flip };
+        let front = |max_layers, flip| Block::FrontFace { max_layers, flip, within: EVERYWHERE };
         let beyond = |radius| Block::PassBeyond { centre: [0.0; 3], radius };
         let (t, f) = (true, false);
         for (block, expected) in [
@@ -390,7 +419,8 @@ mod tests {
             clamp: f32::MAX,
         };
         let visibility = |block, shadow, lands| Visibility { block, shadow, lands };
-        for block in [Block::Solid, Block::Pass, Block::FrontFace { max_layers: 3, flip: false }] {
+        let front = Block::FrontFace { max_layers: 3, flip: false, within: EVERYWHERE };
+        for block in [Block::Solid, Block::Pass, front] {
             for bounce in [false, true] {
                 for (env, specular) in [(true, (Block::Pass, false)), (false, (Block::Solid, true))] {
                     let rules = rules(block, bounce, env, false);

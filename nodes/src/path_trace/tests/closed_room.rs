@@ -64,20 +64,37 @@ fn a_sunk_foot_is_lit_like_one_on_the_floor() {
     }
 }
 
-/// A room of walls with an outer side is lit: its normals are right, but by `FrontFace` every wall would be furniture.
-/// Mutation: `lit_share` not asked in `Probe::decide`.
+/// What lies beyond the walls of a room takes none of its light: their outer side, the next room, another storey. What
+/// stands in it does, and of a mesh of which each face is there from both sides all light passes.
+/// Mutation: `outside` to `false` in `Block::passes`; `lit_share` not asked in `Probe::decide`.
 #[test]
-fn a_room_with_thick_walls_is_lit() {
-    let shell = box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false);
-    for outside in [Mesh::default(), shell] {
-        let name = if outside.triangles.is_empty() { "FrontFace" } else { "Pass" };
-        let room = merge(room(), outside);
-        let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
-        let (out, notes) = render(&params(16, EnvBlock::Auto), &room, &object, &inside(), &white());
+fn what_is_beyond_the_walls_takes_no_light() {
+    let beside = |low: [f32; 3], high: [f32; 3]| box_mesh(low, high, true);
+    let nothing = Mesh::default();
+    let outer = box_mesh([-2.2, -2.2, -0.2], [2.2, 2.2, 4.2], false);
+    let next = beside([2.2, -2.0, 0.0], [6.2, 2.0, 4.0]);
+    let storey = beside([-2.0, -2.0, 4.3], [2.0, 2.0, 8.3]);
+    let twice = box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false);
+    let object = [ball(0.5, matte(0.5), DVec3::new(0.5, 0.5, 1.0))];
+    let seen = |mesh: &Mesh| {
+        let (out, notes) = render(&params(16, EnvBlock::Auto), mesh, &object, &inside(), &white());
         let told = notes.iter().find(|note| note.id == "env-block").expect("told").text.clone();
-        assert!(told.starts_with(name), "{told}");
-        assert!((mean(&out.without) - 0.5).abs() < 5e-3 && covered(&out.object) > 0.3, "{name}");
+        ([mean(&out.without), mean(&out.with), covered(&out.object)], told)
+    };
+    let (alone, told) = seen(&merge(room(), nothing));
+    assert!(told.starts_with("FrontFace") && told.contains("100.0 % of them, past"), "{told}");
+    for around in [outer.clone(), next.clone(), merge(outer, next), storey] {
+        let (found, told) = seen(&merge(room(), around));
+        assert!(told.starts_with("FrontFace"), "{told}");
+        for (a, b) in alone.iter().zip(found) {
+            assert!((a / b - 1.0).abs() < 1e-6, "{alone:?} {found:?}: {told}");
+        }
     }
+    let (doubled, told) = seen(&merge(room(), twice));
+    assert!(told.starts_with("Pass") && (doubled[0] - 0.5).abs() < 5e-3, "{told}: {doubled:?}");
+    let table = box_mesh([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0], false);
+    let (furnished, told) = seen(&merge(room(), table));
+    assert!(told.starts_with("FrontFace") && furnished[0] < 0.95 * alone[0], "{told}: {furnished:?}");
 }
 
 /// What stands behind a wall, in the next room, changes nothing in this one: the light of the wall starts there.
