@@ -308,7 +308,7 @@ impl Towards {
     }
 
     /// So many a steradian, at most one in all.
-    fn within(cone: Cone, rays: f32) -> Self {
+    pub(super) fn within(cone: Cone, rays: f32) -> Self {
         let pdf = if cone.cosine > 0.0 { rays.min(1.0 / cone.solid_angle()) } else { 0.0 };
         Self { cone, pdf }
     }

@@ -321,10 +321,12 @@ impl<'a> Integrator<'a> {
         let ray = emitter.way(surface.ray_to_objects(direction, lift).origin);
         let unshaded =
             self.object_transmittance(ray, key, Some(emitter.hit.triangle), surface.medium(direction));
-        let also = towards.pdf(direction);
-        let weighed =
-            |(s, unshaded): (&Scatter, Vec3)| unshaded * s.value * power_heuristic(pdf, s.pdf + also);
-        let arrived: Vec3 = lobes.iter().zip(unshaded).map(weighed).sum();
+        // Rays to the objects are sent for diffuse lobes.
+        let also = [towards.pdf(direction), 0.0];
+        let weighed = |((s, unshaded), also): ((&Scatter, Vec3), f32)| {
+            unshaded * s.value * power_heuristic(pdf, s.pdf + also)
+        };
+        let arrived: Vec3 = lobes.iter().zip(unshaded).zip(also).map(weighed).sum();
         arrived * objects.emission_towards(&emitter.hit, -direction) / pdf
     }
 
@@ -613,9 +615,12 @@ impl<'a> Integrator<'a> {
             }
             light += rules.clamped(bounce, throughput * lit);
 
-            let towards = match first && self.objects && surface.cover.is_none() {
-                true => self.towards,
-                false => Towards::NOWHERE,
+            let towards = match (first && self.objects, &vertex) {
+                (true, Vertex::Receiver(_)) if surface.cover.is_none() => self.towards,
+                (true, Vertex::Object(_) | Vertex::Straight(_)) => {
+                    self.scene.objects.shades.towards(surface.position)
+                }
+                _ => Towards::NOWHERE,
             };
             let lamps = self.sample_emitters((&surface, lift), key ^ 2, bounce, &towards);
             light += rules.clamped(bounce, throughput * lamps);
@@ -706,6 +711,7 @@ impl<'a> Integrator<'a> {
             vertex = next;
             mis_weight = match vertex {
                 Vertex::Object(hit) | Vertex::Straight(hit) => {
+                    let towards = if lobe == Lobe::Diffuse { towards } else { Towards::NOWHERE };
                     let own = towards.share(direction, scatter.pdf);
                     (throughput, share) = (throughput * own, share * own);
                     self.mis_weight(&hit, ray, scatter.pdf + towards.pdf(direction))

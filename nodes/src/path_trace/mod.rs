@@ -29,6 +29,7 @@ mod prepared;
 pub mod receiver;
 mod reporting;
 mod sample_plan;
+mod shades;
 mod stacked;
 mod subdivide;
 mod texel_grid;

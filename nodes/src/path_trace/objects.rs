@@ -16,6 +16,7 @@ use super::emitters::{EmitterSample, Emitters};
 use super::media::{Body, Media};
 use super::mipmap::{Mipmap, Texels};
 use super::receiver::{Receiver, Surface, geometry, margin};
+use super::shades::Shades;
 use super::touching::Touching;
 use crate::bvh::{Bvh, Hit, Ray};
 use crate::color::linear_from_srgb8;
@@ -66,6 +67,8 @@ pub struct Objects {
     pub(super) held: Option<(Vec3, Vec3)>,
     /// What shines on them.
     pub emitters: Emitters,
+    /// Where light of lamps comes through some of them.
+    pub shades: Shades,
     /// Where they lie on the receiver.
     pub touching: Touching,
     /// What they stand on.
@@ -112,6 +115,7 @@ impl Objects {
             bodies: Vec::new(),
             held: None,
             emitters: Emitters::new(&[], |_| 1, |_, _| Vec3::ZERO),
+            shades: Shades::default(),
             touching: Touching::default(),
             ground: Ground::default(),
             lifted: 0.0,
@@ -169,6 +173,7 @@ impl Objects {
             let emission = |hit: &Hit, width| objects.emission(hit, width);
             objects.emitters =
                 Emitters::new(&objects.corners, |triangle| objects.lattice(triangle), emission);
+            objects.shades = Shades::of(&objects);
         }
         Ok(objects)
     }

@@ -138,6 +138,36 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
     }
 }
 
+/// The same globe over a card, which is an object: rays from what the camera sees of it find the globe too.
+/// Mutation: `shades` left out of `path_radiance` (seen red: pixels apart).
+#[test]
+fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
+    let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
+    let paper = DiffuseTransmission { strength: Map::of(0.5), colour: ColourMap::of(1.0) };
+    let paper = Material { diffuse_transmission: paper, ..matte(1.0) };
+    let middle = DVec3::Z;
+    let card = placed(&plane(3.0), matte(0.5), DVec3::ZERO);
+    let objects = [fine_ball(lamp, 48, shining(radiance), middle), fine_ball(globe, 48, paper, middle), card];
+    let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
+    let camera = rig(eye, DVec3::ZERO, 24, focal);
+    let env = constant(Up::PlusZ, [1e-3; 3], 64);
+    let taken = square((lamp / globe).into());
+    let outside = f64::from(radiance) * taken * 0.5 / (1.0 - 0.5 * (1.0 - taken));
+    let expected = mean_over(eye, 24, focal, 0.0, |place| {
+        let way = middle - place;
+        0.5 * outside * square(globe.into()) / way.length_squared() * way.z / way.length()
+    });
+    let mut ground = plane(30.0);
+    ground.positions.iter_mut().for_each(|p| p[2] = -5.0);
+    let (out, _) = render(&params(64, EnvBlock::Solid), &ground, &objects, &camera, &env);
+    let light: Vec<f64> = samples(&out.object).chunks(4).map(|p| f64::from(p[0])).collect();
+    let found = light.iter().sum::<f64>() / light.len() as f64;
+    let spread = (light.iter().map(|v| square(v - found)).sum::<f64>() / light.len() as f64).sqrt() / found;
+    assert!(spread < 0.35, "pixels differ by {spread}");
+    let off = found / expected - 1.0;
+    assert!(off.abs() < 4.0 * spread / f64::from(24 * 24).sqrt(), "{off}, pixels by {spread}");
+}
+
 /// A panel that is dark but for a lamp of 8 texels of 256 lights a floor by radiance * area * cos^2 / d^2 / pi * albedo, and the pixels are
 /// alike: light samples fall on the lamp, not on the panel. Before, none fell there.
 #[test]
