@@ -4,8 +4,9 @@ use engine::Notes;
 use glam::{DVec3, Vec3};
 
 use super::PathTrace;
-use super::integrator::{Integrator, Scene, Vertex};
+use super::integrator::{Integrator, Scene};
 use super::objects::Objects;
+use super::path::Vertex;
 use super::prepared::PreparedScene;
 use super::visibility::{self, Block, Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
 use crate::bvh::Ray;

@@ -8,8 +8,9 @@ use glam::Vec3;
 
 use super::bsdf::Lobe;
 use super::environment::DrawnDirection;
-use super::integrator::{Integrator, PAIRS, PathState, Scene, Vertex};
+use super::integrator::{Integrator, PAIRS, Scene};
 use super::light_distribution::Cone;
+use super::path::{PathState, Vertex};
 use super::receiver::Surface;
 use super::visibility::Block;
 use crate::bvh::{Hit, Ray};

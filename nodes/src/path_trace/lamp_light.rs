@@ -7,7 +7,8 @@
 use glam::Vec3;
 
 use super::change::Towards;
-use super::integrator::{Integrator, PAIRS, PathState, Vertex};
+use super::integrator::{Integrator, PAIRS};
+use super::path::{PathState, Vertex};
 use crate::bvh::{Hit, Ray};
 use crate::sampling::hash;
 
