@@ -130,7 +130,7 @@ impl SurfacePoint<'_> {
             let alpha = f32::from(texel[3]) / 255.0;
             std::array::from_fn(|k| match texels {
                 Texels::CoveredColours if k < 3 => self.decode[texel[k] as usize] * alpha,
-                Texels::Colours if k < 3 => self.decode[texel[k] as usize],
+                Texels::Colours | Texels::Peaks if k < 3 => self.decode[texel[k] as usize],
                 _ => f32::from(texel[k]) / 255.0,
             })
         };

@@ -29,6 +29,13 @@ struct Lattice {
     side: u32,
 }
 
+/// Squares a side of lattices of many triangles.
+pub const COARSE: u32 = 32;
+
+/// Cells of a triangle that are few enough to be looked at by so many points a side.
+const FEW: usize = 256;
+const CLOSE: u32 = 16;
+
 impl Lattice {
     /// The cell that holds a point.
     fn cell(&self, b1: f32, b2: f32) -> u32 {
@@ -104,17 +111,30 @@ impl Emitters {
             }
             let lattice = Lattice { first: cells, side: sides(index).max(1) };
             let size = area / f64::from(lattice.side * lattice.side);
-            for cell in lattice.cells() {
-                // Twice as wide as a cell, so that what spills over its edge is a lamp, too.
-                let [b1, b2] = lattice.place(cell, [1.0 / 3.0; 2]);
+            let at = |cell: u32, weights: [f32; 2], width: f32| {
+                let [b1, b2] = lattice.place(cell, weights);
                 let hit = Hit { t: 0.0, triangle: index, b1, b2, back: false };
-                let own = || luminance(emission(&hit, 2.0 / lattice.side as f32).to_array());
-                let power = size * f64::from(if lattice.side == 1 { mean } else { own() });
-                if power > 0.0 && power.is_finite() {
-                    pieces.push((index, cell));
-                    powers.push(power);
-                    areas.push(size);
+                luminance(emission(&hit, width / lattice.side as f32).to_array())
+            };
+            // Twice as wide as a cell, so that what spills over its edge is a lamp, too.
+            let own = |cell| if lattice.side == 1 { mean } else { at(cell, [1.0 / 3.0; 2], 2.0) };
+            let shines = |&(_, light): &(u32, f32)| light > 0.0 && light.is_finite();
+            let mut lit: Vec<_> = lattice.cells().map(|cell| (cell, own(cell))).filter(shines).collect();
+            if lattice.side > COARSE && lit.len() <= FEW {
+                // A lamp among much that is dark: which cells it reaches into is looked at closely.
+                for (cell, light) in &mut lit {
+                    let points = (0..CLOSE * CLOSE).filter(|k| k / CLOSE + k % CLOSE < CLOSE);
+                    let place =
+                        |k: u32| [k / CLOSE, k % CLOSE].map(|i| (i as f32 + 1.0 / 3.0) / CLOSE as f32);
+                    let sum: f32 = points.clone().map(|k| at(*cell, place(k), 2.0 / CLOSE as f32)).sum();
+                    *light = sum / points.count() as f32;
                 }
+                lit.retain(shines);
+            }
+            for (cell, light) in lit {
+                pieces.push((index, cell));
+                powers.push(size * f64::from(light));
+                areas.push(size);
             }
             lattices[index as usize] = lattice;
             cells += 2 * lattice.side * lattice.side;

@@ -167,7 +167,12 @@ impl<'a> Integrator<'a> {
             let first = bounce == 0;
             let lift = if first { self.lift } else { Vec3::ZERO };
             let surface = self.surface(&vertex, (out, width), lift, media);
-            light += rules.clamped(bounce, throughput * surface.emission * mis_weight);
+            // Light samples see a lamp as it is; so do the rays that they are weighed against, or a small one would shine twice.
+            let emission = match vertex.on_object().filter(|_| !first) {
+                Some(hit) => self.scene.objects.emission_towards(hit, out),
+                None => surface.emission,
+            };
+            light += rules.clamped(bounce, throughput * emission * mis_weight);
             if bounce > rules.max_bounces {
                 self.cut |= !matches!(vertex, Vertex::Receiver(_)) && throughput.max_element() > 0.5;
                 break;

@@ -19,11 +19,13 @@ pub enum Texels {
     Colours,
     /// Colours that are there as far as their alpha tells.
     CoveredColours,
+    /// Colours, of which a copy holds the largest in place of the mean: where anything is.
+    Peaks,
 }
 
 /// The smaller copies of a texture, for each way to read it.
 #[derive(Debug, Default)]
-pub struct Mipmap([OnceLock<Vec<Texture>>; 3]);
+pub struct Mipmap([OnceLock<Vec<Texture>>; 4]);
 
 impl Mipmap {
     /// The copy `level` steps smaller than `base`, which is copy 0; the smallest beyond the last. `decode` has the
@@ -73,6 +75,7 @@ fn half(texture: &Texture, texels: Texels, decode: &[f32; 256]) -> Option<Textur
                     Texels::CoveredColours if cover > 0.0 => {
                         each.map(|(v, alpha)| v * f32::from(alpha)).sum::<f32>() / cover
                     }
+                    Texels::Peaks => each.map(|(v, _)| v).fold(0.0, f32::max),
                     _ => each.map(|(v, _)| v).sum::<f32>() * 0.25,
                 }));
             }

@@ -363,7 +363,7 @@ impl Kind for PathTrace {
             let blocks = |done: f32| progress(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
             let places = most.min(PLACES);
-            let part = Part { name: "front", version: 7, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 8, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, places), Some((contact, None))), || {
                 let scene = scene();
                 Sums::trace(

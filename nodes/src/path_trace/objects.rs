@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::attributes::SurfacePoint;
 use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
 use super::contact::Ground;
-use super::emitters::{EmitterSample, Emitters};
+use super::emitters::{COARSE, EmitterSample, Emitters};
 use super::media::{Body, Media};
 use super::mipmap::{Mipmap, Texels};
 use super::receiver::{Receiver, Surface, geometry, margin};
@@ -89,6 +89,12 @@ fn apply(m: &[Vec3; 3], v: Vec3) -> Vec3 {
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }
+
+/// Of the most that a picture has somewhere, the least that is looked for there: a texel among 128 by 128.
+const FAINT: f32 = 1.0 / 16384.0;
+
+/// Squares of lattices over all triangles that shine, beyond 32 to a side.
+const CELLS: usize = 1 << 17;
 
 impl Objects {
     /// Triangles of the objects, relative to `origin`, where there is no receiver.
@@ -170,9 +176,12 @@ impl Objects {
         objects.lift_sheets(receiver);
         let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
         if shining {
-            let emission = |hit: &Hit, width| objects.emission(hit, width);
+            // Of a lamp so small that the mean of the picture is rounded to black a little is looked for.
+            let emission =
+                |hit: &Hit, width| objects.emission(hit, width).max(objects.peak(hit, width) * FAINT);
+            let finest = objects.finest();
             objects.emitters =
-                Emitters::new(&objects.corners, |triangle| objects.lattice(triangle), emission);
+                Emitters::new(&objects.corners, |triangle| objects.lattice(triangle, finest), emission);
             objects.shades = Shades::of(&objects);
         }
         Ok(objects)
@@ -381,15 +390,41 @@ impl Objects {
         emission(&SurfacePoint { width, ..point }, material)
     }
 
+    /// The most that the picture of what the material emits has over a width, as [`emission`](Self::emission) has the mean;
+    /// black without a picture.
+    fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
+        let (_, material, point) = self.point(hit);
+        let [r, g, b, _] = material.base_colour;
+        let (most, picture) = match material.unlit {
+            true => ([r, g, b], material.base_colour_texture),
+            false => (material.emissive, material.emissive_texture),
+        };
+        let Some(picture) = picture else { return Vec3::ZERO };
+        let [r, g, b, _] = SurfacePoint { width, ..point }.texture(Some(picture), Texels::Peaks);
+        Vec3::from_array(most) * Vec3::new(r, g, b)
+    }
+
+    /// Squares a side of the finest lattices: 32, and more of few triangles, such as a panel of lights.
+    fn finest(&self) -> u32 {
+        let shining = self.parts.iter().map(|part| {
+            let object = &self.placed[part.placed].object;
+            let primitive = &object.primitives[part.primitive];
+            let shines = object.materials.get(primitive.material as usize).is_some_and(Material::shines);
+            if shines { primitive.triangles.len() } else { 0 }
+        });
+        let each = CELLS / shining.sum::<usize>().max(1);
+        (each.isqrt() as u32).max(COARSE)
+    }
+
     /// Squares a side of the lattice by which the picture of what a triangle emits is looked at: of four texels, as a
-    /// rule, and at most 32.
-    fn lattice(&self, triangle: u32) -> u32 {
+    /// rule, and at most `finest`.
+    fn lattice(&self, triangle: u32, finest: u32) -> u32 {
         let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
         let (_, material, point) = self.point(&hit);
         let picture = if material.unlit { material.base_colour_texture } else { material.emissive_texture };
         let texels = picture.map_or(0.0, |picture| point.texels(picture));
         // What is not a number is 0.
-        ((texels / 4.0).ceil() as u32).clamp(1, 32)
+        ((texels / 4.0).ceil() as u32).clamp(1, finest)
     }
 
     /// A point that shines, from fractions; there must be some.

@@ -31,7 +31,6 @@ mod tests {
     use super::*;
     use crate::types::{Image, Linear, Panorama};
     use engine::{Context, Kind, Scene, Up};
-    use glam::DVec3;
     use std::sync::Arc;
 
     const WIDTH: usize = 256;

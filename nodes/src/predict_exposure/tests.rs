@@ -10,7 +10,6 @@ use crate::equirect::pixel_solid_angle;
 use crate::testing::row;
 use crate::types::Srgb;
 use engine::{Kind, Scene, Up};
-use glam::DVec3;
 
 fn cx() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, ".")

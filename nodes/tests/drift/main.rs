@@ -96,7 +96,8 @@ fn cases(run: &Run) -> Vec<Case> {
     let nearest =
         scenes::nearest(&run.value::<Mesh>("demo.proxy"), &run.value::<Placed>("placed.placed"), camera);
     let around = run.value::<Panorama>("around.pano");
-    let (belt, known) = scenes::belt(&run.value::<Splats>("demo.splats"), around.origin, 96);
+    let (belt, known) =
+        scenes::belt(&run.value::<Splats>("demo.splats"), around.origin.expect("it is of a pose"), 96);
     let rows = run.picture("around.image");
     let off = apart(&rows[3 * 96 * 8..3 * 96 * 40], &belt).into_iter().enumerate();
     let around = off.filter_map(|(k, error)| (known[k / 3] > 0.999).then_some(error)).collect();

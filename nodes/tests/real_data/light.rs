@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Scene, Up};
-use glam::DVec3;
 use nodes::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
 use nodes::light::linear::Transfer;
 use nodes::load_panorama::{self, LoadPanorama};

@@ -173,37 +173,48 @@ fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
 #[test]
 fn a_small_lamp_of_a_picture_is_a_lamp() {
     use crate::types::{Sampler, Texture, TextureRef, Wrap};
-    let side = 256_u32;
-    let lit = |i: u32| (152..160).contains(&(i % side)) && (88..96).contains(&(i / side));
-    let texel = |i: u32| if lit(i) { [255; 4] } else { [0, 0, 0, 255] };
-    let texture = Texture { width: side, height: side, rgba: (0..side * side).flat_map(texel).collect() };
-    let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false };
-    let picture = TextureRef { texture: 0, uv_set: 0, sampler, transform: None };
-    let material = Material { emissive_texture: Some(picture), ..shining(5e4) };
-    let primitive = Primitive {
-        positions: vec![[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]],
-        uv0: vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Primitive::default()
-    };
-    let object = Object { primitives: vec![primitive], materials: vec![material], textures: vec![texture] };
-    let world_from_object = DMat4::from_translation(DVec3::Z);
-    let objects = [Arc::new(Placed { object: Arc::new(object), world_from_object })];
-    let lamp = DVec3::new(156.0 / 256.0 - 0.5, 0.5 - 92.0 / 256.0, 1.0);
-    let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
-    let camera = rig(eye, DVec3::ZERO, 16, focal);
-    let env = constant(Up::PlusZ, [1e-3; 3], 64);
-    let (out, _) = render(&params(64, EnvBlock::Auto), &plane(30.0), &objects, &camera, &env);
-    let found = mean(&out.with) - mean(&out.without);
-    let expected = mean_over(eye, 16, focal, 0.0, |place| {
-        let way = lamp - place;
-        let cosine = way.z / way.length();
-        0.5 / std::f64::consts::PI * 5e4 * square(8.0 / 256.0) * cosine * cosine / way.length_squared()
-    });
-    assert!((found / expected - 1.0).abs() < 0.03, "{}", found / expected);
-    let off = |v: &f32| square(f64::from(*v) / mean(&out.with) - 1.0);
-    let spread = (samples(&out.with).iter().map(off).sum::<f64>() / (3.0 * 256.0)).sqrt();
-    assert!(spread < 0.4, "pixels differ by {spread}");
+    // Of 8 by 8 texels, and of a single one in a picture whose copies round it to black.
+    for (side, [left, right], [top, bottom]) in
+        [(256_u32, [152, 160], [88, 96]), (1024, [617, 618], [361, 362])]
+    {
+        let lit = |i: u32| (left..right).contains(&(i % side)) && (top..bottom).contains(&(i / side));
+        let texel = |i: u32| if lit(i) { [255; 4] } else { [0, 0, 0, 255] };
+        let texture = Texture { width: side, height: side, rgba: (0..side * side).flat_map(texel).collect() };
+        let sampler = Sampler { wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false };
+        let picture = TextureRef { texture: 0, uv_set: 0, sampler, transform: None };
+        let material = Material { emissive_texture: Some(picture), ..shining(5e4) };
+        let primitive = Primitive {
+            positions: vec![[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]],
+            uv0: vec![[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Primitive::default()
+        };
+        let object =
+            Object { primitives: vec![primitive], materials: vec![material], textures: vec![texture] };
+        let world_from_object = DMat4::from_translation(DVec3::Z);
+        let objects = [Arc::new(Placed { object: Arc::new(object), world_from_object })];
+        let size = f64::from(side);
+        let lamp = DVec3::new(
+            f64::from(left + right) / 2.0 / size - 0.5,
+            0.5 - f64::from(top + bottom) / 2.0 / size,
+            1.0,
+        );
+        let area = square(f64::from(right - left) / size);
+        let (eye, focal) = (DVec3::new(0.0, -4.0, 3.0), 40.0);
+        let camera = rig(eye, DVec3::ZERO, 16, focal);
+        let env = constant(Up::PlusZ, [1e-7; 3], 64);
+        let (out, _) = render(&params(64, EnvBlock::Auto), &plane(30.0), &objects, &camera, &env);
+        let found = mean(&out.with) - mean(&out.without);
+        let expected = mean_over(eye, 16, focal, 0.0, |place| {
+            let way = lamp - place;
+            let cosine = way.z / way.length();
+            0.5 / std::f64::consts::PI * 5e4 * area * cosine * cosine / way.length_squared()
+        });
+        assert!((found / expected - 1.0).abs() < 0.03, "{}", found / expected);
+        let off = |v: &f32| square(f64::from(*v) / mean(&out.with) - 1.0);
+        let spread = (samples(&out.with).iter().map(off).sum::<f64>() / (3.0 * 256.0)).sqrt();
+        assert!(spread < 0.4, "pixels of {side} differ by {spread}");
+    }
 }
 
 /// A lamp a tenth of a millimetre over a black sheet, 7 m from where coordinates start, sends nothing through it.

@@ -1,7 +1,6 @@
 use std::sync::Arc;
 
 use engine::{Kind, Params, Scene, Up};
-use glam::DVec3;
 use tempfile::TempDir;
 
 use super::super::{CLIPPED, In, Method, Out, PredictExposure};
