@@ -139,7 +139,7 @@ fn a_lamp_in_a_globe_lights_every_pixel() {
 }
 
 /// The same globe over a card, which is an object: rays from what the camera sees of it find the globe too.
-/// Mutation: `shades` left out of `path_radiance` (seen red: pixels apart).
+/// Mutation: `shades` left out of `path_radiance` (seen red: pixels 2.1 apart).
 #[test]
 fn a_lamp_in_a_globe_lights_every_pixel_of_an_object() {
     let (radiance, lamp, globe) = (5e4_f32, 0.02_f32, 0.1_f32);
