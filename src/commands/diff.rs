@@ -10,8 +10,9 @@ use engine::{
     Artifact, Bundle, Context, Difference, Engine, FileBytes, Files, InputFile, Kind, NodeDifference, Recipe,
     ResultDifferences, Scene, Up, graph_differences, result_differences,
 };
+use nodes::io::exr::{self, Channel, Planes};
 use nodes::load_image::{self, FileEncoding, LoadImage};
-use nodes::types::Images;
+use nodes::types::{Data, Image, Images, NamedImage};
 
 use crate::origin::{OriginArgs, is_picture};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
@@ -47,8 +48,20 @@ fn pixels(path: &Path) -> Option<Arc<Images>> {
     let encoding = FileEncoding::Auto;
     let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
     let load = LoadImage { path: file, more, encoding, layer, names };
-    let (out, _) = LoadImage::run(&load, load_image::In {}, &Context::detached(scene, "/")).ok()?;
-    Some(out.image)
+    match LoadImage::run(&load, load_image::In {}, &Context::detached(scene, "/")) {
+        Ok((out, _)) => Some(out.image),
+        Err(_) => layers("picture", &std::fs::read(path).ok()?).map(Arc::new),
+    }
+}
+
+/// The channels of an OpenEXR file that has no picture of its own but layers, each by its name, as numbers.
+fn layers(name: &str, bytes: &[u8]) -> Option<Images> {
+    let Planes { width, height, channels, .. } = exr::read(name, bytes).ok()?;
+    let view = |Channel { name, samples }| {
+        let picture = Image::<Data>::from_samples(width, height, 1, samples).into();
+        NamedImage { name, picture }
+    };
+    Some(Images(channels.into_iter().map(view).collect()))
 }
 
 /// How the files of two sinks differ: pictures by what they show, and whether only their recipes do.
@@ -57,9 +70,9 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     if views(a) != views(b) {
         return a.difference(b);
     }
-    let shown = |file: &FileBytes| {
-        let picture = load_image::of_bytes(&file.view, &file.bytes).ok()?;
-        Some(Images::single(file.view.clone(), picture))
+    let shown = |file: &FileBytes| match load_image::of_bytes(&file.view, &file.bytes) {
+        Ok(picture) => Some(Images::single(file.view.clone(), picture)),
+        Err(_) => layers(&file.view, &file.bytes),
     };
     let mut only_recipes = 0;
     for (a, b) in a.0.iter().zip(&b.0).filter(|(a, b)| a.bytes != b.bytes) {

@@ -97,27 +97,30 @@ fn upwards(
     most: usize,
     measure: &mut impl FnMut(&[usize]) -> Option<(f64, f64)>,
 ) -> (Vec<Tried>, bool) {
-    // With the error of what lies below.
-    let mut open = vec![(0.0_f64, vec![0; knobs.len()])];
+    // With the error of what lies below, and how many turns on the way there left it as it was: those come last, so that
+    // a knob which does nothing here does not take the room of one that does.
+    let mut open = vec![(f64::INFINITY, 0_usize, vec![0; knobs.len()])];
     let mut seen = BTreeSet::from([vec![0; knobs.len()]]);
     let mut measured = Vec::new();
-    let least = |open: &[(f64, Vec<usize>)]| {
+    let least = |open: &[(f64, usize, Vec<usize>)]| {
         let all = open.iter().enumerate();
-        all.min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(&b.1))).map(|(at, _)| at)
+        all.min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0).then_with(|| (a.1, &a.2).cmp(&(b.1, &b.2))))
+            .map(|(at, _)| at)
     };
     while let Some(at) = least(&open) {
-        let (_, assignment) = open.swap_remove(at);
+        let (before, idle, assignment) = open.swap_remove(at);
         if measured.len() == most {
             return (measured, false);
         }
         let Some((cost, error)) = measure(&assignment) else { return (measured, false) };
         let near = cost * (1.0 - margin) < bound;
+        let idle = if error < before { 0 } else { idle + 1 };
         for (knob, Steps { values, ordered, .. }) in knobs.iter().enumerate() {
             if assignment[knob] + 1 < *values && (near || !ordered) {
                 let mut above = assignment.clone();
                 above[knob] += 1;
                 if seen.insert(above.clone()) {
-                    open.push((error, above));
+                    open.push((error, idle, above));
                 }
             }
         }
@@ -171,6 +174,13 @@ mod tests {
         });
         assert!(found.is_some_and(|found| !found.complete && found.all.len() == 3), "measuring ended");
         assert_eq!(below(&knobs, &[], 5.0, 30, |_| None), None);
+    }
+
+    // The last knob changes nothing that counts. Mutation: `idle` always 0.
+    #[test]
+    fn a_knob_that_does_nothing_comes_after_those_that_do() {
+        let found = below(&steps([4, 50]), &[], 100.0, 10, |a| Some((1.0, 1.0 / (1 + a[0]) as f64))).unwrap();
+        assert!(found.all.iter().any(|tried| tried.assignment == [3, 0]), "{:?}", found.all);
     }
 
     // Three knobs save 4 % each and 11.5 % together, so that the only position below the bound lies beyond dearer ones
