@@ -104,7 +104,7 @@ impl Row {
 
 impl Kind for SplatPanorama {
     const NAME: &'static str = "splat-panorama";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     type Params = (Self, Drawing);
     type In = In;
