@@ -56,7 +56,7 @@ impl Touching {
             }
             meets
         });
-        // One that was lifted off the underside of what stands on it lies as far below the receiver.
+        // One that was lifted off another may lie as far below the receiver.
         let reach = 2.0 * (space + coarsest) + objects.lifted;
         let touches = |corners: &[Vec3; 3]| {
             let own = around(corners, reach);
