@@ -4,6 +4,7 @@ use engine::{Context, Scene, Up};
 use fearless_simd::Level;
 use glam::Vec3;
 
+use crate::sampling::circle;
 use crate::types::{SplatEncoding, Splats};
 
 #[path = "../../tests/extremes/row.rs"]
@@ -44,6 +45,13 @@ pub fn levels() -> Vec<Level> {
     }
     levels.push(best);
     levels
+}
+
+/// A unit direction, spread evenly over the sphere by two fractions.
+pub fn direction([u, v]: [f32; 2]) -> Vec3 {
+    let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(r * cos, r * sin, z)
 }
 
 /// Pearson's chi-square of counts against what is expected of them, in deviations of a normal distribution (Wilson and
@@ -99,7 +107,7 @@ impl SphereBins {
             let z = 2.0 * (ring as f32 + 0.5) / rings as f32 - 1.0;
             let radius = (1.0 - z * z).sqrt();
             for sector in 0..sectors {
-                let (sin, cos) = crate::sampling::circle((sector as f32 + 0.5) / sectors as f32);
+                let (sin, cos) = circle((sector as f32 + 0.5) / sectors as f32);
                 let d = Vec3::new(radius * cos, radius * sin, z);
                 for (sums, pdf) in sums.iter_mut().zip(pdf(d)) {
                     sums[self.of(d)] += f64::from(pdf) * area;

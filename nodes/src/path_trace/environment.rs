@@ -3,7 +3,7 @@
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3, Vec3};
 
-use super::crop::greatest_irradiance;
+use super::irradiance_bound::greatest_irradiance;
 use super::light_cells::{LightCells, RowChoice};
 use super::light_distribution::{Cone, LightDistribution, LightTable};
 use super::texel_grid::{TexelGrid, approximate_turns};

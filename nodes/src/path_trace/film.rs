@@ -4,7 +4,7 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 
 use serde::Serialize;
 
-use super::crop::TileBounds;
+use super::tile_bounds::TileBounds;
 use crate::bvh::Steps;
 use crate::types::{Camera, grouped};
 

@@ -288,14 +288,10 @@ mod tests {
     use fearless_simd::dispatch;
 
     use super::*;
-    use crate::sampling::{Points, circle, stream};
+    use crate::sampling::{Points, stream};
 
     fn direction(i: u32, pair: u32) -> Vec3 {
-        let [u, v] = Points::new(stream(8, 0, 0), i).pair(pair);
-        let z = 1.0 - 2.0 * v;
-        let (sin, cos) = circle(u);
-        let r = (1.0 - z * z).max(0.0).sqrt();
-        Vec3::new(r * cos, r * sin, z)
+        crate::testing::direction(Points::new(stream(8, 0, 0), i).pair(pair))
     }
 
     /// By every set of vector instructions.

@@ -10,12 +10,11 @@ use engine::NodeError;
 use glam::{DMat3, DVec3, Vec3};
 
 use super::attributes::SurfacePoint;
-use super::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
 use super::contact::Ground;
-use super::emitters::{COARSE, EmitterSample, Emitters};
-use super::media::{Body, Media};
+use super::emitters::Emitters;
+use super::media::Body;
 use super::mipmap::{Mipmap, Texels};
-use super::receiver::{Receiver, Surface, geometry, margin};
+use super::receiver::{Receiver, Surface, margin};
 use super::shades::Shades;
 use super::touching::Touching;
 use crate::bvh::{Bvh, Hit, Ray};
@@ -23,20 +22,20 @@ use crate::color::linear_from_srgb8;
 use crate::error::Error;
 use crate::num;
 use crate::sampling::{hash, unit};
-use crate::types::{AlphaMode, Material, NormalMap, Object, Placed, Primitive};
+use crate::types::{AlphaMode, Material, Object, Placed, Primitive};
 
 /// One primitive of one placed object.
 #[derive(Debug)]
 pub(super) struct PlacedPrimitive {
     pub(super) placed: usize,
-    primitive: usize,
+    pub(super) primitive: usize,
     /// Index of its first triangle in the tree.
     pub(super) first: u32,
     /// Normals to the frame of the scene: inverse transpose, columns.
-    normals: [Vec3; 3],
+    pub(super) normals: [Vec3; 3],
     /// Tangents to the frame of the scene, columns.
-    tangents: [Vec3; 3],
-    mirrored: bool,
+    pub(super) tangents: [Vec3; 3],
+    pub(super) mirrored: bool,
     opaque: bool,
     /// Whether light passes it straight.
     pub(super) clear: bool,
@@ -81,20 +80,10 @@ fn columns(m: DMat3) -> [Vec3; 3] {
     [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
 }
 
-fn apply(m: &[Vec3; 3], v: Vec3) -> Vec3 {
-    m[0] * v.x + m[1] * v.y + m[2] * v.z
-}
-
 /// Corners in the order that keeps the outside in front after a mirroring transform.
 fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
     if mirrored { [a, c, b] } else { [a, b, c] }
 }
-
-/// Of the most that a picture has somewhere, the least that is looked for there: a texel among 128 by 128.
-const FAINT: f32 = 1.0 / 16384.0;
-
-/// Squares of lattices over all triangles that shine, beyond 32 to a side.
-const CELLS: usize = 1 << 17;
 
 impl Objects {
     /// Triangles of the objects, relative to `origin`, where there is no receiver.
@@ -176,12 +165,7 @@ impl Objects {
         objects.lift_sheets(receiver);
         let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
         if shining {
-            // Of a lamp so small that the mean of the picture is rounded to black a little is looked for.
-            let emission =
-                |hit: &Hit, width| objects.emission(hit, width).max(objects.peak(hit, width) * FAINT);
-            let finest = objects.finest();
-            objects.emitters =
-                Emitters::new(&objects.corners, |triangle| objects.lattice(triangle, finest), emission);
+            objects.emitters = objects.find_emitters();
             objects.shades = Shades::of(&objects);
         }
         Ok(objects)
@@ -226,7 +210,7 @@ impl Objects {
         (part, object, primitive, &object.materials[primitive.material as usize])
     }
 
-    fn point<'a>(&'a self, hit: &'a Hit) -> (&'a PlacedPrimitive, &'a Material, SurfacePoint<'a>) {
+    pub(super) fn point<'a>(&'a self, hit: &'a Hit) -> (&'a PlacedPrimitive, &'a Material, SurfacePoint<'a>) {
         let (part, object, primitive, material) = self.part(hit.triangle);
         let corner = wound(primitive.triangles[(hit.triangle - part.first) as usize], part.mirrored);
         let mipmaps = &self.mipmaps[part.placed];
@@ -267,21 +251,6 @@ impl Objects {
         }
     }
 
-    /// What passes straight through the surface at a hit, which the ray of the given direction meets; that of a
-    /// body between the media on its sides, or in the air.
-    pub(super) fn straight(&self, hit: &Hit, direction: Vec3, sides: Option<[Media; 2]>) -> Vec3 {
-        let (_, material, point) = self.point(hit);
-        if material.transmission.factor == 0.0 {
-            return Vec3::ZERO;
-        }
-        let mut params = params(&point, material);
-        if let Some([near, far]) = sides.map(|sides| self.indices(sides)) {
-            params.ior = (near / far).max(far / near);
-        }
-        let (_, normal, _) = geometry(&self.corners[hit.triangle as usize], hit);
-        straight(&params, normal.dot(direction).abs())
-    }
-
     /// How far along its ray the receiver counts as met before an object: where glass stands on it, the two are in
     /// one place, and what leaves the glass is the receiver's; where something flat lies on it, that is met first.
     pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
@@ -307,249 +276,17 @@ impl Objects {
         self.bvh.closest(ray, |hit| self.part(hit.triangle).0.first != own && self.accepts(hit, key, false))
     }
 
-    /// The surface at a hit, seen from the unit direction `out` by a ray of some width there; without what passes
-    /// it where `straight`. The ray came through `media`.
-    pub fn surface(&self, hit: &Hit, out: Vec3, straight: bool, width: f32, media: Media) -> Surface {
-        let (part, material, point) = self.point(hit);
-        let media = self.sides(part, hit.back, media);
-        let [a, b, c] = self.corners[hit.triangle as usize];
-        let area = (b - a).cross(c - a);
-        // Seen aslant a ray is wider one way; the mean of both ways blurs no more than it must.
-        let slant = area.normalize_or_zero().dot(out).abs().max(0.01);
-        let filtered =
-            SurfacePoint { width: width / (slant * area.length().max(f32::MIN_POSITIVE)).sqrt(), ..point };
-        let (position, winding, margin) = geometry(&self.corners[hit.triangle as usize], hit);
-        let side = if hit.back { -1.0 } else { 1.0 };
-        let geometric = winding * side;
-        // Shading normal on the side of the winding, then of the viewer.
-        let smooth = match point.primitive.normals.is_empty() {
-            true => winding,
-            false => apply(&part.normals, Vec3::from_array(point.blend(&point.primitive.normals)))
-                .normalize_or(winding),
-        };
-        let smooth = if smooth.dot(winding) < 0.0 { -smooth } else { smooth };
-        let facing = |normal: Vec3| {
-            // A bent normal may turn away from the viewer; bend it back to just this side of the horizon.
-            let (normal, lift) = (normal * side, 0.01 - normal.dot(out) * side);
-            let seen = if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal };
-            mirroring(seen, geometric, out)
-        };
-        let bent =
-            |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &point, &map, smooth)));
-        let mut params = BsdfParams { every_lobe: self.every_lobe, ..params(&filtered, material) };
-        params.inside = params.thick && hit.back && !straight;
-        if part.body.is_some() {
-            let [near, far] = self.indices(media);
-            // From the denser side there is a critical angle, on whichever side of the body that is.
-            params.inside |= near > far && !straight;
-            params.ior = if params.inside { near / far } else { (far / near).max(near / far) };
-        }
-        params.blocked = straight;
-        let normal = bent(material.normal);
-        let frame = match params.anisotropy > 0.0 {
-            true => {
-                let (tangent, strength) = self.brush(part, &point, material, smooth);
-                params.anisotropy *= strength;
-                Frame::along(normal, tangent)
-            }
-            false => Frame::around(normal),
-        };
-        let coated = match (params.coat.0 > 0.0, material.clearcoat.normal) {
-            (true, map) => Frame::around(bent(map)),
-            (false, _) => frame,
-        };
-        let bsdf = match material.unlit {
-            true => Bsdf::matte(geometric, Vec3::ZERO),
-            false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &params)),
-        };
-        let emission = emission(&filtered, material) * bsdf.under();
-        Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None }
-    }
-
     /// Unit normal of a triangle, by its winding.
     pub fn normal(&self, triangle: u32) -> Vec3 {
         let [a, b, c] = self.corners[triangle as usize];
         (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3()
     }
-
-    /// What shines at a hit towards a unit direction: less than the material emits where a coat or sheen is over it.
-    pub fn emission_towards(&self, hit: &Hit, out: Vec3) -> Vec3 {
-        let (_, material, _) = self.point(hit);
-        if material.unlit
-            || (material.clearcoat.strength.factor == 0.0 && material.sheen.colour.factor == [0.0; 3])
-        {
-            return self.emission(hit, 0.0);
-        }
-        let back = self.normal(hit.triangle).dot(out) < 0.0;
-        self.surface(&Hit { back, ..*hit }, out, false, 0.0, Media::default()).emission
-    }
-
-    /// What the material emits at a hit, on the mean over a width as a share of the square root of twice the triangle's area.
-    pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
-        let (_, material, point) = self.point(hit);
-        emission(&SurfacePoint { width, ..point }, material)
-    }
-
-    /// The most that the picture of what the material emits has over a width, as [`emission`](Self::emission) has the mean;
-    /// black without a picture.
-    fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
-        let (_, material, point) = self.point(hit);
-        let [r, g, b, _] = material.base_colour;
-        let (most, picture) = match material.unlit {
-            true => ([r, g, b], material.base_colour_texture),
-            false => (material.emissive, material.emissive_texture),
-        };
-        let Some(picture) = picture else { return Vec3::ZERO };
-        let [r, g, b, _] = SurfacePoint { width, ..point }.texture(Some(picture), Texels::Peaks);
-        Vec3::from_array(most) * Vec3::new(r, g, b)
-    }
-
-    /// Squares a side of the finest lattices: 32, and more of few triangles, such as a panel of lights.
-    fn finest(&self) -> u32 {
-        let shining = self.parts.iter().map(|part| {
-            let object = &self.placed[part.placed].object;
-            let primitive = &object.primitives[part.primitive];
-            let shines = object.materials.get(primitive.material as usize).is_some_and(Material::shines);
-            if shines { primitive.triangles.len() } else { 0 }
-        });
-        let each = CELLS / shining.sum::<usize>().max(1);
-        (each.isqrt() as u32).max(COARSE)
-    }
-
-    /// Squares a side of the lattice by which the picture of what a triangle emits is looked at: of four texels, as a
-    /// rule, and at most `finest`.
-    fn lattice(&self, triangle: u32, finest: u32) -> u32 {
-        let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
-        let (_, material, point) = self.point(&hit);
-        let picture = if material.unlit { material.base_colour_texture } else { material.emissive_texture };
-        let texels = picture.map_or(0.0, |picture| point.texels(picture));
-        // What is not a number is 0.
-        ((texels / 4.0).ceil() as u32).clamp(1, finest)
-    }
-
-    /// A point that shines, from fractions; there must be some.
-    pub fn sample_emitter(&self, choice: u32, place: [u32; 2]) -> EmitterSample {
-        self.emitters.sample(&self.corners, choice, place)
-    }
-
-    /// Tangent across a normal, by stored tangents or by texture coordinates, and the sign of the bitangent.
-    fn tangent(
-        &self,
-        part: &PlacedPrimitive,
-        point: &SurfacePoint<'_>,
-        uv_set: u32,
-        normal: Vec3,
-    ) -> (Vec3, f32) {
-        let (tangent, hand) = match point.primitive.tangents.is_empty() {
-            false => {
-                let [x, y, z, _] = point.blend(&point.primitive.tangents);
-                let hand = point.primitive.tangents[point.corner[0] as usize][3].signum();
-                let mirror = if part.mirrored { -1.0 } else { 1.0 };
-                (apply(&part.tangents, Vec3::new(x, y, z)), hand * mirror)
-            }
-            true => {
-                let [a, b, c] = self.corners[point.hit.triangle as usize];
-                let [p, q, r] = point.coordinates(uv_set);
-                let (e, f, s, t) = (b - a, c - a, q - p, r - p);
-                let area = s.x * t.y - t.x * s.y;
-                // Up the picture is against v.
-                ((e * t.y - f * s.y) * area.signum(), -area.signum())
-            }
-        };
-        ((tangent - normal * normal.dot(tangent)).normalize_or_zero(), hand)
-    }
-
-    /// The normal of a normal map.
-    fn bump(&self, part: &PlacedPrimitive, point: &SurfacePoint<'_>, map: &NormalMap, normal: Vec3) -> Vec3 {
-        let [x, y, z, _] = point.texture(Some(map.texture), Texels::Numbers).map(|c| 2.0 * c - 1.0);
-        let (tangent, hand) = self.tangent(part, point, map.texture.uv_set, normal);
-        let bitangent = normal.cross(tangent) * hand;
-        ((tangent * x + bitangent * y) * map.scale + normal * z).normalize_or(normal)
-    }
-
-    /// The direction of the brush of an anisotropic surface, and its strength by the texture.
-    fn brush(
-        &self,
-        part: &PlacedPrimitive,
-        point: &SurfacePoint<'_>,
-        material: &Material,
-        normal: Vec3,
-    ) -> (Vec3, f32) {
-        let brush = &material.anisotropy;
-        let (tangent, hand) = self.tangent(part, point, brush.texture.map_or(0, |t| t.uv_set), normal);
-        let bitangent = normal.cross(tangent) * hand;
-        let (sin, cos) = num::sin_cos(f64::from(brush.rotation));
-        let (sin, cos) = (sin as f32, cos as f32);
-        let [x, y, strength] = match brush.texture {
-            Some(texture) => {
-                let [x, y, strength, _] = point.texture(Some(texture), Texels::Numbers);
-                [2.0 * x - 1.0, 2.0 * y - 1.0, strength]
-            }
-            None => [1.0, 0.0, 1.0],
-        };
-        (tangent * (cos * x - sin * y) + bitangent * (sin * x + cos * y), strength)
-    }
-}
-
-/// What a material emits at a point.
-fn emission(point: &SurfacePoint<'_>, material: &Material) -> Vec3 {
-    if material.unlit {
-        return params(point, material).base;
-    }
-    if material.emissive == [0.0; 3] {
-        return Vec3::ZERO;
-    }
-    let [r, g, b, _] = point.texture(material.emissive_texture, Texels::Colours);
-    Vec3::from_array(material.emissive) * Vec3::new(r, g, b)
-}
-
-/// What a material says at a point.
-fn params(point: &SurfacePoint<'_>, material: &Material) -> BsdfParams {
-    let texels = match material.alpha_mode {
-        AlphaMode::Opaque => Texels::Colours,
-        // Cut off at 0 all of it is there.
-        AlphaMode::Mask(cutoff) if cutoff <= 0.0 => Texels::Colours,
-        AlphaMode::Mask(_) | AlphaMode::Blend => Texels::CoveredColours,
-    };
-    let base = point.texture(material.base_colour_texture, texels);
-    let point = &SurfacePoint { width: 0.0, ..*point };
-    let colour = point.vertex_colour();
-    let channel = |c: usize| (material.base_colour[c] * base[c] * colour[c]).clamp(0.0, 1.0);
-    let [_, green, blue, _] = point.texture(material.metallic_roughness_texture, Texels::Numbers);
-    let mut params = BsdfParams {
-        base: Vec3::new(channel(0), channel(1), channel(2)),
-        metallic: (material.metallic * blue).clamp(0.0, 1.0),
-        roughness: (material.roughness * green).clamp(0.0, 1.0),
-        ior: material.ior,
-        transmission: point.number(&material.transmission, 0),
-        thick: material.volume.is_some(),
-        specular: (point.number(&material.specular.strength, 3), point.colour(&material.specular.colour)),
-        anisotropy: material.anisotropy.strength,
-        ..BsdfParams::default()
-    };
-    let film = &material.iridescence;
-    if film.strength.factor > 0.0 {
-        let [thin, full] = film.thickness_nm;
-        let t =
-            film.thickness_texture.map_or(1.0, |texture| point.texture(Some(texture), Texels::Numbers)[1]);
-        params.film = (point.number(&film.strength, 0), film.ior, thin + (full - thin) * t);
-    }
-    let (sheen, coat, through) = (&material.sheen, &material.clearcoat, &material.diffuse_transmission);
-    if sheen.colour.factor != [0.0; 3] {
-        params.sheen = (point.colour(&sheen.colour), point.number(&sheen.roughness, 3));
-    }
-    if coat.strength.factor > 0.0 {
-        params.coat = (point.number(&coat.strength, 0), point.number(&coat.roughness, 1));
-    }
-    if through.strength.factor > 0.0 {
-        params.through = (point.number(&through.strength, 3), point.colour(&through.colour));
-    }
-    params
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::path_trace::media::Media;
 
     /// A mirror keeps the outside outside.
     #[test]

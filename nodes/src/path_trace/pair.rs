@@ -4,12 +4,13 @@ use glam::Vec3;
 
 use super::camera_rays::CameraRays;
 use super::change::{ChangeSampling, FIRST_LIGHTS, asks, rays_towards};
-use super::crop::{Crop, TileBounds};
+use super::crop::Crop;
 use super::film::{Area, Rays, Sums, TileSums};
 use super::integrator::{Integrator, Scene};
 use super::light_draws::LightDraws;
 use super::path::Vertex;
 use super::tile::{Sample, Tile, TileSampling};
+use super::tile_bounds::TileBounds;
 use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
 use crate::color::luminance;

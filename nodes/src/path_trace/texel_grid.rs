@@ -157,3 +157,35 @@ pub fn approximate_turns(x: f64, y: f64) -> f64 {
     let half = if y < 0.0 { 0.5 - quarter } else { quarter };
     if x < 0.0 { -half } else { half }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::Points;
+    use crate::testing::direction;
+
+    /// Every texel that a direction of the cone falls into is visited, once, and few others.
+    #[test]
+    fn texels_of_a_cone_are_all_visited() {
+        for (width, height) in [(64, 32), (200, 77), (8, 3), (1, 1)] {
+            let texel_grid = TexelGrid::new(width, height, Up::PlusY);
+            for i in 0..60 {
+                let [[a, b], [c, _]] = [0, 1].map(|k| Points::new(7, i).pair(k));
+                let cone = Cone { axis: direction([a, b]), cosine: 0.4 + (0.9999 - 0.4) * c };
+                let mut visits = vec![0; width * height];
+                texel_grid.each_around(&cone, |x, y| visits[y * width + x] += 1);
+                assert!(visits.iter().all(|&n| n <= 1));
+                for k in 0..3_000 {
+                    let way = direction(Points::new(8, k).pair(0));
+                    let (x, y) = texel_grid.texel(way);
+                    assert!(
+                        way.dot(cone.axis) < cone.cosine || visits[y * width + x] == 1,
+                        "{x} {y} {cone:?}"
+                    );
+                }
+                let share = f64::from(visits.iter().sum::<u32>()) / (width * height) as f64;
+                assert!(width < 64 || share < 0.1 + 8.0 * f64::from(1.0 - cone.cosine), "{share} {cone:?}");
+            }
+        }
+    }
+}
