@@ -19,6 +19,8 @@ engine::params! {
     pub struct LoadEnvironment {
         /// The file: `.exr` or `.hdr`.
         path: InputFile, other("\"b.hdr\"");
+        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`. By default the layer without a name.
+        layer: String = String::new(), other("\"sky\""), inert("most files have one layer");
         /// Turns the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
         /// interpolated, so that energy is kept row by row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
@@ -45,7 +47,7 @@ engine::outputs! {
 
 impl Kind for LoadEnvironment {
     const NAME: &'static str = "load-environment";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -68,7 +70,7 @@ impl Kind for LoadEnvironment {
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
-        let picture = whole_sphere::open(&p.path, &mut notes, cx)?;
+        let picture = whole_sphere::open(&p.path, &p.layer, &mut notes, cx)?;
         let mut rgb = whole_sphere::linear(&p.path.0, &picture).map_err(|e| NodeError::from(e).at("path"))?;
         let (width, height, _) = picture.size();
         drop(picture);

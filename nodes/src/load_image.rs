@@ -223,6 +223,8 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
     };
     let found = all(&["R", "G", "B", "A"])
         .or_else(|| all(&["R", "G", "B"]))
+        .or_else(|| all(&["r", "g", "b", "a"]))
+        .or_else(|| all(&["r", "g", "b"]))
         .or_else(|| all(&["X", "Y", "Z"]))
         .or_else(|| if chroma { None } else { all(&["Y", "A"]) })
         .or_else(single);
@@ -340,6 +342,7 @@ mod tests {
             let channels = names.iter().map(|name| plane(name, 0.5)).collect();
             exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}")).0
         };
+        assert_eq!(load(&of(&["r", "g", "b"]), FileEncoding::Auto, "").0.size(), (1, 1, 3));
         let told = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
         assert!(told.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"), "{told}");
         for more in [&["Y", "RY", "BY"][..], &["Y", "RY", "BY", "A"]] {

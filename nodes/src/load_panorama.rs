@@ -18,7 +18,7 @@ use crate::load_image::floats_of;
 use crate::num;
 use crate::stitch::holes;
 use crate::types::{Environment, Image, Images, Linear, Panorama, Picture, Srgb};
-use crate::whole_sphere::{self, turn};
+use crate::whole_sphere::{self, growth, turn};
 
 engine::params! {
     /// Loads an equirectangular panorama as a camera took it: PNG, JPEG, OpenEXR or Radiance HDR.
@@ -26,9 +26,13 @@ engine::params! {
     /// It stands where `stitch` would make one from splats. Row 0 of the file is up and its centre column looks
     /// forward (up +z: +Y; up +y: -Z; up -y: +Z). PNG and JPEG hold display colours, whose lights clip at
     /// white; OpenEXR and Radiance hold linear light, in which nothing clips unless `photograph_ev` says so.
+    /// A part of a sphere, as telephones and stitchers write it, lies where its metadata (Photo Sphere XMP, `GPano`)
+    /// says, and the rest is a hole. Holes, which are what is transparent, are filled from around.
     pub struct LoadPanorama {
         /// The file: `.jpg`, `.png`, `.exr` or `.hdr`.
         path: InputFile, other("\"b.exr\"");
+        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`. By default the layer without a name.
+        layer: String = String::new(), other("\"sky\""), inert("most files have one layer");
         /// Takes linear light as a camera of 8 bits would, so many stops above EV 0: the median of the picture, raised
         /// to 1 / 2.4, is half of white there, but at most 15 % of the sphere are above white. None: as it is.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
@@ -60,7 +64,7 @@ const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -77,14 +81,15 @@ impl Kind for LoadPanorama {
         let copies = 4 + 3 * u64::from(p.rotation_deg != 0.0) + u64::from(p.photograph_ev.is_some());
         let of = |file: &FileHead<'_>| {
             let [reading, floats] = floats_of(file);
-            reading.max(floats.saturating_mul(copies)).saturating_add(file.bytes)
+            let whole = (floats as f64 * growth(file) * 4.0 / 3.0) as u64;
+            reading.max(whole.saturating_mul(copies)).saturating_add(file.bytes)
         };
         Cost { bytes: files.iter().map(of).max().unwrap_or(0) }
     }
 
     fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let mut notes = Notes::none();
-        let picture = whole_sphere::open(&p.path, &mut notes, cx)?;
+        let picture = whole_sphere::open(&p.path, &p.layer, &mut notes, cx)?;
         let (width, height, _) = picture.size();
         let linear = matches!(picture, Picture::Linear(_));
         let pixels = premultiplied(&picture, &mut notes).map_err(|e| NodeError::from(e).at("path"))?;
@@ -263,6 +268,7 @@ mod tests {
         let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
         let p = LoadPanorama {
             path: InputFile("a".into()),
+            layer: String::new(),
             photograph_ev,
             rotation_deg,
             origin: Some([1.0, 2.0, 3.0]),
@@ -376,6 +382,26 @@ mod tests {
         };
         assert_eq!(told(0.0), None);
         assert!(told(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
+    }
+
+    /// A photograph of the half in front, as telephones write it: at its place, and the rest a hole.
+    /// Mutation: `laid` not called.
+    #[test]
+    fn a_part_of_a_sphere_lies_where_its_metadata_says() {
+        let codes = (0..8 * 4).flat_map(|i| [if i == 9 { 250 } else { 60 }; 3]).collect();
+        let raster = Raster { width: 8, height: 4, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let text = "GPano:FullPanoWidthPixels='1600' GPano:FullPanoHeightPixels='800' GPano:CroppedAreaImageWidthPixels='800' \
+            GPano:CroppedAreaImageHeightPixels='400' GPano:CroppedAreaLeftPixels='400' GPano:CroppedAreaTopPixels='200'";
+        let bytes = png::write(&raster, false, &[("XML:com.adobe.xmp", text)]).expect("writes");
+        let (out, notes) = load(&bytes, None).expect("loads");
+        let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
+        assert_eq!((image.width, image.height), (16, 8));
+        assert!(image.rgb(5, 3)[0] > 0.9 && image.samples.iter().filter(|v| **v > 0.9).count() == 3);
+        let seen = |x: usize, y: usize| (4..12).contains(&x) && (2..6).contains(&y);
+        let alpha = |x: usize, y: usize| if seen(x, y) { 1.0 } else { 0.0 };
+        assert!((0..128).all(|at| out.pano.alpha.samples[at] == alpha(at % 16, at / 16)));
+        let told = |id: &str| notes.iter().any(|note| note.id == id);
+        assert!(told("part-of-a-sphere") && told("holes") && !told("not-two-to-one"));
     }
 
     #[test]

@@ -1,25 +1,98 @@
 //! Files of everything around a point: what the loaders of panoramas and of light have in common.
 
-use engine::{Context, InputFile, NodeError, Notes};
+use std::io::Read;
+
+use engine::{Context, FileHead, InputFile, NodeError, Notes};
 
 use crate::Error;
+use crate::io::gpano::{self, GPano, Placement};
 use crate::io::stretch::Stretch;
 use crate::load_image::{FileEncoding, decode};
-use crate::types::Picture;
+use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// The picture that a file holds; one that is no whole panorama is told.
-pub(crate) fn open(path: &InputFile, notes: &mut Notes, cx: &Context) -> Result<Picture, NodeError> {
+/// The picture that a file holds, or a layer of it; a part of a sphere is laid where its metadata says, transparent
+/// around it, and what is no whole panorama otherwise is told.
+pub(crate) fn open(
+    path: &InputFile,
+    layer: &str,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Picture, NodeError> {
     let bytes = cx.read(path).map_err(|e| e.at("path"))?;
-    let picture = decode(FileEncoding::Auto, "", &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
-    let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
+    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
+    let mut picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
     cx.check()?;
     cx.progress(0.4);
     let (width, height, _) = picture.size();
+    let part = GPano::find(&bytes);
+    if let Some(part) = &part {
+        tell(part, notes);
+        if let Some(placement) =
+            part.place(&path.0, [width, height]).map_err(|e| NodeError::from(e).at("path"))?
+        {
+            let ([w, h], [x, y]) = (placement.size, placement.at);
+            let what = format!(
+                "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, as the file says (GPano); nothing is known of the rest"
+            );
+            notes.decision("part-of-a-sphere", what);
+            picture = laid(&picture, placement);
+        }
+    }
+    let (width, height, _) = picture.size();
     if width != 2 * height {
-        let what = format!("the picture is {width}x{height}; a whole panorama is twice as wide as high");
+        let what = format!(
+            "the picture is {width}x{height}, a whole panorama is twice as wide as high: it is stretched over the whole sphere; pad it to 2:1, transparent where nothing was seen"
+        );
         notes.warning("not-two-to-one", what);
     }
     Ok(picture)
+}
+
+/// Pixels of the whole sphere that a file becomes, over those of its picture: 1 unless it holds a part.
+pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
+    let mut head = Vec::new();
+    let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());
+    read.and_then(|_| GPano::find(&head)).map_or(1.0, |part| part.share().recip())
+}
+
+/// What of the metadata is passed over.
+fn tell(part: &GPano, notes: &mut Notes) {
+    if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
+        let [pitch, roll] = part.tilt;
+        let what = format!(
+            "the file says that it is pitched by {pitch} and rolled by {roll} degrees (GPano), which is not undone: its rows are taken for level"
+        );
+        notes.warning("tilt-ignored", what);
+    }
+    if !part.projection.eq_ignore_ascii_case("equirectangular") {
+        let what = format!(
+            "the file says that its projection is {} (GPano); it is taken for equirectangular",
+            part.projection
+        );
+        notes.warning("projection-ignored", what);
+    }
+}
+
+/// A picture within a whole sphere.
+fn laid(picture: &Picture, placement: Placement) -> Picture {
+    let ([w, h], [left, top]) = (placement.size, placement.at);
+    let (width, _, channels) = picture.size();
+    let mut samples = vec![0.0; w * h * 4];
+    for (index, pixel) in picture.samples().chunks_exact(channels).enumerate() {
+        let (x, y) = ((left + index % width) % w, top + index / width);
+        samples[4 * (y * w + x)..][..4].copy_from_slice(&match *pixel {
+            [v] => [v, v, v, 1.0],
+            [v, a] => [v, v, v, a],
+            [r, g, b] => [r, g, b, 1.0],
+            [r, g, b, a, ..] => [r, g, b, a],
+            [] => [0.0; 4],
+        });
+    }
+    match picture {
+        Picture::Srgb(_) => Image::<Srgb>::from_samples(w, h, 4, samples).into(),
+        Picture::Linear(_) => Image::<Linear>::from_samples(w, h, 4, samples).into(),
+        Picture::Data(_) => Image::<Data>::from_samples(w, h, 4, samples).into(),
+    }
 }
 
 /// Width, height and linear RGB of a file of light, finite.

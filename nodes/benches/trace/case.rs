@@ -77,7 +77,13 @@ impl Case {
         };
         let object =
             OverrideMaterial::run(&material, override_material::In { object }, &cx).unwrap().0.object;
-        let env = LoadEnvironment { path: file("env.exr"), rotation_deg: 0.0, scale: 1.0, origin: None };
+        let env = LoadEnvironment {
+            path: file("env.exr"),
+            layer: String::new(),
+            rotation_deg: 0.0,
+            scale: 1.0,
+            origin: None,
+        };
         let env = LoadEnvironment::run(&env, load_environment::In {}, &cx).unwrap().0.env;
         let camera = &scene["camera"];
         let number = |key: &str| camera[key].as_f64().unwrap();

@@ -3,6 +3,7 @@
 
 pub mod exr;
 pub mod gltf;
+pub mod gpano;
 pub mod hdr;
 pub mod head;
 pub mod icc;

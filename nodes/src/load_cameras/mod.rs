@@ -5,7 +5,7 @@ mod json;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use engine::{
@@ -33,12 +33,13 @@ engine::params! {
     /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up
     /// and z backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`.
     /// (3) nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all
-    /// of them. A view is named after its picture, without folder and ending.
+    /// of them. A view is named after its picture, without folder and ending, but with as many folders as tell pictures
+    /// of the same name apart: `day1_IMG_0001`.
     pub struct LoadCameras {
         /// The file, or the folder of a COLMAP model.
         path: InputFile, other("\"b.json\"");
-        /// Which cameras, in this order: names, names with `*` and `?`, or ranges of numbers from 0 such
-        /// as `2..5` and, every eighth, `0..400..8`. All of them by default.
+        /// Which cameras, in this order: names or paths of pictures, also with `*` and `?`, or ranges of numbers from 0
+        /// such as `2..5` and, every eighth, `0..400..8`. All of them by default.
         pick: Vec<String> = Vec::new(), other("[\"0..1\"]");
         /// The list to take from our own JSON.
         list: String = "views".to_owned(), other("\"cube_faces\""), inert("only our own JSON has lists");
@@ -80,7 +81,7 @@ const CAMERA_LIMIT: usize = 1_000_000;
 
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;
@@ -126,8 +127,9 @@ impl Kind for LoadCameras {
                 format!("holds more than {CAMERA_LIMIT} cameras"),
             )));
         }
-        let names: Vec<String> = raw.iter().map(|camera| view_name(&camera.picture)).collect();
-        let chosen = pick(&p.pick, &names).map_err(|e| e.at("pick"))?;
+        let pictures: Vec<&str> = raw.iter().map(|camera| camera.picture.as_str()).collect();
+        let names = view_names(&pictures);
+        let chosen = pick(&p.pick, &names, &pictures).map_err(|e| e.at("pick"))?;
         let cameras = chosen
             .into_iter()
             .map(|index| finish(p, &raw[index], names[index].clone(), &mut notes))
@@ -135,7 +137,8 @@ impl Kind for LoadCameras {
         let mut seen = BTreeSet::new();
         if let Some(twice) = cameras.iter().find(|camera| !seen.insert(&camera.name)) {
             let what = format!("two cameras are named `{}`", twice.name);
-            return Err(NodeError::from(Error::format(&p.path.0, what)).at("path"));
+            let hint = "take one of them by its number from 0: `pick: [\"3..4\"]` is the fourth camera";
+            return Err(NodeError::from(Error::format(&p.path.0, what)).at("path").hint(hint));
         }
         Ok((Out { rig: Arc::new(Rig { cameras }) }, notes))
     }
@@ -199,24 +202,50 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     Err(unknown(&p.path))
 }
 
-/// The name of a picture without folder and ending, with what a path cannot hold replaced.
-fn view_name(picture: &str) -> String {
-    let file = picture.rsplit(['/', '\\']).next().unwrap_or_default();
-    let stem = match file.rsplit_once('.') {
+/// Names of pictures without folder and ending; those that would be the same keep as many of their folders as tell them
+/// apart.
+fn view_names(pictures: &[&str]) -> Vec<String> {
+    let mut names: Vec<String> = pictures.iter().map(|picture| view_name(picture, 0)).collect();
+    let deepest = pictures.iter().map(|picture| picture.matches(['/', '\\']).count()).max().unwrap_or(0);
+    for folders in 1..=deepest {
+        let mut times = BTreeMap::<String, usize>::new();
+        names.iter().for_each(|name| *times.entry(name.clone()).or_default() += 1);
+        let same = (0..names.len()).filter(|&at| times[&names[at]] > 1).collect::<Vec<_>>();
+        if same.is_empty() {
+            break;
+        }
+        same.into_iter().for_each(|at| names[at] = view_name(pictures[at], folders));
+    }
+    names
+}
+
+/// The path of a picture without ending.
+fn stem(picture: &str) -> &str {
+    match picture.rsplit_once('.') {
         Some((stem, ending))
-            if !stem.is_empty() && ending.len() <= 4 && !ending.chars().all(|c| c.is_ascii_digit()) =>
+            if !stem.is_empty()
+                && !stem.ends_with(['/', '\\'])
+                && ending.len() <= 4
+                && !ending.chars().all(|c| c.is_ascii_digit())
+                && !ending.contains(['/', '\\']) =>
         {
             stem
         }
-        _ => file,
-    };
-    let safe: String =
-        stem.chars().map(|c| if c.is_control() || matches!(c, '{' | '}' | ':') { '_' } else { c }).collect();
-    if safe.is_empty() || safe == ".." { "camera".to_owned() } else { safe }
+        _ => picture,
+    }
+}
+
+/// The name of a picture without ending and with so many of its folders, with what a path cannot hold replaced.
+fn view_name(picture: &str, folders: usize) -> String {
+    let mut parts: Vec<&str> = stem(picture).rsplit(['/', '\\']).take(folders + 1).collect();
+    parts.reverse();
+    let safe = |c: char| if c.is_control() || matches!(c, '{' | '}' | ':') { '_' } else { c };
+    let name: String = parts.join("_").chars().map(safe).collect();
+    if name.is_empty() || name == ".." { "camera".to_owned() } else { name }
 }
 
 /// Indices of the chosen cameras, each once, in the order of the wishes.
-fn pick(wishes: &[String], names: &[String]) -> Result<Vec<usize>, NodeError> {
+fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<usize>, NodeError> {
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
     }
@@ -224,7 +253,12 @@ fn pick(wishes: &[String], names: &[String]) -> Result<Vec<usize>, NodeError> {
     for wish in wishes {
         let found: Vec<usize> = match range(wish) {
             Some((start, end, step)) => (start..end.min(names.len())).step_by(step).collect(),
-            None => (0..names.len()).filter(|&i| matches(wish, &names[i])).collect(),
+            None => {
+                let fits = |i: &usize| {
+                    [&names[*i], pictures[*i], stem(pictures[*i])].iter().any(|name| matches(wish, name))
+                };
+                (0..names.len()).filter(fits).collect()
+            }
         };
         if found.is_empty() {
             let some = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");

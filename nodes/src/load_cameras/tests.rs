@@ -142,12 +142,15 @@ fn cameras_without_lines_of_points_are_all_there() {
 
 #[test]
 fn picks_names_globs_and_ranges() {
-    let names: Vec<String> = ["view_0", "view_1", "left", "view_10"].map(str::to_owned).to_vec();
-    let pick =
-        |wishes: &[&str]| pick(&wishes.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>(), &names).ok();
+    let pictures = ["view_0", "view_1", "day/left.png", "view_10"];
+    let names = view_names(&pictures);
+    let pick = |wishes: &[&str]| {
+        pick(&wishes.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>(), &names, &pictures).ok()
+    };
     assert_eq!(pick(&[]), Some(vec![0, 1, 2, 3]));
     assert_eq!(pick(&["left", "view_?"]), Some(vec![2, 0, 1]));
     assert_eq!(pick(&["view_1*"]), Some(vec![1, 3]));
+    assert_eq!(pick(&["day/*", "day/left.png", "day/left"]), Some(vec![2]));
     assert_eq!(pick(&["0..4..2"]), Some(vec![0, 2]));
     assert_eq!(pick(&["1..", "*"]), Some(vec![1, 2, 3, 0]));
     assert_eq!(pick(&["right"]), None);
@@ -173,8 +176,33 @@ fn names_become_view_names() {
         ("..", "camera"),
         (".png", ".png"),
     ] {
-        assert_eq!(view_name(picture), name);
+        assert_eq!(view_names(&[picture]), [name]);
     }
+    // As many folders as tell them apart, and none where none is needed. Mutation: `..=deepest` to `..deepest`.
+    let clash = ["a/x/1.png", "b/x/1.png", "b\\y\\1.png", "b/2.png"];
+    assert_eq!(view_names(&clash), ["a_x_1", "b_x_1", "y_1", "2"]);
+    assert_eq!(view_names(&["s/1.png", "s/1.jpg"]), ["s_1", "s_1"]);
+}
+
+/// Pictures of the same name in two folders, and the same picture twice, which cannot be told apart but by number.
+#[test]
+fn pictures_of_one_name_keep_their_folders() {
+    let set = |paths: [&str; 2]| {
+        let pose = "[[0, 1, 0, 1], [1, 0, 0, 2], [0, 0, -1, 3], [0, 0, 0, 1]]";
+        let frames = paths.map(|path| format!(r#"{{"file_path": "{path}", "transform_matrix": {pose}}}"#));
+        format!(r#"{{"w": 40, "h": 30, "fl_x": 50, "fl_y": 51, "frames": [{}]}}"#, frames.join(","))
+    };
+    let of = |paths, picked: &[&str]| {
+        let pick = picked.iter().map(|wish| (*wish).to_owned()).collect();
+        let loaded = load(&[("t.json", set(paths).as_bytes())], &LoadCameras { pick, ..node("t.json") });
+        loaded.map(|(cameras, _)| cameras.into_iter().map(|camera| camera.name).collect::<Vec<_>>())
+    };
+    let days = ["day1/IMG_1.jpg", "day2/IMG_1.jpg"];
+    assert_eq!(of(days, &[]).unwrap_or_default(), ["day1_IMG_1", "day2_IMG_1"]);
+    assert_eq!(of(days, &["day2/IMG_1"]).unwrap_or_default(), ["day2_IMG_1"]);
+    let told = of(["a.jpg"; 2], &[]).expect_err("are alike");
+    assert!(format!("{told:?}").contains("3..4"), "{told:?}");
+    assert_eq!(of(["a.jpg"; 2], &["1..2"]).unwrap_or_default(), ["a"]);
 }
 
 #[test]

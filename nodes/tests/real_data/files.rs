@@ -17,7 +17,13 @@ fn cx() -> Context {
 }
 
 fn environment(path: &str) -> (Arc<Environment>, Notes) {
-    let p = LoadEnvironment { path: InputFile(path.into()), rotation_deg: 0.0, scale: 1.0, origin: None };
+    let p = LoadEnvironment {
+        path: InputFile(path.into()),
+        layer: String::new(),
+        rotation_deg: 0.0,
+        scale: 1.0,
+        origin: None,
+    };
     let (out, notes) = LoadEnvironment::run(&p, load_environment::In {}, &cx()).unwrap();
     (out.env, notes)
 }

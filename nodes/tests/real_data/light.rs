@@ -112,6 +112,7 @@ fn errors(method: &Method) -> [[f64; 2]; 2] {
     for file in files.iter().step_by(2) {
         let params = LoadPanorama {
             path: InputFile(file.to_str().unwrap().to_owned()),
+            layer: String::new(),
             photograph_ev: Some(0.0),
             rotation_deg: 0.0,
             origin: Some([0.0; 3]),

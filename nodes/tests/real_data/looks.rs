@@ -43,6 +43,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
     let world = DMat4::from_translation(at) * DMat4::from_scale(DVec3::splat(scale));
     let env = LoadEnvironment {
         origin: None,
+        layer: String::new(),
         path: InputFile("hdri/studio_small_03_1k.hdr".to_owned()),
         rotation_deg: 0.0,
         scale: 1.0,

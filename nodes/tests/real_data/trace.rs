@@ -62,7 +62,13 @@ fn case(name: &str) -> Case {
     };
     let (object, _) =
         OverrideMaterial::run(&material, override_material::In { object: object.object }, &cx).unwrap();
-    let env = LoadEnvironment { path: file("env.exr"), rotation_deg: 0.0, scale: 1.0, origin: None };
+    let env = LoadEnvironment {
+        path: file("env.exr"),
+        layer: String::new(),
+        rotation_deg: 0.0,
+        scale: 1.0,
+        origin: None,
+    };
     let (env, _) = LoadEnvironment::run(&env, load_environment::In {}, &cx).unwrap();
     let camera = &scene["camera"];
     let number = |key: &str| camera[key].as_f64().unwrap();
