@@ -13,7 +13,8 @@ engine::params! {
     /// Puts the rendered objects over the background, which the shadow darkens first.
     ///
     /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow,
-    /// `A` added light, `O` the object premultiplied by its alpha `M`. What is wired as `front` is over all four.
+    /// `A` added light, `O` the object premultiplied by its alpha `M`. `B` holds what is wired as `front` already, `F` with
+    /// alpha `a`, never more than `B`: `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`.
     /// A splat render is un-premultiplied before it is decoded.
     /// Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
     pub struct Composite {

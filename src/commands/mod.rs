@@ -35,9 +35,13 @@ use clap::{Parser, Subcommand};
 
 use crate::session::Error;
 
+/// What the verbs end with, for scripts.
+const EXIT_STATUS: &str = "Exit status: 0 done; 1 a node failed, or what was asked is not so (check, diff, verify, tune); 2 a \
+mistake in the graph or the command line; 3 done, but with less than was asked for (a note says `degraded`); 130 stopped.";
+
 /// Inserts 3D objects into captured Gaussian splat scenes with light and shadow that match.
 #[derive(Debug, Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, about, max_term_width = 100, after_help = EXIT_STATUS)]
 pub struct Command {
     #[command(subcommand)]
     verb: Verb,
@@ -46,6 +50,7 @@ pub struct Command {
 #[derive(Debug, Subcommand)]
 enum Verb {
     /// Runs a graph: computes what is not known and writes the files of its sinks
+    #[command(after_help = EXIT_STATUS)]
     Run(run::Run),
     /// Runs a graph again whenever it or a file it reads changes
     Watch(watch::Watch),
@@ -93,7 +98,7 @@ enum Verb {
 
 /// `run` alone.
 #[derive(Debug, Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, about, max_term_width = 100, after_help = EXIT_STATUS)]
 struct RunCommand {
     #[command(subcommand)]
     verb: RunVerb,
@@ -102,6 +107,7 @@ struct RunCommand {
 #[derive(Debug, Subcommand)]
 enum RunVerb {
     /// Runs a graph: computes what is not known and writes the files of its sinks
+    #[command(after_help = EXIT_STATUS)]
     Run(run::Run),
 }
 

@@ -56,6 +56,7 @@ impl MakeReport {
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
+        bench.tells = !self.json;
         bench.judge_by(&metric);
         bench.leave_out_resized()?;
         let measured = measure_all(&mut bench, &metric, !self.no_reverse);

@@ -62,6 +62,7 @@ impl Tune {
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
+        bench.tells = !self.json;
         bench.judge_by(&metric);
         bench.leave_out_resized()?;
         let steps = bench.steps();

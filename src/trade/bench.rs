@@ -16,6 +16,7 @@ use super::judge::{FlipMaps, Off, Output, Truth, holds_data, is_bright, outputs}
 use super::search::Steps;
 use super::tunables::{Assignment, Tunable, same_nodes, tunables};
 use super::work::work_of;
+use crate::report;
 use crate::session::Error;
 
 /// What a node stands for, whatever of it was known.
@@ -61,6 +62,8 @@ pub struct Bench<'e> {
     pub remarks: Vec<String>,
     /// How many of these were told.
     told: usize,
+    /// Whether it says what it begins.
+    pub tells: bool,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
     /// What must be computed of every picture; of one where it cannot be is said why, and it does not count.
@@ -129,6 +132,7 @@ impl<'e> Bench<'e> {
             unjudged,
             remarks,
             told: 0,
+            tells: false,
             cancel,
             truth,
             metric: None,
@@ -231,10 +235,17 @@ impl<'e> Bench<'e> {
         let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
-        let outcome = self.engine.run(&graph, &options, |event| {
-            if let Event::Node { id, notes, key, .. } = event {
+        let first = self.points.is_empty();
+        let outcome = self.engine.run(&graph, &options, |event| match event {
+            Event::Node { id, notes, key, .. } => {
                 told.insert(id, (notes, key));
             }
+            // What others are compared with takes longest.
+            Event::Plan(forecast) if self.tells && first && forecast.open > 0 => {
+                let (name, about) = (self.name(assignment), report::forecast_text(&forecast));
+                report::remark(&format!("measuring `{name}` first, which others are compared with: {about}"));
+            }
+            _ => {}
         });
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
             return Err(Miss::Stopped);

@@ -192,8 +192,13 @@ fn counted_twice(prepared: &PreparedScene<'_>, from: Vec3, rules: &Rules) -> f64
     let Ok(objects) = Objects::new(&[], prepared.origin) else { return 0.0 };
     let light = |bounce_solid| {
         let rules = Rules { bounce_solid, near: None, ..*rules };
-        let scene =
-            Scene { receiver: prepared.receiver(), objects: &objects, sky: prepared.sky(), rules: &rules };
+        let scene = Scene {
+            receiver: prepared.receiver(),
+            objects: &objects,
+            sky: prepared.sky(),
+            rules: &rules,
+            light_points: None,
+        };
         let seen = Probe::rays(from).zip(0..).filter_map(|(ray, i)| {
             let hit = scene.receiver.bvh.closest(ray, |_| true)?;
             let mut integrator = Integrator::new(scene, Points::new(1, i), i, false);

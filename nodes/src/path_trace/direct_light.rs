@@ -17,6 +17,8 @@ use crate::sampling::Points;
 const LAMPS: u32 = 1 << 16;
 /// First of the pairs for what objects take from the light of a place, for each vertex.
 const DIMMING: u32 = 3 << 17;
+/// The same for where in a piece of the sky.
+const DIMMING_PIECE: u32 = 7 << 16;
 /// Most light samples of a vertex.
 pub(super) const MANY: usize = 5;
 
@@ -65,7 +67,7 @@ impl Integrator<'_> {
         towards: &Towards,
     ) -> Vec3 {
         let objects = self.scene.objects;
-        if !self.objects || objects.emitters.is_empty() {
+        if !self.lamps || !self.objects || objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let pair = LAMPS + 2 * bounce;
@@ -141,8 +143,7 @@ impl Integrator<'_> {
     }
 
     /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
-    /// without them. One light sample for the place decides, in proportion to its light as good as that is;
-    /// the way to it is that of the point of capture.
+    /// without them. A piece of the light that falls on the place decides, chosen in proportion to what it brings.
     pub(super) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -153,16 +154,15 @@ impl Integrator<'_> {
         let Some(place) = place.filter(|_| self.objects && !near.is_lamp(light.radiance)) else {
             return Vec3::ONE;
         };
-        let light = self.scene.sky.sample_one(Some(place.normal), points.bits(DIMMING + pair));
-        let Some(light) = light.filter(|light| light.direction.dot(place.normal) > 0.0) else {
-            return Vec3::ONE;
-        };
+        let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
+        let chosen =
+            self.scene.light_points.and_then(|all| all.choose(place.position, place.normal, choice, within));
+        let Some(way) = chosen else { return Vec3::ONE };
         // From below what lies on the place.
         let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
         let start = place.position + place.normal * below.unwrap_or(place.margin);
-        let ray = Ray::new(start, light.direction);
+        let ray = NearFieldLight::up_to(Ray::new(start, way.direction), way.distance);
         let media = self.around(ray);
-        // That light comes from a place of the receiver, too, or from the sky.
         self.sky_transmittance((ray, ray), false, key ^ 4, media)[0]
     }
 

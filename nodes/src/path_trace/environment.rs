@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::irradiance_bound::greatest_irradiance;
 use super::light_cells::{LightCells, RowChoice};
-use super::light_distribution::{Cone, LightDistribution, LightTable};
+use super::light_distribution::{Cone, LightDistribution};
 use super::texel_grid::{TexelGrid, approximate_turns};
 use crate::equirect::pixel_solid_angle;
 use crate::sampling::fraction;
@@ -170,40 +170,6 @@ impl EnvironmentLight {
         });
     }
 
-    /// A bound of the chance that a light sample that is alone falls into a part of a cone of some solid angle, for a surface of
-    /// any normal; none where the cone holds more than so many texels.
-    pub fn most_chosen(&self, cone: &Cone, solid_angle: f64, most: usize) -> Option<f64> {
-        // The angle from the cone's axis to the middle of a texel that reaches into it.
-        let (cosine, reach) = (f64::from(cone.cosine), 2.0 * self.texel_grid.radius());
-        let least = cosine * (1.0 - 0.5 * reach * reach) - (1.0 - cosine * cosine).max(0.0).sqrt() * reach;
-        let mut texels = Vec::new();
-        self.texel_grid.each_around(cone, |x, y| {
-            let direction = self.texel_grid.within((x, y), [0.5; 2]);
-            if texels.len() <= most && f64::from(direction.dot(cone.axis)) >= least {
-                texels.push((x, y));
-            }
-        });
-        if texels.len() > most {
-            return None;
-        }
-        let chance = |normal: Vec3| -> f64 {
-            let distributions = self.distributions(Some(normal));
-            let numbers = self.numbers(distributions, None).map(f64::from);
-            let (mut sum, mut densest) = (0.0, 0.0_f64);
-            for &(x, y) in &texels {
-                let at = y * self.texel_grid.width + x;
-                let tier = usize::from(!self.bright[at]);
-                let cell = f64::from(self.tiers[tier].probability(distributions[tier], (x, y)));
-                let density = numbers[tier] * cell * f64::from(self.texels[at][3]);
-                sum += density * self.texel_grid.solid_angle(y);
-                densest = densest.max(density);
-            }
-            (densest * solid_angle).min(sum)
-        };
-        // Rounding of probabilities is far below this.
-        Some(LightTable::normals().map(chance).fold(0.0, f64::max) * 1.001)
-    }
-
     /// Where to look for a surface of the given unit normal, if light from one side is all it takes.
     #[inline]
     pub fn distributions(&self, normal: Option<Vec3>) -> Distributions<'_> {
@@ -312,6 +278,15 @@ impl EnvironmentLight {
         let (x, y) = self.texel_grid.texel(direction);
         let [r, g, b, _] = self.texels[y * self.texel_grid.width + x];
         Vec3::new(r, g, b)
+    }
+
+    /// The light that a scattered ray finds which is one of so many expected a steradian: narrower than a texel, as off a
+    /// mirror, it would show the edges of texels, and sees them as [`background`](Self::background) does.
+    pub fn seen(&self, direction: Vec3, pdf: f32) -> Vec3 {
+        let texels = (self.texel_grid.width * self.texel_grid.height) as f32;
+        // By the solid angle of a texel at the horizon.
+        let is_narrow = pdf * 2.0 * std::f32::consts::PI * std::f32::consts::PI > texels;
+        if is_narrow { self.background(direction) } else { self.radiance(direction) }
     }
 
     /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light

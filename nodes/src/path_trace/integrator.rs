@@ -7,6 +7,7 @@ use super::change::Towards;
 use super::direct_light::{MANY, power_heuristic};
 use super::environment::{Distributions, DrawnDirection, EnvironmentLight};
 use super::film::Rays;
+use super::light_points::LightPoints;
 use super::media::Media;
 use super::near_field::NearFieldLight;
 use super::objects::Objects;
@@ -36,6 +37,8 @@ pub struct Scene<'a> {
     pub sky: &'a EnvironmentLight,
     /// How the receiver treats each sort of ray.
     pub rules: &'a Rules,
+    /// The light as points of the receiver, if that is the light and there are objects.
+    pub light_points: Option<&'a LightPoints>,
 }
 
 /// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
@@ -47,6 +50,8 @@ pub struct Integrator<'a> {
     pub(super) key: u32,
     /// Whether the objects are there.
     pub(super) objects: bool,
+    /// Whether what shines of them does.
+    pub(super) lamps: bool,
     /// Where the first vertex looks for light of the sky, if that is known better than by its normal.
     pub distributions: Option<Distributions<'a>>,
     /// The light samples of the first vertex, if they are drawn.
@@ -83,6 +88,7 @@ impl<'a> Integrator<'a> {
             points,
             key,
             objects,
+            lamps: true,
             distributions: None,
             drawn: None,
             lift: Vec3::ZERO,
@@ -168,9 +174,12 @@ impl<'a> Integrator<'a> {
             let lift = if first { self.lift } else { Vec3::ZERO };
             let surface = self.surface(&vertex, (out, width), lift, media);
             // Light samples see a lamp as it is; so do the rays that they are weighed against, or a small one would shine twice.
-            let emission = match vertex.on_object().filter(|_| !first) {
-                Some(hit) => self.scene.objects.emission_towards(hit, out),
-                None => surface.emission,
+            let emission = match vertex.on_object() {
+                _ if !self.lamps => Vec3::ZERO,
+                Some(hit) if !first && !self.scene.objects.emitters.is_empty() => {
+                    self.scene.objects.emission_towards(hit, out)
+                }
+                _ => surface.emission,
             };
             light += rules.clamped(bounce, throughput * emission * mis_weight);
             if bounce > rules.max_bounces {
@@ -281,29 +290,26 @@ impl<'a> Integrator<'a> {
             let scatter_weight = passed * scatter.value / scatter.pdf;
             if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
                 self.rays.scattered += 1;
-                if let Some(arriving) = near.eval(ray, side, landed.as_ref()) {
+                if let Some(arriving) = near.eval(ray, side, landed.as_ref(), scatter.pdf) {
                     let dimming = self.dimming(&near, &arriving, (self.points, pair + 1), key);
                     let arrived = arriving.0.radiance
                         * power_heuristic(scatter.pdf, near_lights as f32 * arriving.0.pdf);
                     light += rules.clamped(bounce, throughput * scatter_weight * dimming * arrived);
-                    light += self.lamps_beyond(
-                        landed,
-                        direction,
-                        bounce,
-                        (throughput * scatter_weight, share),
-                        media,
-                    );
+                    let throughput = (throughput * scatter_weight, share);
+                    light += self.lamps_beyond(landed, direction, bounce, throughput, media);
+                    light += self.objects_beyond(landed, &arriving, direction, bounce, throughput, media);
                     break;
                 }
             } else if object.is_none() && to_sky {
                 let found = sky.eval(distributions, sky.numbers(distributions, several), direction);
-                if found.radiance != Vec3::ZERO {
+                let radiance = sky.seen(direction, scatter.pdf);
+                if radiance != Vec3::ZERO {
                     let passes = match (visibility.block, visibility.lands) {
                         (Block::Solid, true) => landed.is_none(),
                         (block, _) => self.passes(block, ray),
                     };
                     if passes {
-                        let arrived = found.radiance * power_heuristic(scatter.pdf, found.pdf);
+                        let arrived = radiance * power_heuristic(scatter.pdf, found.pdf);
                         light += rules.clamped(bounce, throughput * scatter_weight * arrived);
                     }
                 }

@@ -1,21 +1,25 @@
-//! Light of the objects' lamps off a receiver that is the light or lets it through.
+//! Light that objects add to a receiver that is the light or lets it through.
 //!
 //! There a path ends where it meets the receiver, since the panorama shows the place with all that its walls throw back.
-//! It does not show what the objects add: light of their lamps goes on from wall to wall, in a place that is lit by nothing
-//! else.
+//! It does not show what the objects add. Light of their lamps goes on from wall to wall, in a place that is lit by nothing
+//! else. Light that they scatter goes back to the places around them: what a mirror shows of the ground before it is as bright as that ground.
 
 use glam::Vec3;
 
+use super::bsdf::Bsdf;
 use super::change::Towards;
 use super::integrator::{Integrator, PAIRS};
+use super::media::Media;
+use super::near_field::ArrivingLight;
 use super::path::{PathState, Vertex};
+use super::visibility::Block;
 use crate::bvh::{Hit, Ray};
 use crate::sampling::hash;
 
 impl Integrator<'_> {
     /// Where a ray meets a receiver that it would pass, if objects shine on it.
     pub(super) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
-        if !self.objects || self.scene.objects.emitters.is_empty() {
+        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
             return None;
         }
         self.rays.scattered += 1;
@@ -29,14 +33,58 @@ impl Integrator<'_> {
         direction: Vec3,
         bounce: u32,
         (throughput, share): (Vec3, f32),
-        media: super::media::Media,
+        media: Media,
     ) -> Vec3 {
         let Some(hit) = landed.filter(|_| bounce < self.scene.rules.max_bounces) else { return Vec3::ZERO };
-        if !self.objects || self.scene.objects.emitters.is_empty() {
+        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
+    }
+
+    /// Light that is not of lamps and that objects scatter to where a ray that left a vertex after some bounces has met a
+    /// receiver that is the light, if it has. The place throws back as much of it as it is seen to do of other light: its
+    /// share of what it sends is that of the light it gets, as in the ratio, whatever the receiver's albedo.
+    pub(super) fn objects_beyond(
+        &mut self,
+        landed: Option<Hit>,
+        (light, place): &ArrivingLight,
+        direction: Vec3,
+        bounce: u32,
+        (throughput, share): (Vec3, f32),
+        media: Media,
+    ) -> Vec3 {
+        let bounce = bounce + 1;
+        let (Some(hit), Some(place), Some(light_points)) = (landed, place, self.scene.light_points) else {
+            return Vec3::ZERO;
+        };
+        if !self.objects || bounce > self.scene.rules.max_bounces {
+            return Vec3::ZERO;
+        }
+        let surface = self.surface(&Vertex::Receiver(hit), (-direction, 0.0), Vec3::ZERO, media);
+        let pair = 1 + bounce * PAIRS;
+        let key = hash(self.key, pair);
+        let white = Bsdf::matte(place.normal, Vec3::ONE);
+        let Some((lobe, direction, _)) = white.sample(&self.points, pair + 1) else { return Vec3::ZERO };
+        let to_objects = surface.ray_to_objects(direction, Vec3::ZERO);
+        let found = self.object(to_objects, key ^ 1, lobe);
+        let Some((vertex, hit)) = found.and_then(|vertex| Some((vertex, *vertex.on_object()?))) else {
+            return Vec3::ZERO;
+        };
+        let t_max = self.scene.objects.reach(&hit, direction);
+        if !self.passes(Block::Solid, Ray { t_max, ..surface.ray_to_receiver(direction) }) {
+            return Vec3::ZERO;
+        }
+        let (passed, media) = self.along(to_objects, key ^ 1, lobe, Some(&vertex), surface.medium(direction));
+        let albedo = light_points.albedo(place.position, place.normal, light.radiance);
+        let throughput = throughput * passed * albedo;
+        let Some(throughput) = self.russian_roulette(bounce, throughput, share) else { return Vec3::ZERO };
+        let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
+        let lamps = std::mem::replace(&mut self.lamps, false);
+        let light = self.path_radiance(vertex, state);
+        self.lamps = lamps;
+        light
     }
 
     /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the

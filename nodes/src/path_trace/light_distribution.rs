@@ -269,12 +269,6 @@ impl LightTable {
         Self((0..=ANY).map(|_| OnceLock::new()).collect())
     }
 
-    /// A normal of each bin.
-    pub fn normals() -> impl Iterator<Item = Vec3> {
-        let middle = |i: usize| (2 * i + 1) as f32 / SIDE as f32 - 1.0;
-        (0..ANY).map(move |at| unfold(middle(at % SIDE), middle(at / SIDE)))
-    }
-
     /// The distribution over the cells of a grid, always the same one, for a unit normal.
     #[inline]
     pub fn of(&self, grid: &CellGrid, normal: Option<Vec3>) -> &LightDistribution {

@@ -21,6 +21,7 @@ mod lamp_light;
 mod light_cells;
 mod light_distribution;
 mod light_draws;
+mod light_points;
 mod lobes;
 pub mod media;
 pub mod mipmap;
@@ -209,7 +210,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 16;
+    const VERSION: u32 = 17;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -316,8 +317,14 @@ impl Kind for PathTrace {
         let chunks = chunks(most);
         let (first, share) =
             if params.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
-        let scene =
-            || Scene { receiver: prepared.receiver(), objects: &objects, sky: prepared.sky(), rules: &rules };
+        let near = rules.near.filter(|_| !objects.is_empty());
+        let scene = || Scene {
+            receiver: prepared.receiver(),
+            objects: &objects,
+            sky: prepared.sky(),
+            rules: &rules,
+            light_points: near.map(|eye| prepared.light_points(eye)),
+        };
         let crop = OnceLock::new();
         let crop = || crop.get_or_init(|| Crop::new(&scene(), limit.ok_or("as set")?));
         let cameras = &inputs.rig.cameras;
@@ -348,7 +355,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 15, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 16, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
                     let (scene, crop) = (scene(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {

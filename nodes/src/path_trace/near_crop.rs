@@ -1,14 +1,14 @@
 //! What objects can change where the receiver is the light: see [`super::crop`].
 //!
 //! A place of the receiver that the point of capture sees has the radiance that the panorama shows in its direction, at
-//! most `B`; objects dim what it throws back by the chance that a light sample for it meets them. What is not seen scatters
-//! as any matte surface. So with `a` the largest albedo and `E` the greatest irradiance of the sky, no surface has more than
+//! most `B`; objects dim what it throws back by the chance that the piece of its light that is asked for lies behind them, and add to it
+//! what they scatter. What is not seen scatters as any matte surface. So with `a` the largest albedo and `E` the greatest irradiance of the sky, no surface has more than
 //!
 //! `L = B + a (E / pi + B) + a^2 (E / pi + B) + ..`
 //!
 //! Where the objects lie apart from the receiver, all of its points see them in one cone, and each in a part of it of projected
-//! solid angle `P` at most, with light of the sky `T` at most behind, and a light sample falls into that part with a chance
-//! of no more than `d`. Then the radiance
+//! solid angle `P` at most, with light of the sky `T` at most behind, and the piece asked for lies in that part with a chance
+//! of no more than `d` (between two places of the receiver there is none of them). Then the radiance
 //! of any place changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'` is that of one bounce less, and
 //! the irradiance of a pixel by its own `T + P L`, and `pi D` for all of the receiver that it may see.
 
@@ -22,8 +22,6 @@ use super::integrator::Scene;
 use super::light_distribution::Cone;
 use super::receiver::Receiver;
 
-/// Texels of the sky for which the chance of a light sample is told: more of them take longer than what they save.
-const TEXELS: usize = 4096;
 /// Cones narrower than this are looked at as they are.
 const NARROW: f32 = 0.9;
 /// So many times the whole sky may be looked at to find what of it shows the receiver.
@@ -53,7 +51,7 @@ impl NearBounds {
         let change = apart(scene).and_then(|Apart { cone, square }| {
             // Of a ball seen at that angle, and of what is seen of it facing it.
             let solid = [2.0 * PI * square / (1.0 + (1.0 - square).sqrt()), PI * square];
-            let chance = scene.sky.most_chosen(&cone, solid[0], TEXELS)?;
+            let chance = scene.light_points?.most_chosen(&cone, solid[0]);
             let (mut sum, mut most) = ([0.0; 3], [0.0; 3]);
             scene.sky.each_around(&cone, |_, _, solid_angle, radiance| {
                 (0..3).for_each(|k| sum[k] += radiance[k] * solid_angle);

@@ -238,35 +238,3 @@ fn near_light_is_not_asked_for_what_is_far() {
     }
     assert_eq!(roof.trace(0.1, true).told, None);
 }
-
-/// No light sample for any surface falls into a cone more often than is told.
-#[test]
-fn the_chance_of_a_light_sample_is_bounded() {
-    // Of finer texels than `sunny` has, of which those that reach into a cone count whole.
-    let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 256);
-    (0..16)
-        .for_each(|i| env.image.pixel_mut(160 + i % 4, 24 + i / 4).copy_from_slice(&[900.0, 850.0, 700.0]));
-    let env = environment::EnvironmentLight::new(&env);
-    for (axis, cosine) in
-        [(Vec3::new(0.44, 0.4, 0.8).normalize(), 0.95), (Vec3::Z, 0.97), (Vec3::NEG_X, 0.97)]
-    {
-        let cone = light_distribution::Cone { axis, cosine };
-        let bound = env.most_chosen(&cone, 7.0, 100_000).expect("few texels");
-        let mut most = 0.0_f64;
-        for i in 0..60 {
-            let points = crate::sampling::Points::new(9, i);
-            let [[a, b], [c, _]] = [0, 1].map(|k| points.pair(k));
-            let normal = Vec3::new(a - 0.5, b - 0.5, c - 0.3).normalize();
-            let inside = (0..2000).filter(|&k| {
-                let light = env.sample_one(Some(normal), crate::sampling::Points::new(i, k).bits(0));
-                light.is_some_and(|light| light.direction.dot(axis) >= cosine)
-            });
-            let share = inside.count() as f64 / 2000.0;
-            most = most.max(share);
-            assert!(share <= bound + 0.01, "{normal}: {share} of {bound}");
-        }
-        assert!(most > 0.3 * bound, "{axis}: {most} of {bound}");
-        assert!(env.most_chosen(&cone, 1e-3, 100_000).expect("few texels") < bound);
-        assert_eq!(env.most_chosen(&cone, 7.0, 1), None);
-    }
-}

@@ -251,7 +251,8 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
         ("wall", vec![slab(0.5, 0.6, 2.0, wall)]),
     ] {
         let objects = Objects::new(&objects, DVec3::ZERO).expect("consistent");
-        let scene = Traced { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
+        let scene =
+            Traced { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules, light_points: None };
         for height in [0.0, 0.4] {
             let bsdf = Bsdf::matte(Vec3::Z, Vec3::ONE);
             let (position, normal) = (Vec3::new(0.2, -0.1, height), Vec3::Z);

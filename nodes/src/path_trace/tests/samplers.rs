@@ -66,7 +66,8 @@ fn russian_roulette_keeps_what_paths_bring() {
         (Receiver::new(&plane(1.0), DVec3::ZERO), Objects::new(&[], DVec3::ZERO).expect("none"));
     let sky = EnvironmentLight::new(&white());
     let rules = matte_rules();
-    let scene = Traced { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules };
+    let scene =
+        Traced { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules, light_points: None };
     for (throughput, survival) in [(2.0_f32, 0.95), (0.6, 0.6), (0.1, 0.1), (0.001, 0.05)] {
         let throughput = Vec3::new(0.25, 1.0, 0.5) * throughput;
         let left = |i: u32, bounce: u32| {
