@@ -104,7 +104,7 @@ impl Level {
 }
 
 /// The upper median of some finite numbers.
-fn median(mut values: Vec<f64>) -> Option<f64> {
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()
 }
