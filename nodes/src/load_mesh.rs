@@ -1,17 +1,21 @@
 //! `load-mesh`: the receiver, the stand-in mesh of the captured place.
 
+mod of_ply;
+
 use std::sync::Arc;
 
 use engine::{
     Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+    Up,
 };
 use glam::DVec3;
 
 use crate::color::linear_from_srgb;
-use crate::io::{gltf, head, ply};
+use crate::io::{gltf, head};
 use crate::place::world_from_gltf;
 use crate::types::{Mesh, Primitive};
 use crate::{Error, load_object};
+use of_ply::from_ply;
 
 engine::choices! {
     /// How vertex colours are encoded.
@@ -37,8 +41,8 @@ engine::params! {
     /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB.
     ///
     /// The mesh stands in for the captured place: it receives shadows and gives bounce light. Faces of
-    /// more than three corners are cut into fans, vertex colours (of glTF, by `baseColorFactor`) become linear
-    /// albedo, and what a tracer cannot use (vertices that are not numbers, faces without area) is dropped and counted.
+    /// more than three corners are cut into fans, vertex colours (of glTF, by `baseColorFactor`; of a PLY file without them,
+    /// those of its faces) become linear albedo, and what a tracer cannot use (vertices that are not numbers, faces without area) is dropped and counted.
     pub struct LoadMesh {
         /// The file: `.ply`, `.glb` or `.gltf`.
         path: InputFile, other("\"b.ply\"");
@@ -77,7 +81,7 @@ struct RawMesh {
 
 impl Kind for LoadMesh {
     const NAME: &'static str = "load-mesh";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -96,10 +100,12 @@ impl Kind for LoadMesh {
             let found = elements.iter().flatten().find(|(name, ..)| name == wanted);
             found.map_or((0, 0), |(_, count, fields)| (*count, *fields))
         };
-        let ((vertices, fields), (faces, _)) = (of("vertex"), of("face"));
+        let ((vertices, fields), (faces, face_fields)) = (of("vertex"), of("face"));
         // In f64 as they are read, then in f32, and a new number of each vertex.
         let vertex = if fields > 3 { 2 * 24 + 2 * 12 + 4 } else { 24 + 12 + 4 };
-        let bytes = vertices.saturating_mul(vertex).saturating_add(faces.saturating_mul(2 * 12));
+        // Faces with colours may have vertices of their own.
+        let face = if fields == 3 && face_fields > 3 { 2 * 12 + 3 * (24 + 24 + 2 * 12 + 4) } else { 2 * 12 };
+        let bytes = vertices.saturating_mul(vertex).saturating_add(faces.saturating_mul(face));
         // glTF has floats and indices as they are; they are read to an object first.
         let bytes = if vertices == 0 { all.saturating_mul(5) } else { bytes };
         Cost { bytes: all.saturating_add(bytes) }
@@ -111,9 +117,17 @@ impl Kind for LoadMesh {
         let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
         cx.progress(0.2);
         let of_gltf = is_gltf(&p.path);
-        let mut raw =
-            if of_gltf { from_gltf(p, &bytes, cx, &mut notes)? } else { from_ply(name, &bytes, cx)? };
+        let mut raw = if of_gltf {
+            from_gltf(p, &bytes, cx, &mut notes)?
+        } else {
+            from_ply(name, &bytes, cx, &mut notes)?
+        };
         cx.progress(0.7);
+        if of_gltf && p.frame == MeshFrame::World && cx.up() != Up::PlusY {
+            let text = "the coordinates of the file are taken for those of the world; `frame: Gltf` takes them as glTF has them, \
+                        y up and in metres";
+            notes.decision("mesh-frame", text);
+        }
         if p.frame == MeshFrame::Gltf {
             let m = world_from_gltf(cx.up(), cx.metres_per_unit());
             for position in &mut raw.positions {
@@ -177,119 +191,6 @@ fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Res
         );
     }
     Ok(raw)
-}
-
-fn from_ply(name: &str, bytes: &[u8], cx: &Context) -> Result<RawMesh, NodeError> {
-    let header = ply::header(name, bytes)?;
-    let mut rows = ply::Rows::new(name, &header, bytes);
-    let mut raw = RawMesh::default();
-    if !header.elements.iter().any(|e| e.name == "face" && e.rows > 0) {
-        let what =
-            if header.elements.iter().any(|e| e.name == "tristrips") { "triangle strips" } else { "points" };
-        return Err(NodeError::from(Error::format(name, format!("holds {what}, not faces")))
-            .at("path")
-            .hint("export the mesh with its faces"));
-    }
-    for element in &header.elements {
-        let count = rows.believable(element)?;
-        match element.name.as_str() {
-            "vertex" => vertices(name, element, count, &mut rows, &mut raw, cx)?,
-            "face" => faces(name, element, count, &mut rows, &mut raw, cx)?,
-            _ => {
-                for _ in 0..count {
-                    rows.row(element, |_, _| {})?;
-                }
-            }
-        }
-    }
-    Ok(raw)
-}
-
-fn vertices(
-    name: &str,
-    element: &ply::Element,
-    count: usize,
-    rows: &mut ply::Rows<'_>,
-    raw: &mut RawMesh,
-    cx: &Context,
-) -> Result<(), NodeError> {
-    let missing = |axis: &str| Error::format(name, format!("vertices have no `{axis}`"));
-    let mut slots = [usize::MAX; 6];
-    for (slot, axis) in slots.iter_mut().zip(["x", "y", "z"]) {
-        *slot = element.find(axis).ok_or_else(|| missing(axis))?;
-        raw.finer |= element.properties[*slot].scalar == ply::Scalar::F64;
-    }
-    let colour_names =
-        [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
-    let colours = colour_names.iter().find_map(|names| {
-        let found: Vec<usize> = names.iter().filter_map(|n| element.find(n)).collect();
-        <[usize; 3]>::try_from(found).ok()
-    });
-    let mut scale = 1.0;
-    if let Some(colours) = colours {
-        slots[3..].copy_from_slice(&colours);
-        scale = element.properties[colours[0]].scalar.whole_range().map_or(1.0, |(_, high)| 1.0 / high);
-        raw.colours.reserve(count);
-    }
-    raw.positions.reserve(count);
-    for row in 0..count {
-        if row % 65_536 == 0 {
-            cx.check()?;
-        }
-        let mut v = [0.0; 6];
-        rows.row(element, |index, numbers| {
-            if let ([number], Some(slot)) = (numbers, slots.iter().position(|s| *s == index)) {
-                v[slot] = *number;
-            }
-        })?;
-        raw.positions.push([v[0], v[1], v[2]]);
-        if colours.is_some() {
-            raw.colours.push([v[3] * scale, v[4] * scale, v[5] * scale]);
-        }
-    }
-    Ok(())
-}
-
-fn faces(
-    name: &str,
-    element: &ply::Element,
-    count: usize,
-    rows: &mut ply::Rows<'_>,
-    raw: &mut RawMesh,
-    cx: &Context,
-) -> Result<(), NodeError> {
-    let list = element
-        .find("vertex_indices")
-        .or_else(|| element.find("vertex_index"))
-        .filter(|&i| element.properties[i].count.is_some())
-        .ok_or_else(|| Error::format(name, "faces have no list `vertex_indices`"))?;
-    raw.triangles.reserve(count);
-    for row in 0..count {
-        if row % 65_536 == 0 {
-            cx.check()?;
-        }
-        let mut whole = true;
-        let (triangles, fanned) = (&mut raw.triangles, &mut raw.fanned);
-        rows.row(element, |index, corners| {
-            if index != list {
-                return;
-            }
-            let vertex = |c: f64| {
-                if (0.0..4_294_967_295.0).contains(&c) && c.trunc() == c { Some(c as u32) } else { None }
-            };
-            *fanned += u64::from(corners.len() > 3);
-            for pair in corners.windows(2).skip(1) {
-                match (vertex(corners[0]), vertex(pair[0]), vertex(pair[1])) {
-                    (Some(a), Some(b), Some(c)) => triangles.push([a, b, c]),
-                    _ => whole = false,
-                }
-            }
-        })?;
-        if !whole {
-            return Err(Error::format(name, format!("face {row} names a vertex that cannot exist")).into());
-        }
-    }
-    Ok(())
 }
 
 const WHITE: [f64; 3] = [1.0; 3];

@@ -85,6 +85,46 @@ fn the_factor_of_a_gltf_material_colours_its_vertices() {
     assert_eq!(colours(factor, Some([0.5; 3]), ColourEncoding::Srgb), [[0.5 * half, 0.25 * half, half]; 3]);
 }
 
+/// Faces with colours of their own have them to their edges; vertices that have colours keep those.
+#[test]
+fn colours_of_faces_are_those_of_their_corners() {
+    let text = String::from_utf8(ascii()).unwrap_or_default();
+    let faces = "element face 3\nproperty list uchar int vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
+    let both = text.replace("element face 1\nproperty list uchar int vertex_indices\n", faces);
+    let both = both.replace("4 0 1 2 3\n", "4 0 1 2 3 255 0 0\n3 0 3 2 0 255 0\n3 1 2 3 0 255 0\n");
+    let alone = both.replacen("property uchar red\nproperty uchar green\nproperty uchar blue\n", "", 1);
+    let alone = alone.replace(" 0 128 255\n", "\n").replace(" 255 255 255\r\n", "\n");
+    let alone = alone.replace("1 1 0 0 0 0\n", "1 1 0\n").replace(" 12 13 14\n", "\n");
+    let (mesh, notes) = good(alone.as_bytes());
+    assert!(
+        notes.iter().any(|note| note.id == "face-colours")
+            && notes.iter().all(|note| note.id != "no-vertex-colours")
+    );
+    assert_eq!(mesh.positions.len(), 8, "each of the four is there in two colours");
+    let places = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.25]];
+    let expected = [[0, 1, 2], [0, 2, 3], [0, 3, 2], [1, 2, 3]];
+    for (number, (triangle, corners)) in mesh.triangles.iter().zip(expected).enumerate() {
+        for (&vertex, corner) in triangle.iter().zip(corners) {
+            assert_eq!(mesh.positions[vertex as usize], places[corner]);
+            let colour = if number < 2 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+            assert_eq!(mesh.colours[vertex as usize], colour, "{number}");
+        }
+    }
+    let (mesh, notes) = good(both.as_bytes());
+    assert!(mesh.positions.len() == 4 && notes.iter().all(|note| note.id != "face-colours"));
+}
+
+/// A glTF file is y up by its specification, and as a rule a mesh of a capture is in axes of the world: it is told which.
+#[test]
+fn axes_of_gltf_are_told() {
+    for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
+        let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
+        let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
+        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), told);
+    }
+    assert!(good(&ascii()).1.iter().all(|note| note.id != "mesh-frame"));
+}
+
 #[test]
 fn three_ways_to_write_one_mesh() {
     let (mesh, notes) = good(&ascii());
@@ -151,7 +191,8 @@ fn row_41_unusable_parts_are_dropped_and_counted() {
 fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
     let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
     let read = |bytes: &[u8]| {
-        from_ply("a.ply", bytes, &cx).and_then(|raw| clean("a.ply", raw, true, &cx, &mut Notes::none()))
+        from_ply("a.ply", bytes, &cx, &mut Notes::none())
+            .and_then(|raw| clean("a.ply", raw, true, &cx, &mut Notes::none()))
     };
     for bytes in [ascii(), binary(false), binary(true)] {
         // The last bytes of ASCII are a digit and a line end, which may go.
