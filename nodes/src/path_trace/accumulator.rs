@@ -30,6 +30,19 @@ pub(super) struct FinishedView {
     pub(super) reached: Option<ReachedError>,
 }
 
+impl FinishedView {
+    /// Whether a pixel shows anything of the objects.
+    pub(super) fn shows_objects_at(&self, (x, y): (u32, u32)) -> bool {
+        self.images[2].pixel(x as usize, y as usize)[3] > 0.0
+    }
+
+    /// Whether any pixel does.
+    pub(super) fn shows_objects(&self) -> bool {
+        let object = &self.images[2];
+        object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0)
+    }
+}
+
 /// The chunks of a camera, added in their order as they come, so that memory does not grow with them.
 pub(super) struct Accumulator {
     pub(super) whole: Area,

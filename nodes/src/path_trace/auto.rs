@@ -4,12 +4,12 @@ use engine::Notes;
 use glam::{DVec3, Vec3};
 
 use super::PathTrace;
+use super::capture_point::CapturePoint;
 use super::integrator::{Integrator, Scene};
 use super::objects::Objects;
 use super::path::Vertex;
 use super::prepared::PreparedScene;
 use super::visibility::{self, Block, Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
-use crate::bvh::Ray;
 use crate::color::luminance;
 use crate::num;
 use crate::sampling::Points;
@@ -17,12 +17,6 @@ use crate::sampling::Points;
 /// Share of what the point of capture sees that the receiver must be for `near_field: Auto`: half of a ground. It is
 /// judgement. With less, most of what the panorama shows near by is missing in the receiver.
 const LEAST_HELD: f64 = 0.25;
-
-/// How far under the ground a point of capture may lie to be taken over it, in metres: the error of a mesh, or of a
-/// point that was written down.
-const BURIED: f64 = 0.1;
-/// How far over the ground it is taken then, in metres.
-const OVER: f64 = 0.01;
 
 /// What was decided, and what it was decided by.
 pub(super) struct Decided {
@@ -41,23 +35,19 @@ impl PathTrace {
         (up, metres_per_unit): (DVec3, f64),
         notes: &mut Notes,
     ) -> Decided {
-        let mut from = visibility::in_scene_frame(centre, prepared.origin);
+        let from = visibility::in_scene_frame(centre, prepared.origin);
         let needs_probe = matches!(self.env_block, EnvBlock::Auto | EnvBlock::FrontFace { .. });
-        let mut probe = needs_probe.then(|| Probe::send(prepared.receiver(), from));
-        // A point of capture that was written down as the origin, or lies within the error of the mesh, may be under
-        // the ground, whose lower side sees no sun.
-        let below = |p: &Probe| p.is_open() && p.escaped < p.rays && p.front_share() <= 0.1;
-        if prepared.inputs.env.origin.is_some()
-            && self.near_field != NearField::Off
-            && probe.as_ref().is_some_and(below)
-            && let Some((over, seen, raised)) = out_of_the_ground(prepared, from, up, 1.0 / metres_per_unit)
-        {
-            let text = "lies under the surface of the receiver and sees only the backs of it, so it is taken";
-            let millimetres = raised * metres_per_unit * 1e3;
-            let text = format!("the point of capture {text} {millimetres:.0} mm higher, where it sees out");
-            notes.warning("capture-under-ground", text);
-            (from, probe) = (over, Some(seen));
-        }
+        let probe = needs_probe.then(|| Probe::send(prepared.receiver(), from));
+        let (from, probe) = match probe {
+            Some(probe) if prepared.inputs.env.origin.is_some() => {
+                let mends = self.near_field != NearField::Off;
+                let point = CapturePoint { at: from, probe };
+                let CapturePoint { at, probe } =
+                    point.checked(prepared.receiver(), (up, metres_per_unit), mends, notes);
+                (at, Some(probe))
+            }
+            probe => (from, probe),
+        };
         let seen = |p: &Probe| {
             format!(
                 "{:.1} % of {} probe rays leave, {:.1} % of the others meet a front face",
@@ -168,22 +158,6 @@ impl PathTrace {
         }
         Decided { rules, probe, twice }
     }
-}
-
-/// The place over the surface that lies above a point by no more than [`BURIED`], what is seen from there, and how much
-/// higher that is, in world units; none where there is no such surface or it sees no more from there.
-fn out_of_the_ground(
-    prepared: &PreparedScene<'_>,
-    from: Vec3,
-    up: DVec3,
-    metre: f64,
-) -> Option<(Vec3, Probe, f64)> {
-    let (receiver, up) = (prepared.receiver(), up.as_vec3());
-    let way = Ray { t_max: (BURIED * metre) as f32, ..Ray::new(from, up) };
-    let raised = receiver.bvh.closest(way, |_| true)?.t + (OVER * metre) as f32;
-    let over = from + up * raised;
-    let probe = Probe::send(receiver, over);
-    (probe.is_open() && probe.front_share() > 0.5).then_some((over, probe, f64::from(raised)))
 }
 
 /// What is added to the light of the receiver, as the point of capture sees it, where its walls reflect the

@@ -49,10 +49,11 @@ pub struct Ground {
 }
 
 impl Ground {
-    /// Feels the ground under every object. `metre` is its length in world units; `fixed` an error in metres
-    /// that the user knows better, 0 for a mesh without. Gives what was found for each object, be it too far off.
+    /// Feels the ground under every object, on a receiver of which is known whether its normals point away from where it
+    /// is seen. `metre` is its length in world units; `fixed` an error in metres that the user knows better, 0 for a mesh
+    /// without. Gives what was found for each object, be it too far off.
     pub fn measure(
-        receiver: &Receiver,
+        receiver: (&Receiver, bool),
         objects: &[impl AsRef<Placed>],
         origin: DVec3,
         up: DVec3,
@@ -189,14 +190,22 @@ fn feelers(foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> impl Iterator
     })
 }
 
-/// Heights of the mesh over the base of a foot, by rays straight down over a grid.
-fn under(receiver: &Receiver, foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> Option<Level> {
+/// Heights of the mesh over the base of a foot, by rays straight down over a grid. What looks down above the base is no
+/// ground but a ceiling.
+fn under(
+    (receiver, inverted): (&Receiver, bool),
+    foot: &Foot,
+    origin: DVec3,
+    up: DVec3,
+    largest: f64,
+) -> Option<Level> {
     let mut heights = Vec::new();
     for ([x, y], ray) in feelers(foot, origin, up, largest) {
-        if let Some(hit) = receiver.bvh.closest(ray, |_| true)
-            && receiver.normal(hit.triangle).dot(up.as_vec3()).abs() >= STEEPEST
-        {
-            heights.push([x, y, largest - f64::from(hit.t)]);
+        let Some(hit) = receiver.bvh.closest(ray, |_| true) else { continue };
+        let height = largest - f64::from(hit.t);
+        let flat = receiver.normal(hit.triangle).dot(up.as_vec3()).abs() >= STEEPEST;
+        if flat && (hit.back == inverted || height <= 0.0) {
+            heights.push([x, y, height]);
         }
     }
     let enough = heights.len() as f64 >= FOUND * f64::from(GRID * GRID);
@@ -240,7 +249,8 @@ mod tests {
 
     fn measured(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
         let receiver = Receiver::new(mesh, DVec3::ZERO);
-        let (ground, found) = Ground::measure(&receiver, &[slab(z)], DVec3::ZERO, DVec3::Z, 1.0, None);
+        let (ground, found) =
+            Ground::measure((&receiver, false), &[slab(z)], DVec3::ZERO, DVec3::Z, 1.0, None);
         (ground, found[0])
     }
 
@@ -264,6 +274,31 @@ mod tests {
         let (far, found) = measured(&ground(|i, _| noise(i)), 0.3);
         assert!(far.supports.is_empty() && (found.expect("ground").height + 0.3).abs() < 0.01);
         assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
+    }
+
+    /// A panel right under a rough ceiling hangs there, also where all normals point out of the room; one on a floor
+    /// that lies too high stands on it.
+    /// Mutation: `flat` alone in `under` (seen red).
+    #[test]
+    fn a_ceiling_is_no_ground() {
+        let rough = ground(|i, _| 0.003 / 0.01 * noise(i));
+        let turned = |mesh: &Mesh| Mesh {
+            triangles: mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
+            ..mesh.clone()
+        };
+        let thin = glam::DMat4::from_scale(DVec3::new(1.0, 1.0, 0.03 / 0.4));
+        for (mesh, inverted, stands) in
+            [(turned(&rough), false, false), (rough.clone(), true, false), (rough.clone(), false, true)]
+        {
+            let receiver = Receiver::new(&mesh, DVec3::ZERO);
+            let panel = Placed {
+                world_from_object: slab(-0.03).world_from_object * thin,
+                ..Placed::clone(&slab(0.0))
+            };
+            let (level, found) =
+                Ground::measure((&receiver, inverted), &[Arc::new(panel)], DVec3::ZERO, DVec3::Z, 1.0, None);
+            assert_eq!((!level.supports.is_empty(), found[0].is_some()), (stands, stands));
+        }
     }
 
     // A hit of the camera lands at the height of the base, whatever the mesh has there.

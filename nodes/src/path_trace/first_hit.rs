@@ -93,7 +93,7 @@ fn meets_box(ray: &Ray, [low, high]: [Vec3; 2]) -> bool {
 }
 
 /// Whether an object is met before the receiver.
-fn is_before(
+pub(super) fn is_before(
     scene: &Scene<'_>,
     camera_rays: &CameraRays<'_>,
     ray: Ray,

@@ -5,6 +5,7 @@ pub mod attributes;
 mod auto;
 pub mod bsdf;
 mod camera_rays;
+mod capture_point;
 mod change;
 pub mod contact;
 mod crop;
@@ -43,6 +44,7 @@ mod tile;
 mod tile_bounds;
 pub mod touching;
 mod transmittance;
+mod unseen;
 pub mod visibility;
 mod window;
 
@@ -50,11 +52,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Part, Sizes, ViewCount};
+use glam::Vec3;
 use serde::Serialize;
 
 use crate::error::Error;
 use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
-use accumulator::{Accumulator, finish};
+use accumulator::{Accumulator, FinishedView, finish};
 use camera_rays::{CameraRays, View};
 use contact::Ground;
 use crop::Crop;
@@ -67,12 +70,12 @@ use pair::{trace_pair, trace_r0};
 use prepared::PreparedScene;
 use reporting::{
     assemble, report_coarse_coordinates, report_contact, report_cropped, report_cut_paths, report_darkness,
-    report_inputs, report_plan, report_variance, tell_first,
+    report_inputs, report_plan, report_unseen, report_variance, tell_first,
 };
 use sample_plan::ErrorGoal;
 use tile_bounds::TileBounds;
 use touching::Touching;
-use visibility::{Bounce, EnvBlock, NearField, Rules, SpecularSees};
+use visibility::{Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
 
 engine::params! {
     /// Renders the receiver without and with the objects, and the objects themselves.
@@ -301,8 +304,12 @@ impl Kind for PathTrace {
 
         let seed = cx.seed();
         let metre = 1.0 / cx.metres_per_unit();
+        // Coordinates start at the first camera, which is before what it sees.
+        let view = Probe::send(prepared.receiver(), Vec3::ZERO);
+        let inverted = view.escaped < view.rays && view.front_share() < 0.5;
+        let ground = (prepared.receiver(), inverted);
         let (ground, measured) =
-            Ground::measure(prepared.receiver(), &inputs.objects, origin, up, metre, params.contact_metres);
+            Ground::measure(ground, &inputs.objects, origin, up, metre, params.contact_metres);
         let carried = objects.carried(&inputs.objects, origin, up, metre);
         let tall: Vec<f64> =
             objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
@@ -376,7 +383,7 @@ impl Kind for PathTrace {
             let blocks = |done: f32| progress(share + (1.0 - share) * done);
             let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
             let places = most.min(PLACES);
-            let part = Part { name: "front", version: 8, inputs: &["receiver", "objects"] };
+            let part = Part { name: "front", version: 9, inputs: &["receiver", "objects"] };
             let front = cx.part(part, &extra(whole, (0, places), Some((contact, None))), || {
                 let scene = scene();
                 Sums::trace(
@@ -395,6 +402,8 @@ impl Kind for PathTrace {
             notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
         }
         report_variance(most, views.iter().map(|view| view.beyond).sum(), &mut notes);
+        // A coarse look may miss what is there.
+        let looks = params.coarse_px == 1 && !params.shadow_only;
         for (camera, view) in inputs.rig.cameras.iter().zip(&views) {
             if let Some(reached) = &view.reached {
                 report_plan(&camera.name, reached, most, &mut notes);
@@ -402,16 +411,19 @@ impl Kind for PathTrace {
             report_cropped(&camera.name, view.cropped, &mut notes);
             report_cut_paths(&camera.name, view.cut, params.max_bounces, &mut notes);
             report_darkness(view, &camera.name, prepared.sky().power, &rules, &mut notes);
-            let object = &view.images[2];
-            let seen = object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0);
-            // A coarse look may miss what is there.
-            if !inputs.objects.is_empty() && !seen && params.coarse_px == 1 && !params.shadow_only {
+            if !inputs.objects.is_empty() && looks && !view.shows_objects() {
                 let text = format!(
                     "`{}` sees no object; do pose, rig and mesh share a frame and a scale?",
                     camera.name
                 );
                 notes.warning("objects-not-seen", text);
             }
+        }
+        if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
+            let rays = |camera| CameraRays::new(camera, origin, seed, &objects.ground, 1);
+            let pictures: Vec<_> = cameras.iter().map(rays).zip(&views).collect();
+            let unseen = unseen::of(scene(), &pictures, most.min(PLACES), cx)?;
+            report_unseen(&unseen, &mut notes);
         }
         let crop = match crop() {
             Ok(_) => format!("what changes at most {} of the light", params.crop),

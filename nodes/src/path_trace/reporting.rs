@@ -13,6 +13,7 @@ use super::objects::Objects;
 use super::prepared::PreparedScene;
 use super::receiver::margin;
 use super::sample_plan::ReachedError;
+use super::unseen::Unseen;
 use super::visibility::{Block, Rules};
 use super::{In, Out, lobes, media};
 use crate::support::Level;
@@ -232,6 +233,33 @@ pub(super) fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: 
             max_bounces + 1
         );
         notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
+    }
+}
+
+/// Tells which of several objects no picture shows, where others are seen.
+pub(super) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
+    let of = |wanted: Unseen| {
+        let found = unseen.iter().enumerate().filter(move |(_, one)| **one == Some(wanted));
+        found.map(|(index, _)| index.to_string()).collect::<Vec<_>>()
+    };
+    let (hidden, outside) = (of(Unseen::Hidden), of(Unseen::Outside));
+    let named = |indices: &[String]| {
+        let word = if indices.len() == 1 { "object" } else { "objects" };
+        format!("{word} {}", indices.join(", "))
+    };
+    if !hidden.is_empty() {
+        let text = format!("the receiver hides {} from every camera", named(&hidden));
+        notes.warning(
+            "object-hidden",
+            format!("{text}; behind a wall or under the ground? `snap` puts it on the mesh"),
+        );
+    }
+    if !outside.is_empty() {
+        let text = format!("no picture shows {}", named(&outside));
+        notes.decision(
+            "object-outside",
+            format!("{text}; what it changes of the receiver is traced all the same"),
+        );
     }
 }
 

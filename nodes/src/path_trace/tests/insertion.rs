@@ -127,6 +127,35 @@ fn a_shadow_alone_is_the_shadow() {
     assert!(samples(&alone.normal).chunks(3).all(|n| n[2] > 0.99 || n == [0.0; 3]));
 }
 
+/// Of several objects one that stands under the ground or beside the picture is named, and why; one behind or
+/// in another, which may be of glass, is not.
+/// Mutation: `is_before` left out of `unseen`, and `met` always true (each seen red).
+#[test]
+fn one_of_several_objects_that_is_not_seen_is_named() {
+    let (plane, objects, rig) = shadowed();
+    let behind = ball(0.2, matte(0.5), DVec3::new(0.0, 1.0, 0.2));
+    for (second, expected) in [
+        (
+            ball(0.2, matte(0.5), DVec3::new(0.3, -0.5, -0.5)),
+            Some(("object-hidden", "the receiver hides object 1 ")),
+        ),
+        (
+            ball(0.2, matte(0.5), DVec3::new(9.0, 0.0, 0.2)),
+            Some(("object-outside", "no picture shows object 1;")),
+        ),
+        (ball(0.1, matte(0.5), DVec3::new(0.0, 0.0, 0.4)), None),
+        (behind, None),
+    ] {
+        let both = [objects[0].clone(), second];
+        let (_, notes) = render(&params(4, EnvBlock::Solid), &plane, &both, &rig, &white());
+        let told = notes.iter().find(|note| ["object-hidden", "object-outside"].contains(&&*note.id));
+        assert_eq!(told.map(|note| note.id.as_str()), expected.map(|(id, _)| id));
+        if let (Some(note), Some((_, text))) = (told, expected) {
+            assert!(note.text.starts_with(text), "{}", note.text);
+        }
+    }
+}
+
 /// Rods a third of a pixel wide, and a pane of which a third is seen: `nearest` is theirs wherever any of the pixel shows
 /// them, as its first 16 samples tell, and else `depth`, which is that of most of what is at the centre.
 #[test]

@@ -264,20 +264,51 @@ fn half_buried_objects_meet_their_shadows() {
     }
 }
 
-/// A point of capture a hair under the ground sees the lower side of it, which has no sun.
+/// A point of capture a hair under the ground sees the lower side of it, which has no sun, or one on it nothing of it: in
+/// the open, in a closed room, and in one whose walls have an outer side.
 #[test]
 fn a_point_of_capture_under_the_ground_is_taken_over_it() {
-    let (plane, objects, rig) = shadowed();
-    let go = |z: f64| {
-        let mut env = sunny();
-        env.origin = Some(DVec3::new(0.5, 0.2, z));
-        let (out, notes) = render(&params(32, EnvBlock::Auto), &plane, &objects, &rig, &env);
-        let told = notes.iter().any(|note| note.id == "capture-under-ground");
-        ([mean(&out.without), mean(&out.with), mean(&out.object)], told)
-    };
-    let ((over, no), (under, yes)) = (go(0.01), go(-0.01));
-    assert_eq!((no, yes), (false, true));
-    for (a, b) in over.into_iter().zip(under) {
-        assert!((a / b - 1.0).abs() < 0.02, "{over:?} {under:?}");
+    let (plane, objects, open) = shadowed();
+    let outside = box_mesh([-2.3, -2.3, -0.3], [2.3, 2.3, 4.3], false);
+    for (mesh, camera) in [(plane, open), (room(), inside()), (merge(room(), outside), inside())] {
+        let go = |z: f64| {
+            let mut env = sunny();
+            env.origin = Some(DVec3::new(0.5, 0.2, z));
+            let (out, notes) = render(&params(32, EnvBlock::Auto), &mesh, &objects, &camera, &env);
+            let told = notes.iter().any(|note| note.id == "capture-under-ground");
+            ([mean(&out.without), mean(&out.with), mean(&out.object)], told)
+        };
+        let (over, no) = go(0.01);
+        assert!(!no && over[0] > 0.0);
+        for z in [0.0, -0.01, -0.05] {
+            let (under, yes) = go(z);
+            assert!(yes, "{z}");
+            for (a, b) in over.into_iter().zip(under) {
+                assert!((a / b - 1.0).abs() < 0.02, "{z}: {over:?} {under:?}");
+            }
+        }
+    }
+}
+
+/// A point of capture in a cupboard, outside of the room or on a wall is told; one in the room, which may be all inside
+/// out, is not.
+/// Mutation: each of the two conditions of `CapturePoint::checked` turned off (seen red).
+#[test]
+fn a_point_of_capture_where_no_camera_stood_is_told() {
+    let cupboard = box_mesh([-0.6, 0.8, 0.05], [0.9, 1.5, 1.7], false);
+    let (furnished, outward) = (merge(room(), cupboard), box_mesh([-2.0, -2.0, 0.0], [2.0, 2.0, 4.0], false));
+    let (behind, on) = (Some("capture-behind-surfaces"), Some("capture-on-surface"));
+    for (mesh, origin, expected) in [
+        (&furnished, DVec3::new(-0.9, -0.7, 1.1), None),
+        (&outward, DVec3::new(-0.9, -0.7, 1.1), None),
+        (&furnished, DVec3::new(0.1, 1.1, 0.9), behind),
+        (&furnished, DVec3::new(3.0, 0.0, 1.0), behind),
+        (&furnished, DVec3::new(1.998, -0.7, 1.1), on),
+        (&furnished, DVec3::new(2.0, -0.7, 1.1), on),
+    ] {
+        let env = Environment { origin: Some(origin), ..white() };
+        let (_, notes) = render(&params(1, EnvBlock::Auto), mesh, &[], &inside(), &env);
+        let told = notes.iter().find(|note| note.id.starts_with("capture-")).map(|note| note.id.as_str());
+        assert_eq!(told, expected, "{origin}");
     }
 }

@@ -1,0 +1,96 @@
+//! The point of capture of a panorama, as it lies to the receiver.
+//!
+//! One that was written down as the scene's origin, or that lies within the error of the mesh, may be on the floor or
+//! under it, whose lower side sees no light.
+
+use engine::Notes;
+use glam::{DVec3, Vec3};
+
+use super::receiver::Receiver;
+use super::visibility::Probe;
+use crate::bvh::Ray;
+
+/// How far under the ground a point of capture may lie to be taken over it, in metres: the error of a mesh, or of a
+/// point that was written down.
+const BURIED: f64 = 0.1;
+/// How far over the ground it is taken then, in metres.
+const OVER: f64 = 0.01;
+/// No camera is nearer to a surface, in metres.
+const NEAREST: f64 = 0.005;
+/// A point is on a surface that is nearer than this, in metres.
+const ON: f64 = 1e-3;
+
+/// A point of capture and what is seen from it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CapturePoint {
+    /// Where, in the frame of the scene.
+    pub(super) at: Vec3,
+    /// What rays in all directions meet.
+    pub(super) probe: Probe,
+}
+
+/// Whether all but a tenth of what is met shows its back.
+fn sees_backs(probe: &Probe) -> bool {
+    probe.escaped < probe.rays && probe.front_share() <= 0.1
+}
+
+impl CapturePoint {
+    /// The same, or where it `mends` the point right over a surface that it is on or under, and what is to be known of that:
+    /// that it was taken higher, sees backs of surfaces alone, or lies on one.
+    pub(super) fn checked(
+        self,
+        receiver: &Receiver,
+        (up, metres_per_unit): (DVec3, f64),
+        mends: bool,
+        notes: &mut Notes,
+    ) -> Self {
+        let metre = 1.0 / metres_per_unit;
+        if mends && let Some((over, raised)) = self.out_of_the_ground(receiver, up, metre) {
+            let millimetres = f64::from(raised) * metres_per_unit * 1e3;
+            let text = "the point of capture lies on or under a surface of the receiver, of which it sees the back or \
+                        nothing, so it is taken";
+            let text = format!("{text} {millimetres:.0} mm higher, where it sees out");
+            notes.warning("capture-under-ground", text);
+            return over;
+        }
+        let hint = "is the `origin` of the environment where it was captured, in units of the world?";
+        // Coordinates start at the first camera.
+        if sees_backs(&self.probe) && Probe::send(receiver, Vec3::ZERO).front_share() > 0.5 {
+            let backs = 100.0 * (1.0 - self.probe.front_share());
+            let text = format!(
+                "{backs:.0} % of what the point of capture sees are backs of surfaces, of which the first camera sees the fronts: \
+                 it lies in a body, under the ground or outside of the room; {hint}"
+            );
+            notes.warning("capture-behind-surfaces", text);
+        } else if self.is_within(receiver, (NEAREST * metre) as f32) {
+            let text = format!(
+                "the point of capture lies less than {:.0} mm off a surface of the receiver; {hint}",
+                NEAREST * 1e3
+            );
+            notes.warning("capture-on-surface", text);
+        }
+        self
+    }
+
+    /// The point right over the surface that it is on, or that lies above it by no more than [`BURIED`], and how much
+    /// higher that is; none where there is no such surface, or it sees no more from there.
+    fn out_of_the_ground(&self, receiver: &Receiver, up: DVec3, metre: f64) -> Option<(Self, f32)> {
+        let (up, on) = (up.as_vec3(), (ON * metre) as f32);
+        let reach = if sees_backs(&self.probe) { (BURIED * metre) as f32 } else { on };
+        let way = Ray { t_max: reach + on, ..Ray::new(self.at - up * on, up) };
+        let raised = receiver.bvh.closest(way, |_| true)?.t - on + (OVER * metre) as f32;
+        let at = self.at + up * raised;
+        let probe = Probe::send(receiver, at);
+        // From within a room of which all normals point out, its roof is seen from above so, too; but not the cameras.
+        let cameras = self.probe.is_open() || at.dot(up) < 0.0;
+        (probe.front_share() > 0.5 && cameras).then_some((Self { at, probe }, raised))
+    }
+
+    /// Whether any surface is nearer than some distance.
+    fn is_within(&self, receiver: &Receiver, near: f32) -> bool {
+        Probe::rays(self.at).any(|ray| {
+            let around = Ray { t_max: 2.0 * near, ..Ray::new(self.at - ray.direction * near, ray.direction) };
+            receiver.bvh.any(around, |_| true)
+        })
+    }
+}

@@ -1,0 +1,72 @@
+//! Which of several objects no picture shows.
+
+use engine::{Context, NodeError};
+use glam::Vec3;
+
+use super::accumulator::FinishedView;
+use super::camera_rays::CameraRays;
+use super::film::{Area, TILE};
+use super::first_hit::is_before;
+use super::integrator::Scene;
+
+/// Why no picture shows an object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unseen {
+    /// The receiver is before it wherever a camera looks at it.
+    Hidden,
+    /// No camera looks at it, or nothing of it shows itself to one.
+    Outside,
+}
+
+/// Which objects no picture shows, by so many `places` of each pixel that shows any object: those of its first samples.
+/// Objects before one another hide nothing here, as they may be of glass.
+pub(super) fn of(
+    scene: Scene<'_>,
+    pictures: &[(CameraRays<'_>, &FinishedView)],
+    places: u32,
+    cx: &Context,
+) -> Result<Vec<Option<Unseen>>, NodeError> {
+    let boxes = scene.objects.boxes().into_iter();
+    boxes.enumerate().map(|(index, bounds)| unseen(scene, pictures, places, (index, bounds), cx)).collect()
+}
+
+/// Whether and why no picture shows one object in a box.
+fn unseen(
+    scene: Scene<'_>,
+    pictures: &[(CameraRays<'_>, &FinishedView)],
+    places: u32,
+    (index, (low, high)): (usize, (Vec3, Vec3)),
+    cx: &Context,
+) -> Result<Option<Unseen>, NodeError> {
+    let objects = scene.objects;
+    let mut met = false;
+    // Most objects show themselves in the first sample of some pixel.
+    for places in [0..1, 1..places] {
+        for (camera_rays, view) in pictures {
+            for piece in Area::whole(camera_rays.camera).pieces(TILE) {
+                let pixels: Vec<(u32, u32)> = piece.each().collect();
+                if !camera_rays.sees(&pixels, Some([low, high])) {
+                    continue;
+                }
+                cx.check()?;
+                for pixel in pixels {
+                    // Where no object is seen, one ray tells whether the receiver hides this one.
+                    let shows = view.shows_objects_at(pixel);
+                    let places = if shows || (!met && places.start == 0) { places.clone() } else { 0..0 };
+                    for number in places {
+                        let (.., ray) = camera_rays.sample(pixel, number);
+                        let own = |triangle| objects.part(triangle).0.placed == index;
+                        let hit =
+                            objects.bvh.closest(ray, |hit| own(hit.triangle) && objects.shows(hit, 0.0));
+                        let Some(hit) = hit else { continue };
+                        met = true;
+                        if shows && is_before(&scene, camera_rays, ray, &hit, scene.camera_hit(ray)) {
+                            return Ok(None);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    Ok(Some(if met { Unseen::Hidden } else { Unseen::Outside }))
+}
