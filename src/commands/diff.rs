@@ -41,16 +41,21 @@ pub struct Diff {
     engine: EngineArgs,
 }
 
-/// What a picture shows, where the path names one.
-fn pixels(path: &Path) -> Option<Arc<Images>> {
-    let file = InputFile(path.canonicalize().ok()?.to_str()?.to_owned());
+/// What a picture shows: of an OpenEXR file without a picture of its own its channels. Or why it cannot be read as a
+/// picture.
+fn pixels(path: &Path) -> Result<Arc<Images>, String> {
+    let whole = path.canonicalize().map_err(|error| error.to_string())?;
+    let file = InputFile(whole.to_str().ok_or("its path is no UTF-8")?.to_owned());
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 };
     let encoding = FileEncoding::Auto;
     let (more, layer, names) = (Vec::new(), String::new(), vec!["picture".to_owned()]);
     let load = LoadImage { path: file, more, encoding, layer, names };
     match LoadImage::run(&load, load_image::In {}, &Context::detached(scene, "/")) {
-        Ok((out, _)) => Some(out.image),
-        Err(_) => layers("picture", &std::fs::read(path).ok()?).map(Arc::new),
+        Ok((out, _)) => Ok(out.image),
+        Err(error) => {
+            let layers = std::fs::read(path).ok().and_then(|bytes| layers("picture", &bytes));
+            layers.map(Arc::new).ok_or_else(|| error.message().to_owned())
+        }
     }
 }
 
@@ -212,17 +217,21 @@ impl Diff {
             text.push_str("the graphs say the same\n");
         }
         let mut equal = said.is_empty();
-        match pixels(&self.a).zip(pixels(&self.b)) {
-            Some((a, b)) => {
+        match (pixels(&self.a), pixels(&self.b)) {
+            (Ok(a), Ok(b)) => {
                 let shown = a.difference(&b);
                 equal &= shown.equal;
                 text.push_str(&format!("pictures: {}\n", shown.summary));
             }
-            None if pictures => {
+            (a, b) if pictures => {
                 equal = false;
-                text.push_str("pictures: one of them cannot be read\n");
+                for (path, why) in [(&self.a, a.err()), (&self.b, b.err())] {
+                    if let Some(why) = why {
+                        text.push_str(&format!("pictures: {} cannot be read: {why}\n", path.display()));
+                    }
+                }
             }
-            None => {}
+            _ => {}
         }
         if let Some((a, b)) = &sides {
             let came = result_differences(
