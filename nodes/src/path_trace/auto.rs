@@ -73,7 +73,11 @@ impl PathTrace {
             }
             (EnvBlock::Auto, probe) => {
                 let probe = probe.unwrap_or_default();
-                let block = probe.decide();
+                let mut solid_light = None;
+                let block = probe.decide(|| {
+                    let sky = prepared.sky();
+                    *solid_light.insert(sky.share_past(prepared.receiver(), from, &Block::Solid))
+                });
                 let name = match block {
                     Block::Solid => "Solid",
                     Block::FrontFace { flip: true, .. } => "FrontFace with normals turned round",
@@ -81,6 +85,9 @@ impl PathTrace {
                     _ => "Pass",
                 };
                 let mut text = format!("{name}: {}", seen(&probe));
+                if let Some(share) = solid_light {
+                    text += &format!("; a solid receiver lets in {:.1} % of the light", 100.0 * share);
+                }
                 if block != Block::Solid && probe.one_side() {
                     let lit = 100.0 * probe.lit_share();
                     text += &format!(

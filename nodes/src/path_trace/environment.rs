@@ -1,5 +1,7 @@
 //! The environment as a light: its radiance in a direction, and directions in proportion to it.
 
+mod light_share;
+
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3, Vec3};
 

@@ -135,6 +135,9 @@ pub enum Block {
 /// The box that holds everything; the key takes no infinity.
 pub const EVERYWHERE: [[f32; 3]; 2] = [[-f32::MAX; 3], [f32::MAX; 3]];
 
+/// The share of the light that a rule must let in to be chosen.
+const LEAST_LIGHT: f64 = 0.25;
+
 /// What probe rays from the point of capture met first.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Probe {
@@ -220,13 +223,14 @@ impl Probe {
         Block::FrontFace { max_layers: three(), flip: self.front_share() < 0.5, within: self.room }
     }
 
-    /// What `Auto` becomes. Over 5 % of sky means an open scene; else 90 % of one side mean that the
-    /// orientation of the mesh can be trusted, unless it then keeps out three quarters of the light. The bounds are
-    /// judgement, so the report tells the shares.
-    pub fn decide(&self) -> Block {
-        if self.is_open() {
+    /// What `Auto` becomes, where a solid receiver lets a share of the light come. Over 5 % of sky means an open scene, if a
+    /// quarter of the light comes from there and not from the walls; else 90 % of one side mean that the orientation of
+    /// the mesh can be trusted, unless it then keeps out three quarters of the light. The bounds are judgement, so the
+    /// report tells the shares.
+    pub fn decide(&self, solid_light: impl FnOnce() -> f64) -> Block {
+        if self.is_open() && solid_light() >= LEAST_LIGHT {
             Block::Solid
-        } else if !self.one_side() || self.lit_share() < 0.25 {
+        } else if !self.one_side() || self.lit_share() < LEAST_LIGHT {
             Block::Pass
         } else {
             self.front_face()

@@ -176,6 +176,41 @@ fn auto_finds_out_what_the_receiver_is() {
     assert_eq!(decided(&mixed, &inside()), "Pass");
 }
 
+/// A room with a hole in a wall, of which the panorama's place is not known: in the evening its lamp is nearly all the light,
+/// and a camera by the hole, which sees much of what is outside, has it as one in a corner has; by day the hole is the light.
+/// Mutation: `solid_light` not asked in `Probe::decide` (seen red).
+#[test]
+fn a_window_does_not_take_the_light_of_the_lamp() {
+    let mut holed = room();
+    holed.triangles.remove(10);
+    let mut evening = constant(Up::PlusZ, [0.08; 3], 64);
+    evening.image.samples[..3 * 64 * 4].fill(9.0);
+    let mut day = constant(Up::PlusZ, [0.05; 3], 64);
+    for i in 0..64 * 32 {
+        let (x, y) = (i % 64, i / 64);
+        let [u, v] = [(x as f64 + 0.5) / 64.0, (y as f64 + 0.5) / 32.0];
+        if crate::equirect::direction(Up::PlusZ, u, v).x > 0.5 {
+            day.image.pixel_mut(x, y).fill(20.0);
+        }
+    }
+    let corner = rig(DVec3::new(-1.5, -1.2, 2.0), DVec3::new(-0.5, -0.5, 0.0), 16, 1.2);
+    let window = rig(DVec3::new(1.2, 0.2, 2.0), DVec3::new(-0.5, -0.5, 0.0), 16, 1.2);
+    let seen = |mesh: &Mesh, rig: &Arc<Rig>, env: &Environment| {
+        let (out, notes) = render(&params(16, EnvBlock::Auto), mesh, &[], rig, env);
+        let note = notes.iter().find(|n| n.id == "env-block").expect("a decision");
+        (mean(&out.without), note.text.clone())
+    };
+    for rig in [&corner, &window] {
+        let ((closed, _), (open, told)) = (seen(&room(), rig, &evening), seen(&holed, rig, &evening));
+        assert!(
+            told.starts_with("FrontFace") && (open / closed - 1.0).abs() < 0.05,
+            "{told}: {open}, {closed}"
+        );
+    }
+    let (_, told) = seen(&holed, &window, &day);
+    assert!(told.starts_with("Solid") && told.contains("a solid receiver lets in"), "{told}");
+}
+
 // What lies farther than the radius does not block: with the room's own radius nothing is left of the
 // shell, with a large one the box is solid.
 #[test]
