@@ -16,9 +16,9 @@ const BURIED: f64 = 0.1;
 /// How far over the ground it is taken then, in metres.
 const OVER: f64 = 0.01;
 /// No camera is nearer to a surface, in metres.
-const NEAREST: f64 = 0.005;
-/// A point is on a surface that is nearer than this, in metres.
-const ON: f64 = 1e-3;
+const NEAREST: f64 = 0.02;
+/// A point is on a surface that is nearer than this straight above or below it, in metres.
+const ON: f64 = 0.005;
 
 /// A point of capture and what is seen from it.
 #[derive(Debug, Clone, Copy)]
@@ -55,7 +55,15 @@ impl CapturePoint {
         }
         let hint = "is the `origin` of the environment where it was captured, in units of the world?";
         // Coordinates start at the first camera.
-        if sees_backs(&self.probe) && Probe::send(receiver, Vec3::ZERO).front_share() > 0.5 {
+        let view = Probe::send(receiver, Vec3::ZERO);
+        let nothing = self.probe.escaped == self.probe.rays;
+        if nothing && view.held_share() > 0.5 {
+            let held = 100.0 * view.held_share();
+            let text = format!(
+                "the point of capture sees nothing of the receiver, which is {held:.0} % of what is around the first camera; {hint}"
+            );
+            notes.warning("capture-far-off", text);
+        } else if sees_backs(&self.probe) && view.front_share() > 0.5 {
             let backs = 100.0 * (1.0 - self.probe.front_share());
             let text = format!(
                 "{backs:.0} % of what the point of capture sees are backs of surfaces, of which the first camera sees the fronts: \

@@ -30,6 +30,11 @@ const FARTHEST: f64 = 0.5;
 /// A mesh smoother than this is taken as it is, in metres.
 const SMOOTHEST: f64 = 1e-4;
 
+/// Whether a mesh is near enough to the base of an object to be what it stands on, given the length of a metre.
+pub(super) fn is_near(measured: &Level, metre: f64) -> bool {
+    measured.height.abs() <= LARGEST * metre
+}
+
 /// What one object stands on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
@@ -75,7 +80,7 @@ impl Ground {
                     .into_iter()
                     .find_map(|largest| under(receiver, &foot, origin, up, largest * metre)),
             };
-            let near = |measured: &Level| measured.height.abs() <= LARGEST * metre;
+            let near = |measured: &Level| is_near(measured, metre);
             let reach = match (fixed, measured) {
                 (Some(metres), _) => metres * metre,
                 (None, Some(measured)) if near(&measured) && measured.roughness > SMOOTHEST * metre => {

@@ -39,6 +39,7 @@ mod sample_plan;
 mod shades;
 mod stacked;
 mod subdivide;
+mod sunk;
 mod texel_grid;
 mod tile;
 mod tile_bounds;
@@ -70,9 +71,10 @@ use pair::{trace_pair, trace_r0};
 use prepared::PreparedScene;
 use reporting::{
     assemble, report_coarse_coordinates, report_contact, report_cropped, report_cut_paths, report_darkness,
-    report_inputs, report_plan, report_unseen, report_variance, tell_first,
+    report_inputs, report_plan, report_unseen, report_unseen_places, report_variance, tell_first,
 };
 use sample_plan::ErrorGoal;
+use sunk::Sunk;
 use tile_bounds::TileBounds;
 use touching::Touching;
 use visibility::{Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
@@ -301,6 +303,10 @@ impl Kind for PathTrace {
         }
 
         report_coarse_coordinates(&prepared, &objects, &mut notes);
+        if let Some(eye) = rules.near {
+            let boxes = objects.boxes();
+            report_unseen_places(prepared.receiver(), Vec3::from_array(eye), &boxes, &mut notes);
+        }
 
         let seed = cx.seed();
         let metre = 1.0 / cx.metres_per_unit();
@@ -314,6 +320,10 @@ impl Kind for PathTrace {
         let tall: Vec<f64> =
             objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
         report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
+        let stands = |index: usize| {
+            measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index]
+        };
+        Sunk::report(&objects, prepared.receiver(), stands, cx.metres_per_unit(), &mut notes);
         objects.touching = Touching::of(&objects, prepared.receiver(), &ground);
         objects.ground = ground;
         let contact = (up.to_array(), cx.metres_per_unit(), params.contact_metres);

@@ -192,6 +192,15 @@ impl Objects {
         boxes
     }
 
+    /// The triangles of one of them.
+    pub(super) fn triangles_of(&self, placed: usize) -> impl Iterator<Item = u32> {
+        let parts = self.parts.iter().enumerate().filter(move |(_, part)| part.placed == placed);
+        parts.flat_map(|(index, part)| {
+            let end = self.parts.get(index + 1).map_or(self.corners.len() as u32, |next| next.first);
+            part.first..end
+        })
+    }
+
     /// What they were made from.
     pub fn placed(&self) -> &[Arc<Placed>] {
         &self.placed

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use engine::Notes;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::accumulator::FinishedView;
 use super::auto::Decided;
@@ -11,11 +11,12 @@ use super::contact::LARGEST;
 use super::film::Rays;
 use super::objects::Objects;
 use super::prepared::PreparedScene;
-use super::receiver::margin;
+use super::receiver::{Receiver, margin};
 use super::sample_plan::ReachedError;
 use super::unseen::Unseen;
 use super::visibility::{Block, Rules};
 use super::{In, Out, lobes, media};
+use crate::bvh::Ray;
 use crate::support::Level;
 use crate::types::{Cell, Image, Images, Linear, NamedImage, Report, Table};
 
@@ -55,6 +56,39 @@ pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, not
         notes.warning(
             "nested-bodies",
             format!("{text}: where it leaves them, it may take the outer ones for air"),
+        );
+    }
+}
+
+/// Tells which objects, by the boxes around them, stand where a point of capture does not see, for what light they have
+/// there the panorama does not show.
+pub(super) fn report_unseen_places(
+    receiver: &Receiver,
+    eye: Vec3,
+    boxes: &[(Vec3, Vec3)],
+    notes: &mut Notes,
+) {
+    let hidden = |(low, high): &(Vec3, Vec3)| {
+        low.cmple(*high).all()
+            && (0..27).all(|i| {
+                let share = [i % 3, i / 3 % 3, i / 9].map(|k| [0.05, 0.5, 0.95][k]);
+                let way = *low + (*high - *low) * Vec3::from_array(share) - eye;
+                // A mesh may be in its own way.
+                let reach = 0.95 * way.length();
+                receiver.bvh.any(Ray { t_max: reach, ..Ray::new(eye, way.normalize_or_zero()) }, |_| true)
+            })
+    };
+    let found = boxes.iter().enumerate().filter(|(_, one)| hidden(one));
+    let found: Vec<String> = found.map(|(index, _)| index.to_string()).collect();
+    if !found.is_empty() {
+        let word = if found.len() == 1 { "object" } else { "objects" };
+        let text = format!(
+            "the point of capture does not see where {word} {} stands, so its light is what comes there off what it sees",
+            found.join(", ")
+        );
+        notes.warning(
+            "capture-elsewhere",
+            format!("{text}; a panorama that was captured there would show it"),
         );
     }
 }
@@ -227,8 +261,8 @@ fn round_up(samples: f64) -> u64 {
 pub(super) fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
-            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and over half of \
-             their light is lost: glass behind glass, and mirrors in mirrors, are too dark",
+            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and what light \
+             comes from beyond is lost: glass behind glass, mirrors in mirrors and bright hollows are too dark",
             100.0 * share,
             max_bounces + 1
         );

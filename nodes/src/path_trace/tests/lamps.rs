@@ -280,7 +280,7 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
         };
         let (over, no) = go(0.01);
         assert!(!no && over[0] > 0.0);
-        for z in [0.0, -0.01, -0.05] {
+        for z in [0.002, 0.0, -0.01, -0.05] {
             let (under, yes) = go(z);
             assert!(yes, "{z}");
             for (a, b) in over.into_iter().zip(under) {
@@ -292,7 +292,7 @@ fn a_point_of_capture_under_the_ground_is_taken_over_it() {
 
 /// A point of capture in a cupboard, outside of the room or on a wall is told; one in the room, which may be all inside
 /// out, is not.
-/// Mutation: each of the two conditions of `CapturePoint::checked` turned off (seen red).
+/// Mutation: each of the conditions of `CapturePoint::checked` turned off (seen red).
 #[test]
 fn a_point_of_capture_where_no_camera_stood_is_told() {
     let cupboard = box_mesh([-0.6, 0.8, 0.05], [0.9, 1.5, 1.7], false);
@@ -303,7 +303,9 @@ fn a_point_of_capture_where_no_camera_stood_is_told() {
         (&outward, DVec3::new(-0.9, -0.7, 1.1), None),
         (&furnished, DVec3::new(0.1, 1.1, 0.9), behind),
         (&furnished, DVec3::new(3.0, 0.0, 1.0), behind),
-        (&furnished, DVec3::new(1.998, -0.7, 1.1), on),
+        (&furnished, DVec3::new(1.99, -0.7, 1.1), on),
+        (&furnished, DVec3::new(1.97, -0.7, 1.1), None),
+        (&furnished, DVec3::new(12.0, 2.0, 500.0), Some("capture-far-off")),
         (&furnished, DVec3::new(2.0, -0.7, 1.1), on),
     ] {
         let env = Environment { origin: Some(origin), ..white() };

@@ -339,5 +339,26 @@ fn a_white_room_stays_white_in_a_mirror() {
         };
         let ratio = seen(&out.with) / seen(&out.without);
         assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+
+/// An object in the next room, which the point of capture does not see but for the doorway, is told; one in this room is
+/// not.
+/// Mutation: `all` to `any` in `report_unseen_places`, and its call left out (each seen red).
+#[test]
+fn an_object_that_the_point_of_capture_does_not_see_is_told() {
+    let cupboard = box_mesh([-0.6, 0.8, 0.0], [0.9, 1.5, 1.7], false);
+    let mut next = box_mesh([2.0, -2.0, 0.0], [6.0, 2.0, 4.0], true);
+    // Nothing but a half of the wall between the two.
+    next.triangles.drain(8..10);
+    let mut flat = merge(merge(room(), cupboard), next);
+    flat.triangles.remove(10);
+    let env = Environment { origin: Some(EYE), ..white() };
+    for (at, expected) in [
+        (DVec3::new(1.2, -1.0, 0.3), false),
+        (DVec3::new(1.3, 1.2, 0.3), false),
+        (DVec3::new(2.5, -1.7, 3.6), true),
+    ] {
+        let object = [ball(0.2, matte(0.5), at)];
+        let (_, notes) = render(&near(1), &flat, &object, &inside(), &env);
+        assert_eq!(notes.iter().any(|note| note.id == "capture-elsewhere"), expected, "{at}");
     }
 }

@@ -196,3 +196,44 @@ fn a_rug_under_a_table_stays_on_the_floor() {
         assert!((found / wanted - 1.0).abs() < 0.02, "{name}: {found} for {wanted}");
     }
 }
+
+/// A picture that hangs on a wall with 3 mm of noise is told how far out it is whole; there, on a smooth wall and on
+/// rough ground nothing is told.
+/// Mutation: `TOLD` from 0.7 on (seen red).
+#[test]
+fn a_picture_in_a_rough_wall_is_told() {
+    let wall = |noise: f32| {
+        let side = 81_u32;
+        let mut mesh = Mesh::default();
+        for i in 0..side * side {
+            let [x, z] = [i % side, i / side].map(|k| k as f32 / 20.0 - 2.0);
+            mesh.positions.push([x, noise * (2.0 * crate::sampling::unit(crate::sampling::mix(i)) - 1.0), z]);
+        }
+        for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
+            mesh.triangles.extend([[i, i + 1, i + side + 1], [i, i + side + 1, i + side]]);
+        }
+        mesh
+    };
+    let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
+    let picture = |y: f64| {
+        let card = Mesh {
+            positions: vec![[-0.6, 0.0, -0.4], [0.6, 0.0, -0.4], [0.6, 0.0, 0.4], [-0.6, 0.0, 0.4]],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
+        };
+        [placed(&card, matte(0.5), DVec3::Y * y)]
+    };
+    let told = |noise: f32, y: f64| {
+        let (out, notes) = render(&params(4, EnvBlock::Solid), &wall(noise), &picture(y), &camera, &white());
+        let note = notes.iter().find(|note| note.id == "in-a-surface").map(|note| note.text.clone());
+        (note, samples(&out.object).chunks(4).map(|pixel| pixel[3]).sum::<f32>())
+    };
+    let (note, cover) = told(0.005, 0.0);
+    let note = note.expect("told");
+    assert!(note.starts_with("object 0 lies in a surface of the receiver, which hides "), "{note}");
+    let farther = note.split("; ").nth(1).and_then(|text| text.split(' ').next()).expect("a length");
+    let farther: f64 = farther.parse().expect("a number");
+    let (none, whole) = told(0.005, -farther * 1e-3);
+    assert!(none.is_none() && cover < 0.8 * whole && (3.0..7.0).contains(&farther), "{note} {cover} {whole}");
+    assert_eq!(told(0.0, 0.0).0, None);
+}

@@ -1,0 +1,86 @@
+//! Objects that lie in a rough surface which they do not stand on: a picture hung on a captured wall.
+
+use engine::Notes;
+
+use super::contact::LARGEST;
+use super::objects::Objects;
+use super::receiver::Receiver;
+use crate::bvh::Ray;
+use crate::sampling::{Points, unit};
+
+/// Places of an object that are looked at.
+const PLACES: u32 = 256;
+/// Shares of them behind the surface from which on and up to which it is told: less is an edge, more stands in it as a whole.
+const TOLD: std::ops::Range<f64> = 0.05..0.95;
+
+/// How an object lies in the receiver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sunk {
+    /// Share of what faces the first camera that the receiver is right before.
+    share: f64,
+    /// How far before it at most, along its own normals, in world units.
+    depth: f32,
+}
+
+impl Sunk {
+    /// Of an object, by places on it that face the first camera and the way from there to it, up to `near`.
+    pub(super) fn of(objects: &Objects, index: usize, receiver: &Receiver, near: f32) -> Option<Self> {
+        let triangles: Vec<u32> = objects.triangles_of(index).collect();
+        let area = |triangle: &u32| {
+            let [a, b, c] = objects.corners[*triangle as usize].map(|p| p.as_dvec3());
+            let area = (b - a).cross(c - a).length();
+            if area.is_finite() { area } else { 0.0 }
+        };
+        let areas: Vec<f64> = triangles.iter().map(area).collect();
+        let all = areas.iter().fold(0.0, |sum, area| sum + area);
+        let (mut facing, mut behind, mut depth) = (0_u32, 0_u32, 0.0_f32);
+        let (mut at, mut passed) = (0, 0.0);
+        for number in 0..PLACES {
+            let goal = all * (f64::from(number) + 0.5) / f64::from(PLACES);
+            while at + 1 < triangles.len() && passed + areas[at] < goal {
+                passed += areas[at];
+                at += 1;
+            }
+            let triangle = *triangles.get(at)?;
+            let [u, v] = Points::new(0, number).bits(0).map(unit);
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            let [a, b, c] = objects.corners[triangle as usize];
+            let place = a + (b - a) * u + (c - a) * v;
+            // Coordinates start at the first camera.
+            let (way, normal) = (-place, objects.normal(triangle));
+            let cosine = normal.dot(way.normalize_or_zero());
+            let cosine = if objects.part(triangle).3.double_sided { cosine.abs() } else { cosine };
+            if cosine <= 0.1 {
+                continue;
+            }
+            facing += 1;
+            let ray = Ray { t_max: near.min(way.length()), ..Ray::new(place, way.normalize_or_zero()) };
+            if let Some(hit) = receiver.bvh.closest(ray, |_| true) {
+                behind += 1;
+                depth = depth.max(hit.t * cosine);
+            }
+        }
+        let share = f64::from(behind) / f64::from(facing.max(1));
+        TOLD.contains(&share).then_some(Self { share, depth })
+    }
+
+    /// Tells of those that do not stand on the ground, of which `contact` tells.
+    pub(super) fn report(
+        objects: &Objects,
+        receiver: &Receiver,
+        stands: impl Fn(usize) -> bool,
+        metres_per_unit: f64,
+        notes: &mut Notes,
+    ) {
+        let near = (LARGEST / metres_per_unit) as f32;
+        for index in (0..objects.placed().len()).filter(|index| !stands(*index)) {
+            let Some(Self { share, depth }) = Self::of(objects, index, receiver, near) else { continue };
+            let millimetres = (f64::from(depth) * metres_per_unit * 1e3).ceil();
+            let text = format!(
+                "object {index} lies in a surface of the receiver, which hides {:.0} % of what faces the first camera",
+                100.0 * share
+            );
+            notes.warning("in-a-surface", format!("{text}; {millimetres:.0} mm farther out it is whole"));
+        }
+    }
+}
