@@ -90,8 +90,8 @@ struct Tally {
     samples: u64,
     dark: u64,
     clipped: u64,
-    /// Sum of the ratios that are clipped.
-    bright: f64,
+    /// Of the ratios that are clipped the sums of what they are made of: with the objects and without.
+    bright: [f64; 2],
     broken: u64,
 }
 
@@ -100,7 +100,9 @@ impl Tally {
         self.samples += other.samples;
         self.dark += other.dark;
         self.clipped += other.clipped;
-        self.bright += other.bright;
+        for (sum, more) in self.bright.iter_mut().zip(other.bright) {
+            *sum += more;
+        }
         self.broken += other.broken;
     }
 }
@@ -109,6 +111,20 @@ impl ShadowRatio {
     /// The shaped factor of a raw ratio; the paper's parametric shadow shaping.
     fn shape(&self, ratio: f64) -> f64 {
         1.0 - self.lambda * (1.0 - self.powered(ratio).max(self.s_min))
+    }
+
+    /// The parameters that are set and shape a ratio where none is taken.
+    fn idle(&self) -> Option<String> {
+        let set = [
+            ("`channels`", self.channels != Channels::Each),
+            ("`epsilon`", self.epsilon != 1e-4),
+            ("`min_energy`", self.min_energy != 1e-3),
+            ("`s_max`", self.s_max != 1.0),
+            ("`gamma`", self.gamma != 1.0),
+            ("`s_min`", self.s_min != 0.0),
+        ];
+        let names: Vec<&str> = set.into_iter().filter(|(_, set)| *set).map(|(name, _)| name).collect();
+        (self.form == RatioForm::Difference && !names.is_empty()).then(|| names.join(", "))
     }
 
     fn powered(&self, ratio: f64) -> f64 {
@@ -198,7 +214,8 @@ impl ShadowRatio {
         };
         if ratio > most {
             tally.clipped += 1;
-            tally.bright += ratio;
+            tally.bright[0] += b;
+            tally.bright[1] += a;
         }
         1.0 + trust * (ratio.clamp(0.0, most) - 1.0)
     }
@@ -263,6 +280,10 @@ impl Kind for ShadowRatio {
             let text = "`s_max` is below 1, so all of the picture is darkened, also where no object is near";
             notes.warning("darkened", text);
         }
+        if let Some(idle) = params.idle() {
+            let text = format!("`form: Difference` takes no ratio, so {idle} has no say; `lambda` has");
+            notes.warning("no-ratio", text);
+        }
         if tally.broken > 0 {
             notes
                 .warning("not-finite", format!("{} samples are not finite and cast no shadow", tally.broken));
@@ -281,10 +302,10 @@ impl Kind for ShadowRatio {
             "clipped",
             tally.clipped,
             format_args!(
-                "samples ({:.2} %) are brighter with the objects than `s_max` = {} lets through: {:.3} times as bright on average",
+                "samples ({:.2} %) are brighter with the objects than `s_max` = {} lets through: {:.3} times as bright in sum",
                 share(tally.clipped),
                 params.s_max,
-                tally.bright / tally.clipped.max(1) as f64
+                tally.bright[0] / tally.bright[1].max(f64::MIN_POSITIVE)
             ),
         );
         Ok((Out { shadow: Arc::new(Images(shadows)), added: Arc::new(Images(lights)) }, notes))
@@ -336,6 +357,37 @@ mod tests {
         let told =
             run.expect("runs").1.iter().find(|note| note.id == "too-dark").map(|note| note.text.clone());
         assert!(told.is_some_and(|text| text.starts_with("6 samples (100.00 %)")));
+    }
+
+    /// A difference has no use for what shapes a ratio, and says so of what is set.
+    #[test]
+    fn what_shapes_no_difference_is_told() {
+        let difference = ShadowRatio { form: RatioForm::Difference, ..plain() };
+        let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference.clone() };
+        let lambda = ShadowRatio { lambda: 0.5, ..difference.clone() };
+        for (params, expected) in [
+            (difference, None),
+            (lambda, None),
+            (ShadowRatio { form: RatioForm::Stable, ..set.clone() }, None),
+            (set, Some("`form: Difference` takes no ratio, so `s_max`, `gamma` has no say; `lambda` has")),
+        ] {
+            let inputs = In { without: image(&[0.5; 4]), with: image(&[0.4; 4]) };
+            let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
+            let told = notes.iter().find(|note| note.id == "no-ratio").map(|note| note.text.as_str());
+            assert_eq!(told, expected);
+        }
+    }
+
+    /// A few samples on black do not rule how much brighter the others are.
+    #[test]
+    fn how_much_brighter_is_told_by_sums() {
+        let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
+        (r0[0], r1[0]) = (0.002, 1.0);
+        let inputs = In { without: image(&r0), with: image(&r1) };
+        let params = ShadowRatio { min_energy: 0.0, ..plain() };
+        let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
+        let told = notes.iter().find(|note| note.id == "clipped").expect("told");
+        assert!(told.text.contains("1.210 times"), "{}", told.text);
     }
 
     // `Hybrid` adds what is brighter, so that nothing is clipped.
