@@ -20,24 +20,10 @@ pub(crate) fn open(
 ) -> Result<Picture, NodeError> {
     let bytes = cx.read(path).map_err(|e| e.at("path"))?;
     let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
-    let mut picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
+    let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
+    let picture = whole(&path.0, &bytes, picture, notes).map_err(|e| NodeError::from(e).at("path"))?;
     cx.check()?;
     cx.progress(0.4);
-    let (width, height, _) = picture.size();
-    let part = GPano::find(&bytes);
-    if let Some(part) = &part {
-        tell(part, notes);
-        if let Some(placement) =
-            part.place(&path.0, [width, height]).map_err(|e| NodeError::from(e).at("path"))?
-        {
-            let ([w, h], [x, y]) = (placement.size, placement.at);
-            let what = format!(
-                "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, as the file says (GPano); nothing is known of the rest"
-            );
-            notes.decision("part-of-a-sphere", what);
-            picture = laid(&picture, placement);
-        }
-    }
     let (width, height, _) = picture.size();
     if width != 2 * height {
         let what = format!(
@@ -46,6 +32,20 @@ pub(crate) fn open(
         notes.warning("not-two-to-one", what);
     }
     Ok(picture)
+}
+
+/// The whole sphere, of a picture that may be a part of it by the metadata of its file.
+pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
+    let Some(part) = GPano::find(bytes) else { return Ok(picture) };
+    tell(&part, notes);
+    let (width, height, _) = picture.size();
+    let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
+    let ([w, h], [x, y]) = (placement.size, placement.at);
+    let what = format!(
+        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, as the file says (GPano); nothing is known of the rest"
+    );
+    notes.decision("part-of-a-sphere", what);
+    Ok(laid(&picture, placement))
 }
 
 /// Pixels of the whole sphere that a file becomes, over those of its picture: 1 unless it holds a part.

@@ -11,7 +11,7 @@ use crate::load_image::{FileEncoding, decode};
 use crate::load_panorama::{premultiplied, straight};
 use crate::num;
 use crate::types::{Image, Panorama, Picture, Srgb, Taken};
-use crate::whole_sphere::turn;
+use crate::whole_sphere::{turn, whole};
 
 /// A channel of display colours above this, in linear light, is clipped as far as anybody can tell.
 const WHITE: f32 = 0.9;
@@ -297,6 +297,7 @@ fn read(
 ) -> Result<Photograph, NodeError> {
     let bytes = cx.read(file)?;
     let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, stretch)?;
+    let picture = whole(&file.0, &bytes, picture, notes)?;
     let (width, height, _) = picture.size();
     let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
     if (width, height) != (wanted, tall) {

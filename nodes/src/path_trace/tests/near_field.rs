@@ -339,6 +339,8 @@ fn a_white_room_stays_white_in_a_mirror() {
         };
         let ratio = seen(&out.with) / seen(&out.without);
         assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    }
+}
 
 /// An object in the next room, which the point of capture does not see but for the doorway, is told; one in this room is
 /// not.
