@@ -1,10 +1,13 @@
 //! The camera's rays.
 
+use std::sync::OnceLock;
+
 use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::contact::Ground;
-use super::light_distribution::Cone;
+use super::objects::Objects;
+use super::silhouette::Silhouette;
 use super::visibility;
 use crate::bvh::Ray;
 use crate::sampling::{Points, hash, stream};
@@ -40,6 +43,8 @@ pub(super) struct CameraRays<'a> {
     pub(super) ground: &'a Ground,
     /// Side of the blocks of pixels of which one is traced.
     coarse_px: u32,
+    /// Made when it is first asked for.
+    silhouette: OnceLock<Silhouette>,
 }
 
 impl<'a> CameraRays<'a> {
@@ -61,6 +66,7 @@ impl<'a> CameraRays<'a> {
             seed,
             ground,
             coarse_px,
+            silhouette: OnceLock::new(),
         }
     }
 
@@ -78,21 +84,11 @@ impl<'a> CameraRays<'a> {
         Ray::new(self.eye, direction.normalize().as_vec3())
     }
 
-    /// Whether a ray through the pixels of some blocks, given in order row by row, may meet a box.
-    pub(super) fn sees(&self, blocks: &[(u32, u32)], objects: Option<[Vec3; 2]>) -> bool {
-        let (Some(objects), Some(first), Some(last)) = (objects, blocks.first(), blocks.last()) else {
-            return false;
-        };
-        self.cone(*first, *last).meets(&Cone::between([self.eye; 2], objects))
-    }
-
-    /// The directions through the pixels of some blocks, given by the first and the last.
-    pub(super) fn cone(&self, first: (u32, u32), last: (u32, u32)) -> Cone {
-        let (first, last) = (self.pixel(first), self.pixel(last));
-        let [left, top] = [first.0, first.1].map(f64::from);
-        let [right, bottom] = [last.0 + 1, last.1 + 1].map(f64::from);
-        let corners = [(left, top), (right, top), (left, bottom), (right, bottom)];
-        Cone::around(corners.map(|(x, y)| self.through(x, y).direction).into_iter())
+    /// Whether a ray through the pixel of a block may meet any of the objects, always the same ones, if the camera sees them.
+    #[inline]
+    pub(super) fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {
+        let whole = || Silhouette::of(objects, self.camera, self.eye, self.axes);
+        objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
     }
 
     /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel, a box filter.

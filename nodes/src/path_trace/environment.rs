@@ -111,7 +111,7 @@ impl EnvironmentLight {
         for (texel, pdf) in texels.iter_mut().zip(pdf) {
             texel[3] = pdf;
         }
-        let [high, low] = [0, 1].map(|k| tiers[k].grid.cells.iter().map(|cell| cell.power).sum::<f64>());
+        let [high, low] = [0, 1].map(|k| tiers[k].grid.power());
         let share = (high / (high + low)) as f32;
         let lights = match share {
             0.0 => [0, 4],

@@ -158,6 +158,11 @@ impl TileSums {
         done
     }
 
+    /// With room for so many sums.
+    pub fn with_room(sums: usize) -> Self {
+        Self { sums: Vec::with_capacity(sums), ..Self::default() }
+    }
+
     /// Appends the sums of a pixel, those beyond single precision as its largest number. What is infinite, as depth
     /// beyond all surfaces, stays so.
     pub fn push(&mut self, sums: &[f64]) {

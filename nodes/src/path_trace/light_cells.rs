@@ -5,9 +5,8 @@ use std::ops::Range;
 use fearless_simd::prelude::*;
 use glam::Vec3;
 
-use super::light_distribution::{
-    CellGrid, Cone, LightCell, LightDistribution, LightTable, accumulate, invert, pad,
-};
+use super::cell_grid::{CellGrid, LightCell};
+use super::light_distribution::{Cone, LightDistribution, LightTable, accumulate, invert, pad};
 use super::texel_grid::TexelGrid;
 use crate::equirect::pixel_solid_angle;
 
@@ -97,7 +96,7 @@ impl LightCells {
         }
         pad(&mut all.down);
         pad(&mut all.across);
-        all.grid = CellGrid { cells, columns: counts[0] };
+        all.grid = CellGrid::new(&cells, counts[0]);
         all
     }
 

@@ -10,6 +10,8 @@ use std::sync::OnceLock;
 use fearless_simd::{f32x8, prelude::*};
 use glam::Vec3;
 
+use super::cell_grid::CellGrid;
+
 /// Bins along a side of the octahedral map; even, so that no bin crosses an edge of the octahedron.
 const SIDE: usize = 24;
 /// The bin of surfaces that light may reach from all sides.
@@ -66,21 +68,9 @@ impl Cone {
     }
 }
 
-fn sine(cosine: f32) -> f32 {
+/// The sine for a cosine.
+pub fn sine(cosine: f32) -> f32 {
     (1.0 - cosine * cosine).max(0.0).sqrt()
-}
-
-/// A part of the sky.
-#[derive(Debug, Clone, Copy)]
-pub struct LightCell {
-    /// Its directions; with a cosine below 0 nothing is known of them.
-    pub cone: Cone,
-    /// Solid angle.
-    pub area: f64,
-    /// Luminance times solid angle.
-    pub power: f64,
-    /// Mean direction of its light, shorter than 1.
-    pub towards: Vec3,
 }
 
 /// Entries that are compared at once.
@@ -170,15 +160,6 @@ fn normals(at: usize) -> Cone {
     )
 }
 
-/// The cells of the sky, row by row.
-#[derive(Debug, Clone, Default)]
-pub struct CellGrid {
-    /// Row by row.
-    pub cells: Vec<LightCell>,
-    /// Cells of a row.
-    pub columns: usize,
-}
-
 /// A distribution over the cells of the sky.
 #[derive(Debug, Clone)]
 pub struct LightDistribution {
@@ -199,29 +180,21 @@ impl LightDistribution {
     /// For surfaces whose normals lie in a cone, if light from one side is all they take, the cells that meet
     /// a cone of directions.
     pub fn new(grid: &CellGrid, normals: Option<Cone>, to: &Cone) -> Self {
-        let CellGrid { cells, columns } = grid;
-        let rows = cells.len() / columns;
-        let [starts, stride] = [rows, *columns].map(|length| length.next_multiple_of(LANES));
+        let (rows, columns) = (grid.rows(), grid.columns);
+        let [starts, stride] = [rows, columns].map(|length| length.next_multiple_of(LANES));
         let cumulative = vec![f32::INFINITY; starts + rows * stride + LANES];
-        let mut distribution =
-            Self { rows, columns: *columns, cumulative, starts, stride, power: 0.0, area: 0.0 };
+        let mut distribution = Self { rows, columns, cumulative, starts, stride, power: 0.0, area: 0.0 };
         let (to_rows, to_columns) = distribution.cumulative.split_at_mut(starts);
-        let mut exact = vec![0.0; rows.max(*columns)];
+        let mut exact = vec![0.0; rows.max(columns)];
         let mut narrow = |weights: &[f64], to: &mut [f32]| {
             let sum = accumulate(weights, &mut exact[..weights.len()]);
             to.iter_mut().zip(&exact[..weights.len()]).for_each(|(to, from)| *to = *from as f32);
             sum
         };
-        let weight = |cell: &LightCell| match to.meets(&cell.cone) {
-            true => cell.power * f64::from(normals.map_or(1.0, |normals| share(cell, &normals))),
-            false => 0.0,
-        };
-        let mut of_rows = Vec::with_capacity(rows);
-        for (cells, to) in cells.chunks_exact(*columns).zip(to_columns.chunks_exact_mut(stride)) {
-            let weights: Vec<f64> = cells.iter().map(weight).collect();
-            let bright = cells.iter().zip(&weights).filter(|(_, weight)| **weight > 0.0);
-            distribution.area += bright.map(|(cell, _)| cell.area).sum::<f64>();
-            of_rows.push(narrow(&weights, to));
+        let (mut weights, mut of_rows) = (vec![0.0; columns], vec![0.0; rows]);
+        for (row, of_row) in of_rows.iter_mut().enumerate() {
+            distribution.area += grid.weigh(row, normals.as_ref(), to, &mut weights);
+            *of_row = narrow(&weights, &mut to_columns[row * stride..][..stride]);
         }
         distribution.power = narrow(&of_rows, to_rows);
         distribution
@@ -248,16 +221,6 @@ impl LightDistribution {
     }
 }
 
-/// The share of its power that a cell brings to the middle of some normals, at least half of a bound of what
-/// it can bring to any of them.
-fn share(cell: &LightCell, normals: &Cone) -> f32 {
-    let (to, from) = (cell.cone.cosine, normals.cosine);
-    // Beyond a right angle together nothing can be ruled out.
-    let slack = if to * from <= sine(to) * sine(from) { 3.0 } else { sine(from) * to + from * sine(to) };
-    let most = 0.5 * (cell.cone.axis.dot(normals.axis) + slack);
-    cell.towards.dot(normals.axis).max(most).max(0.0)
-}
-
 /// A distribution for each bin of the sphere of normals, and one for surfaces that light may reach from all
 /// sides; each is made when it is first asked for.
 #[derive(Debug)]
@@ -282,6 +245,7 @@ mod tests {
     use fearless_simd::dispatch;
 
     use super::*;
+    use crate::path_trace::cell_grid::LightCell;
     use crate::sampling::{Points, stream};
 
     fn direction(i: u32, pair: u32) -> Vec3 {
@@ -372,7 +336,7 @@ mod tests {
                 LightCell { cone: Cone { axis, cosine }, area: 0.2, power: 1.0, towards: axis * 0.99 }
             })
             .collect();
-        let (grid, table) = (CellGrid { cells: cells.clone(), columns: 8 }, LightTable::new());
+        let (grid, table) = (CellGrid::new(&cells, 8), LightTable::new());
         for i in 0..4_000 {
             let normal = direction(i, 2);
             let distribution = table.of(&grid, Some(normal));

@@ -40,7 +40,7 @@ pub(super) fn trace_r0(
     pixels: &[(u32, u32)],
     range: (u32, u32),
 ) -> TileSums {
-    let mut sums_of_tile = TileSums::default();
+    let mut sums_of_tile = TileSums::with_room(pixels.len() * R0);
     let tile = Tile::new(scene, camera_rays, pixels, range);
     let distributions = tile.distributions();
     let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
@@ -93,7 +93,7 @@ pub(super) fn trace_pair(
     range: (u32, u32),
     (area, r0): (Area, &Sums),
 ) -> TileSums {
-    let mut sums_of_tile = TileSums::default();
+    let mut sums_of_tile = TileSums::with_room(pixels.len() * PAIR);
     let objects = scene.objects;
     let Some((low, high)) = objects.bvh.bounds() else {
         // Without objects nothing is cast.
@@ -139,11 +139,14 @@ pub(super) fn trace_pair(
         let mut sums = [0.0; PAIR];
         let mut change = [0.0; 3];
         let mut touched = false;
+        let shows = camera_rays.may_show(objects, *pixel);
         for sample in samples {
             let (ray, landed, drawn) = (sample.ray, place(sample), draws.next_vertex());
             sums_of_tile.rays.camera += 1;
             let reach = landed.map_or(f32::INFINITY, |(_, hit, shift)| hit.t + shift);
-            show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
+            if shows {
+                show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
+            }
             let Some((start, hit, shift)) = landed else { continue };
             let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
             let lift = ray.direction * shift;
@@ -176,13 +179,13 @@ fn trace_objects(
     range: (u32, u32),
     (area, r0): (Area, &Sums),
 ) -> TileSums {
-    let mut sums_of_tile = TileSums { untouched: pixels.len() as u64, ..TileSums::default() };
-    let bounds = scene.objects.bvh.bounds().filter(|_| scene.objects.shown);
-    let seen = camera_rays.sees(pixels, bounds.map(<[Vec3; 2]>::from));
+    let mut sums_of_tile =
+        TileSums { untouched: pixels.len() as u64, ..TileSums::with_room(pixels.len() * PAIR) };
     for &pixel in pixels {
         let mut sums = [0.0; PAIR];
         sums[..3].copy_from_slice(&known(r0, area, pixel));
-        for number in if seen { range.0..range.1 } else { 0..0 } {
+        let shows = camera_rays.may_show(scene.objects, pixel);
+        for number in if shows { range.0..range.1 } else { 0..0 } {
             let (points, key, ray) = camera_rays.sample(pixel, number);
             let sample = Sample { points, key, ray, hit: None };
             let reach = |rays: &mut Rays| {
@@ -208,9 +211,6 @@ fn show(
     of_tile: &mut TileSums,
 ) {
     let (ray, objects) = (sample.ray, scene.objects);
-    if !objects.shown {
-        return;
-    }
     of_tile.rays.camera += 1;
     let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
     let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
