@@ -98,9 +98,12 @@ impl Points {
     /// [`bits`](Self::bits) of eight points, each for a pair of its own: first numbers, then second ones.
     #[inline(always)]
     pub fn bits_of_eight<S: Simd>(simd: S, points: &[Self; 8], pairs: &[u32; 8]) -> [[u32; 8]; 2] {
-        let load = |of: [u32; 8]| u32x8::from_slice(simd, &of);
-        let seeds = wide_hash(load(points.map(|p| p.stream)), load(*pairs));
-        let index = wide_reversed(load(points.map(|p| p.index)));
+        let (mut streams, mut indices) = ([0; 8], [0; 8]);
+        for (k, point) in points.iter().enumerate() {
+            (streams[k], indices[k]) = (point.stream, point.index);
+        }
+        let seeds = wide_hash(u32x8::from_slice(simd, &streams), u32x8::from_slice(simd, pairs));
+        let index = wide_reversed(u32x8::from_slice(simd, &indices));
         let index = wide_reversed(wide_scramble(index, seeds));
         let x = wide_scramble(index, wide_mix(seeds ^ 0xa511_e9b3));
         let y = wide_scramble(wide_pascal(index), wide_mix(seeds ^ 0x63d8_3595));

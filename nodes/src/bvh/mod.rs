@@ -174,10 +174,12 @@ impl Bvh {
         });
         let (mut enter, mut leave) = (0.0_f32, ray.t_max);
         for axis in 0..3 {
-            let (a, b) =
-                ((low[axis] - ray.origin[axis]) * slope[axis], (high[axis] - ray.origin[axis]) * slope[axis]);
-            enter = enter.max(a.min(b));
-            leave = leave.min(a.max(b));
+            let a = (low[axis] - ray.origin[axis]) * slope[axis];
+            let b = (high[axis] - ray.origin[axis]) * slope[axis];
+            // Comparisons take fewer steps than `min` and `max`, which ask for what is no number.
+            let (near, far) = if a < b { (a, b) } else { (b, a) };
+            enter = if near > enter { near } else { enter };
+            leave = if far < leave { far } else { leave };
         }
         if enter > leave * SLACK { None } else { Some(slope) }
     }
@@ -266,9 +268,11 @@ impl Bvh {
         mut leaf: impl FnMut(&Packet, &Sheared, &mut f32) -> bool,
     ) -> bool {
         let sheared = Sheared::new(&ray);
-        let near = slope.map(|s| usize::from(s < 0.0));
-        let slopes = slope.map(|s| f32x8::splat(simd, s));
-        let origin = ray.origin.to_array().map(|o| f32x8::splat(simd, o));
+        let [x, y, z] = slope;
+        let near = [usize::from(x < 0.0), usize::from(y < 0.0), usize::from(z < 0.0)];
+        let slopes = [f32x8::splat(simd, x), f32x8::splat(simd, y), f32x8::splat(simd, z)];
+        let Vec3 { x, y, z } = ray.origin;
+        let origin = [f32x8::splat(simd, x), f32x8::splat(simd, y), f32x8::splat(simd, z)];
         let mut limit = ray.t_max;
         with_stack(
             #[inline(always)]
@@ -294,8 +298,8 @@ impl Bvh {
                         let mut enter = f32x8::splat(simd, 0.0);
                         let mut leave = f32x8::splat(simd, limit);
                         for axis in 0..3 {
-                            let [low, high] = [near[axis], 1 - near[axis]]
-                                .map(|side| f32x8::from_slice(simd, &bounds[axis][side]));
+                            let low = f32x8::from_slice(simd, &bounds[axis][near[axis]]);
+                            let high = f32x8::from_slice(simd, &bounds[axis][1 - near[axis]]);
                             enter = enter.max((low - origin[axis]) * slopes[axis]);
                             leave = leave.min((high - origin[axis]) * slopes[axis]);
                         }
@@ -304,12 +308,23 @@ impl Bvh {
                             at = children[hits.trailing_zeros() as usize % WIDE];
                             continue;
                         }
+                        if hits != 0 && !NEAR {
+                            // Any order does: the first of them is next.
+                            at = children[hits.trailing_zeros() as usize % WIDE];
+                            hits &= hits - 1;
+                            while hits != 0 {
+                                stack[depth] = (children[hits.trailing_zeros() as usize % WIDE], 0.0);
+                                hits &= hits - 1;
+                                depth += 1;
+                            }
+                            continue;
+                        }
                         if hits != 0 {
                             let mut entries = [0.0; WIDE];
                             enter.store_slice(&mut entries);
                             let base = depth;
-                            // If asked the nearest child is next, and the others wait with nearer ones on top, equal ones in
-                            // order of lanes; else that of the first lane.
+                            // The nearest child is next, and the others wait with nearer ones on top, equal ones in order of
+                            // lanes.
                             let lane = hits.trailing_zeros() as usize % WIDE;
                             hits &= hits - 1;
                             let mut next = (children[lane], entries[lane]);
@@ -317,11 +332,11 @@ impl Bvh {
                                 let lane = hits.trailing_zeros() as usize % WIDE;
                                 hits &= hits - 1;
                                 let mut waits = (children[lane], entries[lane]);
-                                if NEAR && waits.1 <= next.1 {
+                                if waits.1 <= next.1 {
                                     std::mem::swap(&mut waits, &mut next);
                                 }
                                 let mut place = depth;
-                                while NEAR && place > base && stack[place - 1].1 < waits.1 {
+                                while place > base && stack[place - 1].1 < waits.1 {
                                     stack[place] = stack[place - 1];
                                     place -= 1;
                                 }
@@ -339,7 +354,7 @@ impl Bvh {
                         }
                         depth -= 1;
                         let (child, entry) = stack[depth];
-                        if entry <= limit * SLACK {
+                        if !NEAR || entry <= limit * SLACK {
                             at = child;
                             break;
                         }

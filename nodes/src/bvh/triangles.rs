@@ -30,9 +30,22 @@ impl Sheared {
         if d[z] < 0.0 {
             std::mem::swap(&mut x, &mut y);
         }
-        let axes = [x, y, z];
-        let shear = [d[x] / d[z], d[y] / d[z], 1.0 / d[z]].map(Vec4::splat);
-        Self { axes, origin: axes.map(|axis| Vec4::splat(ray.origin.to_array()[axis])), shear }
+        let shear = [Vec4::splat(d[x] / d[z]), Vec4::splat(d[y] / d[z]), Vec4::splat(1.0 / d[z])];
+        let o = ray.origin.to_array();
+        Self { axes: [x, y, z], origin: [Vec4::splat(o[x]), Vec4::splat(o[y]), Vec4::splat(o[z])], shear }
+    }
+
+    /// A corner of four triangles, seen along the ray: two places aside, and how far. To `map` all corners takes a call for each
+    /// and hands them on through memory.
+    #[inline(always)]
+    fn project(&self, corner: &[Vec4; 3]) -> [Vec4; 3] {
+        let [kx, ky, kz] = self.axes;
+        // Told once, it is not asked for each.
+        assert!(kx < 3 && ky < 3 && kz < 3, "three axes");
+        let z = corner[kz] - self.origin[2];
+        let x = corner[kx] - self.origin[0] - self.shear[0] * z;
+        let y = corner[ky] - self.origin[1] - self.shear[1] * z;
+        [x, y, z * self.shear[2]]
     }
 }
 
@@ -46,13 +59,8 @@ impl Packet {
     /// monotone and a 0 is decided in f64. So no ray slips between neighbours, at corners neither.
     #[inline(always)]
     pub(super) fn intersect(&self, ray: &Sheared, limit: f32, mut hit: impl FnMut(Hit) -> bool) -> bool {
-        let [kx, ky, kz] = ray.axes;
-        let [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = self.corners.map(|corner| {
-            let z = corner[kz] - ray.origin[2];
-            let x = corner[kx] - ray.origin[0] - ray.shear[0] * z;
-            let y = corner[ky] - ray.origin[1] - ray.shear[1] * z;
-            [x, y, z * ray.shear[2]]
-        });
+        let [a, b, c] = &self.corners;
+        let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (ray.project(a), ray.project(b), ray.project(c));
         let mut u = cx * by - cy * bx;
         let mut v = ax * cy - ay * cx;
         let mut w = bx * ay - by * ax;

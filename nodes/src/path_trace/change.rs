@@ -105,7 +105,7 @@ impl Integrator<'_> {
                     let share = if lamps_in_it { seen.pdf / pdf } else { 1.0 };
                     let how = (throughput * seen.value / pdf, share, pdf);
                     let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
-                    light += self.difference(&surface, lift, ray, how, key ^ 3, bounce).0;
+                    light += self.difference(&surface, lift, ray, how, key ^ 3, (bounce, true)).0;
                     self.points = own;
                 }
             }
@@ -115,7 +115,7 @@ impl Integrator<'_> {
             let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
             let own = if lamps_in_it { share } else { 1.0 };
             let how = (throughput * scatter_weight * share, own, scatter.pdf + towards.pdf(ray));
-            let (change, landed) = self.difference(&surface, lift, ray, how, key ^ 1, bounce);
+            let (change, landed) = self.difference(&surface, lift, ray, how, key ^ 1, (bounce, false));
             light += change;
             if !rules.visibility(Lobe::Diffuse).lands
                 && let Some(unlit) = self.unlit(surface.spawn_ray(ray))
@@ -219,8 +219,8 @@ impl Integrator<'_> {
     }
 
     /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;
-    /// where they do not, the receiver that it lands on. `how` is the weight of what is found, and the
-    /// density of the ray.
+    /// where they do not, the receiver that it lands on, unless `only` they are asked for. `how` is the weight of what is
+    /// found, and the density of the ray.
     fn difference(
         &mut self,
         surface: &Surface,
@@ -228,18 +228,28 @@ impl Integrator<'_> {
         direction: Vec3,
         (throughput, share, pdf): (Vec3, f32, f32),
         key: u32,
-        bounce: u32,
+        (bounce, only): (u32, bool),
     ) -> (Vec3, Option<Hit>) {
         let rules = self.scene.rules;
         let ray = surface.spawn_ray(direction);
+        let to_objects = surface.ray_to_objects(direction, lift);
+        // Most rays that look for objects alone meet none, wherever the receiver is.
+        let plain = !self.scene.objects.clear && surface.medium(direction).is_empty();
+        let sought = (only && plain).then(|| self.object(to_objects, key, Lobe::Diffuse));
+        if let Some(None) = sought {
+            return (Vec3::ZERO, None);
+        }
         let lands = bounce < rules.max_bounces && rules.visibility(Lobe::Diffuse).lands;
         let landed = if lands { self.receiver_hit(ray) } else { None };
         let (objects, receiver) = (self.scene.objects, self.scene.receiver);
         let allowance = |l: &Hit| objects.touching.allowance(&ray, l.t, receiver.normal(l.triangle));
         let t_max = landed.map_or(ray.t_max, |l| l.t + allowance(&l));
-        let mut to_objects = Ray { t_max, ..surface.ray_to_objects(direction, lift) };
+        let mut to_objects = Ray { t_max, ..to_objects };
         let before = |hit: &Hit| landed.is_none_or(|l| hit.t - objects.slack(hit, direction) <= l.t);
-        let object = self.object(to_objects, key, Lobe::Diffuse);
+        let object = match sought {
+            Some(found) => found.filter(|vertex| vertex.distance() <= t_max),
+            None => self.object(to_objects, key, Lobe::Diffuse),
+        };
         let mut object = object.filter(|vertex| vertex.on_object().is_none_or(before));
         if !rules.visibility(Lobe::Diffuse).lands {
             let block = rules.visibility(Lobe::Diffuse).block;
@@ -328,7 +338,8 @@ impl Towards {
 
     /// The direction of the ray of a sample, if it sends one.
     fn ray(&self, points: &Points) -> Option<Vec3> {
-        let sends = self.pdf > 0.0 && unit(points.bits(TOWARDS + 1)[0]) < self.pdf * self.cone.solid_angle();
+        let chance = self.pdf * self.cone.solid_angle();
+        let sends = self.pdf > 0.0 && (chance >= 1.0 || unit(points.bits(TOWARDS + 1)[0]) < chance);
         sends.then(|| self.direction(points.pair(TOWARDS)))
     }
 

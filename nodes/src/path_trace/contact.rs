@@ -133,6 +133,9 @@ impl Ground {
     /// How far a camera's hit must move along its unit ray to lie on the ground of the object that is
     /// nearest to it (the first of equally near ones); 0 where it belongs to no ground.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
+        if self.supports.is_empty() {
+            return 0.0;
+        }
         let fall = direction.dot(self.up);
         if normal.dot(self.up).abs() < STEEPEST || fall == 0.0 {
             return 0.0;

@@ -20,9 +20,6 @@ const CELLS: usize = 1 << 17;
 impl Objects {
     /// What shines at a hit towards a unit direction: less than the material emits where a coat or sheen is over it.
     pub fn emission_towards(&self, hit: &Hit, out: Vec3) -> Vec3 {
-        if !self.shine {
-            return Vec3::ZERO;
-        }
         let (_, material, _) = self.point(hit);
         if material.unlit
             || (material.clearcoat.strength.factor == 0.0 && material.sheen.colour.factor == [0.0; 3])

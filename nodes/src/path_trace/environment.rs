@@ -213,7 +213,7 @@ impl EnvironmentLight {
         point: [u32; 2],
     ) -> DrawnDirection {
         dispatch!(self.level, simd => {
-            let row = self.tiers[tier].row(simd, distribution, point.map(fraction));
+            let row = self.tiers[tier].row(simd, distribution, [fraction(point[0]), fraction(point[1])]);
             self.found(simd, tier, &row, number)
         })
     }

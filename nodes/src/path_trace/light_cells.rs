@@ -138,7 +138,7 @@ impl LightCells {
         simd: S,
         &RowChoice { y, columns, place: [u, v], .. }: &RowChoice,
     ) -> ((usize, usize), [f64; 2]) {
-        let (y, [start, end]) = (y as usize, columns.map(|x| x as usize));
+        let (y, start, end) = (y as usize, columns[0] as usize, columns[1] as usize);
         let (x, u) = invert(simd, &self.across[y * self.width + start..], end - start, u);
         ((start + x, y), [u, v])
     }

@@ -53,7 +53,8 @@ impl Cone {
         if cosine > 1e-3 { Self { axis, cosine: cosine - 1e-5 } } else { Self::ALL }
     }
 
-    /// Whether two cones share a direction; sometimes true where they only nearly do.
+    /// Whether two cones share a direction; sometimes true where they only nearly do. [`CellGrid`] asks so of many at once.
+    #[cfg(test)]
     pub fn meets(&self, other: &Self) -> bool {
         if self.cosine <= 0.0 || other.cosine <= 0.0 {
             return true;

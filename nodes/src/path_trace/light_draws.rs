@@ -31,15 +31,23 @@ pub fn wanted(
     points: Points,
     pair: u32,
 ) -> impl Iterator<Item = Wanted<'_>> {
-    (0..TIERS).filter(move |&tier| distributions[tier].power > 0.0).flat_map(move |tier| {
-        (0..lights[tier]).map(move |number| Wanted {
-            tier,
-            distribution: distributions[tier],
-            number: lights[tier] as f32,
-            points: points.twig(number, lights[tier]),
-            pair: pair + TIER * tier as u32,
-        })
-    })
+    let lit = (0..TIERS).filter(move |&tier| distributions[tier].power > 0.0);
+    lit.flat_map(move |tier| Wanted::each((tier, distributions[tier]), lights[tier], points, pair))
+}
+
+impl<'a> Wanted<'a> {
+    /// Those of a tier.
+    fn each(
+        (tier, distribution): (usize, &'a LightDistribution),
+        count: u32,
+        points: Points,
+        pair: u32,
+    ) -> impl Iterator<Item = Self> {
+        let pair = pair + TIER * tier as u32;
+        let one =
+            move |k| Self { tier, distribution, number: count as f32, points: points.twig(k, count), pair };
+        (0..count).map(one)
+    }
 }
 
 impl EnvironmentLight {
@@ -53,13 +61,14 @@ impl EnvironmentLight {
     fn draw_each_at<S: Simd>(&self, simd: S, wanted: &[Wanted<'_>], mut found: impl FnMut(DrawnDirection)) {
         for wanted in wanted.chunks(LANES) {
             // Lanes that stay free repeat the first.
-            let lane = |k: usize| wanted.get(k).unwrap_or(&wanted[0]);
-            let (points, pairs) =
-                (std::array::from_fn(|k| lane(k).points), std::array::from_fn(|k| lane(k).pair));
+            let (mut points, mut pairs) = ([wanted[0].points; LANES], [wanted[0].pair; LANES]);
+            for (k, wanted) in wanted.iter().enumerate() {
+                (points[k], pairs[k]) = (wanted.points, wanted.pair);
+            }
             let [v, u] = Points::bits_of_eight(simd, &points, &pairs);
             let mut rows = [RowChoice::default(); LANES];
             for (k, (row, wanted)) in rows.iter_mut().zip(wanted).enumerate() {
-                let point = [v[k], u[k]].map(fraction);
+                let point = [fraction(v[k]), fraction(u[k])];
                 *row = self.tiers[wanted.tier].row(simd, wanted.distribution, point);
             }
             let ahead = rows.iter().zip(wanted).map(|(row, wanted)| self.tiers[wanted.tier].look_ahead(row));
@@ -112,7 +121,13 @@ impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a,
         self.ends.clear();
         for vertex in self.vertices.by_ref().take(TOGETHER) {
             if let Some((points, distributions)) = vertex {
-                self.wanted.extend(wanted(distributions, self.lights, points, self.pair));
+                // As `wanted` gives them; one tier at a time, their number is known.
+                for (tier, distribution) in distributions.into_iter().enumerate() {
+                    if distribution.power > 0.0 {
+                        let number = self.lights[tier];
+                        self.wanted.extend(Wanted::each((tier, distribution), number, points, self.pair));
+                    }
+                }
             }
             self.ends.push(self.wanted.len());
         }

@@ -64,8 +64,6 @@ pub struct Objects {
     /// The insides that light can be in, and the box around them.
     pub(super) bodies: Vec<Body>,
     pub(super) held: Option<(Vec3, Vec3)>,
-    /// Whether any of their materials shines.
-    pub shine: bool,
     /// What shines on them.
     pub emitters: Emitters,
     /// Where light of lamps comes through some of them.
@@ -111,7 +109,6 @@ impl Objects {
             every_lobe: false,
             bodies: Vec::new(),
             held: None,
-            shine: false,
             emitters: Emitters::new(&[], |_| 1, |_, _| Vec3::ZERO),
             shades: Shades::default(),
             touching: Touching::default(),
@@ -166,8 +163,8 @@ impl Objects {
         }
         objects.bvh = Bvh::build(&objects.corners);
         objects.lift_sheets(receiver);
-        objects.shine = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
-        if objects.shine {
+        let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
+        if shining {
             objects.emitters = objects.find_emitters();
             objects.shades = Shades::of(&objects);
         }

@@ -130,3 +130,76 @@ impl Silhouette {
         (from <= last && to >= 0.0).then_some([from.max(0.0) as usize, to.min(last) as usize])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{DMat4, DQuat};
+
+    use super::super::camera_rays::CameraRays;
+    use super::super::contact::Ground;
+    use super::*;
+    use crate::sampling::{Points, stream};
+    use crate::types::{Material, Object, Placed, Primitive};
+
+    /// Triangles without order, of which so many are as large as the place, in a cube around the origin.
+    fn triangles(large: u32) -> Objects {
+        let corner = |i: u32, k: u32| {
+            let points = Points::new(stream(3, i, large), k);
+            let ([x, y], [z, _]) = (points.pair(0), points.pair(1));
+            Vec3::new(x, y, z) * 2.0 - 1.0
+        };
+        let mut primitive = Primitive::default();
+        for i in 0..24 {
+            let first = corner(i, 0);
+            let size = if i < large { 1.0 } else { 0.05 };
+            let corners = [1, 2, 3].map(|k| (first + corner(i, k) * size).to_array());
+            primitive.positions.extend(corners);
+            primitive.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        let material = Material { double_sided: true, ..Material::default() };
+        let object = Object { primitives: vec![primitive], materials: vec![material], textures: Vec::new() };
+        let placed = Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY };
+        Objects::new(&[Arc::new(placed)], DVec3::ZERO).expect("consistent")
+    }
+
+    /// Cameras outside of a crowd of triangles and in it, so that some lie beside and behind the eye: every pixel is held of
+    /// which a ray meets a triangle, and from outside few that hardly any triangle touches.
+    /// Mutation: `across` without its first `if`, `farthest <= 0.0` to `nearest <= 0.0`, `high.cmple` to `high.cmpge`, or
+    /// `top < bottom` to `false`.
+    #[test]
+    fn what_a_ray_meets_is_held() {
+        let ground = Ground::default();
+        for (large, distance) in [(0, 3.0), (4, 4.0), (4, 0.3), (24, 0.0)] {
+            let objects = triangles(large);
+            for turn in 0..6 {
+                let turn = DQuat::from_rotation_y(f64::from(turn)) * DQuat::from_rotation_x(0.4);
+                let pose = DMat4::from_quat(turn) * DMat4::from_translation(DVec3::NEG_Z * distance);
+                let camera = Camera {
+                    name: String::new(),
+                    width_px: 40,
+                    height_px: 28,
+                    fx: 30.0,
+                    fy: -33.0,
+                    cx: 18.5,
+                    cy: 15.0,
+                    world_from_camera: pose.to_cols_array(),
+                };
+                let rays = CameraRays::new(&camera, DVec3::ZERO, 1, &ground, 1);
+                let (mut held, mut met) = (0, 0);
+                for pixel in (0..28).flat_map(|y| (0..40).map(move |x| (x, y))) {
+                    let meets = |k| objects.bvh.closest(rays.sample(pixel, k).2, |_| true).is_some();
+                    let meets = (0..64).any(meets);
+                    let holds = rays.may_show(&objects, pixel);
+                    assert!(holds || !meets, "{pixel:?} of {large}, {distance}");
+                    (held, met) = (held + u32::from(holds), met + u32::from(meets));
+                }
+                assert!(met > 0);
+                // Slivers are missed by so many rays.
+                let most = if large > 0 { met + met / 4 } else { 2 * met };
+                assert!(distance < 1.0 || held <= most, "{held} for {met}");
+            }
+        }
+    }
+}

@@ -42,7 +42,7 @@ impl TexelGrid {
 
     /// A direction in the world from one along right, forward and up.
     pub fn to_world(&self, local: [f64; 3]) -> Vec3 {
-        let [x, y, z] = local.map(|v| v as f32);
+        let [x, y, z] = [local[0] as f32, local[1] as f32, local[2] as f32];
         self.axes[0] * x + self.axes[1] * y + self.axes[2] * z
     }
 

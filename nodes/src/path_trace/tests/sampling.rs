@@ -15,19 +15,19 @@ fn rays_are_only_cast_where_they_may_matter() {
         assert_eq!(kinds.iter().sum::<u64>(), counts["rays"]);
         kinds
     };
-    // Beside the samples two rays a pixel look for what is in front.
-    let (samples, front) = (16 * 32 * 32, 2 * 32 * 32);
+    // Beside the samples a ray a pixel looks for what is in front.
+    let (samples, front) = (16 * 32 * 32, 32 * 32);
     // A camera ray; where it lands up to four to the sky and, where the plane is solid, one scattered.
     let (solid, pass) = (rays(&[], EnvBlock::Solid), rays(&[], EnvBlock::Pass));
     assert_eq!(pass, [samples + front, 0, 0]);
     assert_eq!(solid[0], pass[0]);
     assert!(solid[1] <= samples * 4 && solid[2] <= samples, "{solid:?} for {samples} samples");
-    // Again a camera ray, and another to the object; up to four to the sky, and two scattered that ask the receiver
-    // and the object.
+    // Again a camera ray, and of the few pixels that the object may be seen in more; up to four to the sky, and two
+    // scattered that ask the receiver and the object.
     let far = [ball(0.4, matte(0.6), DVec3::new(0.0, 0.0, -50.0))];
     let more = |with: [u64; 3]| std::array::from_fn::<u64, 3, _>(|k| with[k] - solid[k]);
     let there = more(rays(&far, EnvBlock::Solid));
-    assert_eq!(there[0], 2 * samples);
+    assert!((samples..samples + samples / 16).contains(&there[0]), "{there:?} for {samples} samples");
     assert!(there[1] <= samples * 4 && there[2] <= samples * 4, "{there:?} over {solid:?}");
     let near = more(rays(&objects, EnvBlock::Solid));
     assert!(near.iter().sum::<u64>() < samples * 11, "{near:?} over {solid:?}");
