@@ -153,7 +153,6 @@ mod tests {
     }
 
     /// Rows of cells get the bits of each of their cells.
-    /// Mutation: `3.0` to `2.0` in `shares`, `-` to `+` or `cmple` to `cmplt` in `meet`, or `> 0.0` to `>= 0.0` in `weigh`.
     #[test]
     fn rows_are_weighed_as_their_cells_are() {
         for columns in [1, 5, 16, 70] {

@@ -166,8 +166,6 @@ mod tests {
 
     /// Cameras outside of a crowd of triangles and in it, so that some lie beside and behind the eye: every pixel is held of
     /// which a ray meets a triangle, and from outside few that hardly any triangle touches.
-    /// Mutation: `across` without its first `if`, `farthest <= 0.0` to `nearest <= 0.0`, `high.cmple` to `high.cmpge`, or
-    /// `top < bottom` to `false`.
     #[test]
     fn what_a_ray_meets_is_held() {
         let ground = Ground::default();
