@@ -247,7 +247,8 @@ fn the_sun_through_a_window_lights_its_patch() {
 fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let hall = box_mesh([-400.0, -400.0, 0.0], [400.0, 400.0, 800.0], true);
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
-    for (i, v) in env.image.samples[..16 * 4 * 3].iter_mut().enumerate() {
+    // Dark up to the horizon between the middles of texels, too: the ground below is near.
+    for (i, v) in env.image.samples[..16 * 3 * 3].iter_mut().enumerate() {
         *v = 0.5 + crate::sampling::unit(crate::sampling::mix(i as u32));
     }
     env.origin = Some(DVec3::new(0.1, 0.2, 1.0));
@@ -338,7 +339,7 @@ fn a_white_room_stays_white_in_a_mirror() {
             pixels.filter(|(_, object)| object[3] == 0.0).map(|(rgb, _)| f64::from(rgb[1])).sum()
         };
         let ratio = seen(&out.with) / seen(&out.without);
-        assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+        assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
     }
 }
 
