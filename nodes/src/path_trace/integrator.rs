@@ -181,7 +181,8 @@ impl<'a> Integrator<'a> {
                 }
                 _ => surface.emission,
             };
-            light += rules.clamped(bounce, throughput * emission * mis_weight);
+            // What a ray finds shining is light of the vertex before.
+            light += rules.clamped(bounce.saturating_sub(1), throughput * emission * mis_weight);
             if bounce > rules.max_bounces {
                 self.cut |= !matches!(vertex, Vertex::Receiver(_)) && throughput.max_element() > 0.5;
                 break;

@@ -95,7 +95,7 @@ impl Integrator<'_> {
         let (mut out, mut light) = (-state.direction, Vec3::ZERO);
         for bounce in start..=rules.max_bounces + 1 {
             let surface = self.surface(&vertex, (out, 0.0), Vec3::ZERO, media);
-            light += rules.clamped(bounce, throughput * surface.emission * mis_weight);
+            light += rules.clamped(bounce.saturating_sub(1), throughput * surface.emission * mis_weight);
             if bounce > rules.max_bounces {
                 break;
             }

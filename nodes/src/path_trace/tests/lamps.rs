@@ -314,3 +314,19 @@ fn a_point_of_capture_where_no_camera_stood_is_told() {
         assert_eq!(told, expected, "{origin}");
     }
 }
+
+/// The limit of what a path brings after its first vertex leaves the direct light of a lamp alone, whichever way finds it.
+/// Mutation: `bounce` in place of the one before for what shines (seen red).
+#[test]
+fn the_limit_spares_direct_light_of_lamps() {
+    let shines = Material { emissive: [40.0; 3], ..matte(0.0) };
+    let tube = [placed(&box_mesh([-0.4, -0.01, 0.03], [0.4, 0.01, 0.05], false), shines, DVec3::ZERO)];
+    let camera = rig(DVec3::new(0.0, -0.6, 0.5), DVec3::ZERO, 24, 2.0);
+    let dark = constant(Up::PlusZ, [1e-3; 3], 16);
+    let lit = |clamp_indirect: f64| {
+        let how = PathTrace { clamp_indirect, max_bounces: 0, ..params(64, EnvBlock::Solid) };
+        mean(&render(&how, &plane(4.0), &tube, &camera, &dark).0.with)
+    };
+    let (free, limited) = (lit(0.0), lit(1.0));
+    assert!(free > 0.1 && (limited / free - 1.0).abs() < 1e-6, "{limited} for {free}");
+}
