@@ -4,7 +4,7 @@ use engine::Notes;
 use glam::{DVec3, Vec3};
 
 use super::PathTrace;
-use super::capture_point::CapturePoint;
+use super::capture_point::{CapturePoint, stand_in};
 use super::integrator::{Integrator, Scene};
 use super::objects::Objects;
 use super::path::Vertex;
@@ -42,8 +42,10 @@ impl PathTrace {
             Some(probe) if prepared.inputs.env.origin.is_some() => {
                 let mends = self.near_field != NearField::Off;
                 let point = CapturePoint { at: from, probe };
-                let CapturePoint { at, probe } =
-                    point.checked(prepared.receiver(), (up, metres_per_unit), mends, notes);
+                let camera = stand_in(prepared.receiver(), &prepared.inputs.rig.cameras, prepared.origin);
+                let camera = visibility::in_scene_frame(camera.eye(), prepared.origin);
+                let scene = (prepared.receiver(), camera);
+                let CapturePoint { at, probe } = point.checked(scene, (up, metres_per_unit), mends, notes);
                 (at, Some(probe))
             }
             probe => (from, probe),

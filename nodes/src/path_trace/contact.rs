@@ -27,6 +27,10 @@ const STEEPEST: f32 = 0.7;
 pub(super) const LARGEST: f64 = 0.05;
 /// How far off the ground is looked for in metres, to tell that an object does not stand on it.
 const FARTHEST: f64 = 0.5;
+/// How near to the base of an object the top of another is that it rests on, in metres.
+const TOUCHING: f64 = 0.01;
+/// How much farther down that one reaches at least, in metres.
+const LOWER: f64 = 0.005;
 /// A mesh smoother than this is taken as it is, in metres.
 const SMOOTHEST: f64 = 1e-4;
 
@@ -198,6 +202,31 @@ impl Objects {
         // One alone stands on none.
         let alone = placed.len() < 2;
         placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
+    }
+}
+
+impl Objects {
+    /// Whether each object rests on one that reaches farther down, such as a plate on a coaster: what lies below the plate
+    /// beside the coaster is no ground of it.
+    pub fn on_others(
+        &self,
+        placed: &[impl AsRef<Placed>],
+        origin: DVec3,
+        up: DVec3,
+        metre: f64,
+    ) -> Vec<bool> {
+        let feet: Vec<Option<Foot>> = placed.iter().map(|one| Foot::of(one.as_ref(), up)).collect();
+        let bases: Vec<f64> =
+            feet.iter().map(|foot| foot.as_ref().map_or(f64::INFINITY, |foot| foot.base)).collect();
+        let rests = |foot: &Foot| {
+            let lower = |hit: &Hit| bases[self.part(hit.triangle).0.placed] < foot.base - LOWER * metre;
+            let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
+            let under = |at: &[f64; 2]| at[0].abs() <= half[0] && at[1].abs() <= half[1];
+            let mut rays = feelers(foot, origin, up, TOUCHING * metre).filter(|(at, _)| under(at));
+            rays.any(|(_, ray)| self.bvh.any(ray, lower))
+        };
+        let alone = placed.len() < 2;
+        feet.iter().map(|foot| !alone && foot.as_ref().is_some_and(rests)).collect()
     }
 }
 

@@ -282,14 +282,18 @@ impl Kind for PathTrace {
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
         let origin = inputs.rig.cameras[0].eye();
         let prepared = PreparedScene::new(&inputs, origin);
+        let camera = capture_point::stand_in(prepared.receiver(), &inputs.rig.cameras, origin);
         let centre = match inputs.env.origin {
             Some(origin) => origin,
             None => {
                 if matches!(params.env_block, EnvBlock::Auto | EnvBlock::PassBeyond { .. }) {
-                    let text = "the environment has no point of capture; the first camera stands for it";
+                    let text = format!(
+                        "the environment has no point of capture; camera `{}` stands for it",
+                        camera.name
+                    );
                     notes.decision("probe-origin", text);
                 }
-                inputs.rig.cameras[0].eye()
+                camera.eye()
             }
         };
         let [_, _, up] = crate::equirect::axes(cx.up());
@@ -312,12 +316,23 @@ impl Kind for PathTrace {
 
         let seed = cx.seed();
         let metre = 1.0 / cx.metres_per_unit();
-        // Coordinates start at the first camera, which is before what it sees.
-        let view = Probe::send(prepared.receiver(), Vec3::ZERO);
+        let view = Probe::send(prepared.receiver(), visibility::in_scene_frame(camera.eye(), origin));
         let inverted = view.escaped < view.rays && view.front_share() < 0.5;
+        // What rests on another object has that for its ground.
+        let on_others = objects.on_others(&inputs.objects, origin, up, metre);
+        let standing: Vec<_> = inputs
+            .objects
+            .iter()
+            .zip(&on_others)
+            .filter(|(_, on)| !**on)
+            .map(|(one, _)| one.clone())
+            .collect();
         let ground = (prepared.receiver(), inverted);
-        let (ground, measured) =
-            Ground::measure(ground, &inputs.objects, origin, up, metre, params.contact_metres);
+        let (ground, of_standing) =
+            Ground::measure(ground, &standing, origin, up, metre, params.contact_metres);
+        let mut of_standing = of_standing.into_iter();
+        let measured: Vec<_> =
+            on_others.iter().map(|on| if *on { None } else { of_standing.next().flatten() }).collect();
         let carried = objects.carried(&inputs.objects, origin, up, metre);
         let tall: Vec<f64> =
             objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();

@@ -23,6 +23,9 @@ use crate::types::{Cell, Image, Images, Linear, NamedImage, Report, Table};
 /// Rays may leave surfaces from this share of the size of an object off without a word.
 const COARSE: f32 = 1.0 / 512.0;
 
+/// An object that stands deeper in the ground than this share of its height was hardly put there on purpose.
+const DEEP: f64 = 0.2;
+
 pub(super) fn columns(names: &[&str]) -> Vec<String> {
     names.iter().map(|&name| name.to_owned()).collect()
 }
@@ -159,7 +162,12 @@ pub(super) fn report_contact(
             let off = millimetres(level.height.abs());
             if level.height > 0.0 && level.height < tall[index] {
                 let text = format!("object {index} reaches {off:.0} mm into the receiver");
-                notes.decision("in-the-ground", format!("{text}; `snap` puts it on the mesh"));
+                let text = format!("{text}; `snap` puts it on the mesh");
+                if level.height > DEEP * tall[index] {
+                    notes.warning("in-the-ground", text);
+                } else {
+                    notes.decision("in-the-ground", text);
+                }
                 continue;
             }
             let side = if level.height > 0.0 { "below" } else { "above" };

@@ -237,3 +237,35 @@ fn a_picture_in_a_rough_wall_is_told() {
     assert!(none.is_none() && cover < 0.8 * whole && (3.0..7.0).contains(&farther), "{note} {cover} {whole}");
     assert_eq!(told(0.0, 0.0).0, None);
 }
+
+/// A plate on a coaster that it reaches over keeps its shadow on rough ground, which is not that of the plate.
+/// Mutation: `on_others` all false (seen red).
+#[test]
+fn a_plate_on_a_coaster_keeps_its_shadow() {
+    let ground = |noise: f32| {
+        let side = 81_u32;
+        let mut mesh = Mesh::default();
+        for i in 0..side * side {
+            let [x, y] = [i % side, i / side].map(|k| k as f32 / 20.0 - 2.0);
+            mesh.positions.push([x, y, noise * (2.0 * crate::sampling::unit(crate::sampling::mix(i)) - 1.0)]);
+        }
+        for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
+            mesh.triangles.extend([[i, i + 1, i + side + 1], [i, i + side + 1, i + side]]);
+        }
+        mesh
+    };
+    let slab = |half: f32, low: f32, high: f32| {
+        placed(&box_mesh([-half, -half, low], [half, half, high], false), matte(0.5), DVec3::ZERO)
+    };
+    let objects = [slab(0.125, 0.0, 0.04), slab(0.35, 0.04, 0.07)];
+    let camera = rig(DVec3::new(0.6, -1.6, 0.25), DVec3::new(0.0, -0.3, 0.0), 32, 3.0);
+    let shadow = |noise: f32| {
+        let how = PathTrace { contact_metres: None, ..params(16, EnvBlock::Solid) };
+        let (out, _) = render(&how, &ground(noise), &objects, &camera, &white());
+        let pixels = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
+        let seen = pixels.zip(samples(&out.object).chunks(4)).filter(|(_, object)| object[3] == 0.0);
+        seen.map(|((without, with), _)| 1.0 - with[0] / without[0].max(1e-6)).sum::<f32>()
+    };
+    let (smooth, rough) = (shadow(0.0), shadow(0.004));
+    assert!((rough / smooth - 1.0).abs() < 0.2, "{rough} for {smooth}");
+}

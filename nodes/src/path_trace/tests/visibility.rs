@@ -231,3 +231,20 @@ fn the_printed_visibility_has_no_near_field() {
     assert!(PathTrace::check(&both).is_err());
     assert!(PathTrace::check(&PathTrace { near_field: NearField::Auto, ..both }).is_ok());
 }
+
+/// Without a point of capture a camera in the room stands for it, whichever comes first in the rig.
+/// Mutation: `stand_in` gives the first camera (seen red).
+#[test]
+fn the_order_of_cameras_changes_no_light() {
+    let (within, over) = (inside(), rig(DVec3::new(0.5, -6.0, 9.0), DVec3::ZERO, 8, 2.0));
+    let pair = |cameras: [&Arc<Rig>; 2]| {
+        Arc::new(Rig { cameras: cameras.map(|rig| rig.cameras[0].clone()).to_vec() })
+    };
+    let seen = |rig: &Arc<Rig>, which: usize| {
+        let (out, _) = render(&params(16, EnvBlock::Auto), &room(), &[], rig, &white());
+        let picture = out.without.0[which].picture.samples().to_vec();
+        crate::num::ordered_sum(picture.iter().copied()) / picture.len() as f64
+    };
+    let (first, last) = (seen(&pair([&within, &over]), 0), seen(&pair([&over, &within]), 1));
+    assert!(first > 0.4 && (first / last - 1.0).abs() < 1e-3, "{first} {last}");
+}
