@@ -1,7 +1,6 @@
 //! Which of several objects no picture shows.
 
 use engine::{Context, NodeError};
-use glam::Vec3;
 
 use super::accumulator::FinishedView;
 use super::camera_rays::CameraRays;
@@ -26,16 +25,16 @@ pub(super) fn of(
     places: u32,
     cx: &Context,
 ) -> Result<Vec<Option<Unseen>>, NodeError> {
-    let boxes = scene.objects.boxes().into_iter();
-    boxes.enumerate().map(|(index, bounds)| unseen(scene, pictures, places, (index, bounds), cx)).collect()
+    let count = scene.objects.placed().len();
+    (0..count).map(|index| unseen(scene, pictures, places, index, cx)).collect()
 }
 
-/// Whether and why no picture shows one object in a box.
+/// Whether and why no picture shows one object.
 fn unseen(
     scene: Scene<'_>,
     pictures: &[(CameraRays<'_>, &FinishedView)],
     places: u32,
-    (index, (low, high)): (usize, (Vec3, Vec3)),
+    index: usize,
     cx: &Context,
 ) -> Result<Option<Unseen>, NodeError> {
     let objects = scene.objects;
@@ -44,12 +43,8 @@ fn unseen(
     for places in [0..1, 1..places] {
         for (camera_rays, view) in pictures {
             for piece in Area::whole(camera_rays.camera).pieces(TILE) {
-                let pixels: Vec<(u32, u32)> = piece.each().collect();
-                if !camera_rays.sees(&pixels, Some([low, high])) {
-                    continue;
-                }
                 cx.check()?;
-                for pixel in pixels {
+                for pixel in piece.each().filter(|&pixel| camera_rays.may_show(objects, pixel)) {
                     // Where no object is seen, one ray tells whether the receiver hides this one.
                     let shows = view.shows_objects_at(pixel);
                     let places = if shows || (!met && places.start == 0) { places.clone() } else { 0..0 };
