@@ -28,6 +28,8 @@ pub(super) struct Lights {
     left: Vec<usize>,
     /// Name of a step, and luminance after it of each pixel of each light, of those made darker, and of those left.
     steps: Vec<(&'static str, Vec<Vec<f64>>)>,
+    /// The step from which on there is a sky that was not seen, its pixels and their luminance.
+    sky: Option<(usize, Vec<(usize, f64)>)>,
 }
 
 pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
@@ -50,7 +52,7 @@ impl Lights {
         let darker = (0..fused.len()).filter(|&at| fused[at].luminance < own(at)).collect();
         let kept = |&at: &usize| fused[at].luminance == own(at) && predicted(at) > own(at);
         let left = (0..fused.len()).filter(kept).collect();
-        let mut lights = Self { members, darker, left, steps: Vec::new() };
+        let mut lights = Self { members, darker, left, steps: Vec::new(), sky: None };
         lights.enter("panorama", |at| luminance_of(pixels, at));
         lights
     }
@@ -60,6 +62,12 @@ impl Lights {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
         let values = self.groups().map(of_light).collect();
         self.steps.push((step, values));
+    }
+
+    /// Enters a sky that was not seen, and what it made of the lights.
+    pub(super) fn enter_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
+        self.sky = Some((self.steps.len(), pixels));
+        self.enter("sky", luminance);
     }
 
     /// The lights, and the two groups of pixels that are none.
@@ -203,6 +211,8 @@ impl Lights {
         for (members, values) in self.groups().zip(&self.steps[step].1) {
             members.iter().zip(values).for_each(|(&at, value)| luminance[at] = *value);
         }
+        let sky = self.sky.iter().filter(|(first, _)| step >= *first).flat_map(|(_, sky)| sky);
+        sky.for_each(|&(at, value)| luminance[at] = value);
         Energy::of(up, pixels.width, &luminance)
     }
 

@@ -13,8 +13,10 @@ use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Pictu
 
 mod feather;
 mod ledger;
+mod sky;
 
 use self::ledger::Lights;
+use self::sky::Balance;
 
 engine::choices! {
     /// How predicted light takes over from the panorama's own.
@@ -68,6 +70,9 @@ engine::params! {
         /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without, so
         /// its middle is brighter, with `Brackets` also than the white of the darkest exposure.
         feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
+        /// The albedo of the ground, where the capture holds no sky: what was not seen above the horizon becomes a white sky
+        /// as bright as the ground needs it to have this albedo. `None` leaves there what the panorama was filled with.
+        ground_albedo: Option<f64> = None, range(0.02, 1.0), other("0.3");
     }
 }
 
@@ -181,6 +186,15 @@ impl Kind for FuseHdr {
             notes.warning("saturated-at-darkest", text);
         }
         cx.check()?;
+        let balance = Balance::of(base.up, &pixels, &base.alpha, &image);
+        match params.ground_albedo {
+            None => balance.tell(&mut notes),
+            Some(albedo) => {
+                if let Some(radiance) = balance.sky(albedo, &mut notes) {
+                    sky::add(radiance, base.up, &base.alpha, &mut image, &mut fused, &mut lights);
+                }
+            }
+        }
         lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
         notes.count("lights-not-listed", lights.unlisted(), "lights have no row of their own in the report");
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);

@@ -6,6 +6,7 @@ use engine::{Kind, Scene, Up};
 use glam::DVec3;
 
 mod books;
+mod sky;
 
 const W: usize = 64;
 const H: usize = 32;
@@ -22,6 +23,7 @@ fn params() -> FuseHdr {
         gain: Gain::Direct,
         hue: Hue::Base,
         feather_deg: 0.0,
+        ground_albedo: None,
     }
 }
 

@@ -38,6 +38,7 @@ fn fusion(gain: Gain) -> FuseHdr {
         gain,
         hue: Hue::Base,
         feather_deg: 0.0,
+        ground_albedo: None,
     }
 }
 
