@@ -78,7 +78,7 @@ pub(crate) fn recipe<'s>(
                 files,
                 "// n{}{READS}{} {}",
                 number[index],
-                last(&source.file.name).replace(char::is_control, "_"),
+                told_name(&source.file.name),
                 source.digest
             );
         }
@@ -87,10 +87,22 @@ pub(crate) fn recipe<'s>(
     text + &files
 }
 
-/// The name of a file without its folders.
+/// The name of a file or folder without the folders around it. What a folder is called that a graph names by `.` or
+/// `..` depends on where the graph lies, so that is `.` ([`HERE`]): some folder.
 pub(crate) fn last(path: &str) -> &str {
     let path = path.trim_end_matches('/');
-    path.rsplit('/').next().unwrap_or(path)
+    match path.rsplit('/').next().unwrap_or(path) {
+        ".." => HERE,
+        name => name,
+    }
+}
+
+/// A folder by any name.
+pub(crate) const HERE: &str = ".";
+
+/// The name of a file as a recipe tells it at its end, in one line.
+pub(crate) fn told_name(path: &str) -> String {
+    last(path).replace(char::is_control, "_")
 }
 
 /// What a picture was called is no part of how it was made, but for the ending and whether views stand apart.

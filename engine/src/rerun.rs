@@ -4,24 +4,23 @@
 //! name and digest in folders that the user names, so that what runs is what ran, or nothing does.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use cache::{Digest, Store};
 
 use crate::action::read_sources;
 use crate::diag::{Diagnostics, Source};
-use crate::diff::{NodeDifference, changes};
+use crate::diff::NodeDifference;
 use crate::document::{Document, RawField};
 use crate::edit::replace_strings;
 use crate::error::NodeError;
 use crate::graph::Graph;
 use crate::kind::{Registry, camel};
+use crate::pairing::{Said, said_otherwise};
 use crate::param::Role;
-use crate::recipe::{HEAD, READS, last};
+use crate::recipe::{HEAD, READS, told_name};
+use crate::shelf::Shelf;
 use crate::syntax::{Sort, parse_part};
-
-/// Most files that are looked at in the folders of the user.
-const MOST_FILES: usize = 200_000;
 
 /// What a picture says about how it was made.
 #[derive(Debug, Clone)]
@@ -33,9 +32,6 @@ pub struct Recipe {
     sources: BTreeMap<String, Vec<(String, Digest)>>,
 }
 
-/// A node, and its (field, value).
-type Said = (String, Vec<(String, String)>);
-
 /// Why a recipe cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
@@ -45,7 +41,7 @@ pub enum RecipeError {
     /// Its graph does not parse.
     #[error(transparent)]
     Graph(#[from] Diagnostics),
-    /// Files that it reads were not found.
+    /// Files that it reads were not found, or not told apart.
     #[error("{}", .0.join("\n"))]
     Missing(Vec<String>),
     /// A folder cannot be read.
@@ -100,39 +96,40 @@ impl Recipe {
         self.kinds.iter().filter_map(other).collect()
     }
 
-    /// What two recipes say otherwise, node by node of one name: kinds with their versions, fields, and the content of
-    /// the files that were read. What the picture was called is in neither.
+    /// What two recipes say otherwise, node by node: kinds with their versions, fields, and the content of the files
+    /// that were read. Numbers of nodes say nothing: [`pair`](crate::pairing::pair) tells which nodes are each other's.
+    /// They are called as in the first recipe; what only the second has is called `b.n3`. What the picture was called
+    /// is in neither.
     ///
     /// # Errors
     /// When one of the graphs cannot be read.
     pub fn differences(&self, other: &Recipe) -> Result<Vec<(String, NodeDifference)>, RecipeError> {
         let (a, b) = (self.nodes()?, other.nodes()?);
-        let changed = a.iter().filter_map(|(name, fields)| match b.iter().find(|(known, _)| known == name) {
-            None => Some((name.clone(), NodeDifference::Gone)),
-            Some((_, now)) => match changes(fields.clone(), now.clone()) {
-                changes if changes.is_empty() => None,
-                changes => Some((name.clone(), NodeDifference::Changed(changes))),
-            },
-        });
-        let new = b.iter().filter(|(name, _)| !a.iter().any(|(known, _)| known == name));
-        Ok(changed.chain(new.map(|(name, _)| (name.clone(), NodeDifference::New))).collect())
+        Ok(said_otherwise(&a, &b))
     }
 
-    /// What it says of the scene and of each node: (field, value).
+    /// What it says of the scene and of each node, what is read before what reads it.
     fn nodes(&self) -> Result<Vec<Said>, RecipeError> {
         let document = self.document("recipe")?;
         let field = |field: &RawField<'_>| (field.name.to_owned(), field.text.to_owned());
         let scene = document.scene.iter().flat_map(|scene| &scene.fields).map(field).collect();
-        let mut nodes = vec![("scene".to_owned(), scene)];
+        let mut nodes = vec![Said::new("scene".to_owned(), String::new(), scene)];
         for node in &document.nodes {
             let kind = self.kinds.iter().find(|(name, ..)| camel(name) == node.kind);
-            let kind =
+            let version =
                 kind.map_or_else(|| node.kind.to_owned(), |(name, n, how)| format!("{name} {n} {how}"));
-            let mut fields = vec![("kind".to_owned(), kind)];
+            let mut fields = vec![("kind".to_owned(), version)];
             fields.extend(node.fields.iter().map(field));
-            let read = self.sources.get(&*node.id).into_iter().flatten();
-            fields.extend(read.map(|(file, digest)| (format!("the content of {file}"), digest.short())));
-            nodes.push((node.id.to_string(), fields));
+            // Of files of one name the second is called so.
+            let mut count: BTreeMap<&str, usize> = BTreeMap::new();
+            for (file, digest) in self.sources.get(&*node.id).into_iter().flatten() {
+                let n = count.entry(file).or_default();
+                *n += 1;
+                let which = if *n > 1 { format!(" ({n})") } else { String::new() };
+                fields.push((format!("the content of {file}{which}"), digest.short()));
+            }
+            let kind = kind.map_or(node.kind, |(name, ..)| name).to_owned();
+            nodes.push(Said::new(node.id.to_string(), kind, fields));
         }
         Ok(nodes)
     }
@@ -146,11 +143,12 @@ impl Recipe {
         Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
     }
 
-    /// The graph with the path of each file as it lies in one of `folders`. `file` becomes the name of what
-    /// it writes, where that is one file. `store` remembers digests.
+    /// The graph with the path of each file as it lies in one of `folders`: of a node that reads several files of one
+    /// name, the second that it names is the second that was read. `file` becomes the name of what it writes, where
+    /// that is one file. `store` remembers digests.
     ///
     /// # Errors
-    /// When the graph cannot be read, or a file is not found: all that are not, at once.
+    /// When the graph cannot be read, or a file is not found or not told apart from others: all such, at once.
     pub fn settle(
         &self,
         name: &str,
@@ -165,32 +163,38 @@ impl Recipe {
         let mut edits = Vec::new();
         for node in &document.nodes {
             let Some(kind) = registry.get(node.kind) else { continue };
-            let none = Vec::new();
-            let sources = self.sources.get(&*node.id).unwrap_or(&none);
-            for field in &node.fields {
-                let role = kind.params.iter().find(|spec| spec.name == field.name).map(|spec| spec.role);
-                let with = match role {
-                    Some(Role::Input) => replace_strings(field.text, |wanted| {
-                        shelf.find(wanted, sources, store).unwrap_or_else(|| {
-                            let named = sources.iter().find(|(name, _)| name == wanted);
-                            let digest = named.map_or_else(String::new, |(_, d)| {
-                                format!(" with the content {}", d.short())
-                            });
-                            missing
-                                .push(format!("`{wanted}`{digest} is in none of the folders of `--inputs`"));
-                            wanted.to_owned()
-                        })
-                    }),
-                    Some(Role::Output) if !field.text.contains("{view}") => format!("{file:?}"),
-                    _ => continue,
-                };
-                edits.push((field.span.clone(), with));
+            let role = |field: &RawField<'_>| {
+                kind.params.iter().find(|spec| spec.name == field.name).map(|spec| spec.role)
+            };
+            let inputs = || node.fields.iter().filter(|field| role(field) == Some(Role::Input));
+            let mut wanted = Vec::new();
+            for field in inputs() {
+                replace_strings(field.text, |path| {
+                    wanted.push(told_name(path));
+                    String::new()
+                });
             }
+            let sources = self.sources.get(&*node.id).map_or(&[][..], Vec::as_slice);
+            match shelf.settle(&wanted, sources, store) {
+                Ok(paths) => {
+                    let mut paths = paths.into_iter();
+                    for field in inputs() {
+                        let with = replace_strings(field.text, |_| paths.next().unwrap_or_default());
+                        edits.push((field.span.clone(), with));
+                    }
+                }
+                Err(lines) => missing.extend(lines.into_iter().map(|line| format!("`{}`: {line}", node.id))),
+            }
+            let outputs = node.fields.iter().filter(|field| role(field) == Some(Role::Output));
+            let one = outputs.filter(|field| !field.text.contains("{view}"));
+            edits.extend(one.map(|field| (field.span.clone(), format!("{file:?}"))));
         }
         if !missing.is_empty() {
+            missing.extend(shelf.is_cut().then(|| CUT.to_owned()));
             return Err(RecipeError::Missing(missing));
         }
         let mut text = self.text.clone();
+        edits.sort_by_key(|(span, _)| span.start);
         for (span, with) in edits.into_iter().rev() {
             text.replace_range(span, &with);
         }
@@ -198,85 +202,39 @@ impl Recipe {
     }
 
     /// Files that a graph made from this recipe reads and that are not those of the recipe, such as a texture
-    /// beside a model.
+    /// beside a model, and nodes that read more of them, fewer, or in another order.
     ///
     /// # Errors
     /// When a file cannot be read.
     pub fn other_sources(&self, graph: &Graph, store: &Store) -> Result<Vec<String>, NodeError> {
         let mut other = Vec::new();
         for (index, node) in graph.nodes.iter().enumerate() {
-            let known = self.sources.get(&node.id);
-            for source in read_sources(graph, index, store)? {
-                let name = last(&source.file.name);
-                if !known.is_some_and(|known| known.iter().any(|(n, d)| n == name && *d == source.digest)) {
+            let known = self.sources.get(&node.id).map_or(&[][..], Vec::as_slice);
+            let found = read_sources(graph, index, store)?;
+            for (place, source) in found.iter().enumerate() {
+                let now = (told_name(&source.file.name), source.digest);
+                if known.get(place) != Some(&now) {
                     let path = source.file.path.display();
-                    other.push(format!("`{path}` is not the file that the picture was made from"));
+                    let what = if known.contains(&now) {
+                        format!(
+                            "`{path}`, which `{}` reads, is not in the place where the picture had it",
+                            node.id
+                        )
+                    } else {
+                        format!("`{path}` is not the file that the picture was made from")
+                    };
+                    other.push(what);
                 }
+            }
+            for (name, digest) in known.iter().skip(found.len()) {
+                let digest = digest.short();
+                other
+                    .push(format!("`{}` does not read `{name}` with the content {digest} any more", node.id));
             }
         }
         Ok(other)
     }
 }
 
-/// The files and folders below the folders of the user, by their last name.
-#[derive(Default)]
-struct Shelf {
-    files: BTreeMap<String, Vec<PathBuf>>,
-    folders: BTreeMap<String, Vec<PathBuf>>,
-}
-
-impl Shelf {
-    /// Looks through folders in order of their names. Links are not followed.
-    fn of(folders: &[PathBuf]) -> Result<Self, RecipeError> {
-        let mut shelf = Self::default();
-        let mut count = 0;
-        for folder in folders {
-            let failed = |folder: &Path| {
-                let folder = folder.to_owned();
-                move |source| RecipeError::Folder { folder, source }
-            };
-            let mut open = vec![folder.canonicalize().map_err(failed(folder))?];
-            while let Some(folder) = open.pop() {
-                let entries = std::fs::read_dir(&folder).map_err(failed(&folder))?;
-                let mut entries: Vec<_> = entries.flatten().collect();
-                entries.sort_by_key(std::fs::DirEntry::file_name);
-                for entry in entries {
-                    count += 1;
-                    let Ok(kind) = entry.file_type() else { continue };
-                    let Ok(name) = entry.file_name().into_string() else { continue };
-                    if count > MOST_FILES {
-                        return Ok(shelf);
-                    }
-                    if kind.is_dir() {
-                        shelf.folders.entry(name).or_default().push(entry.path());
-                        open.push(entry.path());
-                    } else if kind.is_file() {
-                        shelf.files.entry(name).or_default().push(entry.path());
-                    }
-                }
-            }
-        }
-        Ok(shelf)
-    }
-
-    /// Where a file of this name and content lies, or a folder of this name that holds all the sources.
-    fn find(&self, wanted: &str, sources: &[(String, Digest)], store: &Store) -> Option<String> {
-        let below = |name: &str, digest: &Digest, folder: &Path| {
-            let mut candidates = self.files.get(name).into_iter().flatten();
-            candidates.find(|path| {
-                path.starts_with(folder) && store.digest_file(path).is_ok_and(|(found, _)| found == *digest)
-            })
-        };
-        let own: Vec<&Digest> = sources.iter().filter(|(name, _)| name == wanted).map(|(_, d)| d).collect();
-        let file = own.iter().find_map(|digest| below(wanted, digest, Path::new("")));
-        let holds = |folder: &&PathBuf| {
-            sources.iter().all(|(name, digest)| below(name, digest, folder.as_path()).is_some())
-        };
-        let folder = || self.folders.get(wanted).into_iter().flatten().find(holds);
-        let found = match (file, own.is_empty() && !sources.is_empty()) {
-            (None, true) => folder(),
-            (file, _) => file,
-        };
-        Some(found?.to_str()?.to_owned())
-    }
-}
+/// Said where not all files could be looked at.
+const CUT: &str = "(the folders of `--inputs` hold more files than are looked through; name smaller ones)";

@@ -74,13 +74,15 @@ impl Engine {
             for source in own {
                 let mut moved = source.clone();
                 moved.file.name = places.name(index, &source.file.name);
-                if let Some(why) = wrong_name(&moved.file.name) {
+                // A folder named by `.` stays one, so that recipes are the same; its files lie in it without the dot.
+                let plain = moved.file.name.replace("/./", "/");
+                if let Some(why) = wrong_name(&plain) {
                     let (file, node) = (&source.file.name, &node.id);
                     let what =
                         format!("`{file}`, which `{node}` reads, cannot lie in a bundle: {why}; rename it");
                     return Err(BundleError::Refused(what));
                 }
-                parts.source(&moved.file.name, source.file.path, source.digest, source.bytes);
+                parts.source(&plain, source.file.path, source.digest, source.bytes);
                 lock.inputs.insert(moved.file.name.clone(), source.digest.to_string());
                 sources[index].push(moved);
             }
@@ -155,7 +157,11 @@ impl Places {
         let number: BTreeMap<&str, usize> = away.into_iter().zip(0..).collect();
         let moved = all.iter().map(|paths| {
             let away = paths.iter().map(|path| folder(path));
-            let target = |from: &str| number.get(from).map(|n| (from.to_owned(), format!("inputs/{n}")));
+            let target = |from: &str| {
+                let here =
+                    if paths.iter().any(|path| is_dots(path) && folder(path) == from) { "/." } else { "" };
+                number.get(from).map(|n| (from.to_owned(), format!("inputs/{n}{here}")))
+            };
             away.filter_map(target).collect()
         });
         Self { moved: moved.collect() }
@@ -164,6 +170,9 @@ impl Places {
     /// The name of a source, which stands in or below a folder that the node names.
     fn name(&self, node: usize, name: &str) -> String {
         let moved = self.moved[node].iter().filter_map(|(from, to)| {
+            if is_dots(name) && folder(name) == from {
+                return Some((from.len(), to.clone()));
+            }
             let rest = match from.as_str() {
                 "" => name,
                 "/" => name.strip_prefix('/')?,
@@ -214,9 +223,17 @@ impl Places {
     }
 }
 
-/// The folder of a path as written, without the slash; of a file in the root the slash itself.
+/// Whether a path names a folder by `.` or `..`.
+fn is_dots(path: &str) -> bool {
+    matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
+}
+
+/// The folder of a path as written, without the slash; of a file in the root the slash itself. A folder that is named
+/// by `.` or `..` is its own, since nothing says what it is called.
 fn folder(path: &str) -> &str {
+    let path = path.trim_end_matches('/');
     match path.rsplit_once('/') {
+        _ if is_dots(path) => path,
         Some(("", _)) => "/",
         Some((folder, _)) => folder,
         None => "",

@@ -43,6 +43,7 @@ impl Kind for Cheat {
 fn entries() -> Vec<KindEntry> {
     vec![
         KindEntry::of::<LoadNumber>(),
+        KindEntry::of::<LoadDigits>(),
         KindEntry::of::<Number>(),
         KindEntry::of::<Add>(),
         KindEntry::of::<Scale>(),
@@ -156,6 +157,49 @@ simple!(
     const SUPPLIED: Option<&'static str> = Some("ask whoever counted");,
     fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(vec![root.file(&params.path)])
+    }
+);
+
+engine::params! {
+    /// Digits: the numbers of several files one behind the other, a folder for the `.txt` files in it.
+    pub struct LoadDigits {
+        /// A file or folder.
+        path: InputFile, other("\"b.txt\"");
+        /// More of them.
+        more: Vec<InputFile> = Vec::new(), other("[\"b.txt\"]");
+    }
+}
+impl LoadDigits {
+    fn files(&self, at: impl Fn(&InputFile) -> std::path::PathBuf) -> Vec<InputFile> {
+        let inside = |named: &InputFile| match std::fs::read_dir(at(named)) {
+            Err(_) => vec![named.clone()],
+            Ok(entries) => {
+                let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+                let mut names: Vec<_> = names.filter(|name| name.ends_with(".txt")).collect();
+                names.sort();
+                names
+                    .iter()
+                    .map(|name| InputFile(format!("{}/{name}", named.0.trim_end_matches('/'))))
+                    .collect()
+            }
+        };
+        std::iter::once(&self.path).chain(&self.more).flat_map(inside).collect()
+    }
+}
+simple!(
+    LoadDigits = "load-digits",
+    Nothing,
+    |params, _inputs, cx| {
+        let mut digits = 0.0;
+        for file in params.files(|file| cx.source(file).path) {
+            digits = 10.0 * digits + f64::from(cx.read(&file)?[0] - b'0');
+        }
+        give(digits)
+    },
+    const STORE: Keep = Keep::Cheap;,
+    const FOLDERS: bool = true;,
+    fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(params.files(|file| root.file(file).path).iter().map(|file| root.file(file)).collect())
     }
 );
 

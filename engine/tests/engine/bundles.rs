@@ -300,3 +300,126 @@ fn a_bundle_holds_what_a_graph_includes() {
     let error = away.unwrap_err().to_string();
     assert!(error.contains("`\"n.txt\"` in `../shared/part.ron`"), "{error}");
 }
+
+/// A folder with files of digits; what a `LoadDigits` with these fields came to, and its recipe.
+fn digits(fields: &str) -> (Lab, Graph, tempfile::TempDir, Recipe) {
+    let (lab, outer) = (Lab::on_disk(), tempfile::tempdir().unwrap());
+    let files =
+        [("a/p", 1), ("b/p", 2), ("c/p", 3), ("c/q", 4), ("d/p", 1), ("g/c/x", 5), ("p", 6), ("z", 7)];
+    for (name, digit) in files {
+        let path = outer.path().join(format!("in/{name}.txt"));
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, digit.to_string()).unwrap();
+    }
+    let text = format!(
+        "d: LoadDigits({fields}), w: WriteNumber(number: \"d\", path: \"w.txt\"), r: WriteRecipe(number: [\"d\"], path: \"r.txt\"),"
+    );
+    let graph = parse(&lab, &graph_text(&text), SourceRoot::new(outer.path().join("in/g"))).unwrap();
+    assert_eq!(run(&lab, &graph, "out").totals.failed, 0);
+    let recipe = Recipe::parse(&lab.out("r.txt")).unwrap();
+    (lab, graph, outer, recipe)
+}
+
+#[test]
+fn files_of_one_name_are_those_that_were_read_in_order() {
+    for fields in [
+        r#"path: "../a/p.txt", more: ["../b/p.txt"]"#,
+        r#"path: "../b/p.txt", more: ["../a/p.txt", "../b/p.txt", "../p.txt", "../d/p.txt"]"#,
+        r#"path: "../c", more: ["../a/p.txt", "../b", "../z.txt"]"#,
+        r#"path: "../a/p.txt", more: ["../c", "../b"]"#,
+        r#"path: "..""#,
+        r#"path: "../", more: ["c"]"#,
+        r#"path: "../c/.", more: ["../a"]"#,
+    ] {
+        let (lab, graph, outer, recipe) = digits(fields);
+        let other = Lab::on_disk();
+        let folder = outer.path().join("in");
+        let settle = |folders: &[std::path::PathBuf]| {
+            recipe.settle("recipe", "r.txt", &other.registry, folders, &engine::Store::in_memory())
+        };
+        let source =
+            settle(std::slice::from_ref(&folder)).unwrap_or_else(|error| panic!("{fields}: {error}"));
+        let root = SourceRoot::confined(&other.path(""), &[folder]).unwrap();
+        let again = parse(&other, &source.text, root).unwrap();
+        assert_eq!(recipe.other_sources(&again, &engine::Store::in_memory()).unwrap(), [""; 0], "{fields}");
+        run(&other, &again, "out");
+        assert_eq!(other.out("r.txt"), lab.out("r.txt"), "{fields}: {}", source.text);
+        assert_eq!(recipe.differences(&recipe).unwrap(), [], "{fields}");
+        // The same recipe and the same number out of a bundle.
+        let (bytes, _) = pack(&lab, &graph, Results::All);
+        let verified = checked(&lab, &bytes, 9, 0);
+        assert!(verified.is_good() && verified.nodes.len() == 3, "{fields}: {verified:?}");
+    }
+    // The folder itself counts, by its name, and not only what is in it.
+    let (lab, _, outer, recipe) = digits(r#"path: "../c""#);
+    let settle = |folder: &str| {
+        let folder = outer.path().join("in").join(folder);
+        recipe.settle("recipe", "r.txt", &lab.registry, &[folder], &engine::Store::in_memory())
+    };
+    assert!(settle("c").is_ok() && settle("").is_ok());
+    let errors = settle("b").unwrap_err().to_string();
+    assert!(errors.contains("`c`, with the files that were read") && errors.contains("--inputs"), "{errors}");
+}
+
+#[test]
+fn files_that_cannot_be_told_apart_are_refused() {
+    let (lab, graph, outer, recipe) = digits(r#"path: "../a/p.txt", more: ["../b/p.txt"]"#);
+    let folders = [outer.path().join("in")];
+    let settle = |recipe: &Recipe| {
+        recipe.settle("recipe", "r.txt", &lab.registry, &folders, &engine::Store::in_memory())
+    };
+    // One of two files is not told of.
+    let line = recipe.text().lines().last().unwrap();
+    let short = Recipe::parse(&recipe.text().replace(&format!("{line}\n"), "")).unwrap();
+    let errors = settle(&short).unwrap_err().to_string();
+    assert!(errors.contains("does not tell which file `p.txt` is"), "{errors}");
+    // The right files in another place, one less, and one more, are other files.
+    let others = |fields: &str| {
+        let text = graph_text(&format!("n0: LoadDigits({fields})"));
+        let graph = parse(&lab, &text, graph.root.clone()).unwrap();
+        recipe.other_sources(&graph, &engine::Store::in_memory()).unwrap()
+    };
+    assert_eq!(others(r#"path: "../a/p.txt", more: ["../b/p.txt"]"#), [""; 0]);
+    let swapped = others(r#"path: "../b/p.txt", more: ["../a/p.txt"]"#);
+    assert!(swapped.len() == 2 && swapped[0].contains("not in the place"), "{swapped:?}");
+    assert_eq!(others(r#"path: "../a/p.txt", more: ["../a/p.txt"]"#).len(), 1);
+    assert!(others(r#"path: "../a/p.txt""#)[0].contains("does not read `p.txt`"));
+    assert_eq!(others(r#"path: "../a/p.txt", more: ["../b/p.txt", "../z.txt"]"#).len(), 1);
+}
+
+#[test]
+fn nodes_of_recipes_are_paired_from_the_sink_upward() {
+    let lab = Lab::on_disk();
+    let recipe = |nodes: &str| {
+        let text = format!("{nodes} r: WriteRecipe(number: [\"end\"], path: \"r.txt\"),");
+        let graph = lab.parse(&graph_text(&text)).unwrap();
+        assert_eq!(run(&lab, &graph, "out").totals.failed, 0);
+        Recipe::parse(&lab.out("r.txt")).unwrap()
+    };
+    let told = |a: &Recipe, b: &Recipe| {
+        let text = |(id, difference): &(String, NodeDifference)| match difference {
+            NodeDifference::Gone => format!("- {id}"),
+            NodeDifference::New => format!("+ {id}"),
+            NodeDifference::Changed(changes) => {
+                let paths: Vec<&str> = changes.iter().map(|change| change.path.as_str()).collect();
+                format!("~ {id}.{}", paths.join(","))
+            }
+        };
+        a.differences(b).unwrap().iter().map(text).collect::<Vec<_>>()
+    };
+    let ends = |inner: &str| format!("{inner} end: Add(terms: [\"x\", \"y\"]),");
+    let plain = recipe(&ends("x: Number(value: 1.0), n: Number(value: 2.0), y: Round(value: \"n\"),"));
+    assert_eq!(told(&plain, &plain), [""; 0]);
+    // One put in before the first: all the numbers are other ones.
+    let more = recipe(&ends(
+        "m: Number(value: 1.0), x: Scale(value: \"m\", by: 2.0), n: Number(value: 2.0), y: Round(value: \"n\"),",
+    ));
+    assert_eq!(told(&plain, &more), ["~ n3.terms", "+ b.n1 scale"]);
+    assert_eq!(told(&more, &plain), ["- n1 scale", "~ n4.terms"]);
+    // A node of another kind in place of two, and a value below it.
+    let other = recipe(&ends("x: Number(value: 1.0), y: Number(value: 3.0),"));
+    let differences = told(&plain, &other);
+    assert_eq!(differences.len(), 3, "{differences:?}");
+    let value = recipe(&ends("x: Number(value: 1.0), n: Number(value: 2.5), y: Round(value: \"n\"),"));
+    assert_eq!(told(&plain, &value), ["~ n1.value"]);
+}
