@@ -362,11 +362,11 @@ mod tests {
     /// A difference has no use for what shapes a ratio, and says so of what is set.
     #[test]
     fn what_shapes_no_difference_is_told() {
-        let difference = ShadowRatio { form: RatioForm::Difference, ..plain() };
-        let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference.clone() };
-        let lambda = ShadowRatio { lambda: 0.5, ..difference.clone() };
+        let difference = || ShadowRatio { form: RatioForm::Difference, ..plain() };
+        let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference() };
+        let lambda = ShadowRatio { lambda: 0.5, ..difference() };
         for (params, expected) in [
-            (difference, None),
+            (difference(), None),
             (lambda, None),
             (ShadowRatio { form: RatioForm::Stable, ..set.clone() }, None),
             (set, Some("`form: Difference` takes no ratio, so `s_max`, `gamma` has no say; `lambda` has")),

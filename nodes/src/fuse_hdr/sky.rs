@@ -44,7 +44,7 @@ pub(super) struct Balance {
 
 /// How much of a pixel was seen, 0 to 1.
 fn seen(alpha: f32) -> f64 {
-    f64::from(alpha.max(0.0).min(1.0))
+    if alpha > 0.0 { f64::from(alpha.min(1.0)) } else { 0.0 }
 }
 
 /// Sine of the elevation of a row's centre.
@@ -149,16 +149,17 @@ pub(super) fn add(
     let (width, height) = (env.width, env.height);
     let mut changed = Vec::new();
     for y in (0..height).filter(|&y| rise(up, height, y) > 0.0) {
-        for at in y * width..(y + 1) * width {
+        let row = y * width..(y + 1) * width;
+        let pixels = env.samples[3 * row.start..3 * row.end].as_chunks_mut::<3>().0;
+        for ((at, rgb), fused) in row.clone().zip(pixels).zip(&mut fused[row]) {
             let seen = seen(alpha.samples[at]);
             if seen < 1.0 {
-                let pixel = &mut env.samples[3 * at..3 * at + 3];
-                for value in pixel.iter_mut() {
+                for value in rgb.iter_mut() {
                     let behind = f64::from(*value) * seen + radiance * (1.0 - seen);
                     *value = behind.min(f64::from(f32::MAX)) as f32;
                 }
-                fused[at].luminance = f64::from(luminance([pixel[0], pixel[1], pixel[2]]));
-                changed.push((at, fused[at].luminance));
+                fused.luminance = f64::from(luminance(*rgb));
+                changed.push((at, fused.luminance));
             }
         }
     }
