@@ -122,7 +122,8 @@ impl Shelf {
                 Some((path, count)) => {
                     at = begin + count;
                     folder = (!is_file).then_some(name);
-                    paths.push(path);
+                    // What had no name of its own gets none, so that the recipe stays the same.
+                    paths.push(if name == HERE { format!("{path}/{HERE}") } else { path });
                 }
                 None => {
                     missing.push(absent(name, is_file.then(|| &sources[begin].1)));
