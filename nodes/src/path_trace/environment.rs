@@ -282,15 +282,6 @@ impl EnvironmentLight {
         Vec3::new(r, g, b)
     }
 
-    /// The light that a scattered ray finds which is one of so many expected a steradian: narrower than a texel, as off a
-    /// mirror, it would show the edges of texels, and sees them as [`background`](Self::background) does.
-    pub fn seen(&self, direction: Vec3, pdf: f32) -> Vec3 {
-        let texels = (self.texel_grid.width * self.texel_grid.height) as f32;
-        // By the solid angle of a texel at the horizon.
-        let is_narrow = pdf * 2.0 * std::f32::consts::PI * std::f32::consts::PI > texels;
-        if is_narrow { self.background(direction) } else { self.radiance(direction) }
-    }
-
     /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light
     /// transport takes [`EnvironmentLight::radiance`], whose sum is exact.
     pub fn background(&self, direction: Vec3) -> Vec3 {

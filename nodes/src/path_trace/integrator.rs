@@ -291,7 +291,7 @@ impl<'a> Integrator<'a> {
             let scatter_weight = passed * scatter.value / scatter.pdf;
             if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
                 self.rays.scattered += 1;
-                if let Some(arriving) = near.eval(ray, side, landed.as_ref(), scatter.pdf) {
+                if let Some(arriving) = near.eval(ray, side, landed.as_ref()) {
                     let dimming = self.dimming(&near, &arriving, (self.points, pair + 1), key);
                     let arrived = arriving.0.radiance
                         * power_heuristic(scatter.pdf, near_lights as f32 * arriving.0.pdf);
@@ -303,14 +303,13 @@ impl<'a> Integrator<'a> {
                 }
             } else if object.is_none() && to_sky {
                 let found = sky.eval(distributions, sky.numbers(distributions, several), direction);
-                let radiance = sky.seen(direction, scatter.pdf);
-                if radiance != Vec3::ZERO {
+                if found.radiance != Vec3::ZERO {
                     let passes = match (visibility.block, visibility.lands) {
                         (Block::Solid, true) => landed.is_none(),
                         (block, _) => self.passes(block, ray),
                     };
                     if passes {
-                        let arrived = radiance * power_heuristic(scatter.pdf, found.pdf);
+                        let arrived = found.radiance * power_heuristic(scatter.pdf, found.pdf);
                         light += rules.clamped(bounce, throughput * scatter_weight * arrived);
                     }
                 }

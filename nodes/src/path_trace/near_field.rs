@@ -104,14 +104,10 @@ impl<'a> NearFieldLight<'a> {
 
     /// The light that a ray finds which meets the receiver at `hit`, or nothing, and the density of
     /// [`sample`](Self::sample) for the start of the ray. None where the point of capture does not see the
-    /// hit. The ray is one of so many expected a steradian: see [`EnvironmentLight::seen`]. Takes one ray.
-    pub fn eval(&self, ray: Ray, side: Option<Vec3>, hit: Option<&Hit>, pdf: f32) -> Option<ArrivingLight> {
-        let towards = |direction: Vec3| LightSample {
-            radiance: self.sky.seen(direction, pdf),
-            ..self.sky.eval_defensive(side, direction)
-        };
+    /// hit. Takes one ray.
+    pub fn eval(&self, ray: Ray, side: Option<Vec3>, hit: Option<&Hit>) -> Option<ArrivingLight> {
         let Some(hit) = hit else {
-            let light = towards(ray.direction);
+            let light = self.sky.eval_defensive(side, ray.direction);
             // What is sky from here may lie behind a wall from there.
             let open = !self.receiver.bvh.any(Ray::new(self.eye, ray.direction), |_| true);
             return Some((LightSample { pdf: if open { light.pdf } else { 0.0 }, ..light }, None));
@@ -123,7 +119,7 @@ impl<'a> NearFieldLight<'a> {
         if spread == 0.0 {
             return None;
         }
-        let light = towards(way / distance);
+        let light = self.sky.eval_defensive(side, way / distance);
         let first = self.receiver.bvh.closest(Ray::new(self.eye, way / distance), |_| true);
         let gap = first.map_or(0.0, |first| distance - first.t) / distance;
         let same = first.is_some_and(|first| first.triangle == hit.triangle || gap.abs() <= SAME);
