@@ -19,8 +19,8 @@ engine::params! {
     pub struct LoadEnvironment {
         /// The file: `.exr` or `.hdr`.
         path: InputFile, other("\"b.hdr\"");
-        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`. By default the layer without a name.
-        layer: String = String::new(), other("\"sky\""), inert("most files have one layer");
+        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. By default the layer without a name.
+        layer: String = String::new(), other("\"R\"");
         /// Turns the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
         /// interpolated, so that energy is kept row by row.
         rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");

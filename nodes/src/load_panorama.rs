@@ -31,8 +31,8 @@ engine::params! {
     pub struct LoadPanorama {
         /// The file: `.jpg`, `.png`, `.exr` or `.hdr`.
         path: InputFile, other("\"b.exr\"");
-        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`. By default the layer without a name.
-        layer: String = String::new(), other("\"sky\""), inert("most files have one layer");
+        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. By default the layer without a name.
+        layer: String = String::new(), other("\"R\"");
         /// Takes linear light as a camera of 8 bits would, so many stops above EV 0: the median of the picture, raised
         /// to 1 / 2.4, is half of white there, but at most 15 % of the sphere are above white. None: as it is.
         photograph_ev: Option<f64> = None, range(-24, 24), unit("EV"), other("1.0");
