@@ -97,7 +97,7 @@ impl Recipe {
     }
 
     /// What two recipes say otherwise, node by node: kinds with their versions, fields, and the content of the files
-    /// that were read. Numbers of nodes say nothing: [`said_otherwise`](crate::pairing::said_otherwise) tells which nodes are each other's.
+    /// that were read. Numbers of nodes say nothing: `pairing.rs` tells which nodes are each other's.
     /// They are called as in the first recipe; what only the second has is called `b.n3`. What the picture was called
     /// is in neither.
     ///
