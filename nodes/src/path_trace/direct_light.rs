@@ -177,7 +177,11 @@ impl Integrator<'_> {
         key: u32,
     ) -> Vec3 {
         let (sample, place) = arriving;
-        let lobes = surface.bsdf.eval(sample.direction);
+        let mut lobes = surface.bsdf.eval(sample.direction);
+        let glossy = &mut lobes[Lobe::Specular as usize];
+        if self.scene.sky.is_narrow(glossy.pdf) {
+            *glossy = Scatter::default();
+        }
         let useful = |s: &Scatter| s.value != Vec3::ZERO;
         if sample.radiance == Vec3::ZERO || !lobes.iter().any(useful) {
             return Vec3::ZERO;

@@ -282,8 +282,27 @@ impl EnvironmentLight {
         Vec3::new(r, g, b)
     }
 
+    /// Whether a glossy lobe is narrower than a texel in a direction of such a density, as off a mirror and through
+    /// clear glass: it would show the edges of texels. Scattered rays alone find its light, as [`seen`](Self::seen).
+    #[inline]
+    pub fn is_narrow(&self, pdf: f32) -> bool {
+        let texels = (self.texel_grid.width * self.texel_grid.height) as f32;
+        // By the solid angle of a texel at the horizon, two pi squared over their number.
+        pdf * 2.0 * std::f32::consts::PI * std::f32::consts::PI > texels
+    }
+
+    /// A light as a glossy ray of such a density sees it: where that is [narrow](Self::is_narrow), as the
+    /// [`background`](Self::background) in its direction, which no light samples look for.
+    pub fn seen(&self, light: LightSample, pdf: f32) -> LightSample {
+        if self.is_narrow(pdf) {
+            LightSample { radiance: self.background(light.direction), pdf: 0.0, ..light }
+        } else {
+            light
+        }
+    }
+
     /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light
-    /// transport takes [`EnvironmentLight::radiance`], whose sum is exact.
+    /// samples take [`EnvironmentLight::radiance`], whose sum is exact.
     pub fn background(&self, direction: Vec3) -> Vec3 {
         let [x, y, z] = self.texel_grid.axes.map(|axis| f64::from(direction.dot(axis)));
         let u = (approximate_turns(x, y) + 0.5) * self.texel_grid.width as f64 - 0.5;

@@ -289,9 +289,10 @@ impl<'a> Integrator<'a> {
             (passed, media) =
                 self.along(to_objects, key ^ 1, lobe, found.as_ref(), surface.medium(direction));
             let scatter_weight = passed * scatter.value / scatter.pdf;
+            let glossy_pdf = if lobe == Lobe::Specular { scatter.pdf } else { 0.0 };
             if let Some(near) = near.filter(|_| landed.is_some() || object.is_none()) {
                 self.rays.scattered += 1;
-                if let Some(arriving) = near.eval(ray, side, landed.as_ref()) {
+                if let Some(arriving) = near.eval(ray, side, landed.as_ref(), glossy_pdf) {
                     let dimming = self.dimming(&near, &arriving, (self.points, pair + 1), key);
                     let arrived = arriving.0.radiance
                         * power_heuristic(scatter.pdf, near_lights as f32 * arriving.0.pdf);
@@ -303,6 +304,7 @@ impl<'a> Integrator<'a> {
                 }
             } else if object.is_none() && to_sky {
                 let found = sky.eval(distributions, sky.numbers(distributions, several), direction);
+                let found = sky.seen(found, glossy_pdf);
                 if found.radiance != Vec3::ZERO {
                     let passes = match (visibility.block, visibility.lands) {
                         (Block::Solid, true) => landed.is_none(),

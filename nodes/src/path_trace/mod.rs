@@ -217,7 +217,7 @@ struct Extra<'a> {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 17;
+    const VERSION: u32 = 18;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -389,7 +389,7 @@ impl Kind for PathTrace {
                     Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
                 })?;
                 expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 16, inputs: &["receiver", "objects", "env"] };
+                let part = Part { name: "pair", version: 17, inputs: &["receiver", "objects", "env"] };
                 let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
                     let (scene, crop) = (scene(), crop().as_ref().ok());
                     let trace = |number: usize, tile: &[(u32, u32)]| {

@@ -104,10 +104,18 @@ impl<'a> NearFieldLight<'a> {
 
     /// The light that a ray finds which meets the receiver at `hit`, or nothing, and the density of
     /// [`sample`](Self::sample) for the start of the ray. None where the point of capture does not see the
-    /// hit. Takes one ray.
-    pub fn eval(&self, ray: Ray, side: Option<Vec3>, hit: Option<&Hit>) -> Option<ArrivingLight> {
+    /// hit. `glossy_pdf` is the density of the ray if a glossy lobe scattered it, else 0: see [`EnvironmentLight::seen`].
+    /// Takes one ray.
+    pub fn eval(
+        &self,
+        ray: Ray,
+        side: Option<Vec3>,
+        hit: Option<&Hit>,
+        glossy_pdf: f32,
+    ) -> Option<ArrivingLight> {
+        let towards = |direction| self.sky.seen(self.sky.eval_defensive(side, direction), glossy_pdf);
         let Some(hit) = hit else {
-            let light = self.sky.eval_defensive(side, ray.direction);
+            let light = towards(ray.direction);
             // What is sky from here may lie behind a wall from there.
             let open = !self.receiver.bvh.any(Ray::new(self.eye, ray.direction), |_| true);
             return Some((LightSample { pdf: if open { light.pdf } else { 0.0 }, ..light }, None));
@@ -119,7 +127,7 @@ impl<'a> NearFieldLight<'a> {
         if spread == 0.0 {
             return None;
         }
-        let light = self.sky.eval_defensive(side, way / distance);
+        let light = towards(way / distance);
         let first = self.receiver.bvh.closest(Ray::new(self.eye, way / distance), |_| true);
         let gap = first.map_or(0.0, |first| distance - first.t) / distance;
         let same = first.is_some_and(|first| first.triangle == hit.triangle || gap.abs() <= SAME);

@@ -119,11 +119,15 @@ fn objects_behind_a_wall_change_nothing() {
     ] {
         env.origin = Some(DVec3::new(0.0, 0.0, 1.6));
         let params = PathTrace { near_field, ..params(16, env_block) };
-        let go = |objects: &[Arc<Placed>]| render(&params, &room(), objects, &inside(), &env).0;
-        let out = go(std::slice::from_ref(&far));
+        let go = |objects: &[Arc<Placed>], env| render(&params, &room(), objects, &inside(), env).0;
+        let out = go(std::slice::from_ref(&far), &env);
         let differ = samples(&out.with).iter().zip(samples(&out.without)).filter(|(a, b)| a != b).count();
         assert_eq!(differ, 0, "{env_block:?}");
-        let [alone, both] = [vec![own.clone()], vec![own.clone(), far.clone()]].map(|objects| go(&objects));
+        // Without suns, which the mirror would throw onto few places of the walls, found by chance.
+        let mut dim = env.clone();
+        dim.image.samples.iter_mut().for_each(|v| *v = v.min(2.0));
+        let [alone, both] =
+            [vec![own.clone()], vec![own.clone(), far.clone()]].map(|objects| go(&objects, &dim));
         for (a, b) in [(&alone.object, &both.object), (&alone.with, &both.with)] {
             assert!((mean(a) / mean(b) - 1.0).abs() < 1e-3, "{env_block:?}: {} {}", mean(a), mean(b));
         }

@@ -282,3 +282,58 @@ fn a_clear_coat_dims_what_shines_under_it() {
     let (found, bare) = (lit(true), lit(false));
     assert!(bare > 0.0 && (found / bare - 0.96).abs() < 0.01, "{found} of {bare}");
 }
+
+/// A flat mirror shows the sky as the background beside it does, without the edges of texels.
+/// Mutation: `is_narrow` false.
+#[test]
+fn mirrors_show_no_texels() {
+    let mut env = constant(Up::PlusZ, [0.0; 3], 16);
+    let texels = env.image.samples.iter_mut().enumerate();
+    texels.for_each(|(i, v)| *v = 0.2 + crate::sampling::unit(crate::sampling::mix(i as u32)));
+    let sky = environment::EnvironmentLight::new(&env);
+    let mirror = Material { metallic: 1.0, roughness: 0.0, ..matte(1.0) };
+    let mirror = placed(&plane(3.0), mirror, DVec3::ZERO);
+    let camera = rig(DVec3::new(0.4, -2.0, 1.5), DVec3::new(0.1, 0.0, 0.0), 24, 3.0);
+    let p = PathTrace { max_bounces: 1, ..params(64, EnvBlock::Pass) };
+    let (out, _) = render(&p, &Mesh::default(), &[mirror], &camera, &env);
+    for (index, pixel) in samples(&out.object).chunks_exact(4).enumerate() {
+        let (x, y) = (index % 24, index / 24);
+        let ray = camera.cameras[0].direction(x as f64 + 0.5, y as f64 + 0.5).as_vec3();
+        let seen = sky.background(Vec3::new(ray.x, ray.y, -ray.z));
+        assert!((pixel[1] - seen.y).abs() < 0.02, "{x} {y}: {} for {}", pixel[1], seen.y);
+    }
+}
+
+/// A ball of metal, which maps equal solid angles of the sky to equal areas of the picture, throws back the light of a sun of
+/// one texel once: whether its lobes are wider than the texel, as wide, or narrower, and for any number of texels.
+/// Mutation: in `light_sample` the glossy lobe stays.
+#[test]
+fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
+    let of_width = |times: usize| {
+        let mut env = constant(Up::PlusZ, [0.01; 3], 32 * times);
+        for (i, v) in env.image.samples.chunks_exact_mut(3).enumerate() {
+            let (x, y) = (i % (32 * times) / times, i / (32 * times) / times);
+            if (x, y) == (3, 6) {
+                v.fill(100.0);
+            }
+        }
+        env
+    };
+    let camera = rig(DVec3::new(0.0, -60.0, 0.0), DVec3::ZERO, 64, 58.0);
+    let p = PathTrace { max_bounces: 1, ..params(64, EnvBlock::Pass) };
+    for roughness in [0.1, 0.2, 0.25, 0.3, 0.4] {
+        let metal = Material { metallic: 1.0, roughness, ..matte(1.0) };
+        let light = |times| {
+            let (out, _) = render(
+                &p,
+                &Mesh::default(),
+                &[ball(1.0, metal.clone(), DVec3::ZERO)],
+                &camera,
+                &of_width(times),
+            );
+            mean(&out.object)
+        };
+        let (one, many) = (light(1), light(8));
+        assert!((one / many - 1.0).abs() < 0.01, "roughness {roughness}: {one} for {many}");
+    }
+}
