@@ -78,12 +78,9 @@ impl Ground {
                 found.push(None);
                 continue;
             };
-            let measured = match fixed {
-                Some(_) => None,
-                None => [LARGEST, FARTHEST]
-                    .into_iter()
-                    .find_map(|largest| under(receiver, &foot, origin, up, largest * metre)),
-            };
+            let measured = [LARGEST, FARTHEST]
+                .into_iter()
+                .find_map(|largest| under(receiver, &foot, origin, up, largest * metre));
             let near = |measured: &Level| is_near(measured, metre);
             let reach = match (fixed, measured) {
                 (Some(metres), _) => metres * metre,

@@ -143,7 +143,7 @@ impl Integrator<'_> {
     }
 
     /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
-    /// without them. A piece of the light that falls on the place decides, chosen in proportion to what it brings.
+    /// without them. For each channel a piece of the light that falls on the place decides, chosen in proportion to what it brings.
     pub(super) fn dimming(
         &mut self,
         near: &NearFieldLight<'_>,
@@ -155,15 +155,28 @@ impl Integrator<'_> {
             return Vec3::ONE;
         };
         let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
-        let chosen =
-            self.scene.light_points.and_then(|all| all.choose(place.position, place.normal, choice, within));
-        let Some(way) = chosen else { return Vec3::ONE };
+        let Some(light_points) = self.scene.light_points else { return Vec3::ONE };
         // From below what lies on the place.
         let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
         let start = place.position + place.normal * below.unwrap_or(place.margin);
-        let ray = NearFieldLight::up_to(Ray::new(start, way.direction), way.distance);
-        let media = self.around(ray);
-        self.sky_transmittance((ray, ray), false, key ^ 4, media)[0]
+        let chosen = light_points.choose(place.position, place.normal, choice, within);
+        let mut left = Vec3::ONE;
+        let mut last = None;
+        for (k, way) in chosen.into_iter().enumerate() {
+            let Some(way) = way else { continue };
+            // Mostly all channels choose the same.
+            let passes = match last {
+                Some((same, passes)) if same == way => passes,
+                _ => {
+                    let ray = NearFieldLight::up_to(Ray::new(start, way.direction), way.distance);
+                    let media = self.around(ray);
+                    self.sky_transmittance((ray, ray), false, key ^ 4, media)[0]
+                }
+            };
+            last = Some((way, passes));
+            left[k] = passes[k];
+        }
+        left
     }
 
     /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points

@@ -15,7 +15,6 @@ use super::environment::EnvironmentLight;
 use super::light_distribution::Cone;
 use super::receiver::Receiver;
 use crate::bvh::Ray;
-use crate::color::luminance;
 use crate::num;
 use crate::sampling::{Points, circle, fraction, stream};
 
@@ -76,32 +75,32 @@ impl LightPoints {
         Self((0..POINTS as u32).filter_map(point).collect())
     }
 
-    /// Some of the light that falls on a place, in proportion to what it brings as far as one block of points tells, of
-    /// the sky anywhere in the piece that a point stands for. What of the receiver stands before it is not asked. None
-    /// where no light comes from the side of the normal.
+    /// Some of the light that falls on a place, for each channel in proportion to what it brings of that channel as far as one
+    /// block of points tells, of the sky anywhere in the piece that a point stands for. One number chooses for all channels, so that
+    /// they mostly choose the same. What of the receiver stands before it is not asked. None where no light of the channel comes from the
+    /// side of the normal.
     pub fn choose(
         &self,
         place: Vec3,
         normal: Vec3,
         [block, choice]: [u32; 2],
         within: [f32; 2],
-    ) -> Option<WayToLight> {
+    ) -> [Option<WayToLight>; 3] {
         let blocks = self.0.len().div_ceil(BLOCK);
         let at = ((u64::from(block) * blocks as u64) >> 32) as usize;
-        let block = self.0.chunks(BLOCK).nth(at)?;
-        let mut sums = [0.0_f64; BLOCK];
-        let mut sum = 0.0;
+        let Some(block) = self.0.chunks(BLOCK).nth(at) else { return [None; 3] };
+        let mut sums = [DVec3::ZERO; BLOCK];
+        let mut sum = DVec3::ZERO;
         for (point, slot) in block.iter().zip(&mut sums) {
-            sum += f64::from(luminance(point.seen_from(place, normal).1.to_array()));
+            sum += point.seen_from(place, normal).1.as_dvec3();
             *slot = sum;
         }
-        let wanted = fraction(choice) * sum;
-        let chosen = &block[sums.iter().position(|up_to| *up_to > wanted)?];
-        let way = chosen.seen_from(place, normal).0;
-        Some(if chosen.normal.is_some() {
-            way
-        } else {
-            WayToLight { direction: chosen.within(within), ..way }
+        let wanted = sum * fraction(choice);
+        [0, 1, 2].map(|k| {
+            let chosen = &block[sums.iter().position(|up_to| up_to[k] > wanted[k])?];
+            let way = chosen.seen_from(place, normal).0;
+            let direction = if chosen.normal.is_some() { way.direction } else { chosen.within(within) };
+            Some(WayToLight { direction, ..way })
         })
     }
 
@@ -201,7 +200,7 @@ mod tests {
                         Points::new(i, k).bits(0),
                         Points::new(i, k).pair(1),
                     );
-                    way.is_some_and(|way| way.direction.dot(axis) >= cosine)
+                    way.iter().flatten().any(|way| way.direction.dot(axis) >= cosine)
                 });
                 let share = inside.count() as f64 / 1000.0;
                 assert!(share <= bound + 0.02, "{normal}: {share} of {bound}");

@@ -336,7 +336,9 @@ impl Kind for PathTrace {
         let carried = objects.carried(&inputs.objects, origin, up, metre);
         let tall: Vec<f64> =
             objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
-        report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
+        if params.contact_metres.is_none() {
+            report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
+        }
         let stands = |index: usize| {
             measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index]
         };

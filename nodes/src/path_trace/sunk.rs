@@ -49,12 +49,19 @@ impl Sunk {
             // Coordinates start at the first camera.
             let (way, normal) = (-place, objects.normal(triangle));
             let cosine = normal.dot(way.normalize_or_zero());
-            let cosine = if objects.part(triangle).3.double_sided { cosine.abs() } else { cosine };
+            let double_sided = objects.part(triangle).3.double_sided;
+            let cosine = if double_sided { cosine.abs() } else { cosine };
             if cosine <= 0.1 {
                 continue;
             }
+            let to_camera = Ray { t_max: way.length(), ..Ray::new(place, way.normalize_or_zero()) };
+            // The inside of a body does not face the camera, though its material has two sides.
+            let apart = 1e-4 * to_camera.t_max;
+            if double_sided && objects.bvh.any(to_camera, |hit| hit.triangle != triangle && hit.t > apart) {
+                continue;
+            }
             facing += 1;
-            let ray = Ray { t_max: near.min(way.length()), ..Ray::new(place, way.normalize_or_zero()) };
+            let ray = Ray { t_max: near.min(to_camera.t_max), ..to_camera };
             if let Some(hit) = receiver.bvh.closest(ray, |_| true) {
                 behind += 1;
                 depth = depth.max(hit.t * cosine);

@@ -282,13 +282,14 @@ fn nowhere_is_refused() {
     assert!(error.to_string().contains("point of capture"), "{error}");
 }
 
-/// Of the light of a place in a room with a lamp on a wall and walls that shine a hundredth as bright, choices are on the
-/// lamp as often as its share is, in closed form, wherever the panorama was taken.
-/// Mutation: `hit.t * hit.t` to `hit.t`, `/ (distance * distance)` left out.
+/// Of the light of a place in a room with a white lamp on a wall and bluish walls that shine a hundredth as bright, choices are on
+/// the lamp as often as its share of each channel is, in closed form, wherever the panorama was taken.
+/// Mutation: `hit.t * hit.t` to `hit.t`, `/ (distance * distance)` left out; `up_to[k] > wanted[k]` to `up_to.y > wanted.y`.
 #[test]
 fn choices_follow_the_light_of_a_place() {
     let mut env = lamplight(256);
-    env.image.samples.iter_mut().for_each(|v| *v += 0.1);
+    let walls = [0.05, 0.1, 0.2];
+    env.image.samples.iter_mut().enumerate().for_each(|(i, v)| *v += walls[i % 3]);
     let eye = env.origin.expect("a place").as_vec3();
     let (receiver, sky) = (Receiver::new(&room(), DVec3::ZERO), EnvironmentLight::new(&env));
     let points = LightPoints::new(&receiver, &sky, eye);
@@ -299,17 +300,24 @@ fn choices_follow_the_light_of_a_place() {
         (DVec3::new(-2.0, -1.0, 2.0), DVec3::X),
     ] {
         let lamp = lambert(place, normal);
-        let expected = lamp / (lamp + 0.1 * std::f64::consts::PI);
         let n = 4096;
-        let on_lamp = (0..n).filter(|&i| {
+        let mut on_lamp = [0_u32; 3];
+        for i in 0..n {
             let bits = Points::new(stream(3, i, 0), 0).bits(0);
-            let way = points.choose(place.as_vec3(), normal.as_vec3(), bits, [0.5; 2]).expect("light");
-            let at = place + way.direction.as_dvec3() * f64::from(way.distance);
-            at.x > 1.99 && (0.15..1.25).contains(&at.y) && (1.45..2.35).contains(&at.z)
-        });
-        let share = on_lamp.count() as f64 / f64::from(n);
-        // A block tells of the sum by 32 points.
-        assert!((share - expected).abs() < 0.05, "{place}: {share} for {expected}");
+            let chosen = points.choose(place.as_vec3(), normal.as_vec3(), bits, [0.5; 2]);
+            for (count, way) in on_lamp.iter_mut().zip(chosen) {
+                let way = way.expect("light");
+                let at = place + way.direction.as_dvec3() * f64::from(way.distance);
+                *count +=
+                    u32::from(at.x > 1.99 && (0.15..1.25).contains(&at.y) && (1.45..2.35).contains(&at.z));
+            }
+        }
+        for (count, wall) in on_lamp.into_iter().zip(walls) {
+            let share = f64::from(count) / f64::from(n);
+            let expected = lamp / (lamp + f64::from(wall) * std::f64::consts::PI);
+            // A block tells of the sum by 32 points.
+            assert!((share - expected).abs() < 0.05, "{place}: {share} for {expected}");
+        }
     }
 }
 

@@ -238,6 +238,21 @@ fn a_picture_in_a_rough_wall_is_told() {
     assert_eq!(told(0.0, 0.0).0, None);
 }
 
+/// What stands on a floor lies in no surface, whatever `contact_metres` says of the mesh: neither by its level nor by the inside of
+/// its bottom, which it hides itself.
+/// Mutation: in `Ground::measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `sunk.rs`.
+#[test]
+fn what_stands_on_a_floor_lies_in_no_surface() {
+    let material = Material { double_sided: true, ..matte(0.5) };
+    let cube = [placed(&box_mesh([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], false), material, DVec3::ZERO)];
+    let camera = rig(DVec3::new(2.0, -3.0, 2.0), DVec3::ZERO, 16, 1.5);
+    for contact_metres in [None, Some(0.0), Some(0.02)] {
+        let params = PathTrace { contact_metres, ..params(4, EnvBlock::Solid) };
+        let (_, notes) = render(&params, &plane(3.0), &cube, &camera, &white());
+        assert!(notes.iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}: {notes:?}");
+    }
+}
+
 /// A plate on a coaster that it reaches over keeps its shadow on rough ground, which is not that of the plate.
 /// Mutation: `on_others` all false (seen red).
 #[test]
