@@ -35,14 +35,14 @@ impl Objects {
                 .normalize_or(winding),
         };
         let smooth = if smooth.dot(winding) < 0.0 { -smooth } else { smooth };
+        let mapped =
+            |map: Option<NormalMap>| side * map.map_or(smooth, |map| self.bump(part, &point, &map, smooth));
+        // What mirrors or bends light needs a normal on the viewer's side, at least just this side of the horizon.
         let facing = |normal: Vec3| {
-            // A bent normal may turn away from the viewer; bend it back to just this side of the horizon.
-            let (normal, lift) = (normal * side, 0.01 - normal.dot(out) * side);
+            let lift = 0.01 - normal.dot(out);
             let seen = if lift > 0.0 { (normal + out * lift).normalize_or(geometric) } else { normal };
             mirroring(seen, geometric, out)
         };
-        let bent =
-            |map: Option<NormalMap>| facing(map.map_or(smooth, |map| self.bump(part, &point, &map, smooth)));
         let mut params = BsdfParams { every_lobe: self.every_lobe, ..params(&filtered, material) };
         params.inside = params.thick && hit.back && !straight;
         if part.body.is_some() {
@@ -52,7 +52,8 @@ impl Objects {
             params.ior = if params.inside { near / far } else { (far / near).max(near / far) };
         }
         params.blocked = straight;
-        let normal = bent(material.normal);
+        let matte_normal = mapped(material.normal);
+        let normal = facing(matte_normal);
         let frame = match params.anisotropy > 0.0 {
             true => {
                 let (tangent, strength) = self.brush(part, &point, material, smooth);
@@ -62,12 +63,13 @@ impl Objects {
             false => Frame::around(normal),
         };
         let coated = match (params.coat.0 > 0.0, material.clearcoat.normal) {
-            (true, map) => Frame::around(bent(map)),
+            (true, map) => Frame::around(facing(mapped(map))),
             (false, _) => frame,
         };
+        let matte_frame = if matte_normal == normal { frame } else { Frame::around(matte_normal) };
         let bsdf = match material.unlit {
             true => Bsdf::matte(geometric, Vec3::ZERO),
-            false => Bsdf::Layers(Layers::new([frame, coated], geometric, out, &params)),
+            false => Bsdf::Layers(Layers::new([matte_frame, frame, coated], geometric, out, &params)),
         };
         let emission = emission(&filtered, material) * bsdf.under();
         Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None }

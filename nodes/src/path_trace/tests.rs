@@ -7,6 +7,7 @@ use glam::{DMat4, DVec3, Vec3};
 use super::environment::constant;
 use super::*;
 use crate::color::luminance;
+use crate::equirect;
 use crate::testing::context;
 use crate::types::{Camera, Material, Object, Primitive};
 

@@ -37,6 +37,8 @@ struct Coat {
 /// Fibres over the base.
 #[derive(Debug, Clone, Copy)]
 struct Sheen {
+    /// The viewer in the frame of the matte lobes.
+    out: Vec3,
     /// Such that no more is reflected than there is.
     colour: Vec3,
     roughness: f32,
@@ -45,12 +47,12 @@ struct Sheen {
 }
 
 impl Sheen {
-    /// Of a surface, seen at an angle; none where it has none.
-    fn new(params: &BsdfParams, cosine: f32) -> Option<Self> {
+    /// Of a surface, towards a viewer; none where it has none.
+    fn new(params: &BsdfParams, out: Vec3) -> Option<Self> {
         let (colour, roughness) = params.sheen;
         ((colour != Vec3::ZERO || params.every_lobe) && !params.inside).then(|| {
-            let white = albedo::sheen(cosine, roughness);
-            Self { colour: colour / white.max(1.0), roughness, albedo: colour * white.min(1.0) }
+            let white = albedo::sheen(out.z, roughness);
+            Self { out, colour: colour / white.max(1.0), roughness, albedo: colour * white.min(1.0) }
         })
     }
 
@@ -66,7 +68,7 @@ pub fn straight(params: &BsdfParams, cosine: f32) -> Vec3 {
     let gloss = |params: &BsdfParams| Gloss::new(params, &Interface::new(params, out), out);
     let (share, roughness) = params.coat;
     let coat = if share > 0.0 { 1.0 - share * (1.0 - gloss(&clear(roughness)).left.x) } else { 1.0 };
-    let sheen = Sheen::new(params, out.z).map_or(1.0, |sheen| sheen.under());
+    let sheen = Sheen::new(params, out).map_or(1.0, |sheen| sheen.under());
     glass::tint(params) * gloss(params).left * (params.transmission * (1.0 - params.metallic) * sheen * coat)
 }
 
@@ -78,10 +80,13 @@ fn clear(roughness: f32) -> BsdfParams {
 /// All lobes of a material towards a viewer.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers {
+    /// Of the lobes that mirror or bend.
     frame: Frame,
     geometric: Vec3,
     /// The viewer in the frame.
     out: Vec3,
+    /// Of the lobes that do not: what a matte surface sends does not depend on who looks.
+    matte_frame: Frame,
     matte: Vec3,
     through: Vec3,
     interface: Interface,
@@ -101,7 +106,8 @@ impl Layers {
     /// See [`Bsdf::lit_side`](super::Bsdf::lit_side).
     pub fn lit_side(&self) -> Option<Vec3> {
         let passes = self.glass.is_some_and(|glass| glass.passes()) || self.through != Vec3::ZERO;
-        (!passes).then(|| self.frame.normal())
+        let frame = if self.matte == Vec3::ZERO { self.frame } else { self.matte_frame };
+        (!passes).then(|| frame.normal())
     }
 
     /// What coat and sheen leave to the base, and to what shines under them.
@@ -109,9 +115,14 @@ impl Layers {
         self.under
     }
 
-    /// A material around the frames of the base and of its coat, whose normals lie on the side of the unit
-    /// direction `out`, and so does the geometric normal.
-    pub fn new([frame, coated]: [Frame; 2], geometric: Vec3, out: Vec3, params: &BsdfParams) -> Self {
+    /// A material around the frames of its matte lobes, of the others of its base and of its coat. The geometric normal and those
+    /// of the last two lie on the side of the unit direction `out`.
+    pub fn new(
+        [matte_frame, frame, coated]: [Frame; 3],
+        geometric: Vec3,
+        out: Vec3,
+        params: &BsdfParams,
+    ) -> Self {
         let viewer = frame.viewer(out);
         let mut interface = Interface::new(params, viewer);
         let gloss = Gloss::new(params, &interface, viewer);
@@ -124,7 +135,7 @@ impl Layers {
         let matte = params.base * (below * (1.0 - passing));
         let through = colour * (below * passing);
         let glass = Glass::new(params, &gloss);
-        let sheen = Sheen::new(params, viewer.z);
+        let sheen = Sheen::new(params, matte_frame.viewer(out));
         let coat = ((params.coat.0 > 0.0 || params.every_lobe) && !params.inside).then(|| {
             let (share, roughness) = params.coat;
             let (params, out) = (clear(roughness), coated.viewer(out));
@@ -136,6 +147,7 @@ impl Layers {
             frame,
             geometric,
             out: viewer,
+            matte_frame,
             matte,
             through,
             interface,
@@ -182,41 +194,38 @@ impl Layers {
 
     /// See [`Bsdf::eval`](super::Bsdf::eval).
     pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
-        let i = self.frame.to(incident);
+        let (i, m) = (self.frame.to(incident), self.matte_frame.to(incident));
         let above = incident.dot(self.geometric) > 0.0;
         let [mut diffuse, mut specular] = [Scatter::default(); 2];
         let add = |class: &mut Scatter, lobe: usize, value: Vec3, pdf: f32| {
             class.value += value;
             class.pdf += self.shares[lobe] * pdf;
         };
-        if above && i.z > 0.0 {
+        if above && m.z > 0.0 {
             if self.evaluates(MATTE) {
-                let pdf = i.z * FRAC_1_PI;
-                let coupling = self.coupling * (1.0 - self.interface.albedo(i.z));
+                let pdf = m.z * FRAC_1_PI;
+                let coupling = self.coupling * (1.0 - self.interface.albedo(m.z));
                 add(&mut diffuse, MATTE, self.matte * coupling * (self.under * pdf), pdf);
             }
             if let Some(fibres) = self.sheen {
-                let value = fibres.colour * sheen::value(self.out, i, fibres.roughness);
+                let value = fibres.colour * sheen::value(fibres.out, m, fibres.roughness);
                 let under = self.coat.map_or(1.0, |coat| coat.under);
                 add(&mut diffuse, SHEEN, value * under, sheen::UNIFORM);
             }
-            if self.evaluates(GLOSS) {
-                let (s, facing) = self.gloss.eval(self.out, i);
-                let mirrors =
-                    self.glass.and_then(|glass| glass.reflection_probability(facing)).unwrap_or(1.0);
-                add(&mut specular, GLOSS, s.value * self.under, s.pdf * mirrors);
-            }
         }
-        if !above && i.z < 0.0 {
-            if self.evaluates(THROUGH) {
-                let pdf = -i.z * FRAC_1_PI;
-                let coupling = self.coupling * (1.0 - self.interface.albedo(-i.z));
-                add(&mut diffuse, THROUGH, self.through * coupling * (self.under * pdf), pdf);
-            }
-            if let Some(glass) = &self.glass {
-                let s = glass.eval(&self.gloss.ggx, self.out, i);
-                add(&mut specular, if glass.is_body() { GLOSS } else { GLASS }, s.value * self.under, s.pdf);
-            }
+        if above && i.z > 0.0 && self.evaluates(GLOSS) {
+            let (s, facing) = self.gloss.eval(self.out, i);
+            let mirrors = self.glass.and_then(|glass| glass.reflection_probability(facing)).unwrap_or(1.0);
+            add(&mut specular, GLOSS, s.value * self.under, s.pdf * mirrors);
+        }
+        if !above && m.z < 0.0 && self.evaluates(THROUGH) {
+            let pdf = -m.z * FRAC_1_PI;
+            let coupling = self.coupling * (1.0 - self.interface.albedo(-m.z));
+            add(&mut diffuse, THROUGH, self.through * coupling * (self.under * pdf), pdf);
+        }
+        if let Some(glass) = self.glass.as_ref().filter(|_| !above && i.z < 0.0) {
+            let s = glass.eval(&self.gloss.ggx, self.out, i);
+            add(&mut specular, if glass.is_body() { GLOSS } else { GLASS }, s.value * self.under, s.pdf);
         }
         if let Some(coat) = &self.coat {
             let i = coat.frame.to(incident);
@@ -239,7 +248,7 @@ impl Layers {
         }
         choice /= self.shares[lobe];
         let class = if lobe < GLOSS { Lobe::Diffuse } else { Lobe::Specular };
-        let mut frame = &self.frame;
+        let mut frame = if lobe < GLOSS { &self.matte_frame } else { &self.frame };
         let direction = match lobe {
             MATTE => cosine(point),
             THROUGH => -cosine(point),
@@ -289,7 +298,7 @@ mod tests {
         ] {
             let out = Vec3::new(tilt, 0.1, 1.0).normalize();
             let [left_out, forced] = [false, true].map(|every_lobe| {
-                Layers::new([upright; 2], Vec3::Z, out, &BsdfParams { every_lobe, ..params })
+                Layers::new([upright; 3], Vec3::Z, out, &BsdfParams { every_lobe, ..params })
             });
             assert!(left_out.sheen.is_none() && left_out.coat.is_none());
             assert!(forced.sheen.is_some() && forced.coat.is_some() && forced.glass.is_some());

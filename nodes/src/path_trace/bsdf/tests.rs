@@ -10,7 +10,7 @@ fn towards(cosine: f32) -> Vec3 {
 
 fn surface(params: &BsdfParams, out: Vec3) -> Bsdf {
     let frame = Frame::along(Vec3::Z, Vec3::X);
-    Bsdf::Layers(Layers::new([frame, frame], Vec3::Z, out, params))
+    Bsdf::Layers(Layers::new([frame; 3], Vec3::Z, out, params))
 }
 
 fn metal(roughness: f32) -> BsdfParams {
@@ -139,7 +139,7 @@ fn bent_mirrors_keep_all_light() {
             let [u, v] = Points::new(9, i).pair(0);
             let bent = cosine_towards(out, super::cosine([u, v]));
             let normal = mirroring(bent, Vec3::Z, out);
-            let layers = Layers::new([Frame::around(normal); 2], Vec3::Z, out, &metal(0.0));
+            let layers = Layers::new([Frame::around(normal); 3], Vec3::Z, out, &metal(0.0));
             let (_, seen, s) = Bsdf::Layers(layers).sample(&Points::new(1, 7), 0).expect("light from above");
             assert!(seen.z > 0.0 && ((s.value / s.pdf).x - 1.0).abs() < 0.01, "{bent} from {out}: {normal}");
             let above = 2.0 * bent.dot(out) * bent.z - out.z > 0.02;

@@ -12,7 +12,7 @@ fn lit(width: usize, disc_deg: f64) -> Environment {
     for y in 0..width / 2 {
         for x in 0..width {
             let (u, v) = ((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / (width / 2) as f64);
-            let direction = crate::equirect::direction(Up::PlusZ, u, v);
+            let direction = equirect::direction(Up::PlusZ, u, v);
             let rgb = match direction {
                 d if d.dot(towards) > edge => [120.0, 110.0, 90.0],
                 d if d.z > 0.0 => [0.4, 0.5, 0.9],
@@ -29,8 +29,7 @@ fn halved(environment: &Environment) -> Environment {
     let (width, height) = (environment.image.width / 2, environment.image.height / 2);
     let mut half = constant(environment.up, [0.0; 3], width);
     for y in 0..height {
-        let sizes =
-            [2 * y, 2 * y + 1].map(|row| crate::equirect::pixel_solid_angle(2 * width, 2 * height, row));
+        let sizes = [2 * y, 2 * y + 1].map(|row| equirect::pixel_solid_angle(2 * width, 2 * height, row));
         for x in 0..width {
             for c in 0..3 {
                 let at =

@@ -337,3 +337,38 @@ fn a_lobe_as_narrow_as_a_texel_counts_a_sun_once() {
         assert!((one / many - 1.0).abs() < 0.01, "roughness {roughness}: {one} for {many}");
     }
 }
+
+/// A matte surface whose normals are bent away from that of its triangles sends what Lambert's law says, by the sum over the texels above
+/// the triangles, whoever looks: no mirror bends its normals.
+/// Mutation: `Frame::around(matte_normal)` to `frame`.
+#[test]
+fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
+    let mut env = constant(Up::PlusZ, [0.1; 3], 64);
+    let (width, height) = (64, 32);
+    for x in 14..18 {
+        env.image.pixel_mut(x, 8).fill(100.0);
+    }
+    for tilt in [20.0_f64, 40.0, 60.0] {
+        let normal = DVec3::new(tilt.to_radians().sin(), 0.0, tilt.to_radians().cos());
+        let mut object = Object::clone(&placed(&plane(1.0), matte(0.5), DVec3::ZERO).object);
+        object.primitives[0].normals = vec![normal.as_vec3().to_array(); 4];
+        let card = [Arc::new(Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY })];
+        let texel = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            let [u, v] = [(x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64];
+            let way = equirect::direction(Up::PlusZ, u, v);
+            let cosine = if way.z > 0.0 { way.dot(normal).max(0.0) } else { 0.0 };
+            f64::from(env.image.rgb(x, y)[1]) * cosine * equirect::pixel_solid_angle(width, height, y)
+        };
+        let expected = 0.5 / std::f64::consts::PI * (0..width * height).map(texel).sum::<f64>();
+        for view in [0.01_f64, 45.0, 75.0] {
+            let (sin, cos) = view.to_radians().sin_cos();
+            let camera = rig(DVec3::new(-4.0 * sin, 0.0, 4.0 * cos), DVec3::ZERO, 8, 40.0);
+            let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Pass) };
+            let (out, _) = render(&p, &Mesh::default(), &card, &camera, &env);
+            let found = covered(&out.object);
+            // The texels' cosines are those of their middles.
+            assert!((found / expected - 1.0).abs() < 0.02, "{tilt} from {view}: {found} for {expected}");
+        }
+    }
+}

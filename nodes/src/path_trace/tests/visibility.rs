@@ -93,8 +93,8 @@ fn both_strategies_together_are_exact_for_any_sky() {
                     (x as f64 + (f64::from(k % sub) + 0.5) / f64::from(sub)) / 64.0,
                     (y as f64 + (f64::from(k / sub) + 0.5) / f64::from(sub)) / 32.0,
                 );
-                let cosine = crate::equirect::direction(Up::PlusZ, u, v).z.max(0.0);
-                let area = crate::equirect::pixel_solid_angle(64, 32, y) / f64::from(sub * sub);
+                let cosine = equirect::direction(Up::PlusZ, u, v).z.max(0.0);
+                let area = equirect::pixel_solid_angle(64, 32, y) / f64::from(sub * sub);
                 expected += f64::from(luminance(env.image.rgb(x, y))) * cosine * area;
             }
         }
@@ -189,7 +189,7 @@ fn a_window_does_not_take_the_light_of_the_lamp() {
     for i in 0..64 * 32 {
         let (x, y) = (i % 64, i / 64);
         let [u, v] = [(x as f64 + 0.5) / 64.0, (y as f64 + 0.5) / 32.0];
-        if crate::equirect::direction(Up::PlusZ, u, v).x > 0.5 {
+        if equirect::direction(Up::PlusZ, u, v).x > 0.5 {
             day.image.pixel_mut(x, y).fill(20.0);
         }
     }
