@@ -88,12 +88,12 @@ Every command below was run, in this order, in a new folder and with a new cache
 python3 tests/tour/make.py target/release/lightharmony /tmp/tour > docs/tour.md
 ```
 
-`~` is that folder. Long outputs are cut where it is said. Times are wall times of whatever machine it was,
-here two cores shared with a load of about 5.""")
+`~` is that folder. Long outputs are cut, with a mark. Times are wall times of the machine that made the page,
+here two shared cores at a load of about 5.""")
 section("A first picture")
 transcript("lightharmony init first", most=6)
 transcript("lightharmony run graph.ron", "lightharmony run graph.ron", folder="first", most=20)
-section("Watching", "Saved while `watch` runs. Nothing but what the yaw touches runs; what takes long would be shown roughly first.")
+section("Watching", "The graph is edited while `watch` runs. Only what the yaw affects runs; a slow graph would show a rough picture first.")
 watch()
 section("What would run, and why")
 transcript("lightharmony plan graph.ron --set pose.yaw_deg=35.0", "lightharmony explain graph.ron trace --set pose.yaw_deg=35.0",
@@ -101,13 +101,13 @@ transcript("lightharmony plan graph.ron --set pose.yaw_deg=35.0", "lightharmony 
            "sed 's/-24.0/35.0/' graph.ron > other.ron", "lightharmony diff graph.ron other.ron",
            "lightharmony run graph.ron --only env 2>&1 | tail -1",
            "lightharmony graph graph.ron --format dot | head -4", folder="first", most=20)
-section("Graphs of several files", "A subgraph used twice, and a mistake in what it is given.")
+section("Subgraphs", "A subgraph used twice, and a mistake in its file: a parameter renamed in its declaration but not in its uses.")
 graphs = f"{os.path.dirname(os.path.abspath(__file__))}/../../graphs"
 os.makedirs(f"{WORK}/several")
 shutil.copy(f"{graphs}/pair.ron", f"{WORK}/several")
 shutil.copytree(f"{graphs}/parts", f"{WORK}/several/parts")
 transcript("lightharmony check pair.ron", "lightharmony plan pair.ron | tail -1", "sed 's/height_metres/hight_metres/' -i parts/*.ron; lightharmony check pair.ron", folder="several", most=20)
-section("Many pictures", "One node along an axis is as many nodes; what does not read the axis is one.")
+section("Many pictures", "A node that depends on an axis runs once for each value of it; every other node runs once.")
 os.makedirs(f"{WORK}/many")
 shutil.copy(f"{graphs}/turntable.ron", f"{WORK}/many")
 transcript("lightharmony run turntable.ron --preset draft > told.txt 2>&1; tail -1 told.txt",
@@ -122,7 +122,7 @@ transcript("lightharmony verify first.lhb --sample 3 --seed 1", "lightharmony un
            "lightharmony run again/graph.ron", "cmp out/picture.png ../first/out/picture.png && echo equal",
            "cp ../first/out/picture.png . && lightharmony run picture.png --out from-picture",
            "cmp from-picture/*.png picture.png && echo equal", folder="second", most=8)
-say("\nWhat came out of a bundle reads nothing else:")
+say("\nA graph from a bundle can read nothing outside of it:")
 transcript("sed 's|DemoScene(.*|LoadSplats(path: \"../first.lhb\"),|' again/graph.ron > again/curious.ron; lightharmony run again/curious.ron 2>&1 | head -7", folder="second", most=12)
 ENV["LIGHTHARMONY_CACHE"] = f"{WORK}/cache"
 section("The cache")
@@ -133,7 +133,7 @@ transcript("truncate -s 100 cache/v1/blobs/*/*", "lightharmony cache verify", "r
            "lightharmony run first/graph.rom", "lightharmony run first/graph.ron --set pose.yaw=3", "lightharmony run first/graph.ron --set demo.width_px=4000000000",
            "lightharmony run first/graph.ron --out /proc/out --set pose.yaw_deg=1.0 2>&1 | tail -6",
            "timeout --foreground --preserve-status -s INT 3 lightharmony run first/graph.ron --set trace.samples=4000 2>&1 | tail -3", most=12)
-section("A graph of several files", "One file makes another picture of a photograph, and is used twice; a third file has the photograph.")
+section("A graph of several files", "One file arranges pictures in a sheet, and is used twice as a subgraph; another file, included, loads the photograph.")
 os.makedirs(f"{WORK}/pieces")
 def photograph(path, width=64, height=48):
     """A PNG of two gradients."""
@@ -167,7 +167,7 @@ written("graph.ron", """Graph(
 """)
 transcript("cat sheet.ron graph.ron", "lightharmony check graph.ron", "lightharmony run graph.ron --only wide",
            "lightharmony run graph.ron", "lightharmony graph graph.ron --format mermaid", folder="pieces", most=30)
-section("Exactly this, or not at all", "After the lock another photograph lies there.")
+section("Exactly this, or not at all", "After the lock the photograph is replaced by another.")
 transcript("lightharmony lock graph.ron", "lightharmony run graph.ron --locked", folder="pieces", most=12)
 photograph(f"{WORK}/pieces/photo.png", height=40)
 transcript("lightharmony run graph.ron --locked", folder="pieces", most=12)
