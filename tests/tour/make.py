@@ -101,7 +101,7 @@ transcript("lightharmony plan graph.ron --set pose.yaw_deg=35.0", "lightharmony 
            "sed 's/-24.0/35.0/' graph.ron > other.ron", "lightharmony diff graph.ron other.ron",
            "lightharmony run graph.ron --only env 2>&1 | tail -1",
            "lightharmony graph graph.ron --format dot | head -4", folder="first", most=20)
-section("Subgraphs", "A subgraph used twice, and a mistake in its file: a parameter renamed in its declaration but not in its uses.")
+section("Subgraphs", "A subgraph used twice, and a mistake in its file: a misspelt name.")
 graphs = f"{os.path.dirname(os.path.abspath(__file__))}/../../graphs"
 os.makedirs(f"{WORK}/several")
 shutil.copy(f"{graphs}/pair.ron", f"{WORK}/several")
