@@ -11,10 +11,11 @@ use crate::types::{Data, Image, Images, NamedImage};
 engine::params! {
     /// A shadow by alpha compositing of a grey mask instead of a ratio of light; the paper's ablation.
     ///
-    /// The mask is the share of luminance that the objects take. It is laid as black over the displayed
-    /// picture, without going through linear light, as an image editor would. It is one factor in linear light for pixels of any
-    /// brightness, that of white: a grey of code 128 under a mask of 0.5 becomes 61 where an editor has 64, one of 26 7 for 13.
-    /// Shadows come out too deep and without colour; use `shadow-ratio` for real work. Takes its place in a graph.
+    /// The mask is the share of luminance that the objects take. An image editor would lay it as black over the
+    /// displayed picture, without going through linear light. Here it is a factor in linear light, chosen so that
+    /// white comes out as in the editor; darker pixels come out darker: under a mask of 0.5 a grey of code 128
+    /// becomes 61 where an editor has 64, one of 26 becomes 7 where it has 13.
+    /// Shadows are too deep and without colour; use `shadow-ratio`, whose place it takes in a graph, for real work.
     pub struct AlphaShadow {
         /// Opacity of the mask.
         strength: f64 = 1.0, range(0.0, 1.0), other("0.5");
