@@ -13,8 +13,9 @@ engine::params! {
     /// Puts the rendered objects over the background, which the shadow darkens first.
     ///
     /// In linear light and per pixel `(B * S + A) * (1 - M) + O`, where `B` is the background, `S` the shadow,
-    /// `A` added light, `O` the object premultiplied by its alpha `M`. `B` holds what is wired as `front` already, `F` with
-    /// alpha `a`, never more than `B`: `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`.
+    /// `A` added light, `O` the object premultiplied by its alpha `M`. With `front` wired, `F` with alpha `a`, it is
+    /// `((B - F) * S + A * (1 - a)) * (1 - M) + F + O * (1 - a)`: the background already shows `F`, so it is taken out
+    /// of `B` first, and never more than there is.
     /// A splat render is un-premultiplied before it is decoded.
     /// Holes of the background show `backdrop`; with `backdrop: None` they stay transparent.
     pub struct Composite {
@@ -34,8 +35,8 @@ engine::inputs! {
         shadow: Option<Arc<Images>>,
         /// Light that the objects give to the background, or take where it is negative; by `shadow-ratio`.
         added: Option<Arc<Images>>,
-        /// What of the background lies in front of the objects, premultiplied, with alpha: a `splat-render` with
-        /// `limit: "trace.nearest"`. It is laid over them and their shadow; a mesh in front has cut their alpha already.
+        /// The part of the background that lies in front of the objects, premultiplied, with alpha: a `splat-render`
+        /// with `limit: "trace.nearest"`. It covers them and their shadow; a mesh in front has cut their alpha already.
         front: Option<Arc<Images>>,
         /// Variance of the trace that the object and the shadow come from, as `path-trace` gives it, for `error`.
         variance: Option<Arc<Images>>,
@@ -48,9 +49,9 @@ engine::outputs! {
         /// The picture, linear; RGB over the backdrop, or premultiplied RGBA without one.
         image: Arc<Images>,
         /// Standard error of the luminance of `image` by the noise of the trace, linear, in the unit of `image`; 0
-        /// without `variance`. That of the shadow as `shadow-ratio` leaves it by default, before other shaping;
-        /// an upper one where `denoise` came between. Noise of `added` light and of where the outline of an object
-        /// lies before a brighter background is not in it.
+        /// without `variance`. It assumes the shadow as `shadow-ratio` makes it by default, without other shaping, and is an
+        /// upper estimate where `denoise` came between. It leaves out the noise of `added` light and of an object's
+        /// antialiased outline in front of a brighter background.
         error: Arc<Images>,
     }
 }
