@@ -10,12 +10,12 @@ use crate::types::{Environment, Placed, Rig};
 engine::params! {
     /// Makes the views around a point no finer than what they light can show.
     ///
-    /// A coarse look at the same light, of 128 columns say, tells how large its lights are; the objects tell how
-    /// smooth the smoothest of them is. From both follows how many columns a panorama needs, as `path-trace`
-    /// tells it, and half as many pixels are the side of a view. No view becomes finer than it was. Give `stitch`
-    /// `as_views: true`, so that it takes as many columns as its views are worth.
+    /// A coarse panorama of the same light, of 128 columns say, shows how large its lights are; the objects tell how
+    /// smooth the smoothest of their materials is. Both decide how many columns a panorama needs (`path-trace` reports
+    /// the same number), and a view gets half as many pixels to a side. No view becomes finer than it was. Give `stitch`
+    /// `as_views: true`, so that it makes as many columns as its views are worth.
     pub struct FitProbe {
-        /// Whether to leave out pixels that are not needed; `false` leaves the rig as it is, and tells what would do.
+        /// Whether to leave out pixels that are not needed; `false` leaves the rig as it is, and reports what would suffice.
         skip_fine: bool = true, other("false");
     }
 }
@@ -26,7 +26,7 @@ engine::inputs! {
         rig: Arc<Rig>,
         /// What the light is for.
         objects: Vec<Arc<Placed>>,
-        /// The same light seen by few pixels. They make it look wider, by less than half of one, which is taken off.
+        /// A coarse panorama of the same light. Its pixels widen lights by less than half a pixel, which is taken off.
         look: Arc<Environment>,
     }
 }
