@@ -60,18 +60,18 @@ engine::params! {
         threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
         /// How predicted light takes over from the panorama's own.
         blend: Blend = Blend::Ramp, other("Hard");
-        /// How display values become linear light; applies to the base and to exposures that were photographed alike.
-        /// Those that were derived are sRGB and know it.
+        /// How display values become linear light, of the base and of photographed exposures alike. Derived exposures
+        /// are always sRGB.
         transfer: Transfer = Transfer::Srgb, other("Gamma24");
         /// Whether the float gain map or the list of exposures is fused.
         gain: Gain = Gain::Direct, other("Brackets");
         /// Where the colour of recovered light comes from. Exposures that were predicted have the panorama's own.
         hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
-        /// Over which angle from its edge recovered light rises to its whole; each light gives as much as without, so
-        /// its middle is brighter, with `Brackets` also than the white of the darkest exposure.
+        /// Angle from its edge over which recovered light rises to its full strength. Each light keeps its total, so
+        /// its middle becomes brighter, with `Brackets` even than the white of the darkest exposure.
         feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
-        /// The albedo of the ground, where the capture holds no sky: what was not seen above the horizon becomes a white sky
-        /// as bright as the ground needs it to have this albedo. `None` leaves there what the panorama was filled with.
+        /// The albedo of the ground, for captures without a sky: what was not seen above the horizon becomes a white sky,
+        /// just bright enough that the ground, as bright as it is, has this albedo. `None` keeps what the holes were filled with.
         ground_albedo: Option<f64> = None, range(0.02, 1.0), other("0.3");
     }
 }
