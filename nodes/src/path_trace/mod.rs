@@ -84,19 +84,19 @@ use visibility::{Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
 engine::params! {
     /// Renders the receiver without and with the objects, and the objects themselves.
     ///
-    /// `without` and `with` share every random number, so their ratio is exactly 1 where the objects change
-    /// nothing. `with` hides the objects from the camera but from no other ray. `object` is premultiplied, with
-    /// the share of the pixel that it covers in alpha, less where the receiver stands in front. In a closed
+    /// `with` is `without` plus what the objects change of it, so their ratio is exactly 1 where they change
+    /// nothing. In `with` the objects are hidden from the camera but from no other ray. `object` is premultiplied; its
+    /// alpha is the share of the pixel that it covers, less where the receiver stands in front. In a closed
     /// room the receiver would keep out the light that the panorama already shows; `env_block`, `bounce` and
-    /// `object_specular_sees` say how it treats each sort of ray, and by default that is found out.
+    /// `object_specular_sees` say how it treats each sort of ray, and by default the scene decides.
     pub struct PathTrace {
-        /// Paths a pixel, or with `max_error` the most of them, which is 4 at least.
+        /// Paths per pixel, or with `max_error` the most of them, which is 4 at least.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Standard error that is asked for, of the ratio `with / without` where it is seen (relative to it where it
-        /// is surely above 1, and none where `without` is below a thousandth of its median) and of `object` relative to its
-        /// mean: in every tile of 8 by 8 pixels, root mean square over those that have one. 4 samples of the
-        /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until its error
-        /// is reached or `samples` is, which is told. None takes `samples` everywhere.
+        /// Standard error to reach in every tile of 8 by 8 pixels, as root mean square over the pixels that have one: of
+        /// the ratio `with / without` where it is seen (relative to it where it is surely above 1, and left out where
+        /// `without` is below a thousandth of its median), and of `object` relative to its mean. 4 samples of the
+        /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until the error
+        /// or `samples` is reached, which is reported. None takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// How often light may be scattered after the first time.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
@@ -112,22 +112,22 @@ engine::params! {
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
-        /// How far the receiver's height may be wrong where an object stands: what the camera sees of it within
-        /// that of the object's base is taken to be level with the base. A mesh that lies too low would show a
-        /// black gap under the object, one too high would hide its foot. `None` measures the mesh's roughness
-        /// under each object and takes a smooth one as it is; 0 takes any as it is.
+        /// How far the receiver's height may be wrong where an object stands: where the camera sees the receiver within
+        /// this distance of the height of the object's base, it is taken to be level with the base. Otherwise a mesh that
+        /// lies too low would show a black gap under the object, and one too high would hide its foot. `None` measures the
+        /// mesh's roughness under each object and takes a smooth one as it is; 0 takes any as it is.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
-        /// Whether to trace only what the objects change of the receiver: for a graph that wants the shadow, and shows the
-        /// objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
+        /// Whether to trace only what the objects change of the receiver: for a graph that wants only the shadow, and takes
+        /// the objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Traces one pixel of each block of so many by so many, for all of them: a look at what comes, which `watch`
-        /// shows before all pixels are traced. 1 traces each.
+        /// Side of the blocks of which one pixel is traced and shown for all: the preview that `watch` shows before
+        /// all pixels are traced. 1 traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
-        /// Where the objects are shown to change no more than this share of the light of a tile of 8 by 8 pixels,
-        /// `with` is `without` and no ray asks. What they change is bounded, not estimated, so that in shadow, near
-        /// bright things, and wherever a wall may throw their light back nothing is left out. 0 asks everywhere.
+        /// Where the objects provably change no more than this share of the light of a tile of 8 by 8 pixels, `with` is
+        /// `without` and no ray is traced for it. The change is bounded, not estimated, so nothing is left out in
+        /// shadow, near bright things, or wherever a wall may reflect their light. 0 traces everywhere.
         crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
-        /// Whether to leave out lobes that a material does not have; evaluated all the same they give the same bits.
+        /// Whether to leave out lobes that a material does not have; evaluating them anyway gives the same bits.
         skip_lobes: bool = true, inert("what is left out has no strength: only work is saved");
     }
 }
