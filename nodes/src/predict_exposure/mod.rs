@@ -55,21 +55,21 @@ engine::params! {
         /// `Region`: for each connected clipped region by a regression on nine numbers.
         /// `Manual`: as stated, each light by azimuth (degrees clockwise from forward, seen from above; -360 to 360),
         /// elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels that it acts on
-        /// (degrees; above 0 to 180), and stops that these are brighter than they show (0 to 24). Of lights that reach a
-        /// pixel the narrowest counts; what none reaches stays clipped.
+        /// (degrees; above 0 to 180), and stops that these are brighter than they show (0 to 24). Of
+        /// several lights that cover a pixel the narrowest counts; what none covers stays clipped.
         /// `Photographs`: as darker photographs show it, one file for each of `evs`, of the panorama's place and size. They
         /// are turned with it. OpenEXR and Radiance have no ceiling.
         /// `Skip`: what is clipped stays clipped.
         /// `FluxKontext`: by a diffusion model and weights of your own (feature `learned`): `strength` of the LoRA 0 to 4,
         /// `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at which it works at most 64 to 4096.
         method: Method = Method::Learned, other("Skip");
-        /// From where on a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures whose whites
-        /// end below that, as those of splats and of video may.
+        /// The value from which a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures
+        /// whose whites end below that, as those of splats and of video may.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
-        /// Whether to ask the method even where no pixel is clipped. Only clipped pixels take a gain, so it changes no
-        /// light: it shows that what is left out there is nothing, and what that saves.
+        /// Whether to run the method even where no pixel is clipped. Only clipped pixels take a gain, so this changes no
+        /// light: it shows that leaving the method out changes nothing, and what that saves.
         force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
     }
 }
