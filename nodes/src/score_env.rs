@@ -16,11 +16,12 @@ use crate::types::{Cell, Environment, Report, Table};
 
 engine::params! {
     /// Scores recovered light against the truth.
+    ///
     /// Compares what lights a scene: the irradiance of planes in every direction and of the six along the
-    /// axes of the world, where the dominant light is, how strong what comes from there is against the rest (which
-    /// decides how dark a shadow is; of the light found that is what comes from within 15 degrees of where the true
-    /// one is, so a light that is farther off counts as missing), the panoramas weighed by solid angle, and what a matte, a glossy and a mirror
-    /// sphere would look like, seen along the world's forward.
+    /// axes of the world, where the dominant light is, its contrast, the panoramas weighted by solid angle, and
+    /// what a matte, a glossy and a mirror sphere would look like, seen along the world's forward. Contrast is the
+    /// dominant light against the rest, which decides how dark a shadow is. In the recovered light it is what comes from
+    /// within 15 degrees of the true one, so a light that is farther off counts as missing.
     ///
     /// Irradiance over all planes, energy, panoramas and spheres are of red, green and blue alike, as published; the six
     /// planes, the dominant light and the peak are of luminance.
