@@ -45,12 +45,12 @@ engine::params! {
     pub struct ShadowRatio {
         /// Which formula.
         form: RatioForm = RatioForm::Stable, other("Paper");
-        /// One ratio a channel, or one in all.
+        /// One ratio for each channel, or one for all.
         channels: Channels = Channels::Each, other("Luminance");
         /// Added to the denominator; a fraction of the median of `without` for `Stable`, a radiance for `Paper`.
         epsilon: f64 = 1e-4, range(0.0, 1.0), other("0.05");
-        /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as
-        /// much they keep a part of it, but for `Paper`, so that the bound draws no line.
+        /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as much the
+        /// ratio fades in, so that the bound draws no line (not with `Paper`).
         min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
         /// Largest ratio; above 1 keeps light that the object adds by reflection, below 1 darkens the whole picture.
         /// `Hybrid` takes 1 at most.
