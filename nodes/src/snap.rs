@@ -19,13 +19,15 @@ use level_search::bearing;
 engine::params! {
     /// Moves a pose up or down so that the object stands on the mesh of the place, or on its splats.
     ///
-    /// Looks under the object's foot and somewhat around it, as far up and down as `reach_metres`. Of the levels that lie
-    /// under the foot, each under at least half as much of it as any, the nearest is taken, so that what stands on a table
-    /// stays there. The middle of the foot is put on the plane that holds most of it, and a rough mesh is met in the middle. Where a mesh lies more than 2 cm off that plane under the foot, on a mound, in a hollow or over a
-    /// kerb, the object is put on what it touches, which is told. Ground is what looks up and is no steeper than 45
-    /// degrees; in a mesh of which nothing there looks
-    /// up, what looks down, which is told, but for the underside of a shell less than 2 m thick, whose upper side is
-    /// named instead. Wire the new pose where the old one went: to `place` and the probe.
+    /// Looks under the object's foot and somewhat around it, as far up and down as `reach_metres`, and takes the nearest
+    /// of the levels that lie under at least half as much of the foot as any level does. So what stands on a table stays
+    /// there. The middle of the foot is put on the plane that holds most of it, at the mean height of a rough mesh. Where
+    /// a mesh lies more than 2 cm off that plane under the foot, on a mound, in a hollow or over a kerb, the object is put
+    /// on what it touches, which is reported.
+    ///
+    /// Ground faces up and is no steeper than 45 degrees. In a mesh of which nothing there faces up, what faces down is
+    /// taken, which is reported; but never the underside of a shell less than 2 m thick, whose upper side is named
+    /// instead. Wire the new pose where the old one went: to `place` and the probe.
     pub struct Snap {
         /// How far the ground may lie above or below the object's foot.
         reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
@@ -39,7 +41,7 @@ engine::inputs! {
     pub struct In {
         /// The object.
         object: Arc<Object>,
-        /// Where it stands, about.
+        /// Where it stands, roughly.
         pose: Arc<Pose>,
         /// The mesh of the place; or `splats`.
         mesh: Option<Arc<Mesh>>,
