@@ -48,15 +48,15 @@ engine::params! {
         precision: Precision = Precision::F32, other("F64"), knob(Precision, "F32", "F32", "F32", "F64");
         /// Highest degree of the spherical harmonics that is used.
         sh_degree: u32 = 4, range(0, 4), other("0"), knob(Depth, "", "", "", "4");
-        /// Splats at or below this planar depth, of a panorama this distance, are left out. In world units, and the
-        /// same whatever a unit is: where the world is made a thousand times larger, this must be as well, or what was
-        /// too near to be drawn, haze around the eye say, is drawn.
+        /// Splats at or below this planar depth (in a panorama, this distance) are left out. It is in world units and
+        /// does not scale with the scene: where the world is made a thousand times larger this must be as well, or splats
+        /// that were too near to be drawn, such as haze around the eye, appear.
         near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
-        /// Variance of the low-pass filter added to every footprint, in squares of pixels, of a panorama of samples.
+        /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
-        /// Whether opacity makes up for what the low-pass filter adds to a splat's area (mip splatting).
+        /// Whether opacity is lowered for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
         compensation: Compensation = Compensation::File, other("On");
-        /// Smallest alpha that is blended; 0 blends all, everywhere.
+        /// Smallest alpha that is blended; 0 blends every splat at every pixel.
         alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1"),
             knob(Cutoff, "0.002", "0.0005", "0.0001", "0.00001");
         /// Largest alpha of one splat.
@@ -67,11 +67,11 @@ engine::params! {
         depth: DepthMode = DepthMode::Expected, other("Median");
         /// Whether to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
-        /// Whether to leave out blocks of splats that cannot be in a picture, where there are several pictures to
-        /// save more than it takes to find the blocks; the pictures are the same bits.
+        /// Whether to leave out blocks of splats that cannot be in a picture, where there are enough pictures to
+        /// repay finding the blocks; the pictures are the same bits.
         skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
-        /// Whether to leave out harmonics above the degree that the file and `sh_degree` have, and the direction where
-        /// that is 0; summed all the same, with coefficients of 0, they give the same bits.
+        /// Whether to leave out harmonics above the degree that the file and `sh_degree` have, and the viewing direction
+        /// where that degree is 0; summing them anyway, with coefficients of 0, gives the same bits.
         skip_harmonics: bool = true, inert("what is left out is 0: only work is saved");
     }
 }
