@@ -30,14 +30,14 @@ engine::params! {
     /// Resamples views around a point into an equirectangular panorama.
     ///
     /// Each pixel is the mean over its solid angle, in linear light and weighted by alpha; the result goes
-    /// back to the encoding of the views. Where views overlap they are blended, more the further from
-    /// their borders, so no seam shows.
+    /// back to the encoding of the views. Where views overlap they are blended, each with more weight the farther
+    /// from its border, so no seam shows.
     pub struct Stitch {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// Whether no more columns are made than twice the side of the largest view, which is what the views of a
-        /// cube are worth: for those whose size `fit-probe` chose.
+        /// Whether to make at most twice as many columns as the largest view has pixels to a side, which is what the
+        /// views of a cube are worth: for views whose size `fit-probe` chose.
         as_views: bool = false, other("true");
         /// What shows where nothing was seen. Alpha tells where that is, whatever fills it.
         holes: Holes = Holes::PushPull, other("Black");
