@@ -230,11 +230,6 @@ pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 's
     fn read(fields: &mut Fields<'_, '_>) -> Option<Self>;
     /// Visits (name, value) in the order of declaration.
     fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
-
-    /// Every parameter at its default, for code that has no graph; `None` where one has none.
-    fn defaults() -> Option<Self> {
-        Self::read(&mut Fields { fields: &[], node_span: 0..0, kind: "", diagnostics: &mut Vec::new() })
-    }
 }
 
 /// A kind's own parameters, and those that it shares with others; the doc is that of its own.
@@ -276,7 +271,7 @@ impl<T: ParamType> ParamValue for T {
     }
 }
 
-/// Declares the parameters of a kind.
+/// Declares the parameters of a kind. Where every one has a default, so has the struct, for code that has no graph.
 ///
 /// ```
 /// engine::params! {
@@ -292,6 +287,13 @@ impl<T: ParamType> ParamValue for T {
 /// let specs = <Stitch as engine::Params>::specs();
 /// assert_eq!((specs[0].default)().as_deref(), Some("2048"));
 /// assert_eq!(specs[0].range, Some((16.0, 16384.0)));
+///
+/// engine::params! {
+///     /// Softens a shadow.
+///     pub struct Soften { /** Exponent. */ gamma: f64 = 0.8; /** Strength. */ lambda: f64 = 1.0; }
+/// }
+/// let half = Soften { lambda: 0.5, ..Soften::default() };
+/// assert_eq!(half, Soften { gamma: 0.8, lambda: 0.5 });
 /// ```
 #[macro_export]
 macro_rules! params {
@@ -301,6 +303,7 @@ macro_rules! params {
         $(#[doc = $sdoc])*
         #[derive(Debug, Clone, PartialEq)]
         $vis struct $name { $($(#[doc = $doc])* pub $field: $type,)* }
+        $crate::params!(@defaults $name { $($field $(= $default)?;)* });
         impl $crate::Params for $name {
             const DOC: &'static str = concat!($($sdoc, "\n"),*);
             fn specs() -> Vec<$crate::ParamSpec> {
@@ -333,6 +336,12 @@ macro_rules! params {
             }
         }
     };
+    (@defaults $name:ident { $($field:ident = $default:expr;)* }) => {
+        impl Default for $name {
+            fn default() -> Self { Self { $($field: $default,)* } }
+        }
+    };
+    (@defaults $name:ident { $($rest:tt)* }) => {};
     (@default $type:ty) => { None::<$type> };
     (@default $type:ty = $default:expr) => { Some::<$type>($default) };
     (@attr $spec:ident range($low:expr, $high:expr)) => { $spec.range = Some(($low as f64, $high as f64)); };

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use engine::{
-    Artifact, Context, Engine, Graph, Kind, Params, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
+    Artifact, Context, Engine, Graph, Kind, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
 };
 use nodes::color::luminance;
 use nodes::composite::{self, Composite};
@@ -87,7 +87,7 @@ impl Place {
         };
         let (traced, _) = PathTrace::run(params, inputs, &cx).unwrap();
         let pair = shadow_ratio::In { without: traced.without.clone(), with: traced.with.clone() };
-        let (ratio, _) = ShadowRatio::run(&ShadowRatio::defaults().unwrap(), pair, &cx).unwrap();
+        let (ratio, _) = ShadowRatio::run(&ShadowRatio::default(), pair, &cx).unwrap();
         let layers = composite::In {
             background: self.background.clone(),
             object: traced.object,
@@ -96,7 +96,7 @@ impl Place {
             front: None,
             variance: Some(traced.variance.clone()),
         };
-        let (made, _) = Composite::run(&Composite::defaults().unwrap(), layers, &cx).unwrap();
+        let (made, _) = Composite::run(&Composite::default(), layers, &cx).unwrap();
 
         let pairs = light(&traced.without).into_iter().zip(light(&traced.with));
         let told = plane(&traced.variance, 3).into_iter();
@@ -219,7 +219,7 @@ fn main() {
             max_error,
             env_block,
             contact_metres,
-            ..PathTrace::defaults().unwrap()
+            ..PathTrace::default()
         };
         let mut truth: [Vec<f64>; 2] = Default::default();
         for told in place.all_traced(&params(truth_samples, None), 1000..1000 + truth_seeds) {

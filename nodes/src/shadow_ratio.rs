@@ -115,13 +115,14 @@ impl ShadowRatio {
 
     /// The parameters that are set and shape a ratio where none is taken.
     fn idle(&self) -> Option<String> {
+        let unset = Self::default();
         let set = [
-            ("`channels`", self.channels != Channels::Each),
-            ("`epsilon`", self.epsilon != 1e-4),
-            ("`min_energy`", self.min_energy != 1e-3),
-            ("`s_max`", self.s_max != 1.0),
-            ("`gamma`", self.gamma != 1.0),
-            ("`s_min`", self.s_min != 0.0),
+            ("`channels`", self.channels != unset.channels),
+            ("`epsilon`", self.epsilon != unset.epsilon),
+            ("`min_energy`", self.min_energy != unset.min_energy),
+            ("`s_max`", self.s_max != unset.s_max),
+            ("`gamma`", self.gamma != unset.gamma),
+            ("`s_min`", self.s_min != unset.s_min),
         ];
         let names: Vec<&str> = set.into_iter().filter(|(_, set)| *set).map(|(name, _)| name).collect();
         (self.form == RatioForm::Difference && !names.is_empty()).then(|| names.join(", "))
@@ -317,19 +318,6 @@ mod tests {
     use super::*;
     use crate::testing::{context, row};
 
-    fn plain() -> ShadowRatio {
-        ShadowRatio {
-            form: RatioForm::Stable,
-            channels: Channels::Each,
-            epsilon: 1e-4,
-            min_energy: 1e-3,
-            s_max: 1.0,
-            gamma: 1.0,
-            s_min: 0.0,
-            lambda: 1.0,
-        }
-    }
-
     fn image(values: &[f32]) -> Arc<Images> {
         let samples = values.iter().flat_map(|&v| [v; 3]).collect();
         Arc::new(Images::single("v", Image::<Linear>::from_samples(values.len(), 1, 3, samples)))
@@ -347,11 +335,11 @@ mod tests {
         let with_sun = |radiance: f32| {
             let (mut r0, mut r1) = ([0.05; 12], [0.05; 12]);
             (r0[11], r1[0], r1[11]) = (radiance, 0.02, radiance);
-            ratios(&plain(), &r0, &r1)
+            ratios(&ShadowRatio::default(), &r0, &r1)
         };
         assert_eq!(with_sun(1e6), with_sun(0.05));
         assert!((with_sun(1e6)[0] - 0.4).abs() < 1e-3);
-        let p = ShadowRatio { min_energy: 0.8, ..plain() };
+        let p = ShadowRatio { min_energy: 0.8, ..ShadowRatio::default() };
         let run =
             ShadowRatio::run(&p, In { without: image(&[1.0; 2]), with: image(&[0.5, 1.0]) }, &context());
         let told =
@@ -362,7 +350,7 @@ mod tests {
     /// A difference has no use for what shapes a ratio, and says so of what is set.
     #[test]
     fn what_shapes_no_difference_is_told() {
-        let difference = || ShadowRatio { form: RatioForm::Difference, ..plain() };
+        let difference = || ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
         let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference() };
         let lambda = ShadowRatio { lambda: 0.5, ..difference() };
         for (params, expected) in [
@@ -384,7 +372,7 @@ mod tests {
         let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
         (r0[0], r1[0]) = (0.002, 1.0);
         let inputs = In { without: image(&r0), with: image(&r1) };
-        let params = ShadowRatio { min_energy: 0.0, ..plain() };
+        let params = ShadowRatio { min_energy: 0.0, ..ShadowRatio::default() };
         let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
         let told = notes.iter().find(|note| note.id == "clipped").expect("told");
         assert!(told.text.contains("1.210 times"), "{}", told.text);
@@ -394,7 +382,7 @@ mod tests {
     #[test]
     fn what_is_added_is_not_told_as_clipped() {
         let clipped = |form, s_max| {
-            let p = ShadowRatio { form, s_max, ..plain() };
+            let p = ShadowRatio { form, s_max, ..ShadowRatio::default() };
             let run = ShadowRatio::run(&p, In { without: image(&[1.0]), with: image(&[2.0]) }, &context());
             run.expect("runs").1.iter().any(|note| note.id == "clipped" && !note.text.starts_with("0 "))
         };
@@ -406,7 +394,7 @@ mod tests {
     /// Mutation: `powered` left out of `check`.
     #[test]
     fn bounds_that_leave_no_shadow_are_told() {
-        let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..plain() };
+        let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };
         for (s_min, s_max, gamma, good) in
             [(0.9, 0.5, 1.0, false), (0.6, 0.5, 0.5, true), (0.8, 0.5, 0.5, false), (1.0, 1.0, 1.0, true)]
         {
@@ -417,14 +405,14 @@ mod tests {
             let run = ShadowRatio::run(p, In { without: image(&[1.0]), with: image(&[1.0]) }, &context());
             run.expect("runs").1.iter().any(|note| note.id == "darkened")
         };
-        assert!(told(&of(0.0, 0.5, 1.0)) && !told(&plain()) && !told(&of(0.0, 2.0, 1.0)));
+        assert!(told(&of(0.0, 0.5, 1.0)) && !told(&ShadowRatio::default()) && !told(&of(0.0, 2.0, 1.0)));
         assert!(!told(&ShadowRatio { form: RatioForm::Difference, ..of(0.0, 0.5, 1.0) }));
     }
 
     #[test]
     fn row_49_nothing_over_nothing_is_one() {
         for form in [RatioForm::Stable, RatioForm::Paper, RatioForm::Hybrid] {
-            let p = ShadowRatio { form, ..plain() };
+            let p = ShadowRatio { form, ..ShadowRatio::default() };
             assert_eq!(ratios(&p, &[0.0; 9], &[0.0; 9]), [1.0; 9]);
             let run = ShadowRatio::run(&p, In { without: image(&[0.0]), with: image(&[0.0]) }, &context());
             assert!(run.expect("runs").1.iter().any(|note| note.id == "all-dark"));
@@ -439,10 +427,10 @@ mod tests {
     fn row_52_exposure_does_not_change_the_ratio() {
         for exposure in [1e-6_f32, 1.0, 1e6] {
             let r: Vec<f32> = [0.0, 1e-8, 0.3, 1.0, 7e4].iter().map(|v| v * exposure).collect();
-            assert_eq!(ratios(&plain(), &r, &r), vec![1.0; 5]);
+            assert_eq!(ratios(&ShadowRatio::default(), &r, &r), vec![1.0; 5]);
         }
         let (r0, r1) = ([0.5_f32, 0.2, 0.4, 0.1], [0.1_f32, 0.2, 0.3, 0.0]);
-        let at = |k: f32| ratios(&plain(), &r0.map(|v| v * k), &r1.map(|v| v * k));
+        let at = |k: f32| ratios(&ShadowRatio::default(), &r0.map(|v| v * k), &r1.map(|v| v * k));
         let change =
             |k: f32| at(1.0).iter().zip(at(k)).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
         row(52, "change of the ratio at 1e-6 and 1e6 of the light", change(1e-6).max(change(1e6)), 1e-6);
@@ -453,12 +441,12 @@ mod tests {
     fn row_53_dark_and_broken_samples_cast_no_shadow() {
         let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
         let r1 = [0.5, 1e-3, 0.5, 0.5, f32::NAN];
-        let paper = ShadowRatio { form: RatioForm::Paper, ..plain() };
+        let paper = ShadowRatio { form: RatioForm::Paper, ..ShadowRatio::default() };
         assert_eq!(ratios(&paper, &r0, &r1)[1..], [1.0; 4]);
-        let stable = ratios(&plain(), &r0, &r1);
+        let stable = ratios(&ShadowRatio::default(), &r0, &r1);
         assert_eq!(stable[2..], [1.0; 3]);
         assert!((stable[0] - 0.5).abs() < 1e-3);
-        let difference = ShadowRatio { form: RatioForm::Difference, ..plain() };
+        let difference = ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
         let (out, notes) =
             ShadowRatio::run(&difference, In { without: image(&r0), with: image(&r1) }, &context())
                 .expect("runs");
@@ -469,9 +457,9 @@ mod tests {
             for (r0, r1) in [(bad, 0.5), (0.5, bad), (bad, bad)] {
                 let (mut without, mut with) = ([0.5; 7], [0.2; 7]);
                 (without[3], with[3]) = (r0, r1);
-                let mut expected = ratios(&plain(), &[0.5; 7], &[0.2; 7]);
+                let mut expected = ratios(&ShadowRatio::default(), &[0.5; 7], &[0.2; 7]);
                 expected[3] = 1.0;
-                assert_eq!(ratios(&plain(), &without, &with), expected);
+                assert_eq!(ratios(&ShadowRatio::default(), &without, &with), expected);
             }
         }
     }
@@ -479,7 +467,7 @@ mod tests {
     /// Monotone in each shaping parameter, and the ends are exact.
     #[test]
     fn row_54_shaping_follows_the_paper() {
-        let p = plain;
+        let p = ShadowRatio::default;
         assert_eq!(ShadowRatio { lambda: 0.0, ..p() }.shape(0.1), 1.0);
         assert_eq!(ShadowRatio { s_min: 1.0, ..p() }.shape(0.1), 1.0);
         let s = ShadowRatio { gamma: 0.8, s_min: 0.05, lambda: 0.5, ..p() };
@@ -505,14 +493,15 @@ mod tests {
     #[test]
     fn row_51_added_light_needs_s_max() {
         let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
-        let (out, notes) = ShadowRatio::run(&plain(), inputs, &context()).expect("runs");
+        let (out, notes) = ShadowRatio::run(&ShadowRatio::default(), inputs, &context()).expect("runs");
         assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
         let told = notes.iter().find(|note| note.id == "clipped").map(|note| note.text.as_str());
         assert!(
             told.is_some_and(|text| text.starts_with("3 samples (25.00 %)") && text.contains("1.300")),
             "{told:?}"
         );
-        let more = ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..plain() }, &[1.0], &[1.3]);
+        let more =
+            ratios(&ShadowRatio { s_max: 2.0, epsilon: 0.0, ..ShadowRatio::default() }, &[1.0], &[1.3]);
         row(51, "error of a ratio above 1", f64::from((more[0] - 1.3).abs()), 1e-6);
     }
 
@@ -546,14 +535,16 @@ mod tests {
     /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
     #[test]
     fn row_50_the_mask_has_no_edge() {
-        let at = |least: f64| ratios(&ShadowRatio { min_energy: least, ..plain() }, &[0.5; 3], &[0.1; 3])[1];
+        let at = |least: f64| {
+            ratios(&ShadowRatio { min_energy: least, ..ShadowRatio::default() }, &[0.5; 3], &[0.1; 3])[1]
+        };
         let sweep: Vec<f32> = (0..200).map(|k| at(f64::from(k) / 100.0)).collect();
         assert!(sweep[0] < 0.21 && sweep[199] == 1.0);
         assert!(sweep.windows(2).all(|w| w[1] >= w[0]), "{sweep:?}");
         let jump = sweep.windows(2).map(|w| f64::from(w[1] - w[0])).fold(0.0, f64::max);
         row(50, "largest step of the ratio over 200 bounds of energy", jump, 0.04);
         // Nor does the noise of one pixel decide: among lit ones it has their ratio.
-        let lit = ShadowRatio { epsilon: 0.0, ..plain() };
+        let lit = ShadowRatio { epsilon: 0.0, ..ShadowRatio::default() };
         for ratio in ratios(&lit, &[0.5, 1e-5, 0.5], &[0.25, 5e-6, 0.25]) {
             assert!((ratio - 0.5).abs() < 1e-6, "{ratio}");
         }
@@ -565,7 +556,8 @@ mod tests {
         let out = |form| {
             let inputs = In { without: image(&r0), with: image(&r1) };
             let (out, _) =
-                ShadowRatio::run(&ShadowRatio { form, ..plain() }, inputs, &context()).expect("runs");
+                ShadowRatio::run(&ShadowRatio { form, ..ShadowRatio::default() }, inputs, &context())
+                    .expect("runs");
             let first = |images: &Images| -> Vec<f32> {
                 images.0[0].picture.samples().chunks(3).map(|p| p[0]).collect()
             };
@@ -587,7 +579,7 @@ mod tests {
     fn luminance_is_grey() {
         let colour =
             |v: [f32; 3]| Arc::new(Images::single("v", Image::<Linear>::from_samples(1, 1, 3, v.to_vec())));
-        let grey = ShadowRatio { channels: Channels::Luminance, epsilon: 0.0, ..plain() };
+        let grey = ShadowRatio { channels: Channels::Luminance, epsilon: 0.0, ..ShadowRatio::default() };
         let inputs = In { without: colour([0.5, 0.5, 0.5]), with: colour([0.1, 0.2, 0.4]) };
         let (out, _) = ShadowRatio::run(&grey, inputs, &context()).expect("runs");
         let s = out.shadow.0[0].picture.samples();

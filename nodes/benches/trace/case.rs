@@ -11,7 +11,7 @@ use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::load_object::{self, LoadObject};
 use nodes::override_material::{self, OverrideMaterial, Surface};
-use nodes::path_trace::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+use nodes::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 
@@ -38,21 +38,7 @@ fn matrix(value: &serde_json::Value) -> DMat4 {
 }
 
 fn params(samples: u32, (env_block, bounce): (EnvBlock, Bounce), crop: f64) -> PathTrace {
-    PathTrace {
-        samples,
-        max_error: None,
-        max_bounces: 8,
-        env_block,
-        bounce,
-        object_specular_sees: SpecularSees::Auto,
-        near_field: NearField::Auto,
-        clamp_indirect: 0.0,
-        contact_metres: Some(0.0),
-        shadow_only: false,
-        coarse_px: 1,
-        crop,
-        skip_lobes: true,
-    }
+    PathTrace { samples, env_block, bounce, contact_metres: Some(0.0), crop, ..PathTrace::default() }
 }
 
 impl Case {

@@ -125,21 +125,7 @@ fn rig(eye: DVec3, target: DVec3, size: u32, focal: f64) -> Arc<Rig> {
 }
 
 fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
-    PathTrace {
-        samples,
-        max_error: None,
-        max_bounces: 8,
-        env_block,
-        bounce: Bounce::Auto,
-        object_specular_sees: SpecularSees::Auto,
-        near_field: NearField::Auto,
-        clamp_indirect: 0.0,
-        contact_metres: Some(0.0),
-        shadow_only: false,
-        coarse_px: 1,
-        crop: 0.0,
-        skip_lobes: true,
-    }
+    PathTrace { samples, env_block, contact_metres: Some(0.0), crop: 0.0, ..PathTrace::default() }
 }
 
 fn render(

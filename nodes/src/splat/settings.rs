@@ -76,27 +76,6 @@ engine::params! {
     }
 }
 
-impl Default for Drawing {
-    fn default() -> Self {
-        let of = Settings::default();
-        Self {
-            bounds: of.bounds,
-            precision: of.precision,
-            sh_degree: of.sh_degree,
-            near: of.near,
-            low_pass_px2: of.low_pass_px2,
-            compensation: Compensation::File,
-            alpha_cut: of.alpha_cut,
-            alpha_cap: of.alpha_cap,
-            stop: of.stop,
-            depth: of.depth,
-            count_blends: of.count_blends,
-            skip_unseen: of.skip_unseen,
-            skip_harmonics: of.skip_harmonics,
-        }
-    }
-}
-
 impl Drawing {
     /// The settings for a scene; warns where its file says that it was trained otherwise.
     pub(crate) fn settings(&self, sort: Sort, splats: &Splats, notes: &mut Notes) -> Settings {
@@ -234,20 +213,5 @@ mod tests {
                 assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), told);
             }
         }
-    }
-
-    // The defaults that a graph gets are those that code gets.
-    #[test]
-    fn defaults_agree() {
-        use engine::{ParamValue, Params};
-        let mut given = Vec::new();
-        Drawing::default().visit(&mut |name, value: &dyn ParamValue| {
-            given.push((name, value.text().expect("finite")));
-        });
-        let declared: Vec<_> = Drawing::specs()
-            .into_iter()
-            .map(|spec| (spec.name, (spec.default)().expect("has one")))
-            .collect();
-        assert_eq!(given, declared);
     }
 }

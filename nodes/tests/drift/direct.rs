@@ -4,7 +4,7 @@
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-use engine::{Context, Kind, Params, Scene, Up};
+use engine::{Context, Kind, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::path_trace::visibility::{EnvBlock, NearField};
 use nodes::path_trace::{self, PathTrace};
@@ -38,7 +38,7 @@ impl Direct {
             near_field: NearField::Off,
             contact_metres: Some(0.0),
             crop: 0.0,
-            ..PathTrace::defaults().unwrap()
+            ..PathTrace::default()
         };
         let inputs = path_trace::In {
             receiver: Arc::new(floor()),

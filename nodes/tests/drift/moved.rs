@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Kind, Params, Scene, Up};
+use engine::{Context, Kind, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::composite::{self, Composite};
 use nodes::crop_mesh::{self, CropMesh};
@@ -88,18 +88,18 @@ impl World {
         let draw = |rig: &Arc<Rig>| {
             let drawing = Drawing { near: self.near, ..Drawing::default() };
             let inputs = splat_render::In { splats: splats.clone(), rig: rig.clone(), limit: None };
-            SplatRender::run(&(SplatRender::defaults().unwrap(), drawing), inputs, &cx).unwrap().0
+            SplatRender::run(&(SplatRender::default(), drawing), inputs, &cx).unwrap().0
         };
-        let probe = CubeRig { height_metres: 0.3, size_px: 32, ..CubeRig::defaults().unwrap() };
+        let probe = CubeRig { height_metres: 0.3, size_px: 32, ..CubeRig::default() };
         let probe = CubeRig::run(&probe, cube_rig::In { at: pose.clone() }, &cx).unwrap().0.rig;
-        let joined = Stitch { width_px: 64, ..Stitch::defaults().unwrap() };
+        let joined = Stitch { width_px: 64, ..Stitch::default() };
         let joined = Stitch::run(&joined, stitch::In { views: draw(&probe).views }, &cx).unwrap().0;
-        let dark = PredictExposure { method: Method::Region, ..PredictExposure::defaults().unwrap() };
+        let dark = PredictExposure { method: Method::Region, ..PredictExposure::default() };
         let clipped = predict_exposure::In { pano: joined.pano.clone() };
         let dark = PredictExposure::run(&dark, clipped, &cx).unwrap().0.brackets;
         let light = fuse_hdr::In { base: joined.pano, brackets: dark };
-        let light = FuseHdr::run(&FuseHdr::defaults().unwrap(), light, &cx).unwrap().0;
-        let cropped = CropMesh { below_height: Some(self.below), ..CropMesh::defaults().unwrap() };
+        let light = FuseHdr::run(&FuseHdr::default(), light, &cx).unwrap().0;
+        let cropped = CropMesh { below_height: Some(self.below), ..CropMesh::default() };
         let receiver = crop_mesh::In { mesh: Arc::new(self.mesh.clone()) };
         let receiver = CropMesh::run(&cropped, receiver, &cx).unwrap().0.mesh;
         let object = self.object.clone();
@@ -109,16 +109,16 @@ impl World {
             mesh: Some(receiver.clone()),
             splats: None,
         };
-        let ground = Snap::run(&Snap::defaults().unwrap(), ground, &cx).unwrap().0.pose;
+        let ground = Snap::run(&Snap::default(), ground, &cx).unwrap().0.pose;
         let ground = (ground.world_from_local.w_axis.truncate() - self.origin) * self.metres_per_unit;
         let placed = place::In { object, pose };
         let placed = Place::run(&Place {}, placed, &cx).unwrap().0.placed;
         let background = draw(&rig).colour;
-        let trace = PathTrace { samples: 4, ..PathTrace::defaults().unwrap() };
+        let trace = PathTrace { samples: 4, ..PathTrace::default() };
         let inputs = path_trace::In { receiver, objects: vec![placed], rig, env: light.env };
         let trace = PathTrace::run(&trace, inputs, &cx).unwrap().0;
         let pair = shadow_ratio::In { without: trace.without.clone(), with: trace.with.clone() };
-        let shadow = ShadowRatio::run(&ShadowRatio::defaults().unwrap(), pair, &cx).unwrap().0.shadow;
+        let shadow = ShadowRatio::run(&ShadowRatio::default(), pair, &cx).unwrap().0.shadow;
         let layers = composite::In {
             background: background.clone(),
             object: trace.object.clone(),
@@ -127,7 +127,7 @@ impl World {
             front: None,
             variance: None,
         };
-        let picture = Composite::run(&Composite::defaults().unwrap(), layers, &cx).unwrap().0.image;
+        let picture = Composite::run(&Composite::default(), layers, &cx).unwrap().0.image;
         vec![
             ("background", samples(&background)),
             ("environment", samples(&light.image)),

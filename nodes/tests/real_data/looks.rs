@@ -6,7 +6,7 @@ use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_object::{self, LoadObject};
-use nodes::path_trace::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+use nodes::path_trace::visibility::{Bounce, EnvBlock, SpecularSees};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Mesh, Placed, Rig};
 
@@ -58,18 +58,13 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
     };
     let params = PathTrace {
         samples,
-        max_error: None,
         max_bounces: 12,
         env_block: EnvBlock::Solid,
         bounce: Bounce::Solid,
         object_specular_sees: SpecularSees::Receiver,
-        near_field: NearField::Auto,
-        clamp_indirect: 0.0,
         contact_metres: Some(0.0),
-        shadow_only: false,
-        coarse_px: 1,
         crop: 0.0,
-        skip_lobes: true,
+        ..PathTrace::default()
     };
     let inputs = path_trace::In {
         receiver: Arc::new(floor),

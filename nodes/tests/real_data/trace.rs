@@ -12,7 +12,7 @@ use nodes::load_environment::{self, LoadEnvironment};
 use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::load_object::{self, LoadObject};
 use nodes::override_material::{self, OverrideMaterial, Surface};
-use nodes::path_trace::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+use nodes::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 
@@ -98,18 +98,11 @@ impl Case {
     fn trace(&self, samples: u32, env_block: EnvBlock, bounce: Bounce) -> path_trace::Out {
         let params = PathTrace {
             samples,
-            max_error: None,
-            max_bounces: 8,
             env_block,
             bounce,
-            object_specular_sees: SpecularSees::Auto,
-            near_field: NearField::Auto,
-            clamp_indirect: 0.0,
             contact_metres: Some(0.0),
-            shadow_only: false,
-            coarse_px: 1,
             crop: 0.0,
-            skip_lobes: true,
+            ..PathTrace::default()
         };
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use engine::{Kind, Params, Scene, Up};
+use engine::{Kind, Scene, Up};
 use tempfile::TempDir;
 
 use super::super::{CLIPPED, In, Method, Out, PredictExposure};
@@ -247,7 +247,7 @@ fn light_that_photographs_show_above_an_early_white_is_found() {
             .unwrap_or_else(|e| panic!("{e}"));
         let own = linear_from_srgb(code as f32 / 255.0);
         for gain in [Gain::Direct, Gain::Brackets] {
-            let fuse = FuseHdr { gain, ..FuseHdr::defaults().expect("has defaults") };
+            let fuse = FuseHdr { gain, ..FuseHdr::default() };
             let input = fuse_hdr::In { base: base.clone(), brackets: out.brackets.clone() };
             let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
             let (lit, _) = FuseHdr::run(&fuse, input, &Context::detached(scene, ".")).expect("runs");
