@@ -172,7 +172,7 @@ impl PathTrace {
 /// What is added to the light of the receiver, as the point of capture sees it, where its walls reflect the
 /// environment that already shows them: a share of what there is without.
 fn counted_twice(prepared: &PreparedScene<'_>, from: Vec3, rules: &Rules) -> f64 {
-    let Ok(objects) = Objects::new(&[], prepared.origin) else { return 0.0 };
+    let Ok(objects) = Objects::new(None, &[], prepared.origin) else { return 0.0 };
     let light = |bounce_solid| {
         let rules = Rules { bounce_solid, near: None, ..*rules };
         let scene = Scene {

@@ -299,7 +299,7 @@ impl Kind for PathTrace {
         let [_, _, up] = crate::equirect::axes(cx.up());
         let decided = params.decide(&prepared, centre, (up, cx.metres_per_unit()), &mut notes);
         let rules = decided.rules;
-        let mut objects = Objects::on(Some(prepared.receiver()), &inputs.objects, origin)?;
+        let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
         objects.every_lobe = !params.skip_lobes;
         objects.shown = !params.shadow_only;
         report_inputs(&prepared, &objects, &mut notes);

@@ -4,6 +4,7 @@
 //! rays of matte surfaces, and so for shadows, it goes straight and is only dimmed and tinted: caustics of
 //! refraction are left out, and both strategies that look for light from a matte surface agree on that.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use engine::NodeError;
@@ -86,13 +87,12 @@ fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
 }
 
 impl Objects {
-    /// Triangles of the objects, relative to `origin`, where there is no receiver.
-    pub fn new(placed: &[Arc<Placed>], origin: DVec3) -> Result<Self, NodeError> {
-        Self::on(None, placed, origin)
-    }
-
-    /// Triangles of the objects, relative to `origin`, as they lie on one another and on the receiver.
-    pub fn on(receiver: Option<&Receiver>, placed: &[Arc<Placed>], origin: DVec3) -> Result<Self, NodeError> {
+    /// Triangles of the objects, relative to `origin`, as they lie on one another and on the receiver, if there is one.
+    pub fn new(
+        receiver: Option<&Receiver>,
+        placed: &[Arc<Placed>],
+        origin: DVec3,
+    ) -> Result<Self, NodeError> {
         let mut objects = Self {
             bvh: Bvh::default(),
             corners: Vec::new(),
@@ -116,50 +116,7 @@ impl Objects {
             lifted: 0.0,
         };
         for (index, one) in placed.iter().enumerate() {
-            let matrix = one.world_from_object;
-            let linear = DMat3::from_mat4(matrix);
-            let mirrored = linear.determinant() < 0.0;
-            let size = num::pow(linear.determinant().abs(), 1.0 / 3.0);
-            for (number, primitive) in one.object.primitives.iter().enumerate() {
-                let material = one.object.materials.get(primitive.material as usize);
-                let (Some(material), true) = (material, primitive.is_consistent()) else {
-                    let what = format!("part {number} of object {index} names what it does not have");
-                    return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
-                };
-                let opaque = material.alpha_mode == AlphaMode::Opaque;
-                objects.opaque &= opaque && material.double_sided;
-                let clear = material.transmission.factor > 0.0;
-                objects.clear |= clear;
-                let lets_in = clear || material.diffuse_transmission.strength.factor > 0.0;
-                let body = material.volume.filter(|_| lets_in).map(|volume| {
-                    // It grows with the object, which keeps its looks.
-                    let absorption = Vec3::from_array(volume) / size as f32;
-                    let absorption = if absorption.is_finite() { absorption } else { Vec3::ZERO };
-                    objects.body(Body { placed: index, absorption, ior: material.ior })
-                });
-                objects.parts.push(PlacedPrimitive {
-                    placed: index,
-                    primitive: number,
-                    first: objects.corners.len() as u32,
-                    normals: columns(linear.inverse().transpose()),
-                    tangents: columns(linear),
-                    mirrored,
-                    opaque,
-                    clear,
-                    body,
-                });
-                let place = |i: u32| {
-                    let local = DVec3::from_array(primitive.positions[i as usize].map(f64::from));
-                    (matrix.transform_point3(local) - origin).as_vec3()
-                };
-                let first = objects.corners.len();
-                objects.corners.extend(primitive.triangles.iter().map(|&t| wound(t, mirrored).map(place)));
-                if body.is_some() {
-                    let held = objects.corners[first..].iter().flatten().filter(|p| p.is_finite());
-                    let held = held.map(|&p| (p, p)).chain(objects.held);
-                    objects.held = held.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
-                }
-            }
+            objects.add(index, one, origin)?;
         }
         objects.bvh = Bvh::build(&objects.corners);
         objects.lift_sheets(receiver);
@@ -169,6 +126,55 @@ impl Objects {
             objects.shades = Shades::of(&objects);
         }
         Ok(objects)
+    }
+
+    /// Adds the primitives of a placed object, of which this is the number.
+    fn add(&mut self, index: usize, one: &Placed, origin: DVec3) -> Result<(), NodeError> {
+        let matrix = one.world_from_object;
+        let linear = DMat3::from_mat4(matrix);
+        let mirrored = linear.determinant() < 0.0;
+        let size = num::pow(linear.determinant().abs(), 1.0 / 3.0);
+        for (number, primitive) in one.object.primitives.iter().enumerate() {
+            let material = one.object.materials.get(primitive.material as usize);
+            let (Some(material), true) = (material, primitive.is_consistent()) else {
+                let what = format!("part {number} of object {index} names what it does not have");
+                return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
+            };
+            let opaque = material.alpha_mode == AlphaMode::Opaque;
+            self.opaque &= opaque && material.double_sided;
+            let clear = material.transmission.factor > 0.0;
+            self.clear |= clear;
+            let lets_in = clear || material.diffuse_transmission.strength.factor > 0.0;
+            let body = material.volume.filter(|_| lets_in).map(|volume| {
+                // It grows with the object, which keeps its looks.
+                let absorption = Vec3::from_array(volume) / size as f32;
+                let absorption = if absorption.is_finite() { absorption } else { Vec3::ZERO };
+                self.body(Body { placed: index, absorption, ior: material.ior })
+            });
+            let first = self.corners.len();
+            self.parts.push(PlacedPrimitive {
+                placed: index,
+                primitive: number,
+                first: first as u32,
+                normals: columns(linear.inverse().transpose()),
+                tangents: columns(linear),
+                mirrored,
+                opaque,
+                clear,
+                body,
+            });
+            let place = |i: u32| {
+                let local = DVec3::from_array(primitive.positions[i as usize].map(f64::from));
+                (matrix.transform_point3(local) - origin).as_vec3()
+            };
+            self.corners.extend(primitive.triangles.iter().map(|&t| wound(t, mirrored).map(place)));
+            if body.is_some() {
+                let held = self.corners[first..].iter().flatten().filter(|p| p.is_finite());
+                let held = held.map(|&p| (p, p)).chain(self.held);
+                self.held = held.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+            }
+        }
+        Ok(())
     }
 
     /// The number of a body; surfaces of one object around the same stuff share it.
@@ -183,22 +189,24 @@ impl Objects {
     /// The box around each placed object, as far as its corners are finite: lower corner, upper corner.
     pub fn boxes(&self) -> Vec<(Vec3, Vec3)> {
         let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); self.placed.len()];
-        for (index, part) in self.parts.iter().enumerate() {
-            let end = self.parts.get(index + 1).map_or(self.corners.len(), |next| next.first as usize);
-            let corners = self.corners[part.first as usize..end].iter().flatten().filter(|p| p.is_finite());
+        for (part, triangles) in self.parts_with_triangles() {
+            let corners = self.corners[triangles].iter().flatten().filter(|p| p.is_finite());
             let (low, high) = &mut boxes[part.placed];
             corners.for_each(|p| (*low, *high) = (low.min(*p), high.max(*p)));
         }
         boxes
     }
 
+    /// Their primitives, each with its triangles in the tree.
+    pub(super) fn parts_with_triangles(&self) -> impl Iterator<Item = (&PlacedPrimitive, Range<usize>)> {
+        let ends = self.parts.iter().skip(1).map(|next| next.first as usize).chain([self.corners.len()]);
+        self.parts.iter().zip(ends).map(|(part, end)| (part, part.first as usize..end))
+    }
+
     /// The triangles of one of them.
     pub(super) fn triangles_of(&self, placed: usize) -> impl Iterator<Item = u32> {
-        let parts = self.parts.iter().enumerate().filter(move |(_, part)| part.placed == placed);
-        parts.flat_map(|(index, part)| {
-            let end = self.parts.get(index + 1).map_or(self.corners.len() as u32, |next| next.first);
-            part.first..end
-        })
+        let parts = self.parts_with_triangles().filter(move |(part, _)| part.placed == placed);
+        parts.flat_map(|(_, triangles)| triangles.start as u32..triangles.end as u32)
     }
 
     /// What they were made from.
@@ -312,7 +320,7 @@ mod tests {
         };
         let mirror = glam::DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
         let placed = Arc::new(Placed { object: Arc::new(object), world_from_object: mirror });
-        let objects = Objects::new(&[placed], DVec3::ZERO).expect("consistent");
+        let objects = Objects::new(None, &[placed], DVec3::ZERO).expect("consistent");
         let ray = Ray::new(Vec3::new(-0.2, 0.2, 1.0), Vec3::NEG_Z);
         let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, 0, true)).expect("front");
         assert!(!hit.back);

@@ -161,7 +161,7 @@ mod tests {
         let material = Material { double_sided: true, ..Material::default() };
         let object = Object { primitives: vec![primitive], materials: vec![material], textures: Vec::new() };
         let placed = Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY };
-        Objects::new(&[Arc::new(placed)], DVec3::ZERO).expect("consistent")
+        Objects::new(None, &[Arc::new(placed)], DVec3::ZERO).expect("consistent")
     }
 
     /// Cameras outside of a crowd of triangles and in it, so that some lie beside and behind the eye: every pixel is held of

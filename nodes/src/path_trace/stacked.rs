@@ -105,9 +105,8 @@ impl Objects {
         let reach = 2.0 * space;
         let count = self.placed().len();
         let mut spans = vec![Vec::new(); count];
-        for (index, part) in self.parts.iter().enumerate() {
-            let end = self.parts.get(index + 1).map_or(self.corners.len(), |next| next.first as usize);
-            spans[part.placed].push(part.first as usize..end);
+        for (part, triangles) in self.parts_with_triangles() {
+            spans[part.placed].push(triangles);
         }
         let of = |index: usize| spans[index].iter().flat_map(|span| &self.corners[span.clone()]);
         let sheets: Vec<Option<Sheet>> = (0..count).map(|index| Sheet::of(of(index), reach)).collect();

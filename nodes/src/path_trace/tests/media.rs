@@ -250,7 +250,7 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
         ("overlapping", vec![slab(0.3, 1.0, 2.0, tinted(1.5)), slab(0.8, 1.5, 1.0, tinted(1.2))]),
         ("wall", vec![slab(0.5, 0.6, 2.0, wall)]),
     ] {
-        let objects = Objects::new(&objects, DVec3::ZERO).expect("consistent");
+        let objects = Objects::new(None, &objects, DVec3::ZERO).expect("consistent");
         let scene =
             Traced { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules, light_points: None };
         for height in [0.0, 0.4] {

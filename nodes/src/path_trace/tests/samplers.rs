@@ -63,7 +63,7 @@ fn samples_fill_their_pixel_evenly() {
 #[test]
 fn russian_roulette_keeps_what_paths_bring() {
     let (receiver, objects) =
-        (Receiver::new(&plane(1.0), DVec3::ZERO), Objects::new(&[], DVec3::ZERO).expect("none"));
+        (Receiver::new(&plane(1.0), DVec3::ZERO), Objects::new(None, &[], DVec3::ZERO).expect("none"));
     let sky = EnvironmentLight::new(&white());
     let rules = matte_rules();
     let scene =
@@ -90,8 +90,9 @@ fn russian_roulette_keeps_what_paths_bring() {
 fn surfaces_are_met_as_often_as_they_hide() {
     let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), Vec3::NEG_Z);
     let key = |i: u32| hash(hash(stream(7, i % 100, 3), i / 100), 5);
-    let of =
-        |material| Objects::new(&[placed(&plane(1.0), material, DVec3::ZERO)], DVec3::ZERO).expect("one");
+    let of = |material| {
+        Objects::new(None, &[placed(&plane(1.0), material, DVec3::ZERO)], DVec3::ZERO).expect("one")
+    };
     for alpha in [0.02_f32, 0.3, 0.9] {
         let mut material = Material { alpha_mode: crate::types::AlphaMode::Blend, ..matte(0.5) };
         material.base_colour[3] = alpha;
