@@ -158,14 +158,11 @@ impl Objects {
             });
             left.iter().filter(|&&count| count > 0).count()
         };
-        let deepest = self.parts.iter().enumerate().filter(|(_, part)| part.body.is_some()).flat_map(
-            |(index, part)| {
-                let end = self.parts.get(index + 1).map_or(self.corners.len(), |next| next.first as usize);
-                let all = part.first as usize..end;
-                let step = all.len().div_ceil(FEELERS).max(1);
-                all.step_by(step).map(|triangle| around(triangle as u32, self.corners[triangle]))
-            },
-        );
+        let of_bodies = self.parts_with_triangles().filter(|(part, _)| part.body.is_some());
+        let deepest = of_bodies.flat_map(|(_, all)| {
+            let step = all.len().div_ceil(FEELERS).max(1);
+            all.step_by(step).map(|triangle| around(triangle as u32, self.corners[triangle]))
+        });
         deepest.max().filter(|&deepest| deepest > MOST)
     }
 

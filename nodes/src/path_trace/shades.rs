@@ -21,14 +21,11 @@ impl Shades {
     /// one with it.
     pub(super) fn of(objects: &Objects) -> Self {
         let (mut lamps, mut papers) = (Vec::new(), Vec::new());
-        for index in 0..objects.parts.len() {
-            let first = objects.parts[index].first;
-            let end = objects.parts.get(index + 1).map_or(objects.corners.len(), |next| next.first as usize);
-            let corners = &objects.corners[first as usize..end];
-            let finite = corners.iter().flatten().filter(|p| p.is_finite());
+        for (part, triangles) in objects.parts_with_triangles() {
+            let finite = objects.corners[triangles].iter().flatten().filter(|p| p.is_finite());
             let around = finite.map(|&p| [p, p]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
             let Some(around) = around else { continue };
-            let material = objects.part(first).3;
+            let material = objects.part(part.first).3;
             if material.shines() {
                 lamps.push(around);
             } else if material.diffuse_transmission.strength.factor > 0.0 {

@@ -74,9 +74,8 @@ impl Touching {
             found
         };
         let mut all = Self { triangles: vec![false; objects.corners.len()], held: None, reach };
-        for (index, part) in objects.parts.iter().enumerate().filter(|(_, part)| part.body.is_none()) {
-            let end = objects.parts.get(index + 1).map_or(objects.corners.len(), |next| next.first as usize);
-            for triangle in part.first as usize..end {
+        for (_, triangles) in objects.parts_with_triangles().filter(|(part, _)| part.body.is_none()) {
+            for triangle in triangles {
                 let corners = &objects.corners[triangle];
                 if corners.iter().all(|corner| corner.is_finite()) && touches(corners) {
                     all.triangles[triangle] = true;
