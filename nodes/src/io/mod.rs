@@ -1,6 +1,7 @@
 //! File formats: bytes to values and back. Nothing here reads a file or knows of nodes; every size is
 //! checked against the bytes at hand before memory is taken, and hostile bytes give a typed error.
 
+pub(crate) mod base64;
 pub mod exr;
 pub mod gltf;
 pub mod gpano;

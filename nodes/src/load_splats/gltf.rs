@@ -16,6 +16,7 @@ use super::frame::Turn;
 use super::rows::{Part, Row, sh_rest};
 use super::{Fetch, Loaded, Reading, spz};
 use crate::Error;
+use crate::io::base64;
 use crate::num;
 use crate::types::SplatEncoding;
 
@@ -245,7 +246,9 @@ pub(super) fn load(
             Some(uri) => match uri.strip_prefix("data:") {
                 Some(data) => {
                     let encoded = data.split_once(";base64,").map(|(_, encoded)| encoded);
-                    encoded.and_then(base64).ok_or_else(|| Error::format(file, "a broken data URI"))?
+                    encoded
+                        .and_then(base64::decode)
+                        .ok_or_else(|| Error::format(file, "a broken data URI"))?
                 }
                 None => fetch(uri)?,
             },
@@ -377,41 +380,4 @@ fn primitive(
         Row::checked(three(&centres), [w, x, y, z], scale, opacity, reading.max_extent)
     })?;
     Ok(Loaded::new(parts, count, degree))
-}
-
-/// Decodes base64 (RFC 4648, section 4); `None` where it is none.
-fn base64(text: &str) -> Option<Vec<u8>> {
-    let digits = text.trim_end_matches('=').as_bytes();
-    let mut out = Vec::with_capacity(digits.len() / 4 * 3 + 3);
-    let (mut word, mut bits) = (0_u32, 0);
-    for digit in digits {
-        let value = match digit {
-            b'A'..=b'Z' => digit - b'A',
-            b'a'..=b'z' => digit - b'a' + 26,
-            b'0'..=b'9' => digit - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => return None,
-        };
-        word = word << 6 | u32::from(value);
-        bits += 6;
-        if bits >= 8 {
-            bits -= 8;
-            out.push((word >> bits & 255) as u8);
-        }
-    }
-    Some(out)
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn base64_of_the_standard() {
-        for (text, bytes) in
-            [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYmFy", "foobar")]
-        {
-            assert_eq!(super::base64(text).as_deref(), Some(bytes.as_bytes()));
-        }
-        assert_eq!(super::base64("Z*=="), None);
-    }
 }

@@ -1,37 +1,23 @@
 //! Shapes of a glTF file: the scene's nodes, their transforms, morph weights and skins, and primitives.
 
+mod deform;
+mod shading_frame;
+mod tally;
+mod transform;
+
 use engine::{Context, NodeError, Notes};
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 use gltf::mesh::Mode;
-use gltf::scene::Transform;
 use gltf::{Accessor, Node, Semantic};
 
-use super::tangents;
 use crate::Error;
 use crate::io::gltf::{File, Numbers};
 use crate::types::{Material, Primitive};
+use tally::Tally;
+use transform::{inverse_transpose, local, turned};
 
 /// Most vertices of one object; beyond that a small file that repeats a mesh could fill any memory.
 const VERTEX_LIMIT: usize = 1 << 26;
-
-/// What was dropped or repaired, to be told.
-#[derive(Default)]
-struct Tally {
-    points_and_lines: u64,
-    not_finite: u64,
-    without_area: u64,
-    left_over: u64,
-    unmapped: u64,
-    coordinates: u64,
-    normals: u64,
-    colours: u64,
-    tangents_made: u64,
-    tangents_arbitrary: u64,
-    morphed: u64,
-    skinned: u64,
-    mirrored: u64,
-    instances: u64,
-}
 
 /// Reads shapes.
 pub struct Geometry<'a> {
@@ -106,7 +92,7 @@ impl<'a> Geometry<'a> {
                 }
             }
         }
-        self.tell(notes);
+        self.tally.tell(notes);
         if primitives.is_empty() {
             let t = &self.tally;
             let why = match (t.without_area, t.points_and_lines) {
@@ -144,41 +130,6 @@ impl<'a> Geometry<'a> {
 
     fn numbers(&self, accessor: &Accessor<'_>) -> Result<Numbers, Error> {
         self.file.numbers(accessor, self.buffers)
-    }
-
-    /// Where the copies of a node's mesh stand in its frame: EXT_mesh_gpu_instancing, or one as it is.
-    fn instances(&mut self, node: &Node<'_>) -> Result<Vec<DMat4>, Error> {
-        let attributes =
-            &self.file.json["nodes"][node.index()]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
-        let mut count = None;
-        let mut read = |semantic: &str, width: usize| -> Result<Vec<f64>, Error> {
-            let Some(index) = attributes[semantic].as_u64() else { return Ok(Vec::new()) };
-            let accessor = self.file.document.accessors().nth(index as usize);
-            let accessor =
-                accessor.ok_or_else(|| self.bad(format!("{semantic} of instances names no accessor")))?;
-            let numbers = self.numbers(&accessor)?;
-            if numbers.width != width || *count.get_or_insert(accessor.count()) != accessor.count() {
-                return Err(self.bad(format!("{semantic} of instances does not fit the others")));
-            }
-            Ok(numbers.values)
-        };
-        let (places, turns) = (read("TRANSLATION", 3)?, read("ROTATION", 4)?);
-        let scales = read("SCALE", 3)?;
-        let Some(count) = count else { return Ok(vec![DMat4::IDENTITY]) };
-        self.tally.instances += count as u64;
-        let triple = |values: &[f64], i: usize, default: f64| {
-            values.as_chunks::<3>().0.get(i).map_or(DVec3::splat(default), |v| DVec3::from_array(*v))
-        };
-        let instance = |i: usize| {
-            let turn = turns.as_chunks::<4>().0.get(i).copied().unwrap_or([0.0, 0.0, 0.0, 1.0]);
-            let (scale, place) = (triple(&scales, i, 1.0), triple(&places, i, 0.0));
-            DMat4::from_scale_rotation_translation(scale, rotation(turn), place)
-        };
-        let instances: Vec<DMat4> = (0..count).map(instance).collect();
-        match instances.iter().position(|m| !m.is_finite()) {
-            Some(bad) => Err(self.bad(format!("instance {bad} of node {} is not finite", node.index()))),
-            None => Ok(instances),
-        }
     }
 
     fn attribute<const N: usize>(
@@ -330,231 +281,9 @@ impl<'a> Geometry<'a> {
             }
         })
     }
-
-    /// Adds the morph targets at the file's own weights.
-    fn morph(
-        &mut self,
-        node: &Node<'_>,
-        primitive: &gltf::Primitive<'_>,
-        positions: &mut [[f64; 3]],
-        normals: &mut [[f64; 3]],
-        tangents: &mut [[f64; 4]],
-    ) -> Result<(), Error> {
-        let weights =
-            node.weights().or_else(|| node.mesh().and_then(|mesh| mesh.weights())).unwrap_or_default();
-        for (target, weight) in primitive.morph_targets().zip(weights).filter(|(_, w)| **w != 0.0) {
-            self.tally.morphed += 1;
-            let deltas = |accessor: Option<Accessor<'_>>| -> Result<Vec<[f64; 3]>, Error> {
-                let Some(accessor) = accessor else { return Ok(Vec::new()) };
-                let numbers = self.numbers(&accessor)?;
-                let deltas =
-                    numbers.arrays::<3>().ok_or_else(|| self.bad("morph targets are not triples"))?;
-                Ok(deltas.to_vec())
-            };
-            let moved = [deltas(target.positions())?, deltas(target.normals())?, deltas(target.tangents())?];
-            let add = |to: &mut f64, delta: f64| *to += f64::from(*weight) * delta;
-            for (v, d) in positions.iter_mut().zip(&moved[0]) {
-                (0..3).for_each(|i| add(&mut v[i], d[i]));
-            }
-            for (v, d) in normals.iter_mut().zip(&moved[1]) {
-                (0..3).for_each(|i| add(&mut v[i], d[i]));
-            }
-            for (v, d) in tangents.iter_mut().zip(&moved[2]) {
-                (0..3).for_each(|i| add(&mut v[i], d[i]));
-            }
-        }
-        Ok(())
-    }
-
-    /// The blended joint matrix of every vertex, with the joints where the file has them.
-    fn skin(
-        &mut self,
-        node: &Node<'_>,
-        primitive: &gltf::Primitive<'_>,
-        n: usize,
-    ) -> Result<Option<Vec<DMat4>>, Error> {
-        let Some(skin) = node.skin() else { return Ok(None) };
-        let mut influences = Vec::new();
-        for set in 0.. {
-            let Some(joints) = self.attribute::<4>(primitive, Semantic::Joints(set), n)? else { break };
-            let weights = self
-                .attribute::<4>(primitive, Semantic::Weights(set), n)?
-                .ok_or_else(|| self.bad("a skinned primitive has joints but no weights"))?;
-            influences.push((joints, weights));
-        }
-        if influences.is_empty() {
-            return Ok(None);
-        }
-        let inverse: Vec<DMat4> = match skin.inverse_bind_matrices() {
-            Some(accessor) => {
-                let numbers = self.numbers(&accessor)?;
-                let matrices =
-                    numbers.arrays::<16>().ok_or_else(|| self.bad("bind matrices are not 4 x 4"))?;
-                matrices.iter().map(DMat4::from_cols_array).collect()
-            }
-            None => Vec::new(),
-        };
-        let matrices: Vec<DMat4> = skin
-            .joints()
-            .enumerate()
-            .map(|(k, joint)| {
-                let world = self.world[joint.index()].unwrap_or_default();
-                world * inverse.get(k).copied().unwrap_or_default()
-            })
-            .collect();
-        self.tally.skinned += 1;
-        let blend = |v: usize| {
-            let of = |set: &(Vec<[f64; 4]>, Vec<[f64; 4]>)| set.0[v].into_iter().zip(set.1[v]);
-            let sum: f64 = influences.iter().flat_map(of).map(|(_, weight)| weight).sum();
-            let mut blended = DMat4::ZERO;
-            for (joint, weight) in influences.iter().flat_map(of).filter(|(_, weight)| *weight != 0.0) {
-                let matrix = matrices
-                    .get(joint as usize)
-                    .ok_or_else(|| self.bad("a vertex names an unknown joint"))?;
-                blended += *matrix * (weight / sum);
-            }
-            Ok(if sum > 0.0 { blended } else { matrices.first().copied().unwrap_or_default() })
-        };
-        (0..n).map(blend).collect::<Result<_, Error>>().map(Some)
-    }
-
-    /// Repairs normals, and makes tangents where a normal map needs them.
-    fn shading_frame(&mut self, p: &mut Primitive, normal_map: Option<bool>) {
-        let broken: Vec<usize> = (0..p.normals.len()).filter(|&v| p.normals[v] == [0.0; 3]).collect();
-        if !broken.is_empty() {
-            self.tally.normals += broken.len() as u64;
-            let faces = summed_face_normals(p);
-            for v in broken {
-                p.normals[v] = faces[v];
-            }
-        }
-        let Some(second_set) = normal_map else { return };
-        let has_uv = !if second_set { &p.uv1 } else { &p.uv0 }.is_empty();
-        if p.normals.is_empty() {
-            // Flat normals, which the specification asks for; given tangents are then void.
-            unweld(p);
-            p.tangents.clear();
-            p.normals = summed_face_normals(p);
-        }
-        let broken = p.tangents.iter().any(|t| t[..3] == [0.0; 3]);
-        if has_uv && (p.tangents.is_empty() || broken) {
-            self.tally.tangents_made += 1;
-            self.tally.tangents_arbitrary += tangents::generate(p, second_set);
-        }
-    }
-
-    fn tell(&self, notes: &mut Notes) {
-        let t = &self.tally;
-        for (id, count, what) in [
-            ("points-and-lines", t.points_and_lines, "primitives of points or lines were left out"),
-            (
-                "vertices-not-finite",
-                t.not_finite,
-                "vertices are not finite numbers; their triangles were dropped",
-            ),
-            (
-                "triangles-dropped",
-                t.without_area,
-                "triangles without area or with such vertices were dropped",
-            ),
-            ("indices-left-over", t.left_over, "indices at the end make no whole triangle"),
-            (
-                "no-coordinates",
-                t.unmapped,
-                "primitives have a texture but not its coordinates; all of them show its corner",
-            ),
-            (
-                "coordinates-not-finite",
-                t.coordinates,
-                "texture coordinates are not finite numbers; 0 stands for them",
-            ),
-            ("normals-repaired", t.normals, "normals without length were made from the faces around"),
-            ("colours-clamped", t.colours, "vertex colours outside of 0 to 1 were clamped"),
-            (
-                "tangents-made",
-                t.tangents_made,
-                "primitives with bumps or a brush had no tangents; they were made",
-            ),
-            (
-                "tangents-arbitrary",
-                t.tangents_arbitrary,
-                "vertices have texture coordinates without direction",
-            ),
-            ("morph-targets", t.morphed, "morph targets were applied at the weights of the file"),
-            ("skins", t.skinned, "skinned primitives were posed as the file has their joints"),
-            ("instances", t.instances, "copies of meshes by EXT_mesh_gpu_instancing"),
-            (
-                "mirrored",
-                t.mirrored,
-                "primitives are mirrored by their nodes; their triangles were turned over",
-            ),
-        ] {
-            notes.count(id, count, what);
-        }
-    }
 }
 
 fn usable(t: &[u32; 3], positions: &[[f32; 3]], finite: &[bool]) -> bool {
     let [a, b, c] = t.map(|v| DVec3::from_array(positions[v as usize].map(f64::from)));
     t.iter().all(|&v| finite[v as usize]) && (b - a).cross(c - a) != DVec3::ZERO
-}
-
-fn local(transform: &Transform) -> DMat4 {
-    match transform {
-        Transform::Matrix { matrix } => {
-            DMat4::from_cols_array(&std::array::from_fn(|i| f64::from(matrix[i / 4][i % 4])))
-        }
-        Transform::Decomposed { translation, rotation, scale } => {
-            let [t, s] = [translation, scale].map(|v| DVec3::from_array(v.map(f64::from)));
-            DMat4::from_scale_rotation_translation(s, self::rotation(rotation.map(f64::from)), t)
-        }
-    }
-}
-
-/// A quaternion of length 0 is no rotation; any other is made one.
-fn rotation(q: [f64; 4]) -> DQuat {
-    let q = DQuat::from_array(q);
-    if q.length() > 0.0 { q.normalize() } else { DQuat::IDENTITY }
-}
-
-fn inverse_transpose(m: DMat3) -> DMat3 {
-    // Cofactors: the inverse transpose times the determinant, so a flat matrix divides by nothing. The
-    // sign of the determinant turns the normals of a mirror the right way.
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
-    DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * sign
-}
-
-/// A unit vector, or zero where there is none.
-fn turned(m: DMat3, v: DVec3) -> [f32; 3] {
-    let unit = (m * v).try_normalize().unwrap_or(DVec3::ZERO);
-    unit.as_vec3().to_array()
-}
-
-/// For each vertex the normalised sum of the normals of its faces, weighted by area; up where it is 0.
-fn summed_face_normals(p: &Primitive) -> Vec<[f32; 3]> {
-    let mut sums = vec![DVec3::ZERO; p.positions.len()];
-    for t in &p.triangles {
-        let [a, b, c] = t.map(|v| DVec3::from_array(p.positions[v as usize].map(f64::from)));
-        let normal = (b - a).cross(c - a);
-        t.iter().for_each(|&v| sums[v as usize] += normal);
-    }
-    sums.into_iter().map(|sum| sum.try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array()).collect()
-}
-
-/// Gives every triangle vertices of its own.
-fn unweld(p: &mut Primitive) {
-    let corners: Vec<usize> = p.triangles.as_flattened().iter().map(|&v| v as usize).collect();
-    fn spread<T: Copy>(list: &mut Vec<T>, corners: &[usize]) {
-        if !list.is_empty() {
-            *list = corners.iter().map(|&v| list[v]).collect();
-        }
-    }
-    spread(&mut p.positions, &corners);
-    spread(&mut p.normals, &corners);
-    spread(&mut p.uv0, &corners);
-    spread(&mut p.uv1, &corners);
-    spread(&mut p.colours, &corners);
-    p.tangents.clear();
-    p.triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
 }

@@ -1,17 +1,23 @@
 //! glTF and GLB: the container, its checked document, buffers, accessors and pictures. What they mean
 //! is the business of `load-object`.
 
-use std::collections::BTreeSet;
-use std::io::Read;
-use std::path::Path;
+mod accessor;
+mod address;
+mod container;
 
-use gltf::accessor::{DataType, Dimensions};
-use gltf::{Accessor, Document};
+use std::collections::BTreeSet;
+
+use gltf::Document;
 use serde_json::{Value, json};
 
 use super::png::Raster;
 use super::{jpeg, png, webp};
 use crate::Error;
+use address::{inline, path};
+use container::split;
+
+pub use accessor::Numbers;
+pub use container::{json_in, json_of};
 
 /// What of a file is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -168,31 +174,6 @@ fn other_format(name: &str, bytes: &[u8]) -> Option<&'static str> {
     by_bytes.map(|(_, format)| *format).or_else(|| by_name().map(|(_, format)| *format))
 }
 
-/// The JSON of a file that is glTF by its first bytes, and whether it is binary (GLB), of which nothing else
-/// is read; `None` for any other file.
-pub fn json_of(path: &Path) -> std::io::Result<Option<(Vec<u8>, bool)>> {
-    json_in(&mut std::fs::File::open(path)?)
-}
-
-/// The same from the start of a file, up to the end of its JSON.
-pub fn json_in(file: &mut impl Read) -> std::io::Result<Option<(Vec<u8>, bool)>> {
-    let mut head = Vec::new();
-    file.by_ref().take(20).read_to_end(&mut head)?;
-    if head.starts_with(b"glTF") {
-        // A header of 12 bytes, then length and type of the first chunk, which is the JSON.
-        let Some(length) = head.get(12..).and_then(|rest| rest.first_chunk()) else { return Ok(None) };
-        let mut json = Vec::new();
-        file.take(u32::from_le_bytes(*length).into()).read_to_end(&mut json)?;
-        return Ok(Some((json, true)));
-    }
-    let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head);
-    if !text.trim_ascii_start().starts_with(b"{") {
-        return Ok(None);
-    }
-    file.read_to_end(&mut head)?;
-    Ok(Some((head, false)))
-}
-
 /// The crate's own checks index the accessors of primitives before they look whether these exist.
 fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
     let count = json["accessors"].as_array().map_or(0, Vec::len) as u64;
@@ -210,102 +191,6 @@ fn check_accessors(name: &str, json: &Value) -> Result<(), Error> {
         }
     }
     Ok(())
-}
-
-/// The JSON and binary chunks of a GLB.
-fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>), Error> {
-    let short = || Error::format(name, "the GLB is cut off");
-    let word = |at: usize| -> Result<usize, Error> {
-        let raw = bytes.get(at..at + 4).ok_or_else(short)?;
-        Ok(raw.iter().rev().fold(0, |sum, b| sum << 8 | usize::from(*b)))
-    };
-    if word(4)? != 2 {
-        return Err(Error::unsupported(name, format!("GLB version {}", word(4)?)));
-    }
-    let bytes = bytes.get(..word(8)?).ok_or_else(short)?;
-    let length = word(12)?;
-    if word(16)? != 0x4e4f_534a {
-        return Err(Error::format(name, "the first chunk of the GLB is not JSON"));
-    }
-    let text = bytes.get(20..20 + length).ok_or_else(short)?;
-    let next = 20 + length.next_multiple_of(4);
-    if bytes.len() < next + 8 {
-        return Ok((text, None));
-    }
-    let blob = bytes.get(next + 8..next + 8 + word(next)?).ok_or_else(short)?;
-    Ok((text, (word(next + 4)? == 0x004e_4942).then(|| blob.to_vec())))
-}
-
-/// The bytes of a `data:` address, or `None` for another kind of address.
-fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
-    let data = uri.strip_prefix("data:")?;
-    Some(match data.split_once(";base64,") {
-        Some((_, text)) => base64(text).ok_or_else(|| Error::format(name, "a data URI is not base64")),
-        None => Err(Error::unsupported(name, "a data URI that is not base64")),
-    })
-}
-
-fn base64(text: &str) -> Option<Vec<u8>> {
-    let text = text.trim_end_matches('=');
-    let mut out = Vec::with_capacity(text.len() / 4 * 3 + 2);
-    let (mut bits, mut held) = (0_u32, 0);
-    for c in text.bytes() {
-        let six = match c {
-            b'A'..=b'Z' => c - b'A',
-            b'a'..=b'z' => c - b'a' + 26,
-            b'0'..=b'9' => c - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => return None,
-        };
-        bits = bits << 6 | u32::from(six);
-        held += 6;
-        if held >= 8 {
-            held -= 8;
-            out.push((bits >> held) as u8);
-        }
-    }
-    (text.len() % 4 != 1).then_some(out)
-}
-
-/// The path that an address names, with `%20` and the like decoded.
-fn path(name: &str, uri: &str) -> Result<String, Error> {
-    let mut out = Vec::with_capacity(uri.len());
-    let mut rest = uri.bytes();
-    while let Some(byte) = rest.next() {
-        let digit = |b: Option<u8>| b.and_then(|b| char::from(b).to_digit(16));
-        out.push(match byte {
-            b'%' => match (digit(rest.next()), digit(rest.next())) {
-                (Some(high), Some(low)) => (high * 16 + low) as u8,
-                _ => return Err(Error::format(name, format!("the address `{uri}` is not understood"))),
-            },
-            other => other,
-        });
-    }
-    let path = String::from_utf8(out)
-        .map_err(|_| Error::format(name, format!("the address `{uri}` is not text")))?;
-    if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.contains('\0') {
-        return Err(Error::unsupported(
-            name,
-            format!("the address `{uri}`: only paths beside the file can be read"),
-        ));
-    }
-    Ok(path)
-}
-
-/// Numbers of an accessor, `width` to an element.
-pub struct Numbers {
-    /// Numbers to an element.
-    pub width: usize,
-    /// All of them, in order; whole-number types normalised where the accessor says so.
-    pub values: Vec<f64>,
-}
-
-impl Numbers {
-    /// Elements as arrays; `None` where the width is another.
-    pub fn arrays<const N: usize>(&self) -> Option<&[[f64; N]]> {
-        if self.width == N { Some(self.values.as_chunks::<N>().0) } else { None }
-    }
 }
 
 impl File {
@@ -367,78 +252,6 @@ impl File {
             .ok_or_else(|| self.bad(format!("buffer view {} lies outside of its buffer", view.index())))
     }
 
-    /// The numbers of an accessor.
-    pub fn numbers(&self, accessor: &Accessor<'_>, buffers: &[Vec<u8>]) -> Result<Numbers, Error> {
-        let width = match accessor.dimensions() {
-            Dimensions::Scalar => 1,
-            Dimensions::Vec2 => 2,
-            Dimensions::Vec3 => 3,
-            Dimensions::Vec4 | Dimensions::Mat2 => 4,
-            Dimensions::Mat3 => 9,
-            Dimensions::Mat4 => 16,
-        };
-        let (count, data) = (accessor.count(), accessor.data_type());
-        let outside = || self.bad(format!("accessor {} lies outside of its buffer view", accessor.index()));
-        let mut values;
-        if let Some(view) = accessor.view() {
-            let raw = self.view(&view, buffers)?;
-            let size = data.size() * width;
-            let stride = view.stride().unwrap_or(size);
-            if stride < size {
-                return Err(self.bad(format!("accessor {} has overlapping elements", accessor.index())));
-            }
-            let end = count
-                .saturating_sub(1)
-                .checked_mul(stride)
-                .and_then(|n| n.checked_add(size + accessor.offset()));
-            if count > 0 && end.is_none_or(|end| end > raw.len()) {
-                return Err(outside());
-            }
-            values = Vec::with_capacity(count * width);
-            for element in 0..count {
-                let at = accessor.offset() + element * stride;
-                let element = raw.get(at..at + size).ok_or_else(outside)?;
-                values.extend(
-                    element.chunks_exact(data.size()).map(|raw| number(raw, data, accessor.normalized())),
-                );
-            }
-        } else {
-            // Zeros that only a sparse part changes; no honest file has more of them than bytes.
-            if count > buffers.iter().map(Vec::len).sum() {
-                let text = format!("accessor {} has more elements than the file bytes", accessor.index());
-                return Err(self.bad(text));
-            }
-            values = vec![0.0; count * width];
-        }
-        if let Some(sparse) = accessor.sparse() {
-            let indices = self.view(&sparse.indices().view(), buffers)?;
-            let index_type = match sparse.indices().index_type() {
-                gltf::accessor::sparse::IndexType::U8 => DataType::U8,
-                gltf::accessor::sparse::IndexType::U16 => DataType::U16,
-                gltf::accessor::sparse::IndexType::U32 => DataType::U32,
-            };
-            let changes = self.view(&sparse.values().view(), buffers)?;
-            let indices =
-                indices.get(sparse.indices().offset()..).unwrap_or_default().chunks_exact(index_type.size());
-            let changes =
-                changes.get(sparse.values().offset()..).unwrap_or_default().chunks_exact(data.size() * width);
-            let wrong = |what| self.bad(format!("the sparse part of accessor {} {what}", accessor.index()));
-            if indices.len() < sparse.count() || changes.len() < sparse.count() {
-                return Err(wrong("lies outside of its buffer view"));
-            }
-            for (index, change) in indices.zip(changes).take(sparse.count()) {
-                let at = number(index, index_type, false) as usize * width;
-                let slot = values
-                    .get_mut(at..at + width)
-                    .ok_or_else(|| wrong("changes an element that there is not"))?;
-                for (value, raw) in slot.iter_mut().zip(change.chunks_exact(data.size())) {
-                    *value = number(raw, data, accessor.normalized());
-                }
-            }
-        }
-        Ok(Numbers { width, values })
-    }
-
     /// A picture as 8-bit codes.
     pub fn picture<E: From<Error>>(
         &self,
@@ -482,45 +295,9 @@ impl File {
     }
 }
 
-/// One number, normalised as section 3.11 of the glTF specification says.
-fn number(raw: &[u8], data: DataType, normalized: bool) -> f64 {
-    let (value, largest) = match (data, raw) {
-        (DataType::I8, &[a]) => (f64::from(a as i8), 127.0),
-        (DataType::U8, &[a]) => (f64::from(a), 255.0),
-        (DataType::I16, &[a, b]) => (f64::from(i16::from_le_bytes([a, b])), 32_767.0),
-        (DataType::U16, &[a, b]) => (f64::from(u16::from_le_bytes([a, b])), 65_535.0),
-        (DataType::U32, &[a, b, c, d]) => (f64::from(u32::from_le_bytes([a, b, c, d])), 4_294_967_295.0),
-        (DataType::F32, &[a, b, c, d]) => return f64::from(f32::from_le_bytes([a, b, c, d])),
-        _ => return f64::NAN,
-    };
-    if normalized { (value / largest).max(-1.0) } else { value }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn addresses_decode() {
-        assert_eq!(base64("bGlnaHQ=").as_deref(), Some(&b"light"[..]));
-        assert_eq!(base64("bGlnaHRz").as_deref(), Some(&b"lights"[..]));
-        assert_eq!(base64("bGlna*"), None);
-        assert_eq!(base64("bGlnaHQab"), None);
-        assert_eq!(path("a", "my%20chair.bin").ok().as_deref(), Some("my chair.bin"));
-        for refused in ["https://x/y.bin", "/etc/passwd", "a%2", "c:\\x"] {
-            assert!(path("a", refused).is_err(), "{refused}");
-        }
-    }
-
-    #[test]
-    fn numbers_normalise_as_the_specification_says() {
-        assert_eq!(number(&[255], DataType::U8, true), 1.0);
-        assert_eq!(number(&[0x80], DataType::I8, true), -1.0);
-        assert_eq!(number(&[0x81], DataType::I8, true), -1.0);
-        assert_eq!(number(&[0x80], DataType::I8, false), -128.0);
-        assert_eq!(number(&[0xff, 0x7f], DataType::I16, true), 1.0);
-        assert_eq!(number(&1.5_f32.to_le_bytes(), DataType::F32, true), 1.5);
-    }
 
     #[test]
     fn what_is_required_and_unknown_is_named() {

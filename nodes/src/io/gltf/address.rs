@@ -1,0 +1,54 @@
+//! Addresses of buffers and pictures: data in the file itself, or paths beside it.
+
+use crate::Error;
+use crate::io::base64;
+
+/// The bytes of a `data:` address, or `None` for another kind of address.
+pub(super) fn inline(name: &str, uri: &str) -> Option<Result<Vec<u8>, Error>> {
+    let data = uri.strip_prefix("data:")?;
+    Some(match data.split_once(";base64,") {
+        Some((_, text)) => {
+            let bytes = base64::decode(text).filter(|_| base64::is_whole(text));
+            bytes.ok_or_else(|| Error::format(name, "a data URI is not base64"))
+        }
+        None => Err(Error::unsupported(name, "a data URI that is not base64")),
+    })
+}
+
+/// The path that an address names, with `%20` and the like decoded.
+pub(super) fn path(name: &str, uri: &str) -> Result<String, Error> {
+    let mut out = Vec::with_capacity(uri.len());
+    let mut rest = uri.bytes();
+    while let Some(byte) = rest.next() {
+        let digit = |b: Option<u8>| b.and_then(|b| char::from(b).to_digit(16));
+        out.push(match byte {
+            b'%' => match (digit(rest.next()), digit(rest.next())) {
+                (Some(high), Some(low)) => (high * 16 + low) as u8,
+                _ => return Err(Error::format(name, format!("the address `{uri}` is not understood"))),
+            },
+            other => other,
+        });
+    }
+    let path = String::from_utf8(out)
+        .map_err(|_| Error::format(name, format!("the address `{uri}` is not text")))?;
+    if path.contains("://") || path.starts_with('/') || path.contains('\\') || path.contains('\0') {
+        return Err(Error::unsupported(
+            name,
+            format!("the address `{uri}`: only paths beside the file can be read"),
+        ));
+    }
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_decode() {
+        assert_eq!(path("a", "my%20chair.bin").ok().as_deref(), Some("my chair.bin"));
+        for refused in ["https://x/y.bin", "/etc/passwd", "a%2", "c:\\x"] {
+            assert!(path("a", refused).is_err(), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! What is told of shapes.
+
+use engine::Notes;
+
+/// What was dropped or repaired, to be told.
+#[derive(Default)]
+pub(super) struct Tally {
+    pub(super) points_and_lines: u64,
+    pub(super) not_finite: u64,
+    pub(super) without_area: u64,
+    pub(super) left_over: u64,
+    pub(super) unmapped: u64,
+    pub(super) coordinates: u64,
+    pub(super) normals: u64,
+    pub(super) colours: u64,
+    pub(super) tangents_made: u64,
+    pub(super) tangents_arbitrary: u64,
+    pub(super) morphed: u64,
+    pub(super) skinned: u64,
+    pub(super) mirrored: u64,
+    pub(super) instances: u64,
+}
+
+impl Tally {
+    /// Notes of what was found.
+    pub(super) fn tell(&self, notes: &mut Notes) {
+        for (id, count, what) in [
+            ("points-and-lines", self.points_and_lines, "primitives of points or lines were left out"),
+            (
+                "vertices-not-finite",
+                self.not_finite,
+                "vertices are not finite numbers; their triangles were dropped",
+            ),
+            (
+                "triangles-dropped",
+                self.without_area,
+                "triangles without area or with such vertices were dropped",
+            ),
+            ("indices-left-over", self.left_over, "indices at the end make no whole triangle"),
+            (
+                "no-coordinates",
+                self.unmapped,
+                "primitives have a texture but not its coordinates; all of them show its corner",
+            ),
+            (
+                "coordinates-not-finite",
+                self.coordinates,
+                "texture coordinates are not finite numbers; 0 stands for them",
+            ),
+            ("normals-repaired", self.normals, "normals without length were made from the faces around"),
+            ("colours-clamped", self.colours, "vertex colours outside of 0 to 1 were clamped"),
+            (
+                "tangents-made",
+                self.tangents_made,
+                "primitives with bumps or a brush had no tangents; they were made",
+            ),
+            (
+                "tangents-arbitrary",
+                self.tangents_arbitrary,
+                "vertices have texture coordinates without direction",
+            ),
+            ("morph-targets", self.morphed, "morph targets were applied at the weights of the file"),
+            ("skins", self.skinned, "skinned primitives were posed as the file has their joints"),
+            ("instances", self.instances, "copies of meshes by EXT_mesh_gpu_instancing"),
+            (
+                "mirrored",
+                self.mirrored,
+                "primitives are mirrored by their nodes; their triangles were turned over",
+            ),
+        ] {
+            notes.count(id, count, what);
+        }
+    }
+}
