@@ -1,0 +1,112 @@
+//! What turns of knobs are forecast to do together, by what each did alone.
+
+use super::tried::Tried;
+
+/// Most combinations of turns that are kept while others are added to them.
+const COMBINATIONS: usize = 2000;
+
+/// What a turn does: costs are multiplied, and squares of errors add up, as those of independent causes do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Effect {
+    cost: f64,
+    square: f64,
+}
+
+impl Effect {
+    const NONE: Self = Self { cost: 1.0, square: 0.0 };
+
+    fn between(from: &Tried, to: &Tried) -> Self {
+        // A graph may have nothing that is counted.
+        let cost = |tried: &Tried| tried.cost + 1e-9;
+        Self { cost: cost(to) / cost(from), square: to.error * to.error - from.error * from.error }
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { cost: self.cost * other.cost, square: self.square + other.square }
+    }
+
+    fn reversed(self) -> Self {
+        Self { cost: 1.0 / self.cost, square: -self.square }
+    }
+
+    /// What it makes of a position.
+    fn on(self, from: &Tried, assignment: Vec<usize>) -> Tried {
+        let error = (from.error * from.error + self.square).max(0.0).sqrt();
+        Tried { assignment, cost: from.cost * self.cost, error }
+    }
+}
+
+/// A turn of one knob that was measured.
+#[derive(Debug, Clone)]
+struct Turn {
+    from: usize,
+    to: usize,
+    effect: Effect,
+    /// How little it says of a turn elsewhere.
+    way: usize,
+}
+
+impl Turn {
+    /// Where turns lead from a value, one after the other, by the shortest way.
+    fn all_from(at: usize, turns: &[Self]) -> Vec<(usize, Effect)> {
+        let mut known = vec![(at, Effect::NONE, 0)];
+        let place = |known: &[(usize, Effect, usize)], value| known.iter().position(|(to, ..)| *to == value);
+        loop {
+            let next = turns.iter().filter(|turn| place(&known, turn.to).is_none());
+            let next = next.filter_map(|turn| {
+                let (_, before, way) = known[place(&known, turn.from)?];
+                Some((turn.to, before.and(turn.effect), way + turn.way))
+            });
+            match next.min_by_key(|(.., way)| *way) {
+                Some(next) => known.push(next),
+                None => return known.into_iter().map(|(to, effect, _)| (to, effect)).collect(),
+            }
+        }
+    }
+}
+
+/// For each knob the values it can be turned to from a position and what that does, its own value first: as measured
+/// by turns of it alone, the shortest and those where most other knobs stood as they do here.
+pub(super) fn effects(tried: &[Tried], here: &Tried) -> Vec<Vec<(usize, Effect)>> {
+    let knobs = here.assignment.len();
+    let mut turns: Vec<Vec<Turn>> = vec![Vec::new(); knobs];
+    for (index, a) in tried.iter().enumerate() {
+        for b in &tried[..index] {
+            let mut other = (0..knobs).filter(|&k| a.assignment[k] != b.assignment[k]);
+            if let (Some(knob), None) = (other.next(), other.next()) {
+                let rest = (0..knobs).filter(|&k| k != knob);
+                let apart = rest.filter(|&k| a.assignment[k] != here.assignment[k]).count();
+                let (from, to) = (a.assignment[knob], b.assignment[knob]);
+                let (way, effect) = ((apart + 1) * from.abs_diff(to), Effect::between(a, b));
+                turns[knob].push(Turn { way, from, to, effect });
+                turns[knob].push(Turn { way, from: to, to: from, effect: effect.reversed() });
+            }
+        }
+    }
+    turns.iter().zip(&here.assignment).map(|(turns, &at)| Turn::all_from(at, turns)).collect()
+}
+
+/// Of all that turns from a position can be combined to, what no other combination is forecast to beat in both.
+pub(super) fn combinations(here: &Tried, effects: &[Vec<(usize, Effect)>]) -> Vec<Tried> {
+    let mut front = vec![(Vec::new(), Effect::NONE)];
+    for values in effects {
+        let mut all = Vec::with_capacity(front.len() * values.len());
+        for (assignment, effect) in &front {
+            all.extend(values.iter().map(|(value, more)| {
+                let mut assignment = assignment.clone();
+                assignment.push(*value);
+                (assignment, effect.and(*more))
+            }));
+        }
+        all.sort_by(|(_, a), (_, b)| a.cost.total_cmp(&b.cost).then(a.square.total_cmp(&b.square)));
+        let mut least = f64::INFINITY;
+        all.retain(|(_, effect)| {
+            let better = effect.square < least;
+            least = least.min(effect.square);
+            better
+        });
+        let every = all.len().div_ceil(COMBINATIONS);
+        front = all.into_iter().step_by(every.max(1)).collect();
+    }
+    front.into_iter().map(|(assignment, effect)| effect.on(here, assignment)).collect()
+}
