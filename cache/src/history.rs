@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use crate::digest::Digest;
 use crate::entry::MAX_PAYLOAD;
-use crate::log::Fold;
+use crate::fold::Fold;
 
 /// The notes of one book: name and value of each, with their lengths before them.
 #[derive(Debug, Default)]

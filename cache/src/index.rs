@@ -11,7 +11,7 @@ use crate::digest::Digest;
 use crate::entry::checksum;
 use crate::error::Result;
 use crate::failpoint::INDEX;
-use crate::log::{Health, Place, Slot};
+use crate::slot::{Health, Place, Slot};
 use crate::temp::TempFile;
 
 const MAGIC: &[u8; 8] = b"LHindex1";

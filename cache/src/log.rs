@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::hash::{BuildHasherDefault, Hasher};
+use std::hash::BuildHasherDefault;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,8 +13,10 @@ use crate::entry::{self, Entry, MAX_PAYLOAD};
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
 use crate::file_lock::{FileGuard, FileLock};
+use crate::fold::Fold;
 use crate::index::{Damaged, Index};
 use crate::log_head;
+use crate::slot::{Health, Place, Slot};
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
 use crate::window::Window;
@@ -78,27 +80,6 @@ struct Open {
     file: File,
     metadata: Metadata,
     salt: u32,
-}
-
-/// What names an entry: kind and key.
-pub(crate) type Place = (u8, Digest);
-
-/// Where an entry lies: offset from the end of the file's head, and the length of its payload.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Slot {
-    pub offset: u64,
-    pub length: u32,
-}
-
-/// What a log consists of, in bytes of its file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Health {
-    /// Entries that can be read.
-    pub live: u64,
-    /// Entries that later ones replaced or removed, and those removals.
-    pub dead: u64,
-    /// Bytes that belong to no entry.
-    pub damaged: u64,
 }
 
 /// An entry to append: kind, key, payload.
@@ -553,26 +534,4 @@ fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
     reach(failpoint::APPEND_MIDDLE)?;
     file.write_all(second)?;
     reach(failpoint::APPEND_AFTER)
-}
-
-/// Digests are uniform already: their prefix, mixed with the kind, is the hash.
-#[derive(Debug, Default)]
-pub(crate) struct Fold(u64);
-
-impl Hasher for Fold {
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
-    }
-
-    fn write_u8(&mut self, value: u8) {
-        self.write_u64(u64::from(value));
-    }
-
-    fn write_u64(&mut self, value: u64) {
-        self.0 = self.0.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ value;
-    }
-
-    fn finish(&self) -> u64 {
-        self.0
-    }
 }
