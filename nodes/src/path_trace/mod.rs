@@ -31,6 +31,7 @@ mod near_crop;
 pub mod near_field;
 mod object_surface;
 pub mod objects;
+mod output;
 mod pair;
 mod path;
 mod prepared;
@@ -40,46 +41,40 @@ mod sample_plan;
 mod shades;
 mod silhouette;
 mod stacked;
+mod standing;
 mod subdivide;
 mod sunk;
 mod texel_grid;
 mod tile;
 mod tile_bounds;
 pub mod touching;
+mod tracing;
 mod transmittance;
 mod unseen;
 pub mod visibility;
 mod window;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Part, Sizes, ViewCount};
-use glam::Vec3;
-use serde::Serialize;
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+use glam::{DVec3, Vec3};
 
 use crate::error::Error;
-use crate::types::{Environment, Images, Mesh, Placed, Report, Rig};
-use accumulator::{Accumulator, FinishedView, finish};
-use camera_rays::{CameraRays, View};
-use contact::Ground;
-use crop::Crop;
+use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
+use accumulator::FinishedView;
 use env_resolution::EnvResolution;
-use film::{Area, Sums, TILE, chunks};
-use first_hit::{PLACES, trace_first_hit};
-use integrator::Scene;
+use film::TILE;
 use objects::Objects;
-use pair::{trace_pair, trace_r0};
+use output::assemble;
 use prepared::PreparedScene;
 use reporting::{
-    assemble, report_coarse_coordinates, report_contact, report_cropped, report_cut_paths, report_darkness,
-    report_inputs, report_plan, report_unseen, report_unseen_places, report_variance, tell_first,
+    report_coarse_coordinates, report_first_samples, report_inputs, report_unseen, report_unseen_places,
+    report_views,
 };
-use sample_plan::ErrorGoal;
-use sunk::Sunk;
+use standing::find_ground;
 use tile_bounds::TileBounds;
-use touching::Touching;
-use visibility::{Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
+use tracing::Tracing;
+use visibility::{Bounce, EnvBlock, NearField, SpecularSees};
 
 engine::params! {
     /// Renders the receiver without and with the objects, and the objects themselves.
@@ -177,6 +172,37 @@ impl PathTrace {
     fn most(&self) -> u32 {
         if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
+
+    /// Refuses what no picture can be traced of.
+    fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
+        if !crate::num::keeps_subnormals() {
+            let hint = "start the program without the library that asks for it, perhaps one in LD_PRELOAD";
+            let text = "this process takes the smallest numbers for 0, so that its pictures would be those of no other";
+            return Err(NodeError::new(text).hint(hint));
+        }
+        if inputs.rig.cameras.is_empty() {
+            return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
+        }
+        if self.near_field == NearField::On && inputs.env.origin.is_none() {
+            let hint = "give `load-environment` its `origin`, or leave `near_field` to `Auto`";
+            let text = "near_field needs an environment with a point of capture";
+            return Err(NodeError::new(text).at("near_field").hint(hint));
+        }
+        Ok(())
+    }
+
+    /// Where the environment was captured, or the camera that stands for it, which is told where it matters.
+    fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
+        if let Some(origin) = inputs.env.origin {
+            return origin;
+        }
+        if matches!(self.env_block, EnvBlock::Auto | EnvBlock::PassBeyond { .. }) {
+            let text =
+                format!("the environment has no point of capture; camera `{}` stands for it", camera.name);
+            notes.decision("probe-origin", text);
+        }
+        camera.eye()
+    }
 }
 
 /// Sums a pixel of the part `r0`: RGB, and the root of that of squared luminance, since squares leave the range of
@@ -193,27 +219,6 @@ const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE 
 
 /// Sums a pixel over chunks, for how far these lie apart.
 const CROSS: usize = 4;
-
-/// What the parts depend on beside their inputs.
-#[derive(Serialize)]
-struct Extra<'a> {
-    view: View<'a>,
-    rules: &'a Rules,
-    origin: [f64; 3],
-    seed: u64,
-    area: Area,
-    coarse_px: u32,
-    range: (u32, u32),
-    /// Up, metres per unit and the mesh's error where objects stand; absent for what does not depend on it.
-    contact: Option<([f64; 3], f64, Option<f64>)>,
-    /// What may be left out; absent likewise.
-    crop: Option<f64>,
-    /// Leaves out what the objects show.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    shadow_only: bool,
-    /// Evaluates what is 0, for those who want to see that; in the key, so that it is done.
-    every_lobe: bool,
-}
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
@@ -264,41 +269,19 @@ impl Kind for PathTrace {
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        params.check_inputs(&inputs)?;
         let mut notes = Notes::none();
-        if !crate::num::keeps_subnormals() {
-            let hint = "start the program without the library that asks for it, perhaps one in LD_PRELOAD";
-            let text = "this process takes the smallest numbers for 0, so that its pictures would be those of no other";
-            return Err(NodeError::new(text).hint(hint));
-        }
-        if inputs.rig.cameras.is_empty() {
-            return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
-        }
-        if params.near_field == NearField::On && inputs.env.origin.is_none() {
-            let hint = "give `load-environment` its `origin`, or leave `near_field` to `Auto`";
-            let text = "near_field needs an environment with a point of capture";
-            return Err(NodeError::new(text).at("near_field").hint(hint));
-        }
+        let cameras = &inputs.rig.cameras;
         // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
-        let origin = inputs.rig.cameras[0].eye();
+        let origin = cameras[0].eye();
         let prepared = PreparedScene::new(&inputs, origin);
-        let camera = capture_point::stand_in(prepared.receiver(), &inputs.rig.cameras, origin);
-        let centre = match inputs.env.origin {
-            Some(origin) => origin,
-            None => {
-                if matches!(params.env_block, EnvBlock::Auto | EnvBlock::PassBeyond { .. }) {
-                    let text = format!(
-                        "the environment has no point of capture; camera `{}` stands for it",
-                        camera.name
-                    );
-                    notes.decision("probe-origin", text);
-                }
-                camera.eye()
-            }
-        };
+        let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
+        let centre = params.point_of_capture(&inputs, camera, &mut notes);
         let [_, _, up] = crate::equirect::axes(cx.up());
-        let decided = params.decide(&prepared, centre, (up, cx.metres_per_unit()), &mut notes);
-        let rules = decided.rules;
+        let space = (up, cx.metres_per_unit());
+        let decided = params.decide(&prepared, centre, space, &mut notes);
+        let rules = &decided.rules;
         let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
         objects.every_lobe = !params.skip_lobes;
         objects.shown = !params.shadow_only;
@@ -307,164 +290,30 @@ impl Kind for PathTrace {
             let most = inputs.env.image.width;
             EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
         }
-
         report_coarse_coordinates(&prepared, &objects, &mut notes);
         if let Some(eye) = rules.near {
             let boxes = objects.boxes();
             report_unseen_places(prepared.receiver(), Vec3::from_array(eye), &boxes, &mut notes);
         }
+        let eye = visibility::in_scene_frame(camera.eye(), origin);
+        find_ground(&mut objects, &prepared, eye, space, params.contact_metres, &mut notes);
+        report_first_samples(params.samples, params.most(), &mut notes);
 
-        let seed = cx.seed();
-        let metre = 1.0 / cx.metres_per_unit();
-        let view = Probe::send(prepared.receiver(), visibility::in_scene_frame(camera.eye(), origin));
-        let inverted = view.escaped < view.rays && view.front_share() < 0.5;
-        // What rests on another object has that for its ground.
-        let on_others = objects.on_others(&inputs.objects, origin, up, metre);
-        let standing: Vec<_> = inputs
-            .objects
-            .iter()
-            .zip(&on_others)
-            .filter(|(_, on)| !**on)
-            .map(|(one, _)| one.clone())
-            .collect();
-        let ground = (prepared.receiver(), inverted);
-        let (ground, of_standing) =
-            Ground::measure(ground, &standing, origin, up, metre, params.contact_metres);
-        let mut of_standing = of_standing.into_iter();
-        let measured: Vec<_> =
-            on_others.iter().map(|on| if *on { None } else { of_standing.next().flatten() }).collect();
-        let carried = objects.carried(&inputs.objects, origin, up, metre);
-        let tall: Vec<f64> =
-            objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
-        if params.contact_metres.is_none() {
-            report_contact(&measured, &carried, &tall, cx.metres_per_unit(), &mut notes);
-        }
-        let stands = |index: usize| {
-            measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index]
-        };
-        Sunk::report(&objects, prepared.receiver(), stands, cx.metres_per_unit(), &mut notes);
-        objects.touching = Touching::of(&objects, prepared.receiver(), &ground);
-        objects.ground = ground;
-        let contact = (up.to_array(), cx.metres_per_unit(), params.contact_metres);
-        let limit = (params.crop > 0.0).then_some(params.crop);
-        let most = params.most();
-        tell_first(params.samples, most, &mut notes);
-        // Without an error to reach every sample is in the plan.
-        let chunks = chunks(most);
-        let (first, share) =
-            if params.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
-        let near = rules.near.filter(|_| !objects.is_empty());
-        let scene = || Scene {
-            receiver: prepared.receiver(),
-            objects: &objects,
-            sky: prepared.sky(),
-            rules: &rules,
-            light_points: near.map(|eye| prepared.light_points(eye)),
-        };
-        let crop = OnceLock::new();
-        let crop = || crop.get_or_init(|| Crop::new(&scene(), limit.ok_or("as set")?));
-        let cameras = &inputs.rig.cameras;
-        let mut views = Vec::with_capacity(cameras.len());
-        for (number, camera) in cameras.iter().enumerate() {
-            let camera_rays = CameraRays::new(camera, origin, seed, &objects.ground, params.coarse_px);
-            let whole = Area::whole(camera).in_blocks(params.coarse_px);
-            let progress = |done: f32| cx.progress((number as f32 + done) / cameras.len() as f32);
-            let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
-            let step = || progress(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
-            let extra = |area, range, objects: Option<_>| Extra {
-                view: View::of(camera),
-                rules: &rules,
-                origin: origin.to_array(),
-                seed,
-                area,
-                coarse_px: params.coarse_px,
-                range,
-                contact: objects.map(|(contact, _)| contact),
-                crop: objects.and_then(|(_, crop)| crop),
-                shadow_only: objects.is_some() && params.shadow_only,
-                every_lobe: objects.is_some() && !params.skip_lobes,
-            };
-            let take = |accumulator: &mut Accumulator, area: Area, range, step: &(dyn Fn() + Send + Sync)| {
-                let part = Part { name: "r0", version: 10, inputs: &["receiver", "env"] };
-                let r0 = cx.part(part, &extra(area, range, None), || {
-                    let scene = scene();
-                    Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, &camera_rays, tile, range))
-                })?;
-                expect_size(&r0, area, R0)?;
-                let part = Part { name: "pair", version: 17, inputs: &["receiver", "objects", "env"] };
-                let pair = cx.part(part, &extra(area, range, Some((contact, limit))), || {
-                    let (scene, crop) = (scene(), crop().as_ref().ok());
-                    let trace = |number: usize, tile: &[(u32, u32)]| {
-                        trace_pair(scene, &camera_rays, crop, (number, tile), range, (area, &r0))
-                    };
-                    Sums::trace(cx, area, PAIR, step, trace)
-                })?;
-                expect_size(&pair, area, PAIR)?;
-                accumulator.add(area, &r0, &pair, range);
-                Ok::<(), NodeError>(())
-            };
-            let mut accumulator = Accumulator::new(whole);
-            for &range in first {
-                take(&mut accumulator, whole, range, &step)?;
-            }
-            let goal = params.max_error.map(|asked| ErrorGoal::new(asked, most, &accumulator));
-            let more = |accumulator: &mut Accumulator, area, range| take(accumulator, area, range, &|| ());
-            let blocks = |done: f32| progress(share + (1.0 - share) * done);
-            let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
-            let places = most.min(PLACES);
-            let part = Part { name: "front", version: 9, inputs: &["receiver", "objects"] };
-            let front = cx.part(part, &extra(whole, (0, places), Some((contact, None))), || {
-                let scene = scene();
-                Sums::trace(
-                    cx,
-                    whole,
-                    FIRST_HIT,
-                    || (),
-                    |_, tile| trace_first_hit(scene, &camera_rays, tile, places),
-                )
-            })?;
-            expect_size(&front, whole, FIRST_HIT)?;
-            views.push(finish(camera, params.coarse_px, &accumulator, &front, reached));
-        }
-        let broken: u64 = views.iter().map(|view| view.broken).sum();
-        if broken > 0 {
-            notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
-        }
-        report_variance(most, views.iter().map(|view| view.beyond).sum(), &mut notes);
+        let tracing = Tracing::new(params, cx, &prepared, &objects, rules);
+        let traced = |(number, camera)| tracing.picture(number, camera);
+        let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
+        report_views(params, &prepared, rules, &views, &mut notes);
         // A coarse look may miss what is there.
         let looks = params.coarse_px == 1 && !params.shadow_only;
-        for (camera, view) in inputs.rig.cameras.iter().zip(&views) {
-            if let Some(reached) = &view.reached {
-                report_plan(&camera.name, reached, most, &mut notes);
-            }
-            report_cropped(&camera.name, view.cropped, &mut notes);
-            report_cut_paths(&camera.name, view.cut, params.max_bounces, &mut notes);
-            report_darkness(view, &camera.name, prepared.sky().power, &rules, &mut notes);
-            if !inputs.objects.is_empty() && looks && !view.shows_objects() {
-                let text = format!(
-                    "`{}` sees no object; do pose, rig and mesh share a frame and a scale?",
-                    camera.name
-                );
-                notes.warning("objects-not-seen", text);
-            }
-        }
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
-            let rays = |camera| CameraRays::new(camera, origin, seed, &objects.ground, 1);
-            let pictures: Vec<_> = cameras.iter().map(rays).zip(&views).collect();
-            let unseen = unseen::of(scene(), &pictures, most.min(PLACES), cx)?;
-            report_unseen(&unseen, &mut notes);
+            report_unseen(&tracing.unseen(&views)?, &mut notes);
         }
-        let crop = match crop() {
+        let crop = match tracing.crop() {
             Ok(_) => format!("what changes at most {} of the light", params.crop),
             Err(why) => format!("nothing: {why}"),
         };
         Ok((assemble(&inputs, views, &decided, centre, crop), notes))
     }
-}
-
-fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError> {
-    let expected = area.pixels() * channels;
-    if sums.sums.len() == expected { Ok(()) } else { Err(NodeError::new("a stored part has another size")) }
 }
 
 #[cfg(test)]

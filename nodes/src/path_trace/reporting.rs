@@ -1,34 +1,26 @@
-//! What is told beside the pictures: notes and the report.
-
-use std::sync::Arc;
+//! What is told beside the pictures, in notes.
 
 use engine::Notes;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::accumulator::FinishedView;
-use super::auto::Decided;
 use super::contact::LARGEST;
-use super::film::Rays;
 use super::objects::Objects;
 use super::prepared::PreparedScene;
 use super::receiver::{Receiver, margin};
 use super::sample_plan::ReachedError;
 use super::unseen::Unseen;
 use super::visibility::{Block, Rules};
-use super::{In, Out, lobes, media};
+use super::{PathTrace, media};
 use crate::bvh::Ray;
 use crate::support::Level;
-use crate::types::{Cell, Image, Images, Linear, NamedImage, Report, Table};
+use crate::types::{Image, Linear};
 
 /// Rays may leave surfaces from this share of the size of an object off without a word.
 const COARSE: f32 = 1.0 / 512.0;
 
 /// An object that stands deeper in the ground than this share of its height was hardly put there on purpose.
 const DEEP: f64 = 0.2;
-
-pub(super) fn columns(names: &[&str]) -> Vec<String> {
-    names.iter().map(|&name| name.to_owned()).collect()
-}
 
 /// Tells what the inputs made the node leave out or assume.
 pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
@@ -96,14 +88,39 @@ pub(super) fn report_unseen_places(
     }
 }
 
-/// Tells of a picture that is all black, and why.
-pub(super) fn report_darkness(
-    view: &FinishedView,
-    name: &str,
-    power: [f64; 3],
+/// Tells what is to be known of the pictures.
+pub(super) fn report_views(
+    params: &PathTrace,
+    prepared: &PreparedScene<'_>,
     rules: &Rules,
+    views: &[FinishedView],
     notes: &mut Notes,
 ) {
+    let most = params.most();
+    let broken: u64 = views.iter().map(|view| view.broken).sum();
+    if broken > 0 {
+        notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
+    }
+    report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
+    // A coarse look may miss what is there.
+    let looks = params.coarse_px == 1 && !params.shadow_only;
+    for (camera, view) in prepared.inputs.rig.cameras.iter().zip(views) {
+        if let Some(reached) = &view.reached {
+            report_plan(&camera.name, reached, most, notes);
+        }
+        report_cropped(&camera.name, view.cropped, notes);
+        report_cut_paths(&camera.name, view.cut, params.max_bounces, notes);
+        report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
+        if !prepared.inputs.objects.is_empty() && looks && !view.shows_objects() {
+            let text =
+                format!("`{}` sees no object; do pose, rig and mesh share a frame and a scale?", camera.name);
+            notes.warning("objects-not-seen", text);
+        }
+    }
+}
+
+/// Tells of a picture that is all black, and why.
+fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rules, notes: &mut Notes) {
     let black = |image: &Image<Linear>| {
         image.samples.chunks_exact(image.channels).all(|pixel| pixel[..3].iter().all(|v| *v == 0.0))
     };
@@ -190,7 +207,7 @@ pub(super) fn report_contact(
 }
 
 /// Tells where `variance` is not what it should be.
-pub(super) fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
+fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
     if samples == 1 {
         let text = "1 sample tells no variance: `variance` is 0, standard errors are not computed, and `denoise` \
                     leaves the pictures as they are; take 2 or more";
@@ -203,21 +220,8 @@ pub(super) fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
     }
 }
 
-/// How the receiver blocks the environment, in words.
-fn block_text(block: &Block) -> String {
-    match block {
-        Block::Solid => "Solid".to_owned(),
-        Block::Pass => "Pass".to_owned(),
-        Block::FrontFace { max_layers, flip, .. } => {
-            let side = if *flip { ", normals turned round" } else { "" };
-            format!("FrontFace, {max_layers} layers{side}")
-        }
-        Block::PassBeyond { radius, .. } => format!("PassBeyond {radius} units from the point of capture"),
-    }
-}
-
 /// Tells that an error that was asked for takes more samples than `samples` says.
-pub(super) fn tell_first(samples: u32, most: u32, notes: &mut Notes) {
+pub(super) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
         let text =
             format!("`samples` is {samples}, and `max_error` is judged by a first {most}, which are taken");
@@ -266,7 +270,7 @@ fn round_up(samples: f64) -> u64 {
 }
 
 /// Tells that paths through objects were too long.
-pub(super) fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
+fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
             "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and what light \
@@ -306,7 +310,7 @@ pub(super) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
 }
 
 /// Tells where objects were not asked what they change.
-pub(super) fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
+fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(
             "`{view}`: objects change at most {:.2} % of the light of {:.0} % of the chunks of pixels",
@@ -318,111 +322,4 @@ pub(super) fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut
             format!("{text}, where no ray asks what they do; `crop: 0` asks everywhere"),
         );
     }
-}
-
-pub(super) fn assemble(
-    inputs: &In,
-    views: Vec<FinishedView>,
-    Decided { rules, probe, twice }: &Decided,
-    centre: DVec3,
-    crop: String,
-) -> Out {
-    let mut sets: [Vec<NamedImage>; 7] = Default::default();
-    let mut rows = Vec::with_capacity(views.len());
-    let mut plans = Vec::new();
-    let mut rays = Rays::default();
-    for (camera, view) in inputs.rig.cameras.iter().zip(views) {
-        let [without, with, object] = view.images;
-        let pictures = [
-            without.into(),
-            with.into(),
-            object.into(),
-            view.depth.into(),
-            view.nearest.into(),
-            view.normal.into(),
-            view.variance.into(),
-        ];
-        for (set, picture) in sets.iter_mut().zip(pictures) {
-            set.push(NamedImage { name: camera.name.clone(), picture });
-        }
-        rows.push(view.row);
-        if let Some(ReachedError { asked, predicted, worst, blocks: [all, more, short], samples }) =
-            view.reached
-        {
-            let mut row = vec![Cell::Text(camera.name.clone())];
-            row.extend([asked, predicted, worst].map(Cell::Number));
-            row.extend([all, more, short].map(Cell::Count));
-            row.push(Cell::Number(samples));
-            plans.push(row);
-        }
-        rays += view.rays;
-    }
-    let [nodes, triangles] = rays.steps_each();
-    let text = |value: String| Cell::Text(value);
-    let mut decisions = vec![
-        vec![text("env_block".to_owned()), text(block_text(&rules.block))],
-        vec![text("bounce".to_owned()), text(if rules.bounce_solid { "Solid" } else { "Env" }.to_owned())],
-        vec![
-            text("object_specular_sees".to_owned()),
-            text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
-        ],
-        vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
-        vec![text("crop".to_owned()), text(crop)],
-        vec![text("point of capture".to_owned()), text(format!("{}, {}, {}", centre.x, centre.y, centre.z))],
-        vec![text("camera rays".to_owned()), Cell::Count(rays.camera)],
-        vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
-        vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],
-        vec![text("rays".to_owned()), Cell::Count(rays.all())],
-        vec![text("nodes of trees that a ray meets".to_owned()), Cell::Number(nodes)],
-        vec![text("triangles that a ray is tested with".to_owned()), Cell::Number(triangles)],
-        vec![text("lobes that no material has".to_owned()), text(lobes::absent(&inputs.objects))],
-    ];
-    if let Some(twice) = twice {
-        decisions.push(vec![text("light that walls counted twice add".to_owned()), Cell::Number(*twice)]);
-    }
-    if let Some(probe) = probe {
-        decisions.push(vec![text("probe rays that leave".to_owned()), Cell::Number(probe.escaped_share())]);
-        decisions
-            .push(vec![text("front faces among the others".to_owned()), Cell::Number(probe.front_share())]);
-    }
-    let mut report = Report {
-        title: "Path tracing".to_owned(),
-        tables: vec![
-            Table { name: "decisions".to_owned(), columns: columns(&["what", "value"]), rows: decisions },
-            Table {
-                name: "views".to_owned(),
-                columns: columns(&[
-                    "view",
-                    "mean luminance of without",
-                    "standard error of a pixel of without",
-                    "mean luminance of with",
-                    "standard error of a pixel of with",
-                    "mean luminance of object",
-                    "standard error of a pixel of object",
-                    "rays",
-                    "share of chunks that no object touches",
-                    "share of chunks that objects are too far from",
-                ]),
-                rows,
-            },
-        ],
-    };
-    if !plans.is_empty() {
-        report.tables.push(Table {
-            name: "samples".to_owned(),
-            columns: columns(&[
-                "view",
-                "error asked for",
-                "error that the first samples promise",
-                "error reached",
-                "blocks",
-                "blocks with more than the first samples",
-                "blocks short of the error",
-                "samples a pixel",
-            ]),
-            rows: plans,
-        });
-    }
-    let [without, with, object, depth, nearest, normal, variance] = sets.map(|set| Arc::new(Images(set)));
-    Out { without, with, object, depth, nearest, normal, variance, report: Arc::new(report) }
 }
