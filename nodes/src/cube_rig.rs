@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Keep, Kind, NodeError, Notes, ViewCount};
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
 use crate::types::{Camera, Pose, Rig};
 use crate::{equirect, num};
@@ -79,21 +79,9 @@ pub(crate) fn cube(eye: DVec3, axes: [DVec3; 3], size_px: u32, guard_deg: f64, t
     ];
     let half = 0.5 * f64::from(size_px);
     let focal = half / num::f64::tan((45.0 + guard_deg).to_radians());
-    let cameras = faces.into_iter().map(|(name, x, z)| {
-        let y = z.cross(x);
-        let columns = [x, y, z].map(|axis| axis.extend(0.0));
-        Camera {
-            name: name.to_owned(),
-            width_px: size_px,
-            height_px: size_px,
-            fx: focal,
-            fy: focal,
-            cx: half,
-            cy: half,
-            world_from_camera: DMat4::from_cols(columns[0], columns[1], columns[2], eye.extend(1.0))
-                .to_cols_array(),
-        }
-    });
+    let cameras = faces
+        .into_iter()
+        .map(|(name, x, z)| Camera::centred(name, [size_px; 2], focal, [x, z.cross(x), z], eye));
     Rig { cameras: cameras.collect() }
 }
 
@@ -125,6 +113,7 @@ impl Kind for CubeRig {
 #[cfg(test)]
 mod tests {
     use engine::Up;
+    use glam::DMat4;
 
     use super::*;
 

@@ -87,11 +87,7 @@ impl Kind for ScoreEnv {
             let value = value.map_or(Cell::Missing, Cell::Number);
             vec![Cell::Text((*name).to_owned()), value, Cell::Text((*unit).to_owned())]
         };
-        let table = Table {
-            name: "light".to_owned(),
-            columns: ["measure", "value", "unit"].map(String::from).to_vec(),
-            rows: scores.iter().map(row).collect(),
-        };
+        let table = Table::new("light", ["measure", "value", "unit"], scores.iter().map(row).collect());
         let report = Report { title: "Recovered light against the truth".to_owned(), tables: vec![table] };
         Ok((Out { report: Arc::new(report) }, notes))
     }

@@ -164,11 +164,7 @@ impl Kind for Snap {
         notes.decision("snapped", text);
         let row = [height, level.roughness, normal.x, normal.y, normal.z];
         let columns = ["moved (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
-        let table = Table {
-            name: "ground".to_owned(),
-            columns: columns.map(str::to_owned).to_vec(),
-            rows: vec![row.map(Cell::Number).to_vec()],
-        };
+        let table = Table::new("ground", columns, vec![row.map(Cell::Number).to_vec()]);
         let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
         Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))
     }

@@ -244,9 +244,7 @@ mod tests {
     }
 
     fn table(name: &str, columns: &[&str], row: Vec<Cell>) -> Report {
-        let columns = columns.iter().map(|&name| name.to_owned()).collect();
-        let table = Table { name: name.to_owned(), columns, rows: vec![row] };
-        Report { title: String::new(), tables: vec![table] }
+        Report { title: String::new(), tables: vec![Table::new(name, columns.iter().copied(), vec![row])] }
     }
 
     fn judged(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<(Option<bool>, String)> {

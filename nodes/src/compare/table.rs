@@ -41,11 +41,8 @@ pub(super) fn report(p: &Compare, colour: Vec<Vec<Cell>>, ratio: Vec<Vec<Cell>>)
         (false, false) => format!("Distance to the reference, in {space}; of data as they are"),
         (_, true) => format!("Distance to the reference, in {space}"),
     };
-    let table = |name: &str, columns: &[&str], rows| Table {
-        name: name.to_owned(),
-        columns: COMMON.iter().chain(columns).map(|&c| c.to_owned()).collect(),
-        rows,
-    };
+    let table =
+        |name: &str, columns: &[&str], rows| Table::new(name, COMMON.iter().chain(columns).copied(), rows);
     let mut tables = Vec::new();
     if !colour.is_empty() || ratio.is_empty() {
         let mut columns = COLOUR;
@@ -128,7 +125,5 @@ fn prompt(scores: &[[f64; 2]]) -> Table {
     let sums = scores.iter().fold([0.0; 2], |sum, s| [sum[0] + s[0], sum[1] + s[1]]);
     rows.push(row("mean of those with a share".to_owned(), sums.map(|s| s / count), mean));
     rows.push(row("share of the sums".to_owned(), sums, share(sums)));
-    let columns =
-        ["score", "positive", "negative", "positive / (positive + negative)"].map(String::from).to_vec();
-    Table { name: "prompt".to_owned(), columns, rows }
+    Table::new("prompt", ["score", "positive", "negative", "positive / (positive + negative)"], rows)
 }

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, Up};
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
 use crate::equirect;
 use crate::num;
@@ -145,19 +145,9 @@ impl View {
     }
 
     fn camera(&self, params: &DemoScene, world: &WorldFrame) -> Camera {
-        let (x, y, z) = (world.turn(self.right), world.turn(self.down), world.turn(self.forward));
-        let pose =
-            DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), world.point(self.eye).extend(1.0));
-        Camera {
-            name: "view".to_owned(),
-            width_px: params.width_px,
-            height_px: params.height_px,
-            fx: self.focal,
-            fy: self.focal,
-            cx: 0.5 * self.width,
-            cy: 0.5 * self.height,
-            world_from_camera: pose.to_cols_array(),
-        }
+        let axes = [self.right, self.down, self.forward].map(|axis| world.turn(axis));
+        let size = [params.width_px, params.height_px];
+        Camera::centred("view", size, self.focal, axes, world.point(self.eye))
     }
 }
 

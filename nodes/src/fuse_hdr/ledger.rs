@@ -197,7 +197,7 @@ impl Lights {
         // Brightest first; equal ones stay in the order of their first pixel.
         lights.sort_by(|a, b| b.after().total_cmp(&a.after()));
         let rows = lights.iter().take(LISTED).map(|light| light.row(up)).collect();
-        let emitters = Table { name: "emitters".to_owned(), columns, rows };
+        let emitters = Table::new("emitters", columns, rows);
         let whole: Vec<Energy> = (0..self.steps.len()).map(|step| self.energy(step, up, pixels)).collect();
         let unlisted = lights.get(LISTED..).unwrap_or_default();
         let energy = energy(&whole, lights.len(), unlisted);
@@ -239,8 +239,7 @@ impl Lights {
             rows.push(row(name, (0..self.steps.len()).map(power).collect()));
         }
         let names = self.steps.iter().map(|(name, _)| (*name).to_owned());
-        let columns = std::iter::once(String::new()).chain(names).collect();
-        Table { name: "steps".to_owned(), columns, rows }
+        Table::new("steps", std::iter::once(String::new()).chain(names), rows)
     }
 
     fn light(&self, i: usize, up: Up, pixels: &LinearPixels, fused: &[Fused], sources: usize) -> Light {
@@ -328,20 +327,16 @@ fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
         row
     };
     let rest: f64 = unlisted.iter().map(Light::flux).sum();
-    let columns = ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"];
-    Table {
-        name: "energy".to_owned(),
-        columns: columns.map(String::from).to_vec(),
-        rows: vec![
-            row("panorama", whole.first(), Cell::Missing),
-            row("environment", whole.last(), Cell::Count(lights as u64)),
-            vec![
-                Cell::Text("of it, lights not listed".to_owned()),
-                Cell::Number(rest),
-                Cell::Missing,
-                Cell::Missing,
-                Cell::Count(unlisted.len() as u64),
-            ],
+    let rows = vec![
+        row("panorama", whole.first(), Cell::Missing),
+        row("environment", whole.last(), Cell::Count(lights as u64)),
+        vec![
+            Cell::Text("of it, lights not listed".to_owned()),
+            Cell::Number(rest),
+            Cell::Missing,
+            Cell::Missing,
+            Cell::Count(unlisted.len() as u64),
         ],
-    }
+    ];
+    Table::new("energy", ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"], rows)
 }

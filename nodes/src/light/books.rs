@@ -138,11 +138,6 @@ impl Books {
 
     /// The places of the lights, and what each step made of the whole and of each of them.
     pub fn tables(&self) -> [Table; 2] {
-        let table = |name: &str, columns: Vec<&str>, rows| Table {
-            name: name.to_owned(),
-            columns: columns.into_iter().map(str::to_owned).collect(),
-            rows,
-        };
         let place = |light: &Light| {
             let (azimuth, elevation) = measure::angles_deg(self.up, light.centre);
             [azimuth, elevation, light.angles[0].to_degrees()].map(Cell::Number).to_vec()
@@ -162,9 +157,12 @@ impl Books {
             let values = self.steps.iter().map(|(.., facing)| facing[i]).collect();
             row(format!("irradiance facing light {}", i + 1), values)
         }));
-        let names = std::iter::once("").chain(self.steps.iter().map(|(name, ..)| *name)).collect();
-        let places = vec!["azimuth (deg, clockwise from forward)", "elevation (deg)", "radius counted (deg)"];
-        [table("lights", places, self.lights.iter().map(place).collect()), table("steps", names, rows)]
+        let names = std::iter::once("").chain(self.steps.iter().map(|(name, ..)| *name));
+        let places = ["azimuth (deg, clockwise from forward)", "elevation (deg)", "radius counted (deg)"];
+        [
+            Table::new("lights", places, self.lights.iter().map(place).collect()),
+            Table::new("steps", names, rows),
+        ]
     }
 }
 

@@ -12,10 +12,6 @@ use super::visibility::Block;
 use super::{In, Out, lobes};
 use crate::types::{Cell, Images, NamedImage, Report, Table};
 
-pub(super) fn columns(names: &[&str]) -> Vec<String> {
-    names.iter().map(|&name| name.to_owned()).collect()
-}
-
 /// How the receiver blocks the environment, in words.
 fn block_text(block: &Block) -> String {
     match block {
@@ -34,36 +30,34 @@ fn decisions(
     inputs: &In,
     Decided { rules, probe, twice }: &Decided,
     centre: DVec3,
-    crop: String,
+    crop: &str,
     rays: &Rays,
 ) -> Vec<Vec<Cell>> {
     let [nodes, triangles] = rays.steps_each();
-    let text = |value: String| Cell::Text(value);
+    let row = |what: &str, value: Cell| vec![Cell::Text(what.to_owned()), value];
+    let text = |what: &str, value: &str| row(what, Cell::Text(value.to_owned()));
+    let capture = format!("{}, {}, {}", centre.x, centre.y, centre.z);
     let mut decisions = vec![
-        vec![text("env_block".to_owned()), text(block_text(&rules.block))],
-        vec![text("bounce".to_owned()), text(if rules.bounce_solid { "Solid" } else { "Env" }.to_owned())],
-        vec![
-            text("object_specular_sees".to_owned()),
-            text(if rules.specular_env { "Env" } else { "Receiver" }.to_owned()),
-        ],
-        vec![text("near_field".to_owned()), text(if rules.near.is_some() { "On" } else { "Off" }.to_owned())],
-        vec![text("crop".to_owned()), text(crop)],
-        vec![text("point of capture".to_owned()), text(format!("{}, {}, {}", centre.x, centre.y, centre.z))],
-        vec![text("camera rays".to_owned()), Cell::Count(rays.camera)],
-        vec![text("shadow rays".to_owned()), Cell::Count(rays.shadow)],
-        vec![text("scattered rays".to_owned()), Cell::Count(rays.scattered)],
-        vec![text("rays".to_owned()), Cell::Count(rays.all())],
-        vec![text("nodes of trees that a ray meets".to_owned()), Cell::Number(nodes)],
-        vec![text("triangles that a ray is tested with".to_owned()), Cell::Number(triangles)],
-        vec![text("lobes that no material has".to_owned()), text(lobes::absent(&inputs.objects))],
+        text("env_block", &block_text(&rules.block)),
+        text("bounce", if rules.bounce_solid { "Solid" } else { "Env" }),
+        text("object_specular_sees", if rules.specular_env { "Env" } else { "Receiver" }),
+        text("near_field", if rules.near.is_some() { "On" } else { "Off" }),
+        text("crop", crop),
+        text("point of capture", &capture),
+        row("camera rays", Cell::Count(rays.camera)),
+        row("shadow rays", Cell::Count(rays.shadow)),
+        row("scattered rays", Cell::Count(rays.scattered)),
+        row("rays", Cell::Count(rays.all())),
+        row("nodes of trees that a ray meets", Cell::Number(nodes)),
+        row("triangles that a ray is tested with", Cell::Number(triangles)),
+        text("lobes that no material has", &lobes::absent(&inputs.objects)),
     ];
     if let Some(twice) = twice {
-        decisions.push(vec![text("light that walls counted twice add".to_owned()), Cell::Number(*twice)]);
+        decisions.push(row("light that walls counted twice add", Cell::Number(*twice)));
     }
     if let Some(probe) = probe {
-        decisions.push(vec![text("probe rays that leave".to_owned()), Cell::Number(probe.escaped_share())]);
-        decisions
-            .push(vec![text("front faces among the others".to_owned()), Cell::Number(probe.front_share())]);
+        decisions.push(row("probe rays that leave", Cell::Number(probe.escaped_share())));
+        decisions.push(row("front faces among the others", Cell::Number(probe.front_share())));
     }
     decisions
 }
@@ -110,14 +104,10 @@ pub(super) fn assemble(
     let mut report = Report {
         title: "Path tracing".to_owned(),
         tables: vec![
-            Table {
-                name: "decisions".to_owned(),
-                columns: columns(&["what", "value"]),
-                rows: decisions(inputs, decided, centre, crop, &rays),
-            },
-            Table {
-                name: "views".to_owned(),
-                columns: columns(&[
+            Table::new("decisions", ["what", "value"], decisions(inputs, decided, centre, &crop, &rays)),
+            Table::new(
+                "views",
+                [
                     "view",
                     "mean luminance of without",
                     "standard error of a pixel of without",
@@ -128,15 +118,15 @@ pub(super) fn assemble(
                     "rays",
                     "share of chunks that no object touches",
                     "share of chunks that objects are too far from",
-                ]),
+                ],
                 rows,
-            },
+            ),
         ],
     };
     if !plans.is_empty() {
-        report.tables.push(Table {
-            name: "samples".to_owned(),
-            columns: columns(&[
+        report.tables.push(Table::new(
+            "samples",
+            [
                 "view",
                 "error asked for",
                 "error that the first samples promise",
@@ -145,9 +135,9 @@ pub(super) fn assemble(
                 "blocks with more than the first samples",
                 "blocks short of the error",
                 "samples a pixel",
-            ]),
-            rows: plans,
-        });
+            ],
+            plans,
+        ));
     }
     let [without, with, object, depth, nearest, normal, variance] = sets.map(|set| Arc::new(Images(set)));
     Out { without, with, object, depth, nearest, normal, variance, report: Arc::new(report) }

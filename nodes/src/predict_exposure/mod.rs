@@ -475,16 +475,9 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -
         Method::Skip => "skip",
         Method::FluxKontext { .. } => "Flux.1 Kontext",
     };
-    let summary = Table {
-        name: "prediction".to_owned(),
-        columns: ["method", "clipped pixels", "pixels", "regions"].map(String::from).to_vec(),
-        rows: vec![vec![
-            Cell::Text(name.to_owned()),
-            Cell::Count(clipped),
-            Cell::Count(pixels),
-            Cell::Count(regions.len() as u64),
-        ]],
-    };
+    let counts = [clipped, pixels, regions.len() as u64].map(Cell::Count);
+    let row = [Cell::Text(name.to_owned())].into_iter().chain(counts).collect();
+    let summary = Table::new("prediction", ["method", "clipped pixels", "pixels", "regions"], vec![row]);
     let columns = [
         "azimuth (deg, clockwise from forward)",
         "elevation (deg)",
@@ -500,11 +493,7 @@ fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -
         let name = if r.sun { "the sun" } else { "a light" };
         numbers.map(Cell::Number).into_iter().chain([uncertainty, Cell::Text(name.to_owned())]).collect()
     };
-    let table = Table {
-        name: "regions".to_owned(),
-        columns: columns.map(String::from).to_vec(),
-        rows: regions.iter().map(row).collect(),
-    };
+    let table = Table::new("regions", columns, regions.iter().map(row).collect());
     Report { title: "Light hidden by clipping".to_owned(), tables: vec![summary, table] }
 }
 

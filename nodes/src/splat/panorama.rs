@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_PI_6, TAU};
 
 use engine::{Context, NodeError, Up};
 use fearless_simd::Level;
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
 use super::camera_model::{Pinhole, Sphere};
 use super::{Blocks, Clock, Limit, Rendered, Settings, Sort, Surface, Work, draw};
@@ -147,18 +147,7 @@ fn cap(eye: DVec3, up: Up, side: f64, width_px: u32) -> Camera {
     // Half a pixel and one more, so that what is read between pixel centres lies within.
     let half = (focal * num::f64::tan(CAP) + 1.5).ceil();
     // Right, down, and where it looks, right-handed.
-    let columns = [right, -forward * side, above * side].map(|axis| axis.extend(0.0));
-    Camera {
-        name: "cap".to_owned(),
-        width_px: 2 * half as u32,
-        height_px: 2 * half as u32,
-        fx: focal,
-        fy: focal,
-        cx: half,
-        cy: half,
-        world_from_camera: DMat4::from_cols(columns[0], columns[1], columns[2], eye.extend(1.0))
-            .to_cols_array(),
-    }
+    Camera::centred("cap", [2 * half as u32; 2], focal, [right, -forward * side, above * side], eye)
 }
 
 #[derive(Default)]

@@ -28,6 +28,17 @@ pub struct Table {
     pub rows: Vec<Vec<Cell>>,
 }
 
+impl Table {
+    /// A table of that name, with these columns.
+    pub fn new(
+        name: &str,
+        columns: impl IntoIterator<Item = impl Into<String>>,
+        rows: Vec<Vec<Cell>>,
+    ) -> Self {
+        Self { name: name.to_owned(), columns: columns.into_iter().map(Into::into).collect(), rows }
+    }
+}
+
 /// What a node found, as tables. Port type `report`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Report {

@@ -27,6 +27,28 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// A camera with square pixels whose middle looks ahead, given its right, down and forward in the world.
+    pub fn centred(
+        name: &str,
+        [width_px, height_px]: [u32; 2],
+        focal_px: f64,
+        [right, down, forward]: [DVec3; 3],
+        eye: DVec3,
+    ) -> Self {
+        let world_from_camera =
+            DMat4::from_cols(right.extend(0.0), down.extend(0.0), forward.extend(0.0), eye.extend(1.0));
+        Self {
+            name: name.to_owned(),
+            width_px,
+            height_px,
+            fx: focal_px,
+            fy: focal_px,
+            cx: 0.5 * f64::from(width_px),
+            cy: 0.5 * f64::from(height_px),
+            world_from_camera: world_from_camera.to_cols_array(),
+        }
+    }
+
     /// The rigid transform from camera to world.
     pub fn world_from_camera(&self) -> DMat4 {
         DMat4::from_cols_array(&self.world_from_camera)
