@@ -85,7 +85,8 @@ impl Integrator<'_> {
         let start = surface.ray_to_receiver(direction).origin;
         let way = emitter.way(start + lift);
         let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
-        if !objects.accepts(&emitter.hit, key, false) || !self.passes(Block::Solid, ray) {
+        let coverage = objects.coverage(&emitter.hit, false);
+        if coverage == 0.0 || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
         self.touched = true;
@@ -98,7 +99,7 @@ impl Integrator<'_> {
             unshaded * s.value * power_heuristic(pdf, s.pdf + also)
         };
         let arrived: Vec3 = lobes.iter().zip(unshaded).zip(also).map(weighed).sum();
-        arrived * objects.emission_towards(&emitter.hit, -direction) / pdf
+        arrived * objects.emission_towards(&emitter.hit, -direction) * (coverage / pdf)
     }
 
     /// The MIS weight of what shines at a hit that a scattered ray of some density found.

@@ -31,7 +31,7 @@ pub(super) fn trace_first_hit(
         tile.rays.camera += 1 + u64::from(near);
         let landed = scene.camera_hit(ray);
         // Of what is blended, that of which more is seen than of what is behind.
-        let front = || scene.objects.bvh.closest(ray, |hit| scene.objects.shows(hit, 0.5));
+        let front = || scene.objects.bvh.closest(ray, |hit| scene.objects.coverage(hit, true) > 0.5);
         let object = if near { front() } else { None };
         let object = object.filter(|hit| is_before(&scene, camera_rays, ray, hit, landed));
         let (t, normal) = match (object, landed) {
@@ -47,7 +47,7 @@ pub(super) fn trace_first_hit(
         for number in 0..if near { places } else { 0 } {
             let (_, _, ray) = camera_rays.sample(block, number);
             tile.rays.camera += 1;
-            if let Some(hit) = scene.objects.bvh.closest(ray, |hit| scene.objects.shows(hit, 0.0)) {
+            if let Some(hit) = scene.objects.bvh.closest(ray, |hit| scene.objects.coverage(hit, true) > 0.0) {
                 tile.rays.camera += 1;
                 let landed = scene.camera_hit(ray);
                 if is_before(&scene, camera_rays, ray, &hit, landed) {

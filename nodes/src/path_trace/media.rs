@@ -87,7 +87,7 @@ impl Media {
 }
 
 /// In the order in which a ray meets them.
-fn nearer(a: &Hit, b: &Hit) -> Ordering {
+pub(super) fn nearer(a: &Hit, b: &Hit) -> Ordering {
     a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle))
 }
 
@@ -217,13 +217,16 @@ impl Objects {
     pub fn transmittance(&self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> Vec3 {
         let (mut light, mut crossed) = (Vec3::ONE, Vec::new());
         let blocked = self.bvh.any(ray, |hit| {
-            if Some(hit.triangle) == except || !self.accepts(hit, key, false) {
+            if Some(hit.triangle) == except {
                 return false;
             }
             match self.part(hit.triangle).0 {
-                part if !part.clear => light = Vec3::ZERO,
-                part if part.body.is_some() => crossed.push(*hit),
-                _ => light *= self.straight(hit, ray.direction, None),
+                part if !part.clear => light *= 1.0 - self.coverage(hit, false),
+                part if part.body.is_some() => crossed.extend(self.accepts(hit, key, false).then_some(*hit)),
+                _ => {
+                    let coverage = self.coverage(hit, false);
+                    light *= 1.0 - coverage + coverage * self.straight(hit, ray.direction, None);
+                }
             }
             light == Vec3::ZERO
         });

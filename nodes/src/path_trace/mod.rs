@@ -9,6 +9,7 @@ mod capture_point;
 mod cell_grid;
 mod change;
 pub mod contact;
+mod coverage;
 mod crop;
 mod direct_light;
 mod emission;

@@ -14,7 +14,7 @@ use super::attributes::SurfacePoint;
 use super::contact::Ground;
 use super::emitters::Emitters;
 use super::media::Body;
-use super::mipmap::{Mipmap, Texels};
+use super::mipmap::Mipmap;
 use super::receiver::{Receiver, Surface, margin};
 use super::shades::Shades;
 use super::touching::Touching;
@@ -22,7 +22,6 @@ use crate::bvh::{Bvh, Hit, Ray};
 use crate::color::linear_from_srgb8;
 use crate::error::Error;
 use crate::num;
-use crate::sampling::{hash, unit};
 use crate::types::{AlphaMode, Material, Object, Placed, Primitive};
 
 /// One primitive of one placed object.
@@ -37,7 +36,7 @@ pub(super) struct PlacedPrimitive {
     /// Tangents to the frame of the scene, columns.
     pub(super) tangents: [Vec3; 3],
     pub(super) mirrored: bool,
-    opaque: bool,
+    pub(super) opaque: bool,
     /// Whether light passes it straight.
     pub(super) clear: bool,
     /// The body that it bounds, if light comes into it.
@@ -55,7 +54,7 @@ pub struct Objects {
     decode: [f32; 256],
     /// Smaller copies of the textures of each placed object.
     mipmaps: Vec<Vec<Mipmap>>,
-    opaque: bool,
+    pub(super) opaque: bool,
     /// Whether light passes any of their surfaces.
     pub clear: bool,
     /// Whether the camera sees them.
@@ -236,36 +235,6 @@ impl Objects {
             material,
             SurfacePoint { object, primitive, corner, hit, decode: &self.decode, mipmaps, width: 0.0 },
         )
-    }
-
-    /// Whether a ray of the given random key meets the surface at a hit or passes through its cut-outs.
-    /// `camera` rays also pass through the backs of single-sided surfaces, but for those of bodies, in whose stuff they are.
-    pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
-        self.opaque || self.meets(hit, camera, || unit(hash(key, hit.triangle)))
-    }
-
-    /// Whether the camera sees anything of the surface at a hit: more than some share of what it sees there.
-    pub fn shows(&self, hit: &Hit, share: f32) -> bool {
-        self.opaque || self.meets(hit, true, || share)
-    }
-
-    /// Whether the surface at a hit is not cut out there, and where it is blended covers more than a share.
-    fn meets(&self, hit: &Hit, camera: bool, share: impl FnOnce() -> f32) -> bool {
-        let (part, material, point) = self.point(hit);
-        if camera && hit.back && !material.double_sided && part.body.is_none() {
-            return false;
-        }
-        if part.opaque {
-            return true;
-        }
-        let alpha = material.base_colour[3]
-            * point.texture(material.base_colour_texture, Texels::Numbers)[3]
-            * point.vertex_colour()[3];
-        match material.alpha_mode {
-            AlphaMode::Opaque => true,
-            AlphaMode::Mask(cutoff) => alpha >= cutoff,
-            AlphaMode::Blend => share() < alpha,
-        }
     }
 
     /// How far along its ray the receiver counts as met before an object: where glass stands on it, the two are in

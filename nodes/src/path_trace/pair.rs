@@ -15,6 +15,9 @@ use super::{PAIR, R0};
 use crate::bvh::{Hit, Ray};
 use crate::color::luminance;
 
+/// The number by which a ray of the camera is stopped by what is blended.
+const BLENDED: u32 = 5 << 17;
+
 /// Adds a sample, unless it is not finite.
 fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
     if !light.is_finite() {
@@ -211,8 +214,7 @@ fn show(
     of_tile: &mut TileSums,
 ) {
     let (ray, objects) = (sample.ray, scene.objects);
-    of_tile.rays.camera += 1;
-    let front = objects.bvh.closest(ray, |hit| objects.accepts(hit, sample.key, true));
+    let front = objects.front(ray, sample.points.bits(BLENDED)[0], &mut of_tile.rays.camera);
     let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
     let Some(front) = front.filter(|front| before(front) <= reach(&mut of_tile.rays)) else { return };
     let mut integrator =

@@ -73,15 +73,23 @@ impl Integrator<'_> {
         }
         self.rays.shadow += 1;
         let objects = self.scene.objects;
-        if !objects.bvh.any(ray, |hit| Some(hit.triangle) != except && objects.accepts(hit, key, false)) {
-            let (left, _) = objects.within(media, None, ray.t_max);
-            self.touched |= left != Vec3::ONE;
-            return [left; 2];
+        // What blended surfaces leave of it is known, and needs no chance.
+        let (mut left, mut is_clear) = (1.0, false);
+        objects.bvh.any(ray, |hit| {
+            if Some(hit.triangle) != except {
+                let coverage = objects.coverage(hit, false);
+                left *= 1.0 - coverage;
+                is_clear |= coverage > 0.0 && objects.clear && objects.part(hit.triangle).0.clear;
+            }
+            left == 0.0
+        });
+        let plain = if left > 0.0 { left * objects.within(media, None, ray.t_max).0 } else { Vec3::ZERO };
+        self.touched |= plain != Vec3::ONE;
+        if is_clear || (left == 0.0 && objects.clear) {
+            [objects.transmittance(ray, key, except, media), plain]
+        } else {
+            [plain; 2]
         }
-        self.touched = true;
-        let straight =
-            if objects.clear { objects.transmittance(ray, key, except, media) } else { Vec3::ZERO };
-        [straight, Vec3::ZERO]
     }
 
     /// How far along a ray from a surface light starts that passes the receiver: it shows what is there, so what lies

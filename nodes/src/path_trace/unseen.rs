@@ -51,8 +51,9 @@ fn unseen(
                     for number in places {
                         let (.., ray) = camera_rays.sample(pixel, number);
                         let own = |triangle| objects.part(triangle).0.placed == index;
-                        let hit =
-                            objects.bvh.closest(ray, |hit| own(hit.triangle) && objects.shows(hit, 0.0));
+                        let hit = objects
+                            .bvh
+                            .closest(ray, |hit| own(hit.triangle) && objects.coverage(hit, true) > 0.0);
                         let Some(hit) = hit else { continue };
                         met = true;
                         if shows && is_before(&scene, camera_rays, ray, &hit, scene.camera_hit(ray)) {

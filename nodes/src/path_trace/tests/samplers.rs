@@ -84,7 +84,7 @@ fn russian_roulette_keeps_what_paths_bring() {
 }
 
 /// A surface of some alpha is met so often, one that lets light pass straight as often as it does not, whichever ray asks.
-/// Mutation: `< alpha` to `<= alpha * alpha` in `Objects::accepts`, `!key` to `1` in `Objects::closest_straight`
+/// Mutation: `< coverage` to `<= coverage * coverage` in `Objects::accepts`, `!key` to `1` in `Objects::closest_straight`
 /// (each seen red).
 #[test]
 fn surfaces_are_met_as_often_as_they_hide() {

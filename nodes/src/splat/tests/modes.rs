@@ -124,6 +124,39 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
     }
 }
 
+// A mesh that lies under its splats by a third of their size, seen at 20 degrees, has none of them in front of it by default.
+// Mutation: the default 3.
+#[test]
+fn a_mesh_a_little_under_its_splats_keeps_them() {
+    let (sin, cos) = 20.0_f32.to_radians().sin_cos();
+    let (normal, along, middle) = ([0.0, -cos, -sin], [0.0, -sin, cos], [0.0, 0.3, 4.0]);
+    let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let mut splats = cloud(1600, 3);
+    let half_turn = -0.5 * (90.0_f32 - 20.0).to_radians();
+    for i in 0..1600 {
+        let (x, y) = ((i % 40) as f32 * 0.1 - 1.95, (i / 40) as f32 * 0.1 - 1.95);
+        splats.means[i] = [x, middle[1] + y * along[1], middle[2] + y * along[2]];
+        (splats.scales[i], splats.opacities[i]) = ([0.06, 0.06, 0.001], 0.9);
+        splats.quats[i] = [half_turn.cos(), half_turn.sin(), 0.0, 0.0];
+    }
+    let camera = camera(400, 320, 50.0);
+    let depth = |i: usize| {
+        let [u, v] = [(i % 400) as f32 - 199.5, (i / 400) as f32 - 159.5];
+        let ray = [u / camera.fx as f32, v / camera.fy as f32, 1.0];
+        let depth = (dot(middle, normal) - 0.02) / dot(ray, normal);
+        if depth > 0.0 { depth } else { f32::INFINITY }
+    };
+    let mesh = Image::<Data>::from_samples(400, 320, 1, (0..400 * 320).map(depth).collect());
+    let most = |sigmas: f64| {
+        let seen = render(&splats, &camera, Some(Limit { depth: &mesh, sigmas }), &F64, &context());
+        let seen = seen.expect("renders");
+        // In the rows of the middle, where a ray falls by 18 to 22 degrees.
+        (150 * 400..170 * 400).map(|i| seen.rgba[4 * i + 3]).fold(0.0, f32::max)
+    };
+    let usual = crate::splat_render::SplatRender::default().limit_sigmas;
+    assert!(most(3.0) > 0.3 && most(usual) < 0.05, "{} {}", most(3.0), most(usual));
+}
+
 // An empty picture is no error, but it is told with its likely cause.
 #[test]
 fn an_empty_view_is_told_with_its_cause() {
