@@ -171,39 +171,40 @@ pub(super) fn report_contact(
 ) {
     // A tenth is shown, and never less than nothing of one.
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
-    let near = |level: &Level| level.height.abs() * metres_per_unit <= LARGEST;
-    for (index, level) in
-        measured.iter().enumerate().filter_map(|(index, measured)| Some((index, (*measured)?)))
-    {
-        if !near(&level) && !carried[index] {
-            let off = millimetres(level.height.abs());
-            if level.height > 0.0 && level.height < tall[index] {
-                let text = format!("object {index} reaches {off:.0} mm into the receiver");
-                let text = format!("{text}; `snap` puts it on the mesh");
-                if level.height > DEEP * tall[index] {
-                    notes.warning("in-the-ground", text);
-                } else {
-                    notes.decision("in-the-ground", text);
-                }
-                continue;
-            }
-            let side = if level.height > 0.0 { "below" } else { "above" };
-            let text = format!(
-                "object {index} stands {off:.0} mm {side} the receiver, so its shadow does not meet it"
-            );
-            let hint = "`snap` puts it on the mesh; `contact_metres` tells that the mesh is wrong by as much";
-            notes.warning("off-the-ground", format!("{text}; {hint}"));
+    let mut on_it = Vec::new();
+    for (index, level) in measured.iter().enumerate() {
+        let Some(Level { height, roughness, .. }) = *level else { continue };
+        if height.abs() * metres_per_unit <= LARGEST {
+            let (offset, roughness) = (millimetres(height), millimetres(roughness));
+            on_it
+                .push(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"));
+        } else if !carried[index] {
+            report_off_the_ground(index, height, tall[index], millimetres(height.abs()), notes);
         }
     }
-    let each = measured.iter().enumerate().filter_map(|(index, measured)| {
-        let level = measured.filter(near)?;
-        let (offset, roughness) = (millimetres(level.height), millimetres(level.roughness));
-        Some(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"))
-    });
-    let each: Vec<String> = each.collect();
-    if !each.is_empty() {
-        notes.decision("contact", format!("the receiver is {}", each.join("; ")));
+    if !on_it.is_empty() {
+        notes.decision("contact", format!("the receiver is {}", on_it.join("; ")));
     }
+}
+
+/// Tells of an object of some height that the ground over or under its base is far from.
+fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64, notes: &mut Notes) {
+    if ground > 0.0 && ground < tall {
+        let text = format!("object {index} reaches {millimetres:.0} mm into the receiver");
+        let text = format!("{text}; `snap` puts it on the mesh");
+        if ground > DEEP * tall {
+            notes.warning("in-the-ground", text);
+        } else {
+            notes.decision("in-the-ground", text);
+        }
+        return;
+    }
+    let side = if ground > 0.0 { "below" } else { "above" };
+    let text = format!(
+        "object {index} stands {millimetres:.0} mm {side} the receiver, so its shadow does not meet it"
+    );
+    let hint = "`snap` puts it on the mesh; `contact_metres` tells that the mesh is wrong by as much";
+    notes.warning("off-the-ground", format!("{text}; {hint}"));
 }
 
 /// Tells where `variance` is not what it should be.
