@@ -43,7 +43,7 @@ pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 impl Kind for FitProbe {
     const NAME: &'static str = "fit-probe";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
     const LOOKS: &'static [&'static str] = &["look"];
     type Params = Self;
@@ -122,7 +122,7 @@ mod tests {
     fn of(roughness: f32) -> Arc<Placed> {
         let material = Material { metallic: 0.0, roughness, ior: 1.5, ..Material::default() };
         let object = Object {
-            primitives: vec![Primitive::default()],
+            primitives: vec![Primitive { triangles: vec![[0; 3]], ..Primitive::default() }],
             materials: vec![material],
             textures: Vec::new(),
         };

@@ -40,7 +40,7 @@ impl EnvResolution {
     /// those.
     pub(crate) fn of(environment: &Environment, objects: &[Arc<Placed>], most: usize) -> Self {
         let materials = objects.iter().flat_map(|placed| {
-            placed.object.materials.iter().filter_map(|material| smoothest(&placed.object, material))
+            placed.object.materials_in_use().filter_map(|material| smoothest(&placed.object, material))
         });
         let roughness = materials.reduce(f64::min);
         // Seen by fewer columns than there may be, a light looks wider by less than half of a texel.

@@ -17,9 +17,10 @@ const LOBES: [NamedLobe; 7] = [
     ("thin film", |m| m.iridescence.strength.factor > 0.0),
 ];
 
-/// The names of the lobes that no material of the objects has, with commas between.
+/// The names of the lobes that no material of a triangle of the objects has, with commas between.
 pub(super) fn absent(objects: &[Arc<Placed>]) -> String {
-    let materials = || objects.iter().flat_map(|placed| &placed.object.materials).filter(|m| !m.unlit);
+    let materials =
+        || objects.iter().flat_map(|placed| placed.object.materials_in_use()).filter(|m| !m.unlit);
     let names = LOBES.iter().filter(|(_, has)| !materials().any(has)).map(|(name, _)| *name);
     names.collect::<Vec<_>>().join(", ")
 }
@@ -27,19 +28,28 @@ pub(super) fn absent(objects: &[Arc<Placed>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::types::{Map, Object};
+    use crate::types::{Map, Object, Primitive};
 
     #[test]
     fn lobes_are_there_once_a_material_that_is_lit_has_them() {
-        let placed = |materials: Vec<Material>| {
-            let object = Object { materials, ..Object::default() };
+        let with = |materials: Vec<Material>, used: u32| {
+            let part = |material| Primitive { triangles: vec![[0; 3]], material, ..Primitive::default() };
+            let unseen = Primitive { material: used, ..Primitive::default() };
+            let primitives = (0..used).map(part).chain([unseen]).collect();
+            let object = Object { primitives, materials, ..Object::default() };
             [Arc::new(Placed { object: Arc::new(object), world_from_object: glam::DMat4::IDENTITY })]
+        };
+        let placed = |materials: Vec<Material>| {
+            let all = materials.len() as u32;
+            with(materials, all)
         };
         let all = "gloss, transmission, diffuse transmission, clear coat, sheen, brush, thin film";
         assert_eq!(absent(&[]), all);
         let matte = Material { metallic: 0.0, ior: 1.0, ..Material::default() };
         let glass = Material { metallic: 0.0, transmission: Map::of(0.5), ..Material::default() };
         assert_eq!(absent(&placed(vec![matte.clone()])), all);
+        // A material that no triangle has counts as none.
+        assert_eq!(absent(&with(vec![matte.clone(), glass.clone()], 1)), all);
         let two = absent(&placed(vec![matte, glass.clone()]));
         assert_eq!(two, "diffuse transmission, clear coat, sheen, brush, thin film");
         assert_eq!(absent(&placed(vec![Material { unlit: true, ..glass }])), all);

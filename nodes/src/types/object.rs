@@ -51,6 +51,17 @@ pub struct Placed {
     pub world_from_object: DMat4,
 }
 
+impl Object {
+    /// The materials that a triangle has.
+    pub fn materials_in_use(&self) -> impl Iterator<Item = &Material> {
+        let mut used = vec![false; self.materials.len()];
+        for primitive in self.primitives.iter().filter(|primitive| !primitive.triangles.is_empty()) {
+            used.get_mut(primitive.material as usize).into_iter().for_each(|used| *used = true);
+        }
+        self.materials.iter().zip(used).filter(|(_, used)| *used).map(|(material, _)| material)
+    }
+}
+
 impl Artifact for Object {
     const TYPE: &'static str = "object";
     const FORMAT: u32 = 2;

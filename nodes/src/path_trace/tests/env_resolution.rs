@@ -56,6 +56,10 @@ fn smooth_surfaces_and_small_lights_ask_for_more() {
     assert_eq!(columns(24.0, plastic(0.7)), 128);
     assert_eq!(columns(24.0, plastic(0.2)), 512);
     assert_eq!(columns(24.0, plastic(0.0)), 512, "a mirror takes what there is");
+    let mut spare = Placed::clone(&ball(0.3, plastic(0.7), DVec3::ZERO));
+    Arc::make_mut(&mut spare.object).materials.push(plastic(0.0));
+    let columns_of = |object| EnvResolution::of(&lit(512, 24.0), &[Arc::new(object)], 512).columns;
+    assert_eq!(columns_of(spare), 128, "a mirror that no triangle has takes nothing");
     assert_eq!(
         EnvResolution::of(&constant(Up::PlusZ, [1.0; 3], 512), &[ball(0.3, matte(0.5), DVec3::ZERO)], 512)
             .columns,
