@@ -75,8 +75,12 @@ fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
         let found: Vec<usize> = names.iter().filter_map(|n| element.find(n)).collect();
         <[usize; 3]>::try_from(found).ok()
     })?;
-    let range = element.properties[found[0]].scalar.whole_range();
-    Some((found, range.map_or(1.0, |(_, high)| 1.0 / high)))
+    let largest = match element.properties[found[0]].scalar {
+        // Programs that write all whole numbers alike mean the same codes as of 8 bits.
+        ply::Scalar::I32 | ply::Scalar::U32 => 255.0,
+        scalar => scalar.whole_range().map_or(1.0, |(_, high)| high),
+    };
+    Some((found, 1.0 / largest))
 }
 
 fn vertices(

@@ -68,6 +68,22 @@ fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
     glb
 }
 
+// Whole numbers of 32 bits hold codes of 8, as programs write them that have no other type; of 16 bits, the largest is 1.
+// Mutation: the largest of 32 bits taken for 1, so that all is black.
+#[test]
+fn colours_of_wide_numbers_are_codes() {
+    let text = String::from_utf8(ascii()).unwrap_or_default();
+    let (bytes, _) = good(text.as_bytes());
+    for wide in ["int", "uint", "int32", "uint32"] {
+        let (mesh, notes) = good(text.replace("property uchar", &format!("property {wide}")).as_bytes());
+        assert_eq!(mesh.colours, bytes.colours, "{wide}");
+        assert!(notes.iter().all(|note| note.id != "colours-clamped"), "{wide}");
+    }
+    let (mesh, _) =
+        good(text.replace("property uchar", "property ushort").replace("255", "65535").as_bytes());
+    assert_eq!(mesh.colours[1], [1.0; 3]);
+}
+
 // glTF's factor is linear and multiplies; alone it is the colour, and white is no statement.
 // Mutation: `raw.tints` left empty; the tint decoded as sRGB.
 #[test]
