@@ -11,6 +11,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::aabb::Aabb;
 use super::objects::Objects;
 use super::receiver::Receiver;
 use crate::bvh::{Hit, Ray};
@@ -119,15 +120,10 @@ impl Ground {
 
     /// Whether a triangle of an object lies at the height of a base to which the camera's hits move, as near as that.
     pub fn is_base(&self, corners: &[Vec3; 3], near: f32) -> bool {
-        let [low, high] =
-            corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], &corner| {
-                [low.min(corner), high.max(corner)]
-            });
+        let own = Aabb::around(corners);
         let lowest = corners.iter().map(|corner| corner.dot(self.up)).fold(f32::INFINITY, f32::min);
         self.supports.iter().filter(|s| s.reach > 0.0).any(|s| {
-            (lowest - s.height).abs() <= near
-                && low.cmple(s.high + near).all()
-                && high.cmpge(s.low - near).all()
+            (lowest - s.height).abs() <= near && own.meets(&Aabb { low: s.low, high: s.high }.grown(near))
         })
     }
 

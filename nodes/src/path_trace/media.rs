@@ -113,7 +113,7 @@ impl Objects {
 
     /// Whether a point may be in a body.
     pub fn may_hold(&self, point: Vec3) -> bool {
-        self.held.is_some_and(|(low, high)| point.cmpge(low).all() && point.cmple(high).all())
+        self.held.is_some_and(|held| held.holds(point))
     }
 
     /// The bodies around the start of a ray: those that the ray leaves and has not entered.

@@ -1,5 +1,6 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
+mod aabb;
 mod accumulator;
 pub mod attributes;
 mod auto;

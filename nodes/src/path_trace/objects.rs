@@ -10,6 +10,7 @@ use std::sync::Arc;
 use engine::NodeError;
 use glam::{DMat3, DVec3, Vec3};
 
+use super::aabb::Aabb;
 use super::attributes::SurfacePoint;
 use super::contact::Ground;
 use super::emitters::Emitters;
@@ -63,7 +64,7 @@ pub struct Objects {
     pub every_lobe: bool,
     /// The insides that light can be in, and the box around them.
     pub(super) bodies: Vec<Body>,
-    pub(super) held: Option<(Vec3, Vec3)>,
+    pub(super) held: Option<Aabb>,
     /// What shines on them.
     pub emitters: Emitters,
     /// Where light of lamps comes through some of them.
@@ -169,8 +170,8 @@ impl Objects {
             self.corners.extend(primitive.triangles.iter().map(|&t| wound(t, mirrored).map(place)));
             if body.is_some() {
                 let held = self.corners[first..].iter().flatten().filter(|p| p.is_finite());
-                let held = held.map(|&p| (p, p)).chain(self.held);
-                self.held = held.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+                let held = Aabb::around(held).joined(self.held.unwrap_or(Aabb::EMPTY));
+                self.held = Some(held).filter(|held| !held.is_empty());
             }
         }
         Ok(())
@@ -185,13 +186,12 @@ impl Objects {
         at as u32
     }
 
-    /// The box around each placed object, as far as its corners are finite: lower corner, upper corner.
-    pub fn boxes(&self) -> Vec<(Vec3, Vec3)> {
-        let mut boxes = vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); self.placed.len()];
+    /// The box around each placed object, as far as its corners are finite.
+    pub(super) fn boxes(&self) -> Vec<Aabb> {
+        let mut boxes = vec![Aabb::EMPTY; self.placed.len()];
         for (part, triangles) in self.parts_with_triangles() {
-            let corners = self.corners[triangles].iter().flatten().filter(|p| p.is_finite());
-            let (low, high) = &mut boxes[part.placed];
-            corners.for_each(|p| (*low, *high) = (low.min(*p), high.max(*p)));
+            let own = Aabb::around(self.corners[triangles].iter().flatten().filter(|p| p.is_finite()));
+            boxes[part.placed] = boxes[part.placed].joined(own);
         }
         boxes
     }

@@ -3,6 +3,7 @@
 use engine::Notes;
 use glam::Vec3;
 
+use super::aabb::Aabb;
 use super::accumulator::FinishedView;
 use super::contact::LARGEST;
 use super::objects::Objects;
@@ -57,17 +58,12 @@ pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, not
 
 /// Tells which objects, by the boxes around them, stand where a point of capture does not see, for what light they have
 /// there the panorama does not show.
-pub(super) fn report_unseen_places(
-    receiver: &Receiver,
-    eye: Vec3,
-    boxes: &[(Vec3, Vec3)],
-    notes: &mut Notes,
-) {
-    let hidden = |(low, high): &(Vec3, Vec3)| {
-        low.cmple(*high).all()
+pub(super) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
+    let hidden = |one: &Aabb| {
+        !one.is_empty()
             && (0..27).all(|i| {
                 let share = [i % 3, i / 3 % 3, i / 9].map(|k| [0.05, 0.5, 0.95][k]);
-                let way = *low + (*high - *low) * Vec3::from_array(share) - eye;
+                let way = one.low + (one.high - one.low) * Vec3::from_array(share) - eye;
                 // A mesh may be in its own way.
                 let reach = 0.95 * way.length();
                 receiver.bvh.any(Ray { t_max: reach, ..Ray::new(eye, way.normalize_or_zero()) }, |_| true)
@@ -145,7 +141,7 @@ fn short(length: f32) -> String {
 /// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
 /// surface has lost what lies nearer.
 pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
-    for (index, (low, high)) in objects.boxes().into_iter().enumerate() {
+    for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
         let around = prepared.receiver().margin_within(low - size, high + size);
         let margin = around.max(margin(&[low, high, high]));

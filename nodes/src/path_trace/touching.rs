@@ -7,6 +7,7 @@
 
 use glam::Vec3;
 
+use super::aabb::Aabb;
 use super::contact::Ground;
 use super::objects::Objects;
 use super::receiver::{Receiver, Surface, margin};
@@ -21,21 +22,9 @@ pub struct Touching {
     /// Whether each triangle does; empty where none does.
     triangles: Vec<bool>,
     /// The box around them, with [`reach`](Self::reach) around it.
-    held: Option<[Vec3; 2]>,
+    held: Option<Aabb>,
     /// How far from one another two surfaces in one place may be found.
     reach: f32,
-}
-
-/// The box around a triangle with some space around it.
-fn around(corners: &[Vec3], space: f32) -> [Vec3; 2] {
-    let [low, high] = corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], &corner| {
-        [low.min(corner), high.max(corner)]
-    });
-    [low - space, high + space]
-}
-
-fn meet(a: &[Vec3; 2], b: &[Vec3; 2]) -> bool {
-    a[0].cmple(b[1]).all() && b[0].cmple(a[1]).all()
 }
 
 impl Touching {
@@ -43,30 +32,30 @@ impl Touching {
     pub fn of(objects: &Objects, receiver: &Receiver, ground: &Ground) -> Self {
         let Some((low, high)) = objects.bvh.bounds() else { return Self::default() };
         let space = margin(&[low, high, low]);
-        let whole = around(&[low, high], space);
+        let whole = Aabb { low, high }.grown(space);
         // What of the receiver is where the objects are.
-        let (mut place, mut coarsest) = (None::<[Vec3; 2]>, 0.0_f32);
+        let (mut place, mut coarsest) = (None::<Aabb>, 0.0_f32);
         receiver.bvh.visit(|corners| {
-            let here = around(corners, 0.0);
-            let meets = meet(&here, &whole);
+            let here = Aabb::around(corners);
+            let meets = here.meets(&whole);
             if let ([a, b, c], true) = (corners, meets) {
                 coarsest = coarsest.max(margin(&[*a, *b, *c]));
-                let here = [here[0].max(whole[0]), here[1].min(whole[1])];
-                place = Some(place.map_or(here, |place| [place[0].min(here[0]), place[1].max(here[1])]));
+                let here = here.common(whole);
+                place = Some(place.map_or(here, |place| place.joined(here)));
             }
             meets
         });
         // One that was lifted off another may lie as far below the receiver.
         let reach = 2.0 * (space + coarsest) + objects.lifted;
         let touches = |corners: &[Vec3; 3]| {
-            let own = around(corners, reach);
+            let own = Aabb::around(corners).grown(reach);
             if ground.is_base(corners, reach) {
                 return true;
             }
             let mut found = false;
-            if place.is_some_and(|place| meet(&own, &place)) {
+            if place.is_some_and(|place| own.meets(&place)) {
                 receiver.bvh.visit(|corners| {
-                    let meets = !found && meet(&around(corners, 0.0), &own);
+                    let meets = !found && Aabb::around(corners).meets(&own);
                     found |= meets && corners.len() == 3;
                     meets
                 });
@@ -79,8 +68,8 @@ impl Touching {
                 let corners = &objects.corners[triangle];
                 if corners.iter().all(|corner| corner.is_finite()) && touches(corners) {
                     all.triangles[triangle] = true;
-                    let own = around(corners, reach);
-                    all.held = Some(all.held.map_or(own, |[low, high]| [low.min(own[0]), high.max(own[1])]));
+                    let own = Aabb::around(corners).grown(reach);
+                    all.held = Some(all.held.map_or(own, |held| held.joined(own)));
                 }
             }
         }
@@ -89,15 +78,14 @@ impl Touching {
 
     /// How far the points of a place must be taken to reach to lie below what lies on them; 0 where nothing does.
     pub fn depth(&self, low: Vec3, high: Vec3) -> f32 {
-        let there = self.held.is_some_and(|held| meet(&held, &[low, high]));
+        let there = self.held.is_some_and(|held| held.meets(&Aabb { low, high }));
         if there { 2.0 * self.reach } else { 0.0 }
     }
 
     /// How far beyond a place of the receiver that a ray meets what lies on it may be met.
     pub fn allowance(&self, ray: &Ray, t: f32, normal: Vec3) -> f32 {
         let position = ray.origin + ray.direction * t;
-        let there =
-            self.held.is_some_and(|[low, high]| position.cmpge(low).all() && position.cmple(high).all());
+        let there = self.held.is_some_and(|held| held.holds(position));
         if there { self.reach / normal.dot(ray.direction).abs().max(0.01) } else { 0.0 }
     }
 
@@ -130,8 +118,7 @@ impl Objects {
     /// The same of a place with a unit normal.
     pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
         let touching = &self.touching;
-        let [low, high] = touching.held?;
-        if !(position.cmpge(low).all() && position.cmple(high).all()) {
+        if !touching.held?.holds(position) {
             return None;
         }
         let lies =

@@ -1,0 +1,47 @@
+//! Boxes along the axes.
+
+use glam::Vec3;
+
+/// An axis-aligned bounding box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Aabb {
+    pub(super) low: Vec3,
+    pub(super) high: Vec3,
+}
+
+impl Aabb {
+    /// Around nothing.
+    pub(super) const EMPTY: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+
+    /// Around points.
+    pub(super) fn around<'a>(points: impl IntoIterator<Item = &'a Vec3>) -> Self {
+        points.into_iter().fold(Self::EMPTY, |all, &point| all.joined(Self { low: point, high: point }))
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        !self.low.cmple(self.high).all()
+    }
+
+    /// Around both.
+    pub(super) fn joined(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// What lies in both, which may be empty.
+    pub(super) fn common(self, other: Self) -> Self {
+        Self { low: self.low.max(other.low), high: self.high.min(other.high) }
+    }
+
+    /// With some space on all sides.
+    pub(super) fn grown(self, space: f32) -> Self {
+        Self { low: self.low - space, high: self.high + space }
+    }
+
+    pub(super) fn meets(&self, other: &Self) -> bool {
+        self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
+    }
+
+    pub(super) fn holds(&self, point: Vec3) -> bool {
+        point.cmpge(self.low).all() && point.cmple(self.high).all()
+    }
+}
