@@ -50,8 +50,8 @@ engine::outputs! {
         image: Arc<Images>,
         /// Standard error of the luminance of `image` by the noise of the trace, linear, in the unit of `image`; 0
         /// without `variance`. It assumes the shadow as `shadow-ratio` makes it by default, without other shaping, and is an
-        /// upper estimate where `denoise` came between. It leaves out the noise of `added` light and of an object's
-        /// antialiased outline in front of a brighter background.
+        /// upper estimate where `denoise` came between. It leaves out the noise of `added` light, and that of
+        /// alpha: of an object's antialiased outline and of blended surfaces in front of a brighter background.
         error: Arc<Images>,
     }
 }

@@ -157,12 +157,13 @@ pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
 }
 
 /// Tells how far the mesh misses the bases of objects that stand on it, and of those that do not how far they are off, or how
-/// deep they stand in it. Objects reach so far up from their bases, in world units.
+/// deep they stand in it. Objects reach so far up from their bases, in world units. Where the user says how far the mesh may be wrong,
+/// what is within that needs no word.
 pub(super) fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
     tall: &[f64],
-    metres_per_unit: f64,
+    (metres_per_unit, contact_metres): (f64, Option<f64>),
     notes: &mut Notes,
 ) {
     // A tenth is shown, and never less than nothing of one.
@@ -170,7 +171,7 @@ pub(super) fn report_contact(
     let mut on_it = Vec::new();
     for (index, level) in measured.iter().enumerate() {
         let Some(Level { height, roughness, .. }) = *level else { continue };
-        if height.abs() * metres_per_unit <= LARGEST {
+        if height.abs() * metres_per_unit <= contact_metres.unwrap_or(0.0).max(LARGEST) {
             let (offset, roughness) = (millimetres(height), millimetres(roughness));
             on_it
                 .push(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"));
@@ -178,7 +179,7 @@ pub(super) fn report_contact(
             report_off_the_ground(index, height, tall[index], millimetres(height.abs()), notes);
         }
     }
-    if !on_it.is_empty() {
+    if !on_it.is_empty() && contact_metres.is_none() {
         notes.decision("contact", format!("the receiver is {}", on_it.join("; ")));
     }
 }

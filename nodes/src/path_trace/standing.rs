@@ -36,15 +36,8 @@ pub(super) fn find_ground(
         on_others.iter().map(|on| if *on { None } else { levels.next().flatten() }).collect();
     let carried = objects.carried(placed, origin, up, metre);
     let tall: Vec<f64> =
-<<<<<<< HEAD
-        objects.boxes().into_iter().map(|(low, high)| (high - low).as_dvec3().dot(up.abs())).collect();
-    if contact_metres.is_none() {
-        report_contact(&measured, &carried, &tall, metres_per_unit, notes);
-    }
-=======
         objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
-    report_contact(&measured, &carried, &tall, metres_per_unit, notes);
->>>>>>> ee3cce1 (path-trace: boxes along the axes are Aabb, which was written three times)
+    report_contact(&measured, &carried, &tall, (metres_per_unit, contact_metres), notes);
     let stands =
         |index: usize| measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index];
     Sunk::report(objects, receiver, stands, metres_per_unit, notes);

@@ -239,17 +239,22 @@ fn a_picture_in_a_rough_wall_is_told() {
 }
 
 /// What stands on a floor lies in no surface, whatever `contact_metres` says of the mesh: neither by its level nor by the inside of
-/// its bottom, which it hides itself.
+/// its bottom, which it hides itself. What stands off it is told all the same.
 /// Mutation: in `Ground::measure` nothing measured where `fixed`, and `double_sided &&` to `false &&` in `sunk.rs`.
 #[test]
 fn what_stands_on_a_floor_lies_in_no_surface() {
     let material = Material { double_sided: true, ..matte(0.5) };
-    let cube = [placed(&box_mesh([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], false), material, DVec3::ZERO)];
+    let cube = |z: f64| {
+        [placed(&box_mesh([-0.3, -0.3, 0.0], [0.3, 0.3, 0.5], false), material.clone(), DVec3::Z * z)]
+    };
     let camera = rig(DVec3::new(2.0, -3.0, 2.0), DVec3::ZERO, 16, 1.5);
     for contact_metres in [None, Some(0.0), Some(0.02)] {
         let params = PathTrace { contact_metres, ..params(4, EnvBlock::Solid) };
-        let (_, notes) = render(&params, &plane(3.0), &cube, &camera, &white());
-        assert!(notes.iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}: {notes:?}");
+        let told = |z: f64| render(&params, &plane(3.0), &cube(z), &camera, &white()).1;
+        assert!(told(0.0).iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}");
+        for (z, id) in [(0.2, "off-the-ground"), (-0.2, "in-the-ground")] {
+            assert!(told(z).iter().any(|note| note.id == id), "{contact_metres:?} {z}");
+        }
     }
 }
 
