@@ -19,6 +19,7 @@ pub(crate) mod env_resolution;
 pub mod environment;
 pub mod film;
 mod first_hit;
+mod holes;
 pub mod integrator;
 mod irradiance_bound;
 mod lamp_light;

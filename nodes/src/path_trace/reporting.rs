@@ -6,6 +6,7 @@ use glam::Vec3;
 use super::aabb::Aabb;
 use super::accumulator::FinishedView;
 use super::contact::LARGEST;
+use super::holes::holes;
 use super::objects::Objects;
 use super::prepared::PreparedScene;
 use super::receiver::{Receiver, margin};
@@ -106,6 +107,11 @@ pub(super) fn report_views(
         }
         report_cropped(&camera.name, view.cropped, notes);
         report_cut_paths(&camera.name, view.cut, params.max_bounces, notes);
+        if looks && view.shows_objects() {
+            let text =
+                "pixels of `{}` among others of the receiver meet none of it: its holes carry no shadow";
+            notes.count("holes", holes(&view.depth), text.replace("{}", &camera.name));
+        }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
         if !prepared.inputs.objects.is_empty() && looks && !view.shows_objects() {
             let text =

@@ -1,7 +1,7 @@
 //! How two renders become a ratio, and light to add.
 
 use super::ShadowRatio;
-use super::tally::Tally;
+use super::tally::{SEEN, SHONE_ON, Tally};
 
 engine::choices! {
     /// How the two renders become a ratio.
@@ -60,8 +60,9 @@ impl RatioForm {
             Self::Hybrid => (ratio.min(1.0), params.s_max.min(1.0)),
             _ => (ratio, params.s_max),
         };
-        if ratio > most {
+        if ratio > SEEN * most {
             tally.clipped += 1;
+            tally.shone_on += u64::from(ratio > SHONE_ON * most);
             tally.bright[0] += b;
             tally.bright[1] += a;
         }

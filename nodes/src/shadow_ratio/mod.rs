@@ -142,7 +142,7 @@ impl ShadowRatio {
 
 impl Kind for ShadowRatio {
     const NAME: &'static str = "shadow-ratio";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type Params = Self;
     type In = In;
     type Out = Out;

@@ -2,12 +2,21 @@
 
 use engine::Notes;
 
+/// How many times brighter than it may be a sample is counted: less is noise, and not seen.
+pub(super) const SEEN: f64 = 1.01;
+/// From how many times on objects shine on a place, or throw light onto it: matte ones hardly brighten what is beside them.
+pub(super) const SHONE_ON: f64 = 1.5;
+/// Share of all samples from which on that is more than fireflies.
+const MANY: f64 = 1e-3;
+
 /// What became of the samples of one view.
 #[derive(Default)]
 pub(super) struct Tally {
     pub(super) samples: u64,
     pub(super) dark: u64,
     pub(super) clipped: u64,
+    /// Of these those of places that objects shine on.
+    pub(super) shone_on: u64,
     /// Of the ratios that are clipped the sums of what they are made of: with the objects and without.
     pub(super) bright: [f64; 2],
     pub(super) broken: u64,
@@ -18,6 +27,7 @@ impl Tally {
         self.samples += other.samples;
         self.dark += other.dark;
         self.clipped += other.clipped;
+        self.shone_on += other.shone_on;
         for (sum, more) in self.bright.iter_mut().zip(other.bright) {
             *sum += more;
         }
@@ -43,10 +53,18 @@ impl Tally {
             "clipped",
             self.clipped,
             format_args!(
-                "samples ({:.2} %) are brighter with the objects than `s_max` = {s_max} lets through: {:.3} times as bright in sum",
+                "samples ({:.2} %) are brighter with the objects than `s_max` = {s_max} lets through, by more than 1 %: {:.3} times as bright in sum",
                 share(self.clipped),
                 self.bright[0] / self.bright[1].max(f64::MIN_POSITIVE)
             ),
         );
+        if self.shone_on as f64 > MANY * self.samples as f64 {
+            let text = format!(
+                "the objects shine on the place, or throw light onto it, and `s_max` = {s_max} keeps that from the picture: {:.2} % of the samples \
+                 would be more than half as bright again; raise `s_max` to let it through (8, say)",
+                share(self.shone_on)
+            );
+            notes.warning("light-clipped", text);
+        }
     }
 }

@@ -60,6 +60,27 @@ fn how_much_brighter_is_told_by_sums() {
     assert!(told.text.contains("1.210 times"), "{}", told.text);
 }
 
+/// The light of an inserted lamp that `s_max` keeps from the picture is a warning with its remedy; what a matte object throws back beside
+/// it, noise and a firefly are none.
+/// Mutation: `SHONE_ON` 1, `SEEN` 1, `MANY` 0.
+#[test]
+fn light_that_is_kept_from_the_picture_is_told() {
+    let told = |s_max: f64, bright: &[f32]| {
+        let mut r1 = vec![1.002; 1000];
+        r1[..bright.len()].copy_from_slice(bright);
+        let p = ShadowRatio { s_max, ..ShadowRatio::default() };
+        let inputs = In { without: image(&[1.0; 1000]), with: image(&r1) };
+        let notes = ShadowRatio::run(&p, inputs, &context()).expect("runs").1;
+        notes.iter().map(|note| note.id.as_ref().to_owned()).collect::<Vec<_>>()
+    };
+    let lamp = [3.0; 50];
+    assert!(told(1.0, &lamp).iter().any(|id| id == "light-clipped"));
+    assert!(!told(8.0, &lamp).iter().any(|id| id == "light-clipped"));
+    assert!(!told(1.0, &[1.1; 50]).iter().any(|id| id == "light-clipped"));
+    assert!(!told(1.0, &[9.0]).iter().any(|id| id == "light-clipped"));
+    assert!(!told(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
+}
+
 // `Hybrid` adds what is brighter, so that nothing is clipped.
 #[test]
 fn what_is_added_is_not_told_as_clipped() {
