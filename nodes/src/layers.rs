@@ -43,6 +43,11 @@ pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
     Cow::Owned(colour.into())
 }
 
+/// The linear light of a display-encoded channel of a pixel, premultiplied as it is: 0 where alpha is.
+pub fn decoded(encoded: f32, alpha: f32) -> f32 {
+    if alpha > 0.0 { linear_from_srgb(encoded / alpha) * alpha } else { 0.0 }
+}
+
 /// The linear light of a colour picture of 3 or 4 channels, still premultiplied; luminance alone is grey. Display-encoded
 /// values are un-premultiplied, decoded and premultiplied again.
 pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Image<Linear>>, NodeError> {
@@ -64,7 +69,7 @@ pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Im
     for pixel in samples.chunks_exact_mut(channels) {
         let alpha = if channels == 4 { pixel[3] } else { 1.0 };
         for c in &mut pixel[..3] {
-            *c = if alpha > 0.0 { linear_from_srgb(*c / alpha) * alpha } else { 0.0 };
+            *c = decoded(*c, alpha);
         }
     }
     Ok(Cow::Owned(Image::from_samples(encoded.width, encoded.height, channels, samples)))

@@ -8,15 +8,26 @@ use engine::{
 
 use crate::io::exr::{self, Channel, Depth};
 use crate::io::stretch::Stretch;
-use crate::types::{Images, Picture};
+use crate::layers::decoded;
+use crate::types::{Encoding, Images, Linear, Picture};
 
+engine::choices! {
+    /// In which numbers colours are written.
+    pub enum WrittenEncoding {
+        /// Each picture's own: a splat render is display-encoded.
+        Keep,
+        /// Linear light, as other programs take what an OpenEXR file holds.
+        Linear,
+    }
+}
 engine::params! {
     /// Writes pictures as OpenEXR, one of them or many as named layers.
     ///
     /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is called after the
     /// output its wire comes from, or as `names` says. A layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
-    /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. The numbers stay in their own encoding, which
-    /// the attribute `lightharmony:encoding` names, layer by layer. The same input gives the same bytes.
+    /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours stay in their own encoding unless `encoding` is `Linear`;
+    /// the attribute `lightharmony:encoding` names it, layer by layer. Other programs know nothing of that attribute and
+    /// take all colours as linear, so layers of unlike encodings are reported. The same input gives the same bytes.
     pub struct WriteExr {
         /// The file: `.exr`. With `{view}` in it where there are several views.
         path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
@@ -26,6 +37,9 @@ engine::params! {
         /// Colours as 16-bit floats: half the size, three digits; what overflows is counted. Data (depth,
         /// masks, variance) stays in 32 bits.
         half: bool = false, other("true");
+        /// In which numbers colours are written. `Linear` un-premultiplies, decodes and premultiplies what is
+        /// display-encoded; alpha, linear light and data stay as they are.
+        encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
         /// Writes the graph that made the picture into its metadata, by content and without paths.
         recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
     }
@@ -49,7 +63,7 @@ engine::outputs! {
 
 impl Kind for WriteExr {
     const NAME: &'static str = "write-exr";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const READS: &'static [ContextField] = &[ContextField::Recipe, ContextField::Wired];
     type Params = Self;
     type In = In;
@@ -104,6 +118,9 @@ impl Kind for WriteExr {
         let layers: Vec<(&str, &Images)> = names.into_iter().zip(wired).collect();
         let mut notes = Notes::none();
         let mut files = Vec::new();
+        if p.encoding == WrittenEncoding::Keep {
+            report_encodings(&layers, &mut notes);
+        }
         // Of equally many views those of the first layer.
         let views: &[_] = layers
             .iter()
@@ -133,9 +150,10 @@ impl Kind for WriteExr {
                 if (w, h) != (width, height) {
                     return Err(other(format!("layer `{name}` is {w}x{h}, another is {width}x{height}")));
                 }
-                add_layer(name, picture, p.half, &mut channels, stretch.part(0.0, 0.0))?;
+                add_layer(name, picture, p, &mut channels, stretch.part(0.0, 0.0))?;
                 let name = if name.is_empty() { "image" } else { name };
-                encodings.push(format!("{name}={}", picture.encoding()));
+                let encoding = if p.decodes(picture) { Linear::NAME } else { picture.encoding() };
+                encodings.push(format!("{name}={encoding}"));
             }
             let (bytes, clamped) =
                 exr::write_for(width, height, channels, &encodings.join(" "), recipe, stretch)?;
@@ -184,10 +202,34 @@ fn layer_names<'a>(
     }
 }
 
+impl WriteExr {
+    /// Whether a picture is written in other numbers than its own.
+    fn decodes(&self, picture: &Picture) -> bool {
+        self.encoding == WrittenEncoding::Linear && matches!(picture, Picture::Srgb(_))
+    }
+}
+
+/// Tells of display-encoded layers beside linear ones.
+fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
+    let of = |is: fn(&Picture) -> bool| {
+        let found = layers.iter().filter(|(_, images)| images.0.iter().any(|image| is(&image.picture)));
+        found.map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    };
+    let encoded = of(|picture| matches!(picture, Picture::Srgb(_)));
+    let linear = of(|picture| matches!(picture, Picture::Linear(_)));
+    if !encoded.is_empty() && !linear.is_empty() {
+        let text = format!("display-encoded layers ({encoded}) stand beside linear ones ({linear})");
+        notes.warning(
+            "mixed-encodings",
+            format!("{text}, and other programs take all as linear; `encoding: Linear` decodes them"),
+        );
+    }
+}
+
 fn add_layer(
     name: &str,
     picture: &Picture,
-    half: bool,
+    p: &WriteExr,
     to: &mut Vec<(Channel, Depth)>,
     stretch: Stretch<'_>,
 ) -> Result<(), NodeError> {
@@ -205,7 +247,8 @@ fn add_layer(
             );
         }
     };
-    let depth = if half && !matches!(picture, Picture::Data(_)) { Depth::Half } else { Depth::Float };
+    let decodes = p.decodes(picture);
+    let depth = if p.half && !matches!(picture, Picture::Data(_)) { Depth::Half } else { Depth::Float };
     for (offset, letter) in letters.iter().enumerate() {
         let full = match (name, *letter) {
             ("", letter) => letter.to_owned(),
@@ -214,7 +257,14 @@ fn add_layer(
         };
         let mut samples = Vec::with_capacity(picture.samples().len() / channels);
         stretch.over(picture.samples(), |pixels| {
-            samples.extend(pixels.iter().skip(offset).step_by(channels).copied());
+            if decodes && *letter != "A" {
+                let colours = channels - 1 + channels % 2;
+                let alpha = |pixel: &[f32]| pixel.get(colours).map_or(1.0, |alpha| *alpha);
+                samples
+                    .extend(pixels.chunks_exact(channels).map(|pixel| decoded(pixel[offset], alpha(pixel))));
+            } else {
+                samples.extend(pixels.iter().skip(offset).step_by(channels).copied());
+            }
         })?;
         if samples.iter().any(|v| v.is_nan()) {
             return Err(NodeError::new(format!("channel `{full}` holds what is not a number")).at("layers"));
@@ -227,7 +277,8 @@ fn add_layer(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::types::{Data, Image, Linear, NamedImage, Srgb};
+    use crate::color::linear_from_srgb;
+    use crate::types::{Data, Image, NamedImage, Srgb};
     use engine::{Scene, Up};
 
     fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
@@ -237,7 +288,8 @@ mod tests {
     }
     fn node(names: &[&str]) -> WriteExr {
         let names = names.iter().map(|n| (*n).to_owned()).collect();
-        WriteExr { path: OutputFile("a.exr".into()), names, half: false, recipe: true }
+        let encoding = WrittenEncoding::Keep;
+        WriteExr { path: OutputFile("a.exr".into()), names, half: false, encoding, recipe: true }
     }
     fn colour() -> Arc<Images> {
         let samples = (0..24).map(|i| i as f32 * 10_000.0).collect();
@@ -252,7 +304,8 @@ mod tests {
         let layers = vec![colour(), depth(), Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)))];
         let (files, notes) =
             run(&node(&["O", "Z", "B"]), In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(notes, Notes::none());
+        let told: Vec<&str> = notes.iter().map(|note| &*note.id).collect();
+        assert_eq!(told, ["mixed-encodings"]);
         let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
         let names: Vec<&str> = back.channels.iter().map(|c| c.name.as_str()).collect();
         assert_eq!(names, ["B.B", "B.G", "B.R", "O.A", "O.B", "O.G", "O.R", "Z"]);
@@ -260,6 +313,76 @@ mod tests {
         assert_eq!(back.find("Z"), Some(&[f32::INFINITY; 6][..]));
         let text = b"O=linear Z=data B=srgb";
         assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
+    }
+
+    // Mutations: alpha decoded too; colours decoded as they are, still premultiplied; linear light decoded once more;
+    // the attribute left as it is.
+    #[test]
+    fn linear_decodes_what_is_display_encoded_and_nothing_else() {
+        let of = |channels, samples: &[f32]| {
+            Arc::new(Images::single("v", Image::<Srgb>::from_samples(1, 2, channels, samples.to_vec())))
+        };
+        let layers = vec![
+            of(4, &[0.2, 0.1, -0.05, 0.5, 0.3, 0.3, 0.3, 0.0]),
+            of(3, &[0.5, 1.5, 0.0, 1.0, 0.25, 0.75]),
+            of(2, &[0.1, 0.5, 1.0, 1.0]),
+            Arc::new(Images::single("v", Image::<Linear>::from_samples(1, 2, 1, vec![0.5, 7.0]))),
+            Arc::new(Images::single("v", Image::<Data>::from_samples(1, 2, 3, vec![0.25; 6]))),
+        ];
+        for half in [false, true] {
+            let encoding = WrittenEncoding::Linear;
+            let p = WriteExr { half, encoding, ..node(&["B", "C", "G", "R0", "S"]) };
+            let (files, notes) =
+                run(&p, In { image: None, layers: layers.clone() }).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(notes, Notes::none());
+            let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+            let lin = linear_from_srgb;
+            for (name, wanted) in [
+                ("B.R", [lin(0.4) * 0.5, 0.0]),
+                ("B.G", [lin(0.2) * 0.5, 0.0]),
+                ("B.B", [lin(-0.1) * 0.5, 0.0]),
+                ("B.A", [0.5, 0.0]),
+                ("C.G", [lin(1.5), lin(0.25)]),
+                ("G.Y", [lin(0.2) * 0.5, 1.0]),
+                ("G.A", [0.5, 1.0]),
+                ("R0", [0.5, 7.0]),
+                ("S.B", [0.25; 2]),
+            ] {
+                let found = back.find(name).unwrap_or_else(|| panic!("{name}"));
+                for (found, wanted) in found.iter().zip(wanted) {
+                    let off = (found - wanted).abs();
+                    assert!(
+                        off <= if half { 1e-3 * wanted.abs() } else { 1e-7 },
+                        "{name}: {found}, {wanted}"
+                    );
+                }
+            }
+            let text = b"B=linear C=linear G=linear R0=linear S=data";
+            assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
+        }
+    }
+
+    // Mutations: data taken for linear light; layers named that are not display-encoded; `Linear` told of as well.
+    #[test]
+    fn unlike_encodings_are_told_by_layer_and_like_ones_are_not() {
+        let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
+        let told = |encoding, names: &[&str], layers| {
+            let p = WriteExr { encoding, ..node(names) };
+            let (_, notes) = run(&p, In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
+            notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>()
+        };
+        let all = ["B", "R0", "R1", "Z"];
+        let layers = || vec![encoded(), colour(), colour(), depth()];
+        assert_eq!(
+            told(WrittenEncoding::Keep, &all, layers()),
+            [
+                "display-encoded layers (`B`) stand beside linear ones (`R0`, `R1`), and other programs take all as \
+              linear; `encoding: Linear` decodes them"
+            ]
+        );
+        assert!(told(WrittenEncoding::Linear, &all, layers()).is_empty());
+        assert!(told(WrittenEncoding::Keep, &["B", "Z"], vec![encoded(), depth()]).is_empty());
+        assert!(told(WrittenEncoding::Keep, &["R", "Z"], vec![colour(), depth()]).is_empty());
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod bytes;
 mod cache;
 mod incremental;
 mod kill;
+mod layers;
 mod messages;
 mod share;
 mod splats;
