@@ -71,7 +71,7 @@ fn light_that_is_kept_from_the_picture_is_told() {
         let p = ShadowRatio { s_max, ..ShadowRatio::default() };
         let inputs = In { without: image(&[1.0; 1000]), with: image(&r1) };
         let notes = ShadowRatio::run(&p, inputs, &context()).expect("runs").1;
-        notes.iter().map(|note| note.id.as_ref().to_owned()).collect::<Vec<_>>()
+        notes.iter().map(|note| note.id.clone()).collect::<Vec<_>>()
     };
     let lamp = [3.0; 50];
     assert!(told(1.0, &lamp).iter().any(|id| id == "light-clipped"));
