@@ -349,7 +349,8 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
         env.image.pixel_mut(x, 8).fill(100.0);
     }
     for tilt in [20.0_f64, 40.0, 60.0] {
-        let normal = DVec3::new(tilt.to_radians().sin(), 0.0, tilt.to_radians().cos());
+        let (sin, cos) = crate::num::sin_cos(tilt.to_radians());
+        let normal = DVec3::new(sin, 0.0, cos);
         let mut object = Object::clone(&placed(&plane(1.0), matte(0.5), DVec3::ZERO).object);
         object.primitives[0].normals = vec![normal.as_vec3().to_array(); 4];
         let card = [Arc::new(Placed { object: Arc::new(object), world_from_object: DMat4::IDENTITY })];
@@ -362,7 +363,7 @@ fn bent_normals_of_matte_surfaces_do_not_turn_with_the_viewer() {
         };
         let expected = 0.5 / std::f64::consts::PI * (0..width * height).map(texel).sum::<f64>();
         for view in [0.01_f64, 45.0, 75.0] {
-            let (sin, cos) = view.to_radians().sin_cos();
+            let (sin, cos) = crate::num::sin_cos(view.to_radians());
             let camera = rig(DVec3::new(-4.0 * sin, 0.0, 4.0 * cos), DVec3::ZERO, 8, 40.0);
             let p = PathTrace { max_bounces: 0, ..params(64, EnvBlock::Pass) };
             let (out, _) = render(&p, &Mesh::default(), &card, &camera, &env);

@@ -128,16 +128,20 @@ fn the_splats_of_a_surface_are_not_in_front_of_it() {
 // Mutation: the default 3.
 #[test]
 fn a_mesh_a_little_under_its_splats_keeps_them() {
-    let (sin, cos) = 20.0_f32.to_radians().sin_cos();
+    let turned = |degrees: f64| {
+        let (sin, cos) = num::sin_cos(degrees.to_radians());
+        (sin as f32, cos as f32)
+    };
+    let (sin, cos) = turned(20.0);
     let (normal, along, middle) = ([0.0, -cos, -sin], [0.0, -sin, cos], [0.0, 0.3, 4.0]);
     let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let mut splats = cloud(1600, 3);
-    let half_turn = -0.5 * (90.0_f32 - 20.0).to_radians();
+    let (half_sin, half_cos) = turned(-35.0);
     for i in 0..1600 {
         let (x, y) = ((i % 40) as f32 * 0.1 - 1.95, (i / 40) as f32 * 0.1 - 1.95);
         splats.means[i] = [x, middle[1] + y * along[1], middle[2] + y * along[2]];
         (splats.scales[i], splats.opacities[i]) = ([0.06, 0.06, 0.001], 0.9);
-        splats.quats[i] = [half_turn.cos(), half_turn.sin(), 0.0, 0.0];
+        splats.quats[i] = [half_cos, half_sin, 0.0, 0.0];
     }
     let camera = camera(400, 320, 50.0);
     let depth = |i: usize| {
