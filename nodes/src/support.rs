@@ -20,7 +20,7 @@ pub struct Foot {
 }
 
 /// Corners of an object's triangles in the world.
-fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
+pub fn corners(placed: &Placed) -> impl Iterator<Item = DVec3> {
     let used = placed.object.primitives.iter().flat_map(|primitive| {
         primitive.triangles.iter().flatten().filter_map(|&i| primitive.positions.get(i as usize))
     });

@@ -8,44 +8,42 @@
 //! shades stays where it is, so R0 depends on no object. And so does what it shades of the objects: from a foot that it
 //! hides, rays to it start just above it, where the camera's hits moved from. From below it they would see what is
 //! outside of a closed room.
+//!
+//! The same holds for a flat side with which an object rests on a wall, a ceiling or a roof: see [`super::side`].
 
 use glam::{DVec3, Vec3};
 
 use super::aabb::Aabb;
-use super::objects::Objects;
 use super::receiver::Receiver;
+use super::side::Side;
 use crate::bvh::{Hit, Ray};
-use crate::support::{Foot, Level};
+use crate::support::Level;
 use crate::types::Placed;
 
-/// Rays a side of the grid that feels the ground under an object.
-const GRID: u32 = 16;
-/// Share of those rays that must find ground for an object to stand on it.
-const FOUND: f64 = 0.25;
 /// Cosine of the steepest ground.
-const STEEPEST: f32 = 0.7;
+pub(super) const STEEPEST: f32 = 0.7;
 /// The largest error of a mesh that is believed without being told, in metres.
 pub(super) const LARGEST: f64 = 0.05;
 /// How far off the ground is looked for in metres, to tell that an object does not stand on it.
 const FARTHEST: f64 = 0.5;
 /// How near to the base of an object the top of another is that it rests on, in metres.
-const TOUCHING: f64 = 0.01;
-/// How much farther down that one reaches at least, in metres.
-const LOWER: f64 = 0.005;
+pub(super) const TOUCHING: f64 = 0.01;
 /// A mesh smoother than this is taken as it is, in metres.
-const SMOOTHEST: f64 = 1e-4;
+pub(super) const SMOOTHEST: f64 = 1e-4;
 
 /// Whether a mesh is near enough to the base of an object to be what it stands on, given the length of a metre.
 pub(super) fn is_near(measured: &Level, metre: f64) -> bool {
     measured.height.abs() <= LARGEST * metre
 }
 
-/// What one object stands on.
+/// What one side of an object rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Support {
+    /// From the receiver to the object: up, for ground.
+    out: Vec3,
     low: Vec3,
     high: Vec3,
-    /// Height of the base along up, in the frame of the scene.
+    /// Height of the side along `out`, in the frame of the scene.
     height: f32,
     /// The mesh's error: hits this near in height belong to the ground; up to twice as far, in part. 0 of a smooth mesh.
     reach: f32,
@@ -53,56 +51,92 @@ pub struct Support {
     claims: f32,
 }
 
+impl Support {
+    /// Of a side on a mesh with an error, 0 of a smooth one, in world units.
+    fn new(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Self {
+        let [low, high] = [side.low, side.high].map(|p| (p - origin).as_vec3());
+        let height = (side.height - origin.dot(side.out)) as f32;
+        let claims = if reach > 0.0 { 2.0 * reach } else { LARGEST * metre };
+        let [reach, claims] = [reach, claims].map(|v| v as f32);
+        Self { out: side.out.as_vec3(), low, high, height, reach, claims }
+    }
+}
+
+/// What was found at an object.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Found {
+    /// The ground under it, be it too far off.
+    pub ground: Option<Level>,
+    /// What its flat sides rest on.
+    pub sides: Vec<Level>,
+}
+
 /// The supports of all objects.
 #[derive(Debug, Clone, Default)]
 pub struct Ground {
-    up: Vec3,
+    /// The ways that they face, each once.
+    ways: Vec<Vec3>,
     supports: Vec<Support>,
 }
 
 impl Ground {
-    /// Feels the ground under every object, on a receiver of which is known whether its normals point away from where it
-    /// is seen. `metre` is its length in world units; `fixed` an error in metres that the user knows better, 0 for a mesh
-    /// without. Gives what was found for each object, be it too far off.
+    /// Feels the ground under every object that stands on it and the walls that it rests on, on a receiver of which is known
+    /// whether its normals point away from where it is seen. `metre` is its length in world units; `fixed` an error in metres
+    /// that the user knows better, 0 for a mesh without.
     pub fn measure(
         receiver: (&Receiver, bool),
-        objects: &[impl AsRef<Placed>],
+        objects: &[(impl AsRef<Placed>, bool)],
         origin: DVec3,
         up: DVec3,
         metre: f64,
         fixed: Option<f64>,
-    ) -> (Self, Vec<Option<Level>>) {
-        let mut ground = Self { up: up.as_vec3(), supports: Vec::new() };
+    ) -> (Self, Vec<Found>) {
+        let mut ground = Self::default();
         let mut found = Vec::with_capacity(objects.len());
-        for placed in objects {
-            let Some(foot) = Foot::of(placed.as_ref(), up) else {
-                found.push(None);
-                continue;
-            };
-            let measured = [LARGEST, FARTHEST]
-                .into_iter()
-                .find_map(|largest| under(receiver, &foot, origin, up, largest * metre));
-            let near = |measured: &Level| is_near(measured, metre);
-            let reach = match (fixed, measured) {
-                (Some(metres), _) => metres * metre,
-                (None, Some(measured)) if near(&measured) && measured.roughness > SMOOTHEST * metre => {
-                    (measured.height.abs() + 3.0 * measured.roughness).min(LARGEST * metre)
-                }
-                _ => 0.0,
-            };
-            let smooth = fixed.is_none() && measured.as_ref().is_some_and(near);
-            if reach > 0.0 || smooth {
-                let [low, high] = [foot.low, foot.high].map(|p| (p - origin).as_vec3());
-                let height = (foot.base - origin.dot(up)) as f32;
-                let claims = if reach > 0.0 { 2.0 * reach } else { LARGEST * metre };
-                let [reach, claims] = [reach, claims].map(|v| v as f32);
-                ground.supports.push(Support { low, high, height, reach, claims });
+        for (placed, stands) in objects {
+            let mut of_object = Found::default();
+            let flat = if fixed == Some(0.0) { Vec::new() } else { Side::flat(placed.as_ref(), up) };
+            let mut is_level = true;
+            for side in flat {
+                let Some((level, tilt)) = side.rests(receiver, origin, metre, fixed) else { continue };
+                let reach = match fixed {
+                    Some(metres) => metres * metre,
+                    None if level.roughness <= SMOOTHEST * metre => 0.0,
+                    None => (level.height.abs() + 3.0 * level.roughness + tilt).min(LARGEST * metre),
+                };
+                ground.supports.push(Support::new(&side, reach, origin, metre));
+                // What lies along a slope has that for its ground.
+                is_level &= side.out.dot(up) < f64::from(STEEPEST);
+                of_object.sides.push(level);
             }
-            found.push(measured);
+            if let Some(foot) = Side::foot(placed.as_ref(), up).filter(|_| *stands) {
+                let measured = [LARGEST, FARTHEST]
+                    .into_iter()
+                    .find_map(|largest| foot.ground(receiver, origin, largest * metre));
+                let near = |measured: &Level| is_near(measured, metre);
+                let reach = match (fixed, measured) {
+                    (Some(metres), _) => metres * metre,
+                    (None, Some(measured)) if near(&measured) && measured.roughness > SMOOTHEST * metre => {
+                        (measured.height.abs() + 3.0 * measured.roughness).min(LARGEST * metre)
+                    }
+                    _ => 0.0,
+                };
+                let smooth = fixed.is_none() && measured.as_ref().is_some_and(near);
+                if is_level && (reach > 0.0 || smooth) {
+                    ground.supports.push(Support::new(&foot, reach, origin, metre));
+                }
+                of_object.ground = measured;
+            }
+            found.push(of_object);
         }
         if ground.error() == 0.0 {
             // Nothing moves.
             ground.supports.clear();
+        }
+        for support in &ground.supports {
+            if !ground.ways.contains(&support.out) {
+                ground.ways.push(support.out);
+            }
         }
         (ground, found)
     }
@@ -121,23 +155,22 @@ impl Ground {
     /// Whether a triangle of an object lies at the height of a base to which the camera's hits move, as near as that.
     pub fn is_base(&self, corners: &[Vec3; 3], near: f32) -> bool {
         let own = Aabb::around(corners);
-        let lowest = corners.iter().map(|corner| corner.dot(self.up)).fold(f32::INFINITY, f32::min);
+        let lowest = |out: Vec3| corners.iter().map(|corner| corner.dot(out)).fold(f32::INFINITY, f32::min);
         self.supports.iter().filter(|s| s.reach > 0.0).any(|s| {
-            (lowest - s.height).abs() <= near && own.meets(&Aabb { low: s.low, high: s.high }.grown(near))
+            (lowest(s.out) - s.height).abs() <= near
+                && own.meets(&Aabb { low: s.low, high: s.high }.grown(near))
         })
     }
 
     /// How far a camera's hit must move along its unit ray to lie on the ground of the object that is
     /// nearest to it (the first of equally near ones); 0 where it belongs to no ground.
     pub fn shift(&self, position: Vec3, normal: Vec3, direction: Vec3) -> f32 {
-        if self.supports.is_empty() {
+        let along = |out: Vec3| normal.dot(out).abs() >= STEEPEST;
+        let Some((part, out)) = self.rise(position, along) else { return 0.0 };
+        let fall = direction.dot(out);
+        if fall == 0.0 {
             return 0.0;
         }
-        let fall = direction.dot(self.up);
-        if normal.dot(self.up).abs() < STEEPEST || fall == 0.0 {
-            return 0.0;
-        }
-        let part = self.rise(position);
         // A ray that hardly falls would run far; it moves ten times its height at most.
         let way = part / fall;
         way.clamp(-10.0 * part.abs(), 10.0 * part.abs())
@@ -146,115 +179,50 @@ impl Ground {
     /// Where rays to the receiver start from a place of an object that the mesh hides though the camera sees it, off that
     /// place: just over the mesh, straight above. None where no mesh lies over the place that counts as lower than it.
     pub fn over(&self, receiver: &Receiver, position: Vec3) -> Option<Vec3> {
-        let height = position.dot(self.up);
+        // In a corner over the floor, then over the wall.
+        self.ways.iter().fold(None, |off: Option<Vec3>, &out| {
+            let more = self.over_one(receiver, position + off.unwrap_or_default(), out);
+            off.map_or(more, |off| Some(off + more.unwrap_or_default()))
+        })
+    }
+
+    fn over_one(&self, receiver: &Receiver, position: Vec3, out: Vec3) -> Option<Vec3> {
+        let height = position.dot(out);
         // Above twice the reach the mesh is where it is.
-        let within = |s: &&Support| (s.height - s.reach..s.height + 2.0 * s.reach).contains(&height);
+        let within =
+            |s: &&Support| s.out == out && (s.height - s.reach..s.height + 2.0 * s.reach).contains(&height);
         let most = self.supports.iter().filter(within).map(|s| s.height + 2.0 * s.reach - height);
         let most = most.reduce(f32::max)?;
-        let ray = Ray { t_max: most, ..Ray::new(position + self.up * most, -self.up) };
-        let flat = |hit: &Hit| receiver.normal(hit.triangle).dot(self.up).abs() >= STEEPEST;
+        let ray = Ray { t_max: most, ..Ray::new(position + out * most, -out) };
+        let flat = |hit: &Hit| receiver.normal(hit.triangle).dot(out).abs() >= STEEPEST;
         let hit = receiver.bvh.closest(ray, flat)?;
         let mesh = ray.origin + ray.direction * hit.t;
-        let level = mesh.dot(self.up) + self.rise(mesh);
+        let level = mesh.dot(out) + self.rise(mesh, |way| way == out).map_or(0.0, |(rise, _)| rise);
         // Rounding must not decide about the lowest edge of the object.
         let slack = 1e-3 * most;
         (level <= height + slack).then(|| receiver.start(&hit) - position)
     }
 
-    /// How far the ground at a place of a flat part of the mesh lies over the mesh.
-    fn rise(&self, position: Vec3) -> f32 {
-        let height = position.dot(self.up);
+    /// How far the ground at a place of the mesh lies over the mesh, and the way that it faces, of those that may be.
+    fn rise(&self, position: Vec3, may_be: impl Fn(Vec3) -> bool) -> Option<(f32, Vec3)> {
+        let height = |s: &Support| position.dot(s.out);
         let aside = |s: &Support| {
-            let out = (s.low - position).max(position - s.high).max(Vec3::ZERO);
-            (out - self.up * out.dot(self.up)).length_squared()
+            let off = (s.low - position).max(position - s.high).max(Vec3::ZERO);
+            (off - s.out * off.dot(s.out)).length_squared()
         };
-        let near = self.supports.iter().filter(|s| (s.height - height).abs() < s.claims);
+        let near = self.supports.iter().filter(|s| may_be(s.out) && (s.height - height(s)).abs() < s.claims);
         // What stands on smooth ground keeps others from it, but for what is as near to both.
         let order = |s: &Support| (aside(s), s.reach == 0.0);
         let nearer = |a: &&Support, b: &&Support| {
             let ((a, last), (b, first)) = (order(a), order(b));
             a.total_cmp(&b).then(last.cmp(&first))
         };
-        let Some(support) = near.min_by(nearer) else { return 0.0 };
-        let error = support.height - height;
+        let support = near.min_by(nearer)?;
+        let error = support.height - height(support);
         // The whole of it up to the reach, then less, to none at twice the reach.
         let whole = error.clamp(-support.reach, support.reach);
-        whole - (error - whole).clamp(-support.reach, support.reach)
+        Some((whole - (error - whole).clamp(-support.reach, support.reach), support.out))
     }
-}
-
-impl Objects {
-    /// Whether each object stands on another one: some of what is under its foot, as far as a mesh may be wrong.
-    pub fn carried(&self, placed: &[impl AsRef<Placed>], origin: DVec3, up: DVec3, metre: f64) -> Vec<bool> {
-        let stands = |(index, placed): (usize, &Placed)| {
-            let Some(foot) = Foot::of(placed, up) else { return false };
-            let largest = LARGEST * metre;
-            let others = |hit: &Hit| self.part(hit.triangle).0.placed != index;
-            feelers(&foot, origin, up, largest).any(|(_, ray)| self.bvh.any(ray, others))
-        };
-        // One alone stands on none.
-        let alone = placed.len() < 2;
-        placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
-    }
-}
-
-impl Objects {
-    /// Whether each object rests on one that reaches farther down, such as a plate on a coaster: what lies below the plate
-    /// beside the coaster is no ground of it.
-    pub fn on_others(
-        &self,
-        placed: &[impl AsRef<Placed>],
-        origin: DVec3,
-        up: DVec3,
-        metre: f64,
-    ) -> Vec<bool> {
-        let feet: Vec<Option<Foot>> = placed.iter().map(|one| Foot::of(one.as_ref(), up)).collect();
-        let bases: Vec<f64> =
-            feet.iter().map(|foot| foot.as_ref().map_or(f64::INFINITY, |foot| foot.base)).collect();
-        let rests = |foot: &Foot| {
-            let lower = |hit: &Hit| bases[self.part(hit.triangle).0.placed] < foot.base - LOWER * metre;
-            let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
-            let under = |at: &[f64; 2]| at[0].abs() <= half[0] && at[1].abs() <= half[1];
-            let mut rays = feelers(foot, origin, up, TOUCHING * metre).filter(|(at, _)| under(at));
-            rays.any(|(_, ray)| self.bvh.any(ray, lower))
-        };
-        let alone = placed.len() < 2;
-        feet.iter().map(|foot| !alone && foot.as_ref().is_some_and(rests)).collect()
-    }
-}
-
-/// Rays straight down over a grid under a foot, from so far above its base to as far below, and where on the foot they are.
-fn feelers(foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
-    let axes = Foot::axes(up);
-    (0..GRID * GRID).map(move |k| {
-        let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
-        let [x, y] = [0, 1].map(|a| place[a] * foot.half.dot(axes[a].abs()));
-        let flat = foot.middle - up * foot.middle.dot(up) + axes[0] * x + axes[1] * y;
-        let start = (flat + up * (foot.base + largest) - origin).as_vec3();
-        ([x, y], Ray { t_max: (2.0 * largest) as f32, ..Ray::new(start, -up.as_vec3()) })
-    })
-}
-
-/// Heights of the mesh over the base of a foot, by rays straight down over a grid. What looks down above the base is no
-/// ground but a ceiling.
-fn under(
-    (receiver, inverted): (&Receiver, bool),
-    foot: &Foot,
-    origin: DVec3,
-    up: DVec3,
-    largest: f64,
-) -> Option<Level> {
-    let mut heights = Vec::new();
-    for ([x, y], ray) in feelers(foot, origin, up, largest) {
-        let Some(hit) = receiver.bvh.closest(ray, |_| true) else { continue };
-        let height = largest - f64::from(hit.t);
-        let flat = receiver.normal(hit.triangle).dot(up.as_vec3()).abs() >= STEEPEST;
-        if flat && (hit.back == inverted || height <= 0.0) {
-            heights.push([x, y, height]);
-        }
-    }
-    let enough = heights.len() as f64 >= FOUND * f64::from(GRID * GRID);
-    if enough { Level::of(&heights) } else { None }
 }
 
 #[cfg(test)]
@@ -295,8 +263,8 @@ mod tests {
     fn measured(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
         let receiver = Receiver::new(mesh, DVec3::ZERO);
         let (ground, found) =
-            Ground::measure((&receiver, false), &[slab(z)], DVec3::ZERO, DVec3::Z, 1.0, None);
-        (ground, found[0])
+            Ground::measure((&receiver, false), &[(slab(z), true)], DVec3::ZERO, DVec3::Z, 1.0, None);
+        (ground, found[0].ground)
     }
 
     fn noise(i: u32) -> f32 {
@@ -331,7 +299,7 @@ mod tests {
             let world_from_object = glam::DMat4::from_translation(DVec3::new(x, 0.0, z));
             Arc::new(Placed { world_from_object, ..Placed::clone(&slab(0.0)) })
         };
-        let objects = [at(-0.6, 0.0), at(0.6, 0.008)];
+        let objects = [(at(-0.6, 0.0), true), (at(0.6, 0.008), true)];
         let (ground, _) = Ground::measure((&receiver, false), &objects, DVec3::ZERO, DVec3::Z, 1.0, None);
         let shift = |x: f32, z: f32| ground.shift(Vec3::new(x, 0.0, z), Vec3::Z, Vec3::new(0.6, 0.0, -0.8));
         assert!(ground.error() > 0.005);
@@ -358,9 +326,16 @@ mod tests {
                 world_from_object: slab(-0.03).world_from_object * thin,
                 ..Placed::clone(&slab(0.0))
             };
-            let (level, found) =
-                Ground::measure((&receiver, inverted), &[Arc::new(panel)], DVec3::ZERO, DVec3::Z, 1.0, None);
-            assert_eq!((level.error() > 0.0, found[0].is_some()), (stands, stands));
+            let (level, found) = Ground::measure(
+                (&receiver, inverted),
+                &[(Arc::new(panel), true)],
+                DVec3::ZERO,
+                DVec3::Z,
+                1.0,
+                None,
+            );
+            let hangs = level.supports.iter().any(|s| s.out == Vec3::NEG_Z && s.reach > 0.0);
+            assert_eq!((hangs, found[0].ground.is_some()), (!stands, stands));
         }
     }
 

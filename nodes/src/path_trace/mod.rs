@@ -42,6 +42,7 @@ pub mod receiver;
 mod reporting;
 mod sample_plan;
 mod shades;
+mod side;
 mod silhouette;
 mod stacked;
 mod standing;
@@ -110,10 +111,11 @@ engine::params! {
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
-        /// How far the receiver's height may be wrong where an object stands: where the camera sees the receiver within
-        /// this distance of the height of the object's base, it is taken to be level with the base. Otherwise a mesh that
-        /// lies too low would show a black gap under the object, and one too high would hide its foot. `None` measures the
-        /// mesh's roughness under each object and takes a smooth one as it is; 0 takes any as it is.
+        /// How far the receiver may be wrong where an object stands or hangs: where the camera sees the receiver within
+        /// this distance of the height of the object's base, or of a flat side that rests on a wall, it is taken to be level
+        /// with that. Otherwise a mesh that lies too low would show a black gap under the object, and one too high would
+        /// hide its foot, or a picture on the wall. `None` measures the mesh's roughness at each object and takes a smooth
+        /// one as it is; 0 takes any as it is.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
         /// Whether to trace only what the objects change of the receiver: for a graph that wants only the shadow, and takes
         /// the objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
@@ -225,7 +227,7 @@ const CROSS: usize = 4;
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 18;
+    const VERSION: u32 = 19;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");

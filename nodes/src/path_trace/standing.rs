@@ -3,13 +3,19 @@
 use engine::Notes;
 use glam::{DVec3, Vec3};
 
-use super::contact::{self, Ground};
+use super::contact::{self, Ground, LARGEST, TOUCHING};
 use super::objects::Objects;
 use super::prepared::PreparedScene;
 use super::reporting::report_contact;
+use super::side::Side;
 use super::sunk::Sunk;
 use super::touching::Touching;
 use super::visibility::Probe;
+use crate::bvh::Hit;
+use crate::types::Placed;
+
+/// How much farther down one reaches at least on which an object rests, in metres.
+const LOWER: f64 = 0.005;
 
 /// Finds the ground of the objects and where they lie on it, and tells of those that miss it. `eye` is that of a camera in
 /// the place, `contact_metres` how far the receiver may be wrong, where that is told.
@@ -27,20 +33,56 @@ pub(super) fn find_ground(
     let inverted = view.escaped < view.rays && view.front_share() < 0.5;
     // What rests on another object has that for its ground.
     let on_others = objects.on_others(placed, origin, up, metre);
-    let on_ground = placed.iter().zip(&on_others).filter(|(_, on)| !**on);
-    let on_ground: Vec<_> = on_ground.map(|(one, _)| one.clone()).collect();
-    let (ground, levels) =
-        Ground::measure((receiver, inverted), &on_ground, origin, up, metre, contact_metres);
-    let mut levels = levels.into_iter();
-    let measured: Vec<_> =
-        on_others.iter().map(|on| if *on { None } else { levels.next().flatten() }).collect();
+    let each: Vec<_> = placed.iter().zip(&on_others).map(|(one, on)| (one.clone(), !on)).collect();
+    let (ground, found) = Ground::measure((receiver, inverted), &each, origin, up, metre, contact_metres);
+    let measured: Vec<_> = found.iter().map(|found| found.ground).collect();
     let carried = objects.carried(placed, origin, up, metre);
     let tall: Vec<f64> =
         objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
     report_contact(&measured, &carried, &tall, (metres_per_unit, contact_metres), notes);
-    let stands =
-        |index: usize| measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index];
+    let stands = |index: usize| {
+        let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
+        measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index] || hangs
+    };
     Sunk::report(objects, receiver, stands, metres_per_unit, notes);
     objects.touching = Touching::of(objects, receiver, &ground);
     objects.ground = ground;
+}
+
+impl Objects {
+    /// Whether each object stands on another one: some of what is under its foot, as far as a mesh may be wrong.
+    pub fn carried(&self, placed: &[impl AsRef<Placed>], origin: DVec3, up: DVec3, metre: f64) -> Vec<bool> {
+        let stands = |(index, placed): (usize, &Placed)| {
+            let Some(foot) = Side::foot(placed, up) else { return false };
+            let largest = LARGEST * metre;
+            let others = |hit: &Hit| self.part(hit.triangle).0.placed != index;
+            foot.feelers(origin, largest).any(|(_, ray)| self.bvh.any(ray, others))
+        };
+        // One alone stands on none.
+        let alone = placed.len() < 2;
+        placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
+    }
+
+    /// Whether each object rests on one that reaches farther down, such as a plate on a coaster: what lies below the plate
+    /// beside the coaster is no ground of it.
+    pub fn on_others(
+        &self,
+        placed: &[impl AsRef<Placed>],
+        origin: DVec3,
+        up: DVec3,
+        metre: f64,
+    ) -> Vec<bool> {
+        let feet: Vec<Option<Side>> = placed.iter().map(|one| Side::foot(one.as_ref(), up)).collect();
+        let bases: Vec<f64> =
+            feet.iter().map(|foot| foot.as_ref().map_or(f64::INFINITY, |foot| foot.height)).collect();
+        let rests = |foot: &Side| {
+            let lower = |hit: &Hit| bases[self.part(hit.triangle).0.placed] < foot.height - LOWER * metre;
+            let half = foot.own();
+            let under = |at: &[f64; 2]| at[0].abs() <= half[0] && at[1].abs() <= half[1];
+            let mut rays = foot.feelers(origin, TOUCHING * metre).filter(|(at, _)| under(at));
+            rays.any(|(_, ray)| self.bvh.any(ray, lower))
+        };
+        let alone = placed.len() < 2;
+        feet.iter().map(|foot| !alone && foot.as_ref().is_some_and(rests)).collect()
+    }
 }

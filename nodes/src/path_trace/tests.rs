@@ -17,6 +17,7 @@ mod coarse;
 mod crop;
 mod env_resolution;
 mod extremes;
+mod hanging;
 mod insertion;
 mod lamps;
 mod materials;

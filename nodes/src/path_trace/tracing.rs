@@ -143,7 +143,7 @@ impl<'a> Tracing<'a> {
             Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, camera_rays, tile, range))
         })?;
         expect_size(&r0, area, R0)?;
-        let part = Part { name: "pair", version: 17, inputs: &["receiver", "objects", "env"] };
+        let part = Part { name: "pair", version: 18, inputs: &["receiver", "objects", "env"] };
         let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || {
             let (scene, crop) = (self.scene(), self.crop().ok());
             let trace = |number: usize, tile: &[(u32, u32)]| {
@@ -159,7 +159,7 @@ impl<'a> Tracing<'a> {
     /// What each pixel of a picture shows first.
     fn first_hits(&self, camera_rays: &CameraRays<'_>, area: Area) -> Result<Arc<Sums>, NodeError> {
         let places = self.places();
-        let part = Part { name: "front", version: 9, inputs: &["receiver", "objects"] };
+        let part = Part { name: "front", version: 10, inputs: &["receiver", "objects"] };
         let extra = self.of_objects(camera_rays.camera, area, (0, places), None);
         let front = self.cx.part(part, &extra, || {
             let scene = self.scene();
