@@ -41,6 +41,7 @@ mod prepared;
 pub mod receiver;
 mod reporting;
 mod sample_plan;
+mod scattering;
 mod shades;
 mod silhouette;
 mod stacked;

@@ -34,6 +34,8 @@ pub struct Surface {
     pub cover: Option<f32>,
     /// How far off it rays to the receiver start, where it lies on that, or under it: see [`super::contact`].
     pub bed: Option<Vec3>,
+    /// Added to the start of rays to objects: see [`super::contact`].
+    pub lift: Vec3,
 }
 
 impl Surface {
@@ -59,19 +61,19 @@ impl Surface {
         self.position + self.bed.unwrap_or_default()
     }
 
-    /// A ray that leaves the surface from a start that is lifted and may meet objects.
+    /// A ray that leaves the surface from its lifted start and may meet objects.
     #[inline]
-    pub fn ray_to_objects(&self, direction: Vec3, lift: Vec3) -> Ray {
+    pub fn ray_to_objects(&self, direction: Vec3) -> Ray {
         let ray = match self.cover {
             Some(below) => Ray::new(self.position - self.normal * below, direction),
             None => self.spawn_ray(direction),
         };
-        Ray { origin: ray.origin + lift, ..ray }
+        Ray { origin: ray.origin + self.lift, ..ray }
     }
 
-    /// A ray that leaves along the normal from a start that is lifted.
-    pub fn upright(&self, lift: Vec3) -> Ray {
-        self.ray_to_objects(self.normal, lift)
+    /// A ray to the objects along the normal.
+    pub fn upright(&self) -> Ray {
+        self.ray_to_objects(self.normal)
     }
 
     /// What a ray is in that leaves the surface.
@@ -218,6 +220,7 @@ impl Receiver {
             media: Default::default(),
             cover: None,
             bed: None,
+            lift: Vec3::ZERO,
         }
     }
 }
