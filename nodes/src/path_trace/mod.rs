@@ -279,7 +279,7 @@ impl Kind for PathTrace {
         // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
         let origin = cameras[0].eye();
-        let prepared = PreparedScene::new(&inputs, origin);
+        let prepared = PreparedScene::new(&inputs, origin, cx)?;
         let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
         let centre = params.point_of_capture(&inputs, camera, &mut notes);
         let [_, _, up] = crate::equirect::axes(cx.up());
@@ -303,7 +303,7 @@ impl Kind for PathTrace {
         find_ground(&mut objects, &prepared, eye, space, params.contact_metres, &mut notes);
         report_first_samples(params.samples, params.most(), &mut notes);
 
-        let tracing = Tracing::new(params, cx, &prepared, &objects, rules);
+        let tracing = Tracing::new(params, cx, &prepared, &objects, rules)?;
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         report_views(params, &prepared, rules, &views, &mut notes);

@@ -162,6 +162,11 @@ impl Receiver {
         Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
     }
 
+    /// Memory held.
+    pub fn bytes(&self) -> u64 {
+        self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
+    }
+
     /// The largest albedo of any point, for each channel.
     pub fn albedo(&self) -> Vec3 {
         let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
