@@ -235,6 +235,26 @@ fn feelers(foot: &Foot, origin: DVec3, up: DVec3, largest: f64) -> impl Iterator
     })
 }
 
+/// Whether most of a foot has nothing of the receiver under it, however far down: a hole of the mesh, or its edge.
+pub(super) fn is_over_nothing(
+    receiver: &Receiver,
+    placed: &Placed,
+    origin: DVec3,
+    up: DVec3,
+    metre: f64,
+) -> bool {
+    let Some(foot) = Foot::of(placed, up) else { return false };
+    let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
+    let (mut all, mut met) = (0, 0);
+    for ([x, y], ray) in feelers(&foot, origin, up, LARGEST * metre) {
+        if x.abs() <= half[0] && y.abs() <= half[1] {
+            all += 1;
+            met += u32::from(receiver.bvh.any(Ray { t_max: f32::INFINITY, ..ray }, |_| true));
+        }
+    }
+    2 * met < all
+}
+
 /// Heights of the mesh over the base of a foot, by rays straight down over a grid. What looks down above the base is no
 /// ground but a ceiling.
 fn under(

@@ -41,6 +41,7 @@ mod prepared;
 pub mod receiver;
 mod reporting;
 mod sample_plan;
+mod scale;
 mod scattering;
 mod shades;
 mod silhouette;
@@ -226,7 +227,7 @@ const CROSS: usize = 4;
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 18;
+    const VERSION: u32 = 19;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -294,6 +295,7 @@ impl Kind for PathTrace {
             let most = inputs.env.image.width;
             EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
         }
+        scale::report_size(prepared.receiver(), &objects.boxes(), cx.metres_per_unit(), &mut notes);
         report_coarse_coordinates(&prepared, &objects, &mut notes);
         if let Some(eye) = rules.near {
             let boxes = objects.boxes();
@@ -306,7 +308,8 @@ impl Kind for PathTrace {
         let tracing = Tracing::new(params, cx, &prepared, &objects, rules)?;
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
-        report_views(params, &prepared, rules, &views, &mut notes);
+        let boxes = objects.boxes();
+        report_views(params, &prepared, rules, (&views, &boxes), &mut notes);
         // A coarse look may miss what is there.
         let looks = params.coarse_px == 1 && !params.shadow_only;
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::contact::{self, Ground};
 use super::objects::Objects;
 use super::prepared::PreparedScene;
-use super::reporting::report_contact;
+use super::reporting::{report_contact, report_no_ground};
 use super::sunk::Sunk;
 use super::touching::Touching;
 use super::visibility::Probe;
@@ -38,6 +38,11 @@ pub(super) fn find_ground(
     let tall: Vec<f64> =
         objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
     report_contact(&measured, &carried, &tall, (metres_per_unit, contact_metres), notes);
+    let over_nothing = |index: &usize| {
+        let lost = measured[*index].is_none() && !carried[*index] && !on_others[*index];
+        lost && contact::is_over_nothing(receiver, &placed[*index], origin, up, metre)
+    };
+    report_no_ground((0..placed.len()).filter(over_nothing), notes);
     let stands =
         |index: usize| measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index];
     Sunk::report(objects, receiver, stands, metres_per_unit, notes);
