@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::action::Action;
-use crate::artifact::{Artifact, decode_all, encode_to_vec};
+use crate::artifact::{AnyArtifact, Artifact, decode_all, encode_to_vec};
 use crate::cpu;
 use crate::error::NodeError;
 use crate::event::Counts;
@@ -117,6 +117,10 @@ pub(crate) trait PartStore: Send + Sync {
     /// does not wait: this thread may have the right itself, further up in the same stack of borrowed work.
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError>;
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError>;
+    /// A part in memory, if it is still there.
+    fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact>;
+    /// Keeps a part of so many bytes in memory.
+    fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64);
 }
 
 /// What the code of a node or a part took.
@@ -374,6 +378,29 @@ impl Context {
         }
         store.save(part, &extra, &encode_to_vec(&made), spent)?;
         Ok(Arc::new(made))
+    }
+
+    /// What several nodes want of the same inputs and is sooner made again than read, such as a tree of triangles: a part
+    /// that is never stored but stays in memory for the next node, or the next run of a program that watches, while there is
+    /// room for it. Whoever does not find it makes it, so nobody waits. Its code counts nothing.
+    ///
+    /// # Errors
+    /// When `extra` has no canonical form.
+    pub fn in_memory<T: Send + Sync + 'static>(
+        &self,
+        part: Part<'_>,
+        extra: &impl Serialize,
+        bytes: fn(&T) -> u64,
+        make: impl FnOnce() -> T,
+    ) -> Result<Arc<T>, NodeError> {
+        let Some(store) = &self.parts else { return Ok(Arc::new(make())) };
+        let extra = canonical(extra)?;
+        if let Some(known) = store.recall(part, &extra).and_then(|known| known.downcast().ok()) {
+            return Ok(known);
+        }
+        let made = Arc::new(make());
+        store.keep(part, &extra, made.clone(), bytes(&made));
+        Ok(made)
     }
 
     /// Where the file that a parameter names lies on this machine; for a folder whose files are sources.

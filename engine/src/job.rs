@@ -23,6 +23,7 @@ use crate::port::PortSpec;
 use crate::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::sink::Placed;
 use crate::trace::Tracer;
+use crate::value_cache::{Name, ValueCache};
 
 /// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
 /// it lies in memory.
@@ -75,6 +76,7 @@ pub(crate) struct Finished {
 /// One node whose code is to run, on one of the threads.
 pub(crate) struct Job<'a> {
     pub store: &'a Arc<Store>,
+    pub prepared: &'a Arc<ValueCache>,
     pub graph: &'a Graph,
     pub node: usize,
     pub inputs: Vec<Vec<AnyArtifact>>,
@@ -174,6 +176,7 @@ impl Job<'_> {
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),
+                prepared: self.prepared.clone(),
                 id: node.id.clone(),
                 kind: node.kind.name,
                 profile: node.kind.profile,
@@ -257,9 +260,10 @@ fn panic_text(panic: &(dyn Any + Send)) -> &str {
         .unwrap_or("no message")
 }
 
-/// Parts in the store: a record that names the digest, and a blob.
+/// Parts in the store, each a record that names the digest and a blob, and those in memory.
 struct StoredParts {
     store: Arc<Store>,
+    prepared: Arc<ValueCache>,
     id: String,
     kind: &'static str,
     profile: &'static str,
@@ -309,6 +313,21 @@ impl PartStore for StoredParts {
         self.tell(part, State::Ran, key, seconds);
         Ok(())
     }
+
+    fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact> {
+        self.prepared.get(&of_part(self.key(part, extra)?, part))
+    }
+
+    fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64) {
+        if let Some(key) = self.key(part, extra) {
+            self.prepared.put(&of_part(key, part), &value, bytes);
+        }
+    }
+}
+
+/// A part that stays in memory goes by its key.
+fn of_part(key: Digest, part: Part<'_>) -> Name {
+    (key, "part", part.version)
 }
 
 /// A value out of the store; `None` when it is missing, damaged or of another form.

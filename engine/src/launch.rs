@@ -111,6 +111,7 @@ impl<'a> Run<'a> {
         slot.storing = true;
         let job = Job {
             store: &engine.store,
+            prepared: engine.prepared(),
             graph,
             node: index,
             inputs,

@@ -31,6 +31,12 @@ pub struct Note {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Notes(Vec<Note>);
 
+impl FromIterator<Note> for Notes {
+    fn from_iter<T: IntoIterator<Item = Note>>(notes: T) -> Self {
+        Self(notes.into_iter().collect())
+    }
+}
+
 impl Notes {
     /// No remarks.
     pub fn none() -> Self {

@@ -24,6 +24,7 @@ pub struct Engine {
     limits: OnceLock<Limits>,
     pool: OnceLock<rayon::ThreadPool>,
     pub(crate) kept: ValueCache,
+    prepared: OnceLock<Arc<ValueCache>>,
     /// How the last run ended, where [`keeping`](Self::keeping).
     pub(crate) previous_run: Mutex<Option<PreviousRun>>,
     keeps: bool,
@@ -87,6 +88,7 @@ impl Engine {
             limits,
             pool,
             kept: ValueCache::new(0),
+            prepared: OnceLock::new(),
             previous_run,
             keeps: false,
         }
@@ -101,6 +103,11 @@ impl Engine {
                 memory: if self.memory > 0 { self.memory } else { free_memory() / 4 * 3 },
             }
         })
+    }
+
+    /// What nodes keep in memory for others, in a twelfth beside what runs may take.
+    pub(crate) fn prepared(&self) -> &Arc<ValueCache> {
+        self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 12)))
     }
 
     /// The threads.

@@ -70,7 +70,7 @@ impl<'a> Run<'a> {
         }
         let Some(record) = slot.record.as_ref().filter(|_| slot.remaking.is_none()) else { return };
         let output = record.outputs[port].clone();
-        if let Some(value) = self.engine.kept.get(&output) {
+        if let Some(value) = self.engine.kept.get(&output.name()) {
             return self.arrive(node, port, value);
         }
         if !output.stored {
@@ -170,7 +170,7 @@ impl<'a> Run<'a> {
         let slot = &self.slots[index];
         for (port, output) in slot.record.iter().flat_map(|record| &record.outputs).enumerate() {
             if let Some((value, bytes)) = slot.sized_value(port) {
-                self.engine.kept.put(output, value, bytes);
+                self.engine.kept.put(&output.name(), value, bytes);
             }
         }
     }

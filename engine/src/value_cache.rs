@@ -15,7 +15,8 @@ pub(crate) struct ValueCache {
     entries: Mutex<Entries>,
 }
 
-type Name = (Digest, &'static str, u32);
+/// What a value goes by.
+pub(crate) type Name = (Digest, &'static str, u32);
 
 #[derive(Default)]
 struct Entries {
@@ -32,8 +33,11 @@ struct Kept {
     used: u64,
 }
 
-fn name(output: &Output) -> Name {
-    (output.digest, output.type_name, output.format)
+impl Output {
+    /// What its value goes by in memory.
+    pub(crate) fn name(&self) -> Name {
+        (self.digest, self.type_name, self.format)
+    }
 }
 
 impl ValueCache {
@@ -47,23 +51,23 @@ impl ValueCache {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner).held
     }
 
-    /// The value of an output, if it is kept.
-    pub fn get(&self, output: &Output) -> Option<AnyArtifact> {
+    /// The value of a name, if it is kept.
+    pub fn get(&self, name: &Name) -> Option<AnyArtifact> {
         if self.limit == 0 {
             return None;
         }
         let entries = &mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = entries.values.get_mut(&name(output))?;
+        let kept = entries.values.get_mut(name)?;
         entries.ages.remove(&kept.used);
         entries.clock += 1;
         kept.used = entries.clock;
-        entries.ages.insert(kept.used, name(output));
+        entries.ages.insert(kept.used, *name);
         Some(kept.value.clone())
     }
 
     /// Keeps a value of so many bytes; those not used for longest make room.
-    pub fn put(&self, output: &Output, value: &AnyArtifact, bytes: u64) {
-        if bytes > self.limit || self.get(output).is_some() {
+    pub fn put(&self, name: &Name, value: &AnyArtifact, bytes: u64) {
+        if bytes > self.limit || self.get(name).is_some() {
             return;
         }
         let entries = &mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner);
@@ -74,8 +78,8 @@ impl ValueCache {
         }
         entries.clock += 1;
         entries.held += bytes;
-        entries.ages.insert(entries.clock, name(output));
-        entries.values.insert(name(output), Kept { value: value.clone(), bytes, used: entries.clock });
+        entries.ages.insert(entries.clock, *name);
+        entries.values.insert(*name, Kept { value: value.clone(), bytes, used: entries.clock });
     }
 }
 
@@ -93,14 +97,8 @@ mod tests {
 
     use super::*;
 
-    fn output(number: u64) -> Output {
-        Output {
-            type_name: "num",
-            format: 1,
-            digest: Digest::of(&number.to_le_bytes()),
-            size: 8,
-            stored: true,
-        }
+    fn name(number: u64) -> Name {
+        (Digest::of(&number.to_le_bytes()), "num", 1)
     }
 
     #[test]
@@ -108,22 +106,22 @@ mod tests {
         let cache = ValueCache::new(100);
         let value: AnyArtifact = Arc::new(1_u64);
         for number in 0..3 {
-            cache.put(&output(number), &value, 40);
-            assert!(cache.get(&output(0)).is_some(), "it is used all the time");
+            cache.put(&name(number), &value, 40);
+            assert!(cache.get(&name(0)).is_some(), "it is used all the time");
         }
-        assert!(cache.get(&output(1)).is_none() && cache.get(&output(2)).is_some());
+        assert!(cache.get(&name(1)).is_none() && cache.get(&name(2)).is_some());
         assert_eq!(cache.held(), 80);
-        cache.put(&output(9), &value, 101);
+        cache.put(&name(9), &value, 101);
         assert_eq!(cache.held(), 80, "what is larger than all of it moves nothing out");
-        let other = Output { format: 2, ..output(0) };
-        assert!(cache.get(&other).is_none(), "another format is another value");
+        let (digest, type_name, _) = name(0);
+        assert!(cache.get(&(digest, type_name, 2)).is_none(), "another format is another value");
     }
 
     #[test]
     fn an_engine_that_runs_once_keeps_nothing() {
         let cache = ValueCache::new(0);
-        cache.put(&output(1), &(Arc::new(1_u64) as AnyArtifact), 0);
-        assert!(cache.get(&output(1)).is_none());
+        cache.put(&name(1), &(Arc::new(1_u64) as AnyArtifact), 0);
+        assert!(cache.get(&name(1)).is_none());
         assert_eq!(cache.held(), 0);
     }
 }

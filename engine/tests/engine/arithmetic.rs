@@ -1,7 +1,7 @@
 //! Small kinds whose results anybody can check: what the engine's tests run in place of rendering.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use engine::{
@@ -53,6 +53,7 @@ fn entries() -> Vec<KindEntry> {
         KindEntry::of::<UpAxis>(),
         KindEntry::of::<Series>(),
         KindEntry::of::<Ramp>(),
+        KindEntry::of::<Prepared>(),
         KindEntry::of::<Sum>(),
         KindEntry::of::<Refuse>(),
         KindEntry::of::<Remark>(),
@@ -348,6 +349,29 @@ simple!(
     const REFINES: Option<&'static str> = Some("samples");,
     const COARSE: Option<&'static str> = Some("coarse");
 );
+
+engine::params! {
+    /// Its input, by way of what it keeps in memory for others, plus a number.
+    pub struct Prepared {
+        /// Added.
+        plus: f64 = 0.0, other("1.0");
+    }
+}
+/// The inputs for which `prepared` had something to make.
+pub static MADE: Mutex<Vec<f64>> = Mutex::new(Vec::new());
+simple!(Prepared = "prepared", One, |params, inputs, cx| {
+    let part = Part { name: "table", version: 1, inputs: &["value"] };
+    let table = cx.in_memory(
+        part,
+        &(),
+        |_| 8,
+        || {
+            MADE.lock().unwrap().push(inputs.value.0);
+            inputs.value.0
+        },
+    )?;
+    give(*table + params.plus)
+});
 
 engine::params! {
     /// The numbers from the input upwards.

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use cache::{LeaseState, Options, Store};
 use engine::{Engine, Event};
 
-use crate::arithmetic::HEAVY;
+use crate::arithmetic::{HEAVY, MADE};
 use crate::lab::{Lab, Log, graph_text};
 
 #[test]
@@ -26,6 +26,22 @@ fn more_samples_compute_only_new_parts() {
         fresh.run(&more);
         assert_eq!(fresh.out("s"), grown, "64 and then 256 equals 256");
     }
+}
+
+/// Mutation: `keep` left empty in `StoredParts`; the key without the inputs' digests.
+#[test]
+fn what_stays_in_memory_is_made_once_for_equal_inputs() {
+    let lab = Lab { jobs: 1, ..Lab::on_disk() };
+    let node = |id: &str, of: &str, plus: u32| format!("{id}: Prepared(value: \"{of}\", plus: {plus}),");
+    let numbers = "a: Number(value: 271828), b: Number(value: 314159),";
+    let all = [node("p", "a", 1), node("q", "a", 2), node("r", "b", 3)].concat();
+    let sum = "t: Add(terms: [\"p\", \"q\", \"r\"]), w: WriteNumber(number: \"t\", path: \"t\")";
+    // One after the other, since those that run at once each make their own.
+    lab.run(&format!("{numbers}{all}{sum}"));
+    let made = MADE.lock().unwrap();
+    let times = |number: f64| made.iter().filter(|made| **made == number).count();
+    assert_eq!((times(271_828.0), times(314_159.0)), (1, 1));
+    assert_eq!(lab.out("t").trim().parse(), Ok(2.0 * 271_828.0 + 314_159.0 + 6.0));
 }
 
 #[test]

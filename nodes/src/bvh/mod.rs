@@ -112,6 +112,11 @@ impl Default for Bvh {
 }
 
 impl Bvh {
+    /// Memory held.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(&*self.nodes) + size_of_val(&*self.packets)) as u64
+    }
+
     /// Box around all triangles.
     pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         self.bounds

@@ -41,6 +41,16 @@ impl Aabb {
         self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
     }
 
+    /// Length of the diagonal; 0 of nothing.
+    pub(super) fn size(&self) -> f32 {
+        if self.is_empty() { 0.0 } else { (self.high - self.low).length() }
+    }
+
+    /// From a point to the nearest of the box.
+    pub(super) fn distance(&self, point: Vec3) -> f32 {
+        (point.clamp(self.low, self.high) - point).length()
+    }
+
     pub(super) fn holds(&self, point: Vec3) -> bool {
         point.cmpge(self.low).all() && point.cmple(self.high).all()
     }

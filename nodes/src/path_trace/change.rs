@@ -8,14 +8,14 @@ use glam::Vec3;
 
 use super::bsdf::Lobe;
 use super::environment::DrawnDirection;
-use super::integrator::{Integrator, PAIRS, Scene};
+use super::integrator::{Integrator, Scene};
 use super::light_distribution::Cone;
-use super::path::{PathState, Vertex};
+use super::path::{PathState, ShadingPoint, Vertex};
 use super::receiver::Surface;
 use super::visibility::Block;
 use crate::bvh::{Hit, Ray};
 use crate::color::luminance;
-use crate::sampling::{Points, circle, hash, unit};
+use crate::sampling::{Points, circle, unit};
 
 /// First of the pairs of dimensions for rays to the objects: direction, whether one is sent, and whether the
 /// sample asks for a change at all.
@@ -45,9 +45,6 @@ pub fn asks(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
-/// First of the pairs of dimensions for light samples of the first vertex.
-pub const FIRST_LIGHTS: u32 = 1;
-
 impl Integrator<'_> {
     /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
@@ -68,32 +65,31 @@ impl Integrator<'_> {
         let lamps_in_it = !self.scene.objects.emitters.is_empty();
         for bounce in 0..=rules.max_bounces {
             let surface = self.receiver_surface(&hit, lift);
-            let surface = Surface { media: [self.around(surface.upright(lift)); 2], ..surface };
-            let pair = FIRST_LIGHTS + bounce * PAIRS;
-            let key = hash(self.key, pair);
-            let first = bounce == 0;
+            let surface = Surface { media: [self.around(surface.upright()); 2], ..surface };
+            let at = ShadingPoint::new(surface, bounce, self.key);
+            let surface = &at.surface;
 
             // Light of the sky that they take away.
             let own;
-            let drawn = if first {
+            let drawn = if at.is_first() {
                 sampling.drawn
             } else {
-                own = self.lights(sky.distributions(surface.bsdf.lit_side()), pair, None);
+                own = self.lights(sky.distributions(surface.bsdf.lit_side()), at.pair, None);
                 own.as_slice()
             };
             let mut taken = Vec3::ZERO;
             for (number, drawn) in drawn.iter().enumerate() {
-                taken += self.blocked_light(&surface, lift, drawn, key.wrapping_add(number as u32));
+                taken += self.blocked_light(surface, drawn, at.key.wrapping_add(number as u32));
             }
             light -= rules.clamped(bounce, throughput * taken);
 
             // Light that they give: their own, by samples of it,
-            let towards = match (first, &surface.cover) {
+            let towards = match (at.is_first(), &surface.cover) {
                 (true, None) => Towards::of(sampling),
                 (true, Some(_)) => Towards::NOWHERE,
-                (false, _) => self.towards_lamps(&surface),
+                (false, _) => self.towards_lamps(surface),
             };
-            let lamps = self.sample_emitters((&surface, lift), key ^ 2, bounce, &towards);
+            let lamps = self.sample_emitters(&at, &towards);
             light += rules.clamped(bounce, throughput * lamps);
 
             // and what they scatter, by rays to where they are
@@ -105,26 +101,26 @@ impl Integrator<'_> {
                     let share = if lamps_in_it { seen.pdf / pdf } else { 1.0 };
                     let how = (throughput * seen.value / pdf, share, pdf);
                     let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
-                    light += self.difference(&surface, lift, ray, how, key ^ 3, (bounce, true)).0;
+                    light += self.difference(&at, ray, how, at.key ^ 3, true).0;
                     self.points = own;
                 }
             }
 
             // and by rays in all directions, which find how the rest of the receiver changes too.
-            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
+            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else { break };
             let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
             let own = if lamps_in_it { share } else { 1.0 };
             let how = (throughput * scatter_weight * share, own, scatter.pdf + towards.pdf(ray));
-            let (change, landed) = self.difference(&surface, lift, ray, how, key ^ 1, (bounce, false));
+            let (change, landed) = self.difference(&at, ray, how, at.key ^ 1, false);
             light += change;
             if !rules.visibility(Lobe::Diffuse).lands
                 && let Some(unlit) = self.unlit(surface.spawn_ray(ray))
             {
-                let way = Ray { t_max: unlit.t, ..surface.ray_to_objects(ray, lift) };
-                if self.object(way, key ^ 1, Lobe::Diffuse).is_none() {
+                let way = Ray { t_max: unlit.t, ..surface.ray_to_objects(ray) };
+                if self.object(way, at.key ^ 1, Lobe::Diffuse).is_none() {
                     let end = Vertex::Receiver(unlit);
                     let (passed, media) =
-                        self.along(way, key ^ 1, Lobe::Diffuse, Some(&end), surface.medium(ray));
+                        self.along(way, at.key ^ 1, Lobe::Diffuse, Some(&end), surface.medium(ray));
                     let throughput = (throughput * scatter_weight * passed, 1.0);
                     light += self.lamps_beyond(Some(unlit), ray, bounce, throughput, media);
                 }
@@ -163,23 +159,22 @@ impl Integrator<'_> {
         }
     }
 
-    /// What the objects send along a ray to where they are to a vertex on the receiver, after some bounces; that goes on
-    /// by `onwards`.
+    /// What the objects send along a ray to where they are to a vertex on the receiver; that goes on by `onwards`.
     pub(super) fn sent(
         &mut self,
-        (surface, lift): (&Surface, Vec3),
+        at: &ShadingPoint,
         towards: &Towards,
-        (throughput, share, bounce): (Vec3, f32, u32),
-        key: u32,
+        (throughput, share): (Vec3, f32),
         onwards: fn(&mut Self, Vertex, PathState) -> Vec3,
     ) -> Vec3 {
+        let (surface, bounce, key) = (&at.surface, at.bounce, at.key ^ 3);
         let points = branch(self.points, bounce);
         let Some(direction) = towards.ray(&points) else { return Vec3::ZERO };
         let seen = surface.bsdf.eval(direction)[Lobe::Diffuse as usize];
         if seen.pdf <= 0.0 {
             return Vec3::ZERO;
         }
-        let (ray, to_objects) = (surface.ray_to_receiver(direction), surface.ray_to_objects(direction, lift));
+        let (ray, to_objects) = (surface.ray_to_receiver(direction), surface.ray_to_objects(direction));
         let Some(vertex) = self.object(to_objects, key, Lobe::Diffuse) else { return Vec3::ZERO };
         let Some(hit) = vertex.on_object().copied() else { return Vec3::ZERO };
         let before = Ray { t_max: self.scene.objects.reach(&hit, direction), ..ray };
@@ -201,13 +196,13 @@ impl Integrator<'_> {
 
     /// What the objects take of the light that a light sample brings. How much that is asked last, since most
     /// samples meet no object.
-    fn blocked_light(&mut self, surface: &Surface, lift: Vec3, drawn: &DrawnDirection, key: u32) -> Vec3 {
+    fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
             return Vec3::ZERO;
         }
         let ray = surface.spawn_ray(drawn.direction);
-        let to_objects = surface.ray_to_objects(drawn.direction, lift);
+        let to_objects = surface.ray_to_objects(drawn.direction);
         let (block, media) =
             (self.scene.rules.visibility(Lobe::Diffuse).shadow, surface.medium(ray.direction));
         let [straight, _] = self.sky_transmittance((ray, to_objects), block == Block::Solid, key, media);
@@ -223,16 +218,15 @@ impl Integrator<'_> {
     /// found, and the density of the ray.
     fn difference(
         &mut self,
-        surface: &Surface,
-        lift: Vec3,
+        at: &ShadingPoint,
         direction: Vec3,
         (throughput, share, pdf): (Vec3, f32, f32),
         key: u32,
-        (bounce, only): (u32, bool),
+        only: bool,
     ) -> (Vec3, Option<Hit>) {
-        let rules = self.scene.rules;
+        let (rules, surface, bounce) = (self.scene.rules, &at.surface, at.bounce);
         let ray = surface.spawn_ray(direction);
-        let to_objects = surface.ray_to_objects(direction, lift);
+        let to_objects = surface.ray_to_objects(direction);
         // Most rays that look for objects alone meet none, wherever the receiver is.
         let plain = !self.scene.objects.clear && surface.medium(direction).is_empty();
         let sought = (only && plain).then(|| self.object(to_objects, key, Lobe::Diffuse));

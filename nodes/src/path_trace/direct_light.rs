@@ -8,6 +8,7 @@ use super::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use super::integrator::Integrator;
 use super::light_draws::wanted;
 use super::near_field::{ArrivingLight, NearFieldLight};
+use super::path::ShadingPoint;
 use super::receiver::Surface;
 use super::visibility::Block;
 use crate::bvh::{Hit, Ray};
@@ -20,7 +21,14 @@ const DIMMING: u32 = 3 << 17;
 /// The same for where in a piece of the sky.
 const DIMMING_PIECE: u32 = 7 << 16;
 /// Most light samples of a vertex.
-pub(super) const MANY: usize = 5;
+const MANY: usize = 5;
+/// Light samples at the first vertex where the receiver is the light.
+const NEAR_LIGHTS: u32 = 4;
+
+/// Light samples that a vertex takes of a receiver that is the light.
+pub(super) fn near_lights(at: &ShadingPoint) -> u32 {
+    if at.is_first() { NEAR_LIGHTS } else { 1 }
+}
 
 /// The light samples of a vertex.
 #[derive(Debug, Default)]
@@ -56,23 +64,77 @@ pub(super) fn power_heuristic(a: f32, b: f32) -> f32 {
     }
 }
 
-impl Integrator<'_> {
-    /// Light of the objects that a light sample brings to a surface, moved by `lift` for them, beside scattered rays and
-    /// those `towards` the objects. The receiver hides it like any body.
-    pub(super) fn sample_emitters(
-        &mut self,
-        (surface, lift): (&Surface, Vec3),
-        key: u32,
-        bounce: u32,
-        towards: &Towards,
-    ) -> Vec3 {
-        let objects = self.scene.objects;
+impl<'a> Integrator<'a> {
+    /// Where a vertex looks for light of the sky.
+    pub(super) fn sky_distributions(&self, at: &ShadingPoint) -> Distributions<'a> {
+        let usual = || self.scene.sky.distributions(at.surface.bsdf.lit_side());
+        self.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
+    }
+
+    /// How many light samples of each tier of the sky a vertex takes, if not one in all.
+    pub(super) fn several(&self, at: &ShadingPoint) -> Option<[u32; TIERS]> {
+        at.is_first().then_some(self.scene.sky.lights)
+    }
+
+    /// Light of the place that light samples bring to a vertex.
+    pub(super) fn lit(&mut self, at: &ShadingPoint) -> Vec3 {
+        match self.scene.near() {
+            Some(near) => self.lit_by_receiver(&near, at),
+            None => self.lit_by_sky(at),
+        }
+    }
+
+    fn lit_by_receiver(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> Vec3 {
+        let (surface, lights) = (&at.surface, near_lights(at));
+        let mut lit = Vec3::ZERO;
+        for number in 0..lights {
+            let points = self.points.twig(number, lights);
+            self.rays.shadow += 1;
+            let side = surface.bsdf.lit_side();
+            let Some(mut arriving) = near.sample(surface.looks_from(), side, points.bits(at.pair)) else {
+                continue;
+            };
+            arriving.0.pdf *= lights as f32;
+            let key = at.key.wrapping_add(number);
+            lit += self.light_sample(surface, &arriving, Some((near, (points, at.pair))), key);
+        }
+        lit
+    }
+
+    fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {
+        let (sky, surface) = (self.scene.sky, &at.surface);
+        let own;
+        let drawn = match self.drawn.filter(|_| at.is_first()) {
+            Some(drawn) => drawn,
+            None => {
+                own = self.lights(self.sky_distributions(at), at.pair, self.several(at));
+                own.as_slice()
+            }
+        };
+        // Looked up together, they wait for memory together.
+        let mut lights = [None; MANY];
+        lights.iter_mut().zip(drawn).for_each(|(light, drawn)| *light = Some(sky.light(drawn)));
+        let mut lit = Vec3::ZERO;
+        for (number, sample) in lights.iter().flatten().enumerate() {
+            let key = at.key.wrapping_add(number as u32);
+            lit += match surface.bsdf.is_matte() {
+                true => self.matte_light_sample(surface, sample, key),
+                false => self.light_sample(surface, &(*sample, None), None, key),
+            };
+        }
+        lit
+    }
+
+    /// Light of the objects that a light sample brings to a vertex, beside scattered rays and those `towards` the objects.
+    /// The receiver hides it like any body.
+    pub(super) fn sample_emitters(&mut self, at: &ShadingPoint, towards: &Towards) -> Vec3 {
+        let (objects, surface) = (self.scene.objects, &at.surface);
         if !self.lamps || !self.objects || objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
-        let pair = LAMPS + 2 * bounce;
+        let pair = LAMPS + 2 * at.bounce;
         let emitter = objects.sample_emitter(self.points.bits(pair)[0], self.points.bits(pair + 1));
-        let to = emitter.position - (surface.position + lift);
+        let to = emitter.position - (surface.position + surface.lift);
         let distance = to.length();
         let direction = to / distance;
         // By solid angle; a lamp seen from the edge, or where the surface is, gives nothing.
@@ -83,16 +145,16 @@ impl Integrator<'_> {
         }
         // Past the receiver it is as far from where the surface is.
         let start = surface.ray_to_receiver(direction).origin;
-        let way = emitter.way(start + lift);
+        let way = emitter.way(start + surface.lift);
         let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
         let coverage = objects.coverage(&emitter.hit, false);
         if coverage == 0.0 || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
         self.touched = true;
-        let ray = emitter.way(surface.ray_to_objects(direction, lift).origin);
-        let unshaded =
-            self.object_transmittance(ray, key, Some(emitter.hit.triangle), surface.medium(direction));
+        let ray = emitter.way(surface.ray_to_objects(direction).origin);
+        let (except, media) = (Some(emitter.hit.triangle), surface.medium(direction));
+        let unshaded = self.object_transmittance(ray, at.key ^ 2, except, media);
         // Rays to the objects are sent for diffuse lobes.
         let also = [towards.pdf(direction), 0.0];
         let weighed = |((s, unshaded), also): ((&Scatter, Vec3), f32)| {
@@ -182,10 +244,9 @@ impl Integrator<'_> {
 
     /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points
     /// of the sample.
-    pub(super) fn light_sample(
+    fn light_sample(
         &mut self,
         surface: &Surface,
-        lift: Vec3,
         arriving: &ArrivingLight,
         near: Option<(&NearFieldLight<'_>, (Points, u32))>,
         key: u32,
@@ -201,7 +262,7 @@ impl Integrator<'_> {
             return Vec3::ZERO;
         }
         let ray = NearFieldLight::towards(surface.ray_to_receiver(sample.direction), place.as_ref());
-        let to_objects = Ray { t_max: ray.t_max, ..surface.ray_to_objects(sample.direction, lift) };
+        let to_objects = Ray { t_max: ray.t_max, ..surface.ray_to_objects(sample.direction) };
         let media = surface.medium(sample.direction);
         let mut unshaded = match place {
             Some(_) => self.object_transmittance(to_objects, key, None, media),
@@ -241,19 +302,13 @@ impl Integrator<'_> {
     }
 
     /// The same for a matte surface and a light that is far: light samples bring it all of that.
-    pub(super) fn matte_light_sample(
-        &mut self,
-        surface: &Surface,
-        lift: Vec3,
-        sample: &LightSample,
-        key: u32,
-    ) -> Vec3 {
+    fn matte_light_sample(&mut self, surface: &Surface, sample: &LightSample, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
         if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
             return Vec3::ZERO;
         }
         let ray = surface.ray_to_receiver(sample.direction);
-        let to_objects = surface.ray_to_objects(sample.direction, lift);
+        let to_objects = surface.ray_to_objects(sample.direction);
         let (block, media) =
             (self.scene.rules.visibility(Lobe::Diffuse).shadow, surface.medium(ray.direction));
         let [unshaded, _] = self.sky_transmittance((ray, to_objects), block == Block::Solid, key, media);

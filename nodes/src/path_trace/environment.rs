@@ -68,6 +68,11 @@ pub struct EnvironmentLight {
 pub type Distributions<'a> = [&'a LightDistribution; TIERS];
 
 impl EnvironmentLight {
+    /// Memory held, about: texels, and as many probabilities.
+    pub fn bytes(&self) -> u64 {
+        2 * size_of_val(&*self.texels) as u64
+    }
+
     /// Prepares an environment.
     pub fn new(environment: &Environment) -> Self {
         let image = &environment.image;

@@ -8,13 +8,12 @@ use glam::Vec3;
 
 use super::bsdf::Bsdf;
 use super::change::Towards;
-use super::integrator::{Integrator, PAIRS};
+use super::integrator::Integrator;
 use super::media::Media;
 use super::near_field::ArrivingLight;
-use super::path::{PathState, Vertex};
+use super::path::{PathState, ShadingPoint, Vertex};
 use super::visibility::Block;
 use crate::bvh::{Hit, Ray};
-use crate::sampling::hash;
 
 impl Integrator<'_> {
     /// Where a ray meets a receiver that it would pass, if objects shine on it.
@@ -63,20 +62,20 @@ impl Integrator<'_> {
             return Vec3::ZERO;
         }
         let surface = self.surface(&Vertex::Receiver(hit), (-direction, 0.0), Vec3::ZERO, media);
-        let pair = 1 + bounce * PAIRS;
-        let key = hash(self.key, pair);
+        let at = ShadingPoint::new(surface, bounce, self.key);
         let white = Bsdf::matte(place.normal, Vec3::ONE);
-        let Some((lobe, direction, _)) = white.sample(&self.points, pair + 1) else { return Vec3::ZERO };
-        let to_objects = surface.ray_to_objects(direction, Vec3::ZERO);
-        let found = self.object(to_objects, key ^ 1, lobe);
+        let Some((lobe, direction, _)) = white.sample(&self.points, at.pair + 1) else { return Vec3::ZERO };
+        let to_objects = at.surface.ray_to_objects(direction);
+        let found = self.object(to_objects, at.key ^ 1, lobe);
         let Some((vertex, hit)) = found.and_then(|vertex| Some((vertex, *vertex.on_object()?))) else {
             return Vec3::ZERO;
         };
         let t_max = self.scene.objects.reach(&hit, direction);
-        if !self.passes(Block::Solid, Ray { t_max, ..surface.ray_to_receiver(direction) }) {
+        if !self.passes(Block::Solid, Ray { t_max, ..at.surface.ray_to_receiver(direction) }) {
             return Vec3::ZERO;
         }
-        let (passed, media) = self.along(to_objects, key ^ 1, lobe, Some(&vertex), surface.medium(direction));
+        let start = at.surface.medium(direction);
+        let (passed, media) = self.along(to_objects, at.key ^ 1, lobe, Some(&vertex), start);
         let albedo = light_points.albedo(place.position, place.normal, light.radiance);
         let throughput = throughput * passed * albedo;
         let Some(throughput) = self.russian_roulette(bounce, throughput, share) else { return Vec3::ZERO };
@@ -99,21 +98,22 @@ impl Integrator<'_> {
             if bounce > rules.max_bounces {
                 break;
             }
-            let pair = 1 + bounce * PAIRS;
-            let key = hash(self.key, pair);
+            let at = ShadingPoint::new(surface, bounce, self.key);
+            let surface = &at.surface;
             let towards = match vertex {
-                Vertex::Receiver(_) if sends => self.towards_lamps(&surface),
+                Vertex::Receiver(_) if sends => self.towards_lamps(surface),
                 _ => Towards::NOWHERE,
             };
-            let lamps = self.sample_emitters((&surface, Vec3::ZERO), key ^ 2, bounce, &towards);
+            let lamps = self.sample_emitters(&at, &towards);
             light += rules.clamped(bounce, throughput * lamps);
             let onwards = |own: &mut Self, vertex, state| own.lamp_radiance(vertex, state, false);
-            let start = (&surface, Vec3::ZERO);
-            light += self.sent(start, &towards, (throughput, share, bounce), key ^ 3, onwards);
-            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, pair + 1) else { break };
+            light += self.sent(&at, &towards, (throughput, share), onwards);
+            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else {
+                break;
+            };
             let ray = surface.ray_to_receiver(direction);
-            let to_objects = surface.ray_to_objects(direction, Vec3::ZERO);
-            let object = self.object(to_objects, key ^ 1, lobe);
+            let to_objects = surface.ray_to_objects(direction);
+            let object = self.object(to_objects, at.key ^ 1, lobe);
             let reach = object
                 .as_ref()
                 .and_then(Vertex::on_object)
@@ -122,7 +122,8 @@ impl Integrator<'_> {
             let landed = receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true);
             let Some(found) = landed.map(Vertex::Receiver).or(object) else { break };
             let passed;
-            (passed, media) = self.along(to_objects, key ^ 1, lobe, Some(&found), surface.medium(direction));
+            (passed, media) =
+                self.along(to_objects, at.key ^ 1, lobe, Some(&found), surface.medium(direction));
             mis_weight = match found {
                 Vertex::Object(hit) | Vertex::Straight(hit) => {
                     let own = towards.share(direction, scatter.pdf);

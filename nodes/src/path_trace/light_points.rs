@@ -51,6 +51,11 @@ pub struct WayToLight {
 }
 
 impl LightPoints {
+    /// Memory held.
+    pub fn bytes(&self) -> u64 {
+        size_of_val(&*self.0) as u64
+    }
+
     /// Of what the panorama shows from a point of capture, most of them of about the same power there. Takes one ray for
     /// each.
     pub fn new(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3) -> Self {

@@ -41,6 +41,8 @@ mod prepared;
 pub mod receiver;
 mod reporting;
 mod sample_plan;
+mod scale;
+mod scattering;
 mod shades;
 mod side;
 mod silhouette;
@@ -280,7 +282,7 @@ impl Kind for PathTrace {
         // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
         let origin = cameras[0].eye();
-        let prepared = PreparedScene::new(&inputs, origin);
+        let prepared = PreparedScene::new(&inputs, origin, cx)?;
         let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
         let centre = params.point_of_capture(&inputs, camera, &mut notes);
         let [_, _, up] = crate::equirect::axes(cx.up());
@@ -295,6 +297,7 @@ impl Kind for PathTrace {
             let most = inputs.env.image.width;
             EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
         }
+        scale::report_size(prepared.receiver(), &objects.boxes(), cx.metres_per_unit(), &mut notes);
         report_coarse_coordinates(&prepared, &objects, &mut notes);
         if let Some(eye) = rules.near {
             let boxes = objects.boxes();
@@ -304,10 +307,11 @@ impl Kind for PathTrace {
         find_ground(&mut objects, &prepared, eye, space, params.contact_metres, &mut notes);
         report_first_samples(params.samples, params.most(), &mut notes);
 
-        let tracing = Tracing::new(params, cx, &prepared, &objects, rules);
+        let tracing = Tracing::new(params, cx, &prepared, &objects, rules)?;
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
-        report_views(params, &prepared, rules, &views, &mut notes);
+        let boxes = objects.boxes();
+        report_views(params, &prepared, rules, (&views, &boxes), &mut notes);
         // A coarse look may miss what is there.
         let looks = params.coarse_px == 1 && !params.shadow_only;
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {

@@ -72,7 +72,8 @@ impl Objects {
             false => Bsdf::Layers(Layers::new([matte_frame, frame, coated], geometric, out, &params)),
         };
         let emission = emission(&filtered, material) * bsdf.under();
-        Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None }
+        let lift = Vec3::ZERO;
+        Surface { position, normal: geometric, margin, bsdf, emission, media, cover: None, bed: None, lift }
     }
 
     /// What passes straight through the surface at a hit, which the ray of the given direction meets; that of a

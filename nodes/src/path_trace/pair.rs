@@ -3,12 +3,12 @@
 use glam::Vec3;
 
 use super::camera_rays::CameraRays;
-use super::change::{ChangeSampling, FIRST_LIGHTS, asks, rays_towards};
+use super::change::{ChangeSampling, asks, rays_towards};
 use super::crop::Crop;
 use super::film::{Area, Rays, Sums, TileSums};
 use super::integrator::{Integrator, Scene};
 use super::light_draws::LightDraws;
-use super::path::Vertex;
+use super::path::{Vertex, first_pair};
 use super::tile::{Sample, Tile, TileSampling};
 use super::tile_bounds::TileBounds;
 use super::{PAIR, R0};
@@ -50,7 +50,7 @@ pub(super) fn trace_r0(
     let each = (range.1 - range.0) as usize;
     // Where the receiver is the light, that is found by other ways.
     let far = scene.rules.near.is_none();
-    let mut draws = LightDraws::new(scene.sky, scene.sky.lights, FIRST_LIGHTS, {
+    let mut draws = LightDraws::new(scene.sky, scene.sky.lights, first_pair(0), {
         tile.samples.iter().map(|sample| {
             let hit = sample.hit.filter(|_| far)?;
             let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
@@ -131,7 +131,7 @@ pub(super) fn trace_pair(
         }
         None => (distributions.as_ref().map(|distributions| distributions.each_ref()), scene.sky.lights, 1.0),
     };
-    let mut draws = LightDraws::new(scene.sky, lights, FIRST_LIGHTS, {
+    let mut draws = LightDraws::new(scene.sky, lights, first_pair(0), {
         tile.samples.iter().map(|sample| {
             let hit = sample.hit.filter(|_| far && asks(&sample.points, probability))?;
             let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));

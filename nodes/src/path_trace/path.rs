@@ -3,7 +3,17 @@
 use glam::Vec3;
 
 use super::media::Media;
+use super::receiver::Surface;
 use crate::bvh::Hit;
+use crate::sampling::hash;
+
+/// Pairs of dimensions used by one vertex of a path: light, direction, choice of lobe, survival.
+const PAIRS: u32 = 4;
+
+/// First of the pairs of dimensions of a vertex, after some bounces; those before belong to the camera.
+pub(super) const fn first_pair(bounce: u32) -> u32 {
+    1 + bounce * PAIRS
+}
 
 /// Where a path is.
 #[derive(Debug, Clone, Copy)]
@@ -48,4 +58,47 @@ pub(super) struct PathState {
     pub mis_weight: f32,
     /// What the ray was in at the vertex.
     pub media: Media,
+}
+
+/// A path on its way, and the light that it has found.
+#[derive(Debug)]
+pub(super) struct Path {
+    /// Where it is.
+    pub vertex: Vertex,
+    /// How it came there.
+    pub state: PathState,
+    /// Width of the ray at the vertex.
+    pub width: f32,
+    /// How fast that grows, for each unit of length.
+    pub spread: f32,
+    /// Whether the vertex is in the place of the one before.
+    pub touches: bool,
+    /// Radiance so far.
+    pub light: Vec3,
+}
+
+/// A vertex of a path as light is gathered at it.
+#[derive(Debug)]
+pub(super) struct ShadingPoint {
+    /// Its surface.
+    pub surface: Surface,
+    /// How often light was scattered before.
+    pub bounce: u32,
+    /// First of its pairs of dimensions.
+    pub pair: u32,
+    /// What its chances go by.
+    pub key: u32,
+}
+
+impl ShadingPoint {
+    /// A surface after some bounces of the path of a key.
+    pub fn new(surface: Surface, bounce: u32, path: u32) -> Self {
+        let pair = first_pair(bounce);
+        Self { surface, bounce, pair, key: hash(path, pair) }
+    }
+
+    /// Whether it is what the camera sees.
+    pub fn is_first(&self) -> bool {
+        self.bounce == 0
+    }
 }

@@ -34,6 +34,8 @@ pub struct Surface {
     pub cover: Option<f32>,
     /// How far off it rays to the receiver start, where it lies on that, or under it: see [`super::contact`].
     pub bed: Option<Vec3>,
+    /// Added to the start of rays to objects: see [`super::contact`].
+    pub lift: Vec3,
 }
 
 impl Surface {
@@ -59,19 +61,19 @@ impl Surface {
         self.position + self.bed.unwrap_or_default()
     }
 
-    /// A ray that leaves the surface from a start that is lifted and may meet objects.
+    /// A ray that leaves the surface from its lifted start and may meet objects.
     #[inline]
-    pub fn ray_to_objects(&self, direction: Vec3, lift: Vec3) -> Ray {
+    pub fn ray_to_objects(&self, direction: Vec3) -> Ray {
         let ray = match self.cover {
             Some(below) => Ray::new(self.position - self.normal * below, direction),
             None => self.spawn_ray(direction),
         };
-        Ray { origin: ray.origin + lift, ..ray }
+        Ray { origin: ray.origin + self.lift, ..ray }
     }
 
-    /// A ray that leaves along the normal from a start that is lifted.
-    pub fn upright(&self, lift: Vec3) -> Ray {
-        self.ray_to_objects(self.normal, lift)
+    /// A ray to the objects along the normal.
+    pub fn upright(&self) -> Ray {
+        self.ray_to_objects(self.normal)
     }
 
     /// What a ray is in that leaves the surface.
@@ -160,6 +162,11 @@ impl Receiver {
         Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
     }
 
+    /// Memory held.
+    pub fn bytes(&self) -> u64 {
+        self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
+    }
+
     /// The largest albedo of any point, for each channel.
     pub fn albedo(&self) -> Vec3 {
         let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
@@ -218,6 +225,7 @@ impl Receiver {
             media: Default::default(),
             cover: None,
             bed: None,
+            lift: Vec3::ZERO,
         }
     }
 }

@@ -11,8 +11,9 @@ use super::objects::Objects;
 use super::prepared::PreparedScene;
 use super::receiver::{Receiver, margin};
 use super::sample_plan::ReachedError;
+use super::scale::why_not_seen;
 use super::unseen::Unseen;
-use super::visibility::{Block, Rules};
+use super::visibility::{self, Block, Rules};
 use super::{PathTrace, media};
 use crate::bvh::Ray;
 use crate::support::Level;
@@ -90,7 +91,7 @@ pub(super) fn report_views(
     params: &PathTrace,
     prepared: &PreparedScene<'_>,
     rules: &Rules,
-    views: &[FinishedView],
+    (views, boxes): (&[FinishedView], &[Aabb]),
     notes: &mut Notes,
 ) {
     let most = params.most();
@@ -108,15 +109,18 @@ pub(super) fn report_views(
         report_cropped(&camera.name, view.cropped, notes);
         report_cut_paths(&camera.name, view.cut, params.max_bounces, notes);
         if looks && view.shows_objects() {
-            let text =
-                "pixels of `{}` among others of the receiver meet none of it: its holes carry no shadow";
-            notes.count("holes", holes(&view.depth), text.replace("{}", &camera.name));
+            let found = holes(&view.depth);
+            let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
+            let text = format!(
+                "pixels of `{}` ({share:.1} %) meet none of the receiver that surrounds them",
+                camera.name
+            );
+            notes.count("holes", found, format_args!("{text}: its holes and windows carry no shadow"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
         if !prepared.inputs.objects.is_empty() && looks && !view.shows_objects() {
-            let text =
-                format!("`{}` sees no object; do pose, rig and mesh share a frame and a scale?", camera.name);
-            notes.warning("objects-not-seen", text);
+            let eye = visibility::in_scene_frame(camera.eye(), prepared.origin);
+            notes.warning("objects-not-seen", why_not_seen(&camera.name, eye, boxes));
         }
     }
 }
@@ -140,7 +144,7 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
 }
 
 /// A length as people read it.
-fn short(length: f32) -> String {
+pub(super) fn short(length: f32) -> String {
     if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
 }
 
@@ -188,6 +192,20 @@ pub(super) fn report_contact(
     if !on_it.is_empty() && contact_metres.is_none() {
         notes.decision("contact", format!("the receiver is {}", on_it.join("; ")));
     }
+}
+
+/// Tells of objects under which the receiver has nothing at all.
+pub(super) fn report_no_ground(objects: impl Iterator<Item = usize>, notes: &mut Notes) {
+    let named: Vec<String> = objects.map(|index| index.to_string()).collect();
+    if named.is_empty() {
+        return;
+    }
+    let (word, stand) = if named.len() == 1 { ("object", "stands") } else { ("objects", "stand") };
+    let text = format!(
+        "{word} {} {stand} over a hole of the receiver, or beyond its edge, where no shadow falls",
+        named.join(", ")
+    );
+    notes.warning("no-ground", format!("{text}; close the hole in the mesh, or move the pose"));
 }
 
 /// Tells of an object of some height that the ground over or under its base is far from.
@@ -313,13 +331,18 @@ pub(super) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     }
 }
 
+/// A share as people read it.
+fn percent(share: f64) -> String {
+    if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
+}
+
 /// Tells where objects were not asked what they change.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(
-            "`{view}`: objects change at most {:.2} % of the light of {:.0} % of the chunks of pixels",
+            "`{view}`: objects change at most {:.2} % of the light of {} of the chunks of pixels",
             100.0 * bound,
-            100.0 * share
+            percent(share)
         );
         notes.decision(
             "cropped",

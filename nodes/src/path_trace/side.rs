@@ -134,6 +134,19 @@ impl Side {
         if enough { Level::of(&heights) } else { None }
     }
 
+    /// Whether most of it has nothing of the receiver under it, however far down: a hole of the mesh, or its edge.
+    pub(super) fn is_over_nothing(&self, receiver: &Receiver, origin: DVec3, metre: f64) -> bool {
+        let own = self.own();
+        let (mut all, mut met) = (0, 0);
+        for ([x, y], ray) in self.feelers(origin, LARGEST * metre) {
+            if x.abs() <= own[0] && y.abs() <= own[1] {
+                all += 1;
+                met += u32::from(receiver.bvh.any(Ray { t_max: f32::INFINITY, ..ray }, |_| true));
+            }
+        }
+        2 * met < all
+    }
+
     /// The level of the mesh at a flat side that rests on it, and how far it tilts the ends of the side. An object may well be
     /// near a wall, so a gap counts as an error of the mesh only within its noise; it is in no wall, so what covers the side
     /// does as on the ground. `fixed` is an error that is known better, in metres.

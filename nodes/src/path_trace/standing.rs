@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::contact::{self, Ground, LARGEST, TOUCHING};
 use super::objects::Objects;
 use super::prepared::PreparedScene;
-use super::reporting::report_contact;
+use super::reporting::{report_contact, report_no_ground};
 use super::side::Side;
 use super::sunk::Sunk;
 use super::touching::Touching;
@@ -40,6 +40,13 @@ pub(super) fn find_ground(
     let tall: Vec<f64> =
         objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
     report_contact(&measured, &carried, &tall, (metres_per_unit, contact_metres), notes);
+    let over_nothing = |index: &usize| {
+        let lost = measured[*index].is_none() && !carried[*index] && !on_others[*index];
+        let foot = lost && found[*index].sides.is_empty();
+        foot && Side::foot(&placed[*index], up)
+            .is_some_and(|foot| foot.is_over_nothing(receiver, origin, metre))
+    };
+    report_no_ground((0..placed.len()).filter(over_nothing), notes);
     let stands = |index: usize| {
         let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
         measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index] || hangs

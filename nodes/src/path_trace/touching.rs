@@ -109,13 +109,8 @@ impl Objects {
         self.touching.reach / self.normal(hit.triangle).dot(direction).abs().max(0.01)
     }
 
-    /// How far below a surface of the receiver, moved by `lift`, rays to objects start to meet what lies on it; none
-    /// where nothing does.
-    pub fn cover(&self, surface: &Surface, lift: Vec3) -> Option<f32> {
-        self.covers(surface.position + lift, surface.normal)
-    }
-
-    /// The same of a place with a unit normal.
+    /// How far below a place of the receiver with a unit normal rays to objects start to meet what lies on it; none where
+    /// nothing does.
     pub fn covers(&self, position: Vec3, normal: Vec3) -> Option<f32> {
         let touching = &self.touching;
         if !touching.held?.holds(position) {

@@ -13,6 +13,7 @@ use super::crop::Crop;
 use super::film::{Area, Sums, TILE, chunks};
 use super::first_hit::{PLACES, trace_first_hit};
 use super::integrator::Scene;
+use super::light_points::LightPoints;
 use super::objects::Objects;
 use super::pair::{trace_pair, trace_r0};
 use super::prepared::PreparedScene;
@@ -53,6 +54,7 @@ pub(super) struct Tracing<'a> {
     prepared: &'a PreparedScene<'a>,
     objects: &'a Objects,
     rules: &'a Rules,
+    light_points: Option<Arc<LightPoints>>,
     crop: OnceLock<Result<Crop, &'static str>>,
 }
 
@@ -63,18 +65,19 @@ impl<'a> Tracing<'a> {
         prepared: &'a PreparedScene<'a>,
         objects: &'a Objects,
         rules: &'a Rules,
-    ) -> Self {
-        Self { params, cx, prepared, objects, rules, crop: OnceLock::new() }
+    ) -> Result<Self, NodeError> {
+        let near = rules.near.filter(|_| !objects.is_empty());
+        let light_points = near.map(|eye| prepared.light_points(eye)).transpose()?;
+        Ok(Self { params, cx, prepared, objects, rules, light_points, crop: OnceLock::new() })
     }
 
-    fn scene(&self) -> Scene<'a> {
-        let near = self.rules.near.filter(|_| !self.objects.is_empty());
+    fn scene(&self) -> Scene<'_> {
         Scene {
             receiver: self.prepared.receiver(),
             objects: self.objects,
             sky: self.prepared.sky(),
             rules: self.rules,
-            light_points: near.map(|eye| self.prepared.light_points(eye)),
+            light_points: self.light_points.as_deref(),
         }
     }
 

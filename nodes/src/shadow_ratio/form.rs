@@ -31,12 +31,14 @@ engine::choices! {
 
 impl RatioForm {
     /// The raw ratio of a channel, 1 where there is too little light for one. `a` is without the objects and `b` with
-    /// them, `energy` the light around that the bound is for, and `unit` that of the bounds.
+    /// them, `energy` the light around that the bound is for, `shone_on` whether what is around is much brighter with the
+    /// objects, too, and `unit` that of the bounds.
     pub(super) fn ratio(
         self,
         params: &ShadowRatio,
         (a, b): (f64, f64),
         energy: impl FnOnce() -> f64,
+        shone_on: impl FnOnce() -> bool,
         unit: f64,
         tally: &mut Tally,
     ) -> f64 {
@@ -62,7 +64,7 @@ impl RatioForm {
         };
         if ratio > SEEN * most {
             tally.clipped += 1;
-            tally.shone_on += u64::from(ratio > SHONE_ON * most);
+            tally.shone_on += u64::from(ratio > SHONE_ON * most && shone_on());
             tally.bright[0] += b;
             tally.bright[1] += a;
         }

@@ -94,7 +94,8 @@ impl ShadowRatio {
                     tally.samples += 1;
                     let (factor, extra) = if a.is_finite() && b.is_finite() {
                         let energy = || self.neighbourhood(without, x, y, c);
-                        let factor = self.form.ratio(self, (a, b), energy, unit, &mut tally);
+                        let shone_on = || self.is_shone_on(without, with, x, y, c);
+                        let factor = self.form.ratio(self, (a, b), energy, shone_on, unit, &mut tally);
                         (factor, self.form.added(pair[0][c], pair[1][c]))
                     } else {
                         tally.broken += 1;
@@ -124,25 +125,48 @@ impl ShadowRatio {
         }
     }
 
+    /// Whether objects shine on most of the pixels around one, and it is not lit by a lucky path alone.
+    fn is_shone_on(
+        &self,
+        without: &Image<Linear>,
+        with: &Image<Linear>,
+        x: usize,
+        y: usize,
+        c: usize,
+    ) -> bool {
+        let (mut bright, mut count) = (0, 0);
+        for (i, j) in around(without, x, y) {
+            let [a, b] = [without, with].map(|image| self.of(image.rgb(i, j).map(f64::from), c));
+            bright += u32::from(b > tally::SHONE_ON * self.s_max * a);
+            count += 1;
+        }
+        2 * bright > count
+    }
+
     /// Mean of the finite values around a pixel: the mask must not be decided by the noise of one pixel.
     fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
-        for j in y.saturating_sub(1)..=(y + 1).min(image.height - 1) {
-            for i in x.saturating_sub(1)..=(x + 1).min(image.width - 1) {
-                let v = self.of(image.rgb(i, j).map(f64::from), c);
-                if v.is_finite() {
-                    sum += v;
-                    count += 1.0;
-                }
+        for (i, j) in around(image, x, y) {
+            let v = self.of(image.rgb(i, j).map(f64::from), c);
+            if v.is_finite() {
+                sum += v;
+                count += 1.0;
             }
         }
         sum / f64::max(count, 1.0)
     }
 }
 
+/// A pixel and those around it, row by row.
+fn around(image: &Image<Linear>, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
+    let columns = x.saturating_sub(1)..=(x + 1).min(image.width - 1);
+    let rows = y.saturating_sub(1)..=(y + 1).min(image.height - 1);
+    rows.flat_map(move |j| columns.clone().map(move |i| (i, j)))
+}
+
 impl Kind for ShadowRatio {
     const NAME: &'static str = "shadow-ratio";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type Params = Self;
     type In = In;
     type Out = Out;

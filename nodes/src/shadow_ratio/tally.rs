@@ -6,6 +6,8 @@ use engine::Notes;
 pub(super) const SEEN: f64 = 1.01;
 /// From how many times on objects shine on a place, or throw light onto it: matte ones hardly brighten what is beside them.
 pub(super) const SHONE_ON: f64 = 1.5;
+/// A largest ratio that lets through what most lamps do: where it does not, the place is next to dark without them.
+const LARGE: f64 = 8.0;
 /// Share of all samples from which on that is more than fireflies.
 const MANY: f64 = 1e-3;
 
@@ -61,10 +63,14 @@ impl Tally {
         if self.shone_on as f64 > MANY * self.samples as f64 {
             let text = format!(
                 "the objects shine on the place, or throw light onto it, and `s_max` = {s_max} keeps that from the picture: {:.2} % of the samples \
-                 would be more than half as bright again; raise `s_max` to let it through (8, say)",
+                 would be more than half as bright again",
                 share(self.shone_on)
             );
-            notes.warning("light-clipped", text);
+            let hint = match s_max < LARGE {
+                true => "raise `s_max` to let it through (8, say)",
+                false => "`form: Hybrid` adds what is brighter in place of multiplying by it",
+            };
+            notes.warning("light-clipped", format!("{text}; {hint}"));
         }
     }
 }

@@ -62,7 +62,7 @@ fn how_much_brighter_is_told_by_sums() {
 
 /// The light of an inserted lamp that `s_max` keeps from the picture is a warning with its remedy; what a matte object throws back beside
 /// it, noise and a firefly are none.
-/// Mutation: `SHONE_ON` 1, `SEEN` 1, `MANY` 0.
+/// Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
 fn light_that_is_kept_from_the_picture_is_told() {
     let told = |s_max: f64, bright: &[f32]| {
@@ -77,7 +77,9 @@ fn light_that_is_kept_from_the_picture_is_told() {
     assert!(told(1.0, &lamp).iter().any(|id| id == "light-clipped"));
     assert!(!told(8.0, &lamp).iter().any(|id| id == "light-clipped"));
     assert!(!told(1.0, &[1.1; 50]).iter().any(|id| id == "light-clipped"));
-    assert!(!told(1.0, &[9.0]).iter().any(|id| id == "light-clipped"));
+    let fireflies: Vec<f32> = (0..50).map(|i| if i % 3 == 1 { 9.0 } else { 1.0 }).collect();
+    assert!(!told(1.0, &fireflies).iter().any(|id| id == "light-clipped"));
+    assert!(told(8.0, &[90.0; 50]).iter().any(|id| id == "light-clipped"));
     assert!(!told(1.0, &[]).iter().any(|id| id == "clipped"), "noise");
 }
 

@@ -1,5 +1,6 @@
 //! `inspect`: what a scene of splats, or a mesh, is like.
 
+mod other;
 mod person;
 
 use std::path::{Path, PathBuf};
@@ -48,7 +49,8 @@ impl Inspect {
         }
         let cx = splats::context(Up::PlusY);
         // A folder is a SOG scene, which says nothing about axes.
-        let format = std::fs::read(&self.file).ok().and_then(|bytes| Format::of("", &bytes).ok());
+        let bytes = std::fs::read(&self.file).unwrap_or_default();
+        let format = Format::of("", &bytes).ok();
         let mut answer = Answer {
             file: self.file.display().to_string(),
             holds: "splats",
@@ -62,20 +64,31 @@ impl Inspect {
             .and_then(|(scene, notes)| Ok((nodes::inspect::splats::inspect(&scene, &cx)?, notes)));
         let failed = match inspected {
             Ok((scene, notes)) => {
+                // That it is taken as stored is what `inspect` does, and no graph.
+                let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
                 return self.tell(&answer);
             }
             Err(failed) => failed,
         };
         // PLY, glTF and GLB hold splats or a mesh; what is neither is told as what it is nearer to.
+        let is_mesh = other::is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let found = mesh::inspect(&found);
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
-                self.tell(&answer)
+                return self.tell(&answer);
             }
-            _ => Ok(splats::failed(&failed)),
+            Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
+            _ => {}
         }
+        let name = self.file.display();
+        let failed = match other::other(&self.file, &bytes) {
+            Some(what) => NodeError::new(format!("`{name}` is neither splats nor a mesh but {what}")),
+            None if is_mesh => NodeError::new(format!("`{name}` is a mesh without faces")),
+            None => failed,
+        };
+        Ok(splats::failed(&failed))
     }
 
     fn tell(&self, answer: &Answer<'_>) -> Result<u8, Error> {

@@ -110,7 +110,10 @@ fn of_mesh(text: &mut Lines, mesh: &mesh::Inspection, declared_up: Option<&str>)
         },
     );
     if let Some(up) = declared_up {
-        text.line("up", format!("{up} by its format"));
+        text.line(
+            "up",
+            format!("{up} by its format, from which `LoadMesh` turns it where `frame: Gltf` is set"),
+        );
     }
     text.floor(mesh.floor.as_ref(), ruler);
     text.findings(&mesh.findings);
@@ -130,7 +133,8 @@ fn of_splats(text: &mut Lines, scene: &Inspection, declared_up: Option<&str>) {
         text.line("median", ruler.vector(centre));
     }
     if let Some(up) = declared_up {
-        text.line("up", format!("{up} by its format"));
+        let turned = "from which `LoadSplats` turns it unless `frame: AsStored` is set";
+        text.line("up", format!("{up} by its format, {turned}"));
     }
     text.floor(scene.floor.as_ref(), ruler);
     if let Some(sizes) = &scene.sizes {

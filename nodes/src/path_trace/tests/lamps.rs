@@ -250,6 +250,23 @@ fn objects_stand_on_objects() {
     assert_eq!(told(&[table, aloft]), 1);
 }
 
+/// What stands beyond the edge of the receiver is told, and what stands or hangs over it is not.
+/// Mutation: `is_over_nothing` always false; `carried` not asked.
+#[test]
+fn an_object_beyond_the_edge_has_no_ground() {
+    let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
+    let at = |x: f64, z: f64| placed(&cube, matte(0.5), DVec3::new(x, 0.0, z));
+    let camera = rig(DVec3::new(0.0, -4.0, 2.5), DVec3::ZERO, 8, 2.0);
+    let told = |objects: &[Arc<Placed>]| {
+        let params = PathTrace { contact_metres: None, ..params(1, EnvBlock::Solid) };
+        let (_, notes) = render(&params, &plane(4.0), objects, &camera, &white());
+        notes.iter().find(|note| note.id == "no-ground").map(|note| note.text.clone())
+    };
+    assert_eq!(told(&[at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.21)]), None);
+    let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("told");
+    assert!(text.starts_with("object 1 stands over a hole"), "{text}");
+}
+
 /// A boulder with its middle in the ground meets its shadow; one wholly under the ground does not.
 #[test]
 fn half_buried_objects_meet_their_shadows() {

@@ -265,8 +265,9 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
                 media: Default::default(),
                 cover: None,
                 bed: None,
+                lift: Vec3::ZERO,
             };
-            let around = Integrator::new(scene, Points::new(0, 0), 0, true).around(seen.upright(Vec3::ZERO));
+            let around = Integrator::new(scene, Points::new(0, 0), 0, true).around(seen.upright());
             let surface = Surface { media: [around; 2], ..seen };
             let path = |i: u32| (Points::new(stream(8, i, 0), 0), hash(i, 9));
             let [light, light_error] = estimate(20_000, |i| {
