@@ -99,9 +99,16 @@ impl<'t> Overlays<'t> {
             let what = format!("no node is named `{}`", shown(&node.id));
             let mistake = Diagnostic::of(Code::UnknownNode, node.id_span, what);
             let near = nearest(&node.id, document.nodes.iter().map(|known| &*known.id));
-            diagnostics.push(match near {
-                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-                None => mistake,
+            let known = |id: &str| document.nodes.iter().any(|known| known.id == id);
+            diagnostics.push(match (near, node.id.split_once('.')) {
+                (Some(near), _) => mistake.hint(format!("did you mean `{near}`?")),
+                (None, Some((id, rest))) if known(id) => {
+                    let parameter = rest.split('.').next().unwrap_or(rest);
+                    mistake.hint(format!(
+                        "a parameter is set whole, with all that is in it: `{id}.{parameter}=..`"
+                    ))
+                }
+                (None, _) => mistake,
             });
         }
     }

@@ -24,7 +24,7 @@ fn files() -> String {
         ("width_px: 1280, height_px: 720", "width_px: 96, height_px: 54"),
         ("size_px: 512", "size_px: 32"),
         ("width_px: 2048", "width_px: 64"),
-        ("samples: 256", "samples: 4"),
+        ("samples: 64", "samples: 4"),
         ("method: Learned", "method: Region"),
     ];
     loaders.iter().fold(text.to_owned(), |text, (from, to)| {

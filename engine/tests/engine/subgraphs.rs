@@ -211,6 +211,11 @@ fn mistakes_are_said_where_they_are_and_where_they_come_from() {
         ),
         (r#"n: Number(value: Param(x))"#, &[], &["is not how a parameter is read"]),
         (
+            r#"n: Number, b: Scale(value: "n")"#,
+            &["b.by.x=3"],
+            &["no node is named `b.by`", "a parameter is set whole, with all that is in it: `b.by=..`"],
+        ),
+        (
             r#"n: Number, a: Subgraph(graph: "parts/twice.ron", value: "n")"#,
             &["a.oat.by=3", "a.bye=3", "a.out.by=x"],
             &[

@@ -194,6 +194,26 @@ pub(super) fn report_contact(
     }
 }
 
+/// Tells which objects rest on the receiver by a side that is no foot.
+pub(super) fn report_sides<'a>(
+    sides: impl Iterator<Item = &'a [Level]>,
+    metres_per_unit: f64,
+    notes: &mut Notes,
+) {
+    let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
+    let named: Vec<String> = sides
+        .enumerate()
+        .flat_map(|(index, sides)| sides.iter().map(move |level| (index, level)))
+        .map(|(index, level)| {
+            let (rough, over) = (millimetres(level.roughness), millimetres(level.height));
+            format!("{rough:.1} mm rough and {over:+.1} mm over a side of object {index} that rests on it")
+        })
+        .collect();
+    if !named.is_empty() {
+        notes.decision("contact-side", format!("the receiver is {}", named.join("; ")));
+    }
+}
+
 /// Tells of objects under which the receiver has nothing at all.
 pub(super) fn report_no_ground(objects: impl Iterator<Item = usize>, notes: &mut Notes) {
     let named: Vec<String> = objects.map(|index| index.to_string()).collect();

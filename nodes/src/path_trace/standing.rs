@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 use super::contact::{self, Ground, LARGEST, TOUCHING};
 use super::objects::Objects;
 use super::prepared::PreparedScene;
-use super::reporting::{report_contact, report_no_ground};
+use super::reporting::{report_contact, report_no_ground, report_sides};
 use super::side::Side;
 use super::sunk::Sunk;
 use super::touching::Touching;
@@ -46,6 +46,7 @@ pub(super) fn find_ground(
         foot && Side::foot(&placed[*index], up)
             .is_some_and(|foot| foot.is_over_nothing(receiver, origin, metre))
     };
+    report_sides(found.iter().map(|found| &found.sides[..]), metres_per_unit, notes);
     report_no_ground((0..placed.len()).filter(over_nothing), notes);
     let stands = |index: usize| {
         let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
