@@ -13,7 +13,7 @@ use crate::action::{Action, look_up};
 use crate::artifact::{AnyArtifact, ArtifactType};
 use crate::context::{Context, Effort, Part, PartStore, ReadSource};
 use crate::error::{NodeError, NodeErrorKind};
-use crate::event::{Counts, Event, State};
+use crate::event::{Event, State};
 use crate::files::Files;
 use crate::forecast::Pace;
 use crate::graph::{Graph, Node, Wire};
@@ -46,6 +46,8 @@ pub(crate) enum Message {
     Busy {
         node: usize,
         key: Digest,
+        /// What was done until then, of which stored parts are.
+        spent: Effort,
     },
     /// `Stored` follows.
     Finished {
@@ -107,7 +109,7 @@ impl Job<'_> {
             let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
         };
         let LeaseState::Acquired(lease) = store.lease(&key) else {
-            let _ = tell.send(Message::Busy { node: index, key });
+            let _ = tell.send(Message::Busy { node: index, key, spent: Effort::default() });
             return;
         };
         let mut error = None;
@@ -125,9 +127,10 @@ impl Job<'_> {
                 }
                 let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
                 let (work, graph, tracer) = (self.work, self.graph, self.tracer.clone());
-                match guarded(|| self.compute()) {
+                let mut spent = Effort::default();
+                match guarded(|| self.compute(&mut spent)) {
                     Err(NodeError { kind: NodeErrorKind::Busy(key), .. }) => {
-                        let _ = tell.send(Message::Busy { node: index, key });
+                        let _ = tell.send(Message::Busy { node: index, key, spent });
                         return;
                     }
                     Err(error) => finish(Err(error)),
@@ -157,7 +160,8 @@ impl Job<'_> {
         let _ = tell.send(Message::Stored { node: index, error });
     }
 
-    fn compute(self) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
+    /// The result of the code. `spent` is what it took, be it not the end.
+    fn compute(self, spent: &mut Effort) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
         let graph = self.graph;
         let node = &graph.nodes[self.node];
         let (id, tell) = (node.id.clone(), Mutex::new(self.tell.clone()));
@@ -198,6 +202,8 @@ impl Job<'_> {
         if context.told.load(Ordering::Relaxed) {
             return Err(NodeError::cancelled());
         }
+        let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        *spent = Effort { seconds, cpu_seconds: context.cpu_seconds(), counts };
         let (values, notes) = outcome?;
         let (outputs, encoded) = encode(node, &values);
         let files =
@@ -205,15 +211,13 @@ impl Job<'_> {
         let files = files
             .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
             .collect();
-        let cpu_seconds = context.cpu_seconds();
-        let mut counts: Counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        let mut effort = spent.clone();
         let made = bytes_of(node.kind.outputs.iter().map(|port| port.artifact).zip(&values));
         let memory = self.memory.max(made);
         let mut whole = context.known.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         // Not those of parts that were known, which are no inputs.
-        counts.insert(BYTES_READ.to_owned(), of_values + of_files);
-        counts.insert(BYTES_MADE.to_owned(), made);
-        let effort = Effort { seconds, cpu_seconds, counts };
+        effort.counts.insert(BYTES_READ.to_owned(), of_values + of_files);
+        effort.counts.insert(BYTES_MADE.to_owned(), made);
         whole.add(&effort);
         let Effort { seconds, cpu_seconds, counts } = whole;
         let spent = Spent { seconds, cpu_seconds, work: self.work, memory, counts };

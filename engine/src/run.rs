@@ -203,9 +203,10 @@ impl<'a> Run<'a> {
                     None => self.missing(node, port),
                 }
             }
-            Message::Busy { node, key } => {
+            Message::Busy { node, key, spent } => {
                 self.busy -= 1;
                 self.end_running(node);
+                self.slots[node].effort.add(&spent);
                 self.park(node, key);
             }
             Message::Finished { node, outcome } => {
@@ -299,7 +300,9 @@ impl<'a> Run<'a> {
     }
 
     fn finished(&mut self, index: usize, finished: Finished) {
-        let Finished { mut record, values, effort, ran } = finished;
+        let Finished { mut record, values, mut effort, ran } = finished;
+        // What it did before it had to wait is known by now, and was done in this run all the same.
+        effort.add(&std::mem::take(&mut self.slots[index].effort));
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
             self.made.insert(key, index);

@@ -77,8 +77,9 @@ pub(crate) struct Slot {
     pub reserved: u64,
     /// What its code will take, once asked for.
     pub cost: Option<u64>,
-    /// How it came to its result, and with what work; told once its files are in place.
+    /// How it came to its result; told once its files are in place.
     pub end: Option<State>,
+    /// With what work: until there is a result, that of before it had to wait.
     pub effort: Effort,
 }
 
