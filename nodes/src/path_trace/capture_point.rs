@@ -63,7 +63,7 @@ impl CapturePoint {
             notes.warning("capture-under-ground", text);
             return over;
         }
-        let hint = "is the `origin` of the environment where it was captured, in units of the world?";
+        let hint = "is the place that it was captured at (`at` of `cube-rig`, or `origin`) the right one, in units of the world?";
         let view = Probe::send(receiver, camera);
         let nothing = self.probe.escaped == self.probe.rays;
         if nothing && view.held_share() > 0.5 {

@@ -12,6 +12,7 @@ use super::prepared::PreparedScene;
 use super::receiver::{Receiver, margin};
 use super::sample_plan::ReachedError;
 use super::scale::why_not_seen;
+use super::side::Lost;
 use super::unseen::Unseen;
 use super::visibility::{self, Block, Rules};
 use super::{PathTrace, media};
@@ -214,18 +215,26 @@ pub(super) fn report_sides<'a>(
     }
 }
 
-/// Tells of objects under which the receiver has nothing at all.
-pub(super) fn report_no_ground(objects: impl Iterator<Item = usize>, notes: &mut Notes) {
+/// Tells of objects under which the receiver has nothing at all, and why.
+pub(super) fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
     let named: Vec<String> = objects.map(|index| index.to_string()).collect();
     if named.is_empty() {
         return;
     }
-    let (word, stand) = if named.len() == 1 { ("object", "stands") } else { ("objects", "stand") };
-    let text = format!(
-        "{word} {} {stand} over a hole of the receiver, or beyond its edge, where no shadow falls",
-        named.join(", ")
-    );
-    notes.warning("no-ground", format!("{text}; close the hole in the mesh, or move the pose"));
+    let one = named.len() == 1;
+    let (word, stand, lie) = if one { ("object", "stands", "lies") } else { ("objects", "stand", "lie") };
+    let named = named.join(", ");
+    match why {
+        Lost::OverNothing => {
+            let text = format!("{word} {named} {stand} over a hole of the receiver, or beyond its edge");
+            let hint = "close the hole in the mesh, or move the pose";
+            notes.warning("no-ground", format!("{text}, where no shadow falls; {hint}"));
+        }
+        Lost::Buried => {
+            let text = format!("{word} {named} {lie} under the ground, be it in part");
+            notes.warning("under-the-ground", format!("{text}; `snap` puts what is near it on the mesh"));
+        }
+    }
 }
 
 /// Tells of an object of some height that the ground over or under its base is far from.

@@ -21,6 +21,15 @@ const LEVEL: f64 = 0.98;
 /// The steepest that a mesh lies to a flat side that rests on it.
 const SLANT: f64 = 0.1;
 
+/// Why an object has nothing of the receiver under it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Lost {
+    /// It is over a hole of the mesh, or beyond its edge.
+    OverNothing,
+    /// The ground is over it.
+    Buried,
+}
+
 /// A side that may rest on the receiver.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Side {
@@ -134,17 +143,29 @@ impl Side {
         if enough { Level::of(&heights) } else { None }
     }
 
-    /// Whether most of it has nothing of the receiver under it, however far down: a hole of the mesh, or its edge.
-    pub(super) fn is_over_nothing(&self, receiver: &Receiver, origin: DVec3, metre: f64) -> bool {
+    /// What most of it has under it, however far down, and if that is nothing, whether the ground is over it.
+    pub(super) fn lost(
+        &self,
+        (receiver, inverted): (&Receiver, bool),
+        origin: DVec3,
+        metre: f64,
+    ) -> Option<Lost> {
         let own = self.own();
-        let (mut all, mut met) = (0, 0);
+        let (mut all, mut under, mut over) = (0, 0, 0);
         for ([x, y], ray) in self.feelers(origin, LARGEST * metre) {
             if x.abs() <= own[0] && y.abs() <= own[1] {
+                let (down, up) = (Ray { t_max: f32::INFINITY, ..ray }, Ray::new(ray.origin, -ray.direction));
                 all += 1;
-                met += u32::from(receiver.bvh.any(Ray { t_max: f32::INFINITY, ..ray }, |_| true));
+                under += u32::from(receiver.bvh.any(down, |_| true));
+                // From below ground shows its back, a ceiling its front.
+                over += u32::from(receiver.bvh.closest(up, |_| true).is_some_and(|hit| hit.back != inverted));
             }
         }
-        2 * met < all
+        match (2 * under < all, 2 * over > all) {
+            (true, true) => Some(Lost::Buried),
+            (true, false) => Some(Lost::OverNothing),
+            (false, _) => None,
+        }
     }
 
     /// The level of the mesh at a flat side that rests on it, and how far it tilts the ends of the side. An object may well be

@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 use super::contact::{self, Ground, LARGEST, TOUCHING};
 use super::objects::Objects;
 use super::prepared::PreparedScene;
-use super::reporting::{report_contact, report_no_ground, report_sides};
-use super::side::Side;
+use super::reporting::{report_contact, report_lost, report_sides};
+use super::side::{Lost, Side};
 use super::sunk::Sunk;
 use super::touching::Touching;
 use super::visibility::Probe;
@@ -40,14 +40,16 @@ pub(super) fn find_ground(
     let tall: Vec<f64> =
         objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
     report_contact(&measured, &carried, &tall, (metres_per_unit, contact_metres), notes);
-    let over_nothing = |index: &usize| {
-        let lost = measured[*index].is_none() && !carried[*index] && !on_others[*index];
-        let foot = lost && found[*index].sides.is_empty();
-        foot && Side::foot(&placed[*index], up)
-            .is_some_and(|foot| foot.is_over_nothing(receiver, origin, metre))
+    let lost = |index: usize| {
+        let rests = measured[index].is_some() || carried[index] || on_others[index];
+        let foot = (!rests && found[index].sides.is_empty()).then(|| Side::foot(&placed[index], up))?;
+        foot?.lost((receiver, inverted), origin, metre)
     };
+    let lost: Vec<_> = (0..placed.len()).map(lost).collect();
+    for why in [Lost::OverNothing, Lost::Buried] {
+        report_lost((0..placed.len()).filter(|index| lost[*index] == Some(why)), why, notes);
+    }
     report_sides(found.iter().map(|found| &found.sides[..]), metres_per_unit, notes);
-    report_no_ground((0..placed.len()).filter(over_nothing), notes);
     let stands = |index: usize| {
         let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
         measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index] || hangs

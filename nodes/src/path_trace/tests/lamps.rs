@@ -251,7 +251,7 @@ fn objects_stand_on_objects() {
 }
 
 /// What stands beyond the edge of the receiver is told, and what stands or hangs over it is not.
-/// Mutation: `is_over_nothing` always false; `carried` not asked.
+/// Mutation: `lost` always none; `carried` not asked; `over` left out.
 #[test]
 fn an_object_beyond_the_edge_has_no_ground() {
     let cube = box_mesh([-0.2, -0.2, 0.0], [0.2, 0.2, 0.2], false);
@@ -265,6 +265,7 @@ fn an_object_beyond_the_edge_has_no_ground() {
     assert_eq!(told(&[at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.21)]), None);
     let text = told(&[at(0.0, 0.0), at(9.0, 0.0), at(9.0, 0.2)]).expect("told");
     assert!(text.starts_with("object 1 stands over a hole"), "{text}");
+    assert_eq!(told(&[at(0.0, -3.0)]), None);
 }
 
 /// A boulder with its middle in the ground meets its shadow; one wholly under the ground does not.
