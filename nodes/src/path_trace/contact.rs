@@ -9,7 +9,7 @@
 //! hides, rays to it start just above it, where the camera's hits moved from. From below it they would see what is
 //! outside of a closed room.
 //!
-//! The same holds for a flat side with which an object rests on a wall, a ceiling or a roof: see [`super::side`].
+//! The same holds for a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
 
 use glam::{DVec3, Vec3};
 
