@@ -3,7 +3,7 @@
 use super::*;
 
 /// A wall of 5 cm cells that faces -y, with so much noise along y.
-fn wall(noise: f32) -> Mesh {
+pub(super) fn rough_wall(noise: f32) -> Mesh {
     let side = 81_u32;
     let mut mesh = Mesh::default();
     for i in 0..side * side {
@@ -21,7 +21,7 @@ fn seen(noise: f32, (thick, off): (f32, f64), eye: DVec3, contact_metres: Option
     let picture = box_mesh([-0.4, -thick, -0.3], [0.4, 0.0, 0.3], false);
     let objects = [placed(&picture, matte(0.5), DVec3::Y * -off)];
     let how = PathTrace { contact_metres, ..params(64, EnvBlock::Solid) };
-    let (out, _) = render(&how, &wall(noise), &objects, &rig(eye, DVec3::ZERO, 32, 3.0), &white());
+    let (out, _) = render(&how, &rough_wall(noise), &objects, &rig(eye, DVec3::ZERO, 32, 3.0), &white());
     let cover = samples(&out.object).chunks(4).map(|pixel| f64::from(pixel[3])).sum();
     let pixels = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
     let bare = pixels.zip(samples(&out.object).chunks(4)).filter(|(_, object)| object[3] == 0.0);

@@ -1,6 +1,7 @@
 //! Objects that lie in the very place of the receiver: what they cover, shade and let through is what they do a
 //! millimetre above it.
 
+use super::hanging::rough_wall;
 use super::materials::clear;
 use super::*;
 use crate::types::{AlphaMode, ColourMap, DiffuseTransmission, Map};
@@ -202,18 +203,6 @@ fn a_rug_under_a_table_stays_on_the_floor() {
 /// Mutation: `TOLD` from 0.7 on (seen red).
 #[test]
 fn a_picture_in_a_rough_wall_is_told() {
-    let wall = |noise: f32| {
-        let side = 81_u32;
-        let mut mesh = Mesh::default();
-        for i in 0..side * side {
-            let [x, z] = [i % side, i / side].map(|k| k as f32 / 20.0 - 2.0);
-            mesh.positions.push([x, noise * (2.0 * crate::sampling::unit(crate::sampling::mix(i)) - 1.0), z]);
-        }
-        for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
-            mesh.triangles.extend([[i, i + 1, i + side + 1], [i, i + side + 1, i + side]]);
-        }
-        mesh
-    };
     let camera = rig(DVec3::new(0.3, -3.0, 0.2), DVec3::ZERO, 16, 1.5);
     let picture = |y: f64| {
         let card = Mesh {
@@ -224,7 +213,8 @@ fn a_picture_in_a_rough_wall_is_told() {
         [placed(&card, matte(0.5), DVec3::Y * y)]
     };
     let told = |noise: f32, y: f64| {
-        let (out, notes) = render(&params(4, EnvBlock::Solid), &wall(noise), &picture(y), &camera, &white());
+        let (out, notes) =
+            render(&params(4, EnvBlock::Solid), &rough_wall(noise), &picture(y), &camera, &white());
         let note = notes.iter().find(|note| note.id == "in-a-surface").map(|note| note.text.clone());
         (note, samples(&out.object).chunks(4).map(|pixel| pixel[3]).sum::<f32>())
     };
