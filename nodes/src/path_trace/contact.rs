@@ -336,6 +336,7 @@ mod tests {
             );
             let hangs = level.supports.iter().any(|s| s.out == Vec3::NEG_Z && s.reach > 0.0);
             assert_eq!((hangs, found[0].ground.is_some()), (!stands, stands));
+            assert!(level.error() > 0.0);
         }
     }
 
