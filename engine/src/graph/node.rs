@@ -17,7 +17,7 @@ use crate::value::root::{InputFile, SourceRoot};
 /// One end of a wire: an output of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Wire {
-    /// Index into [`Graph::nodes`].
+    /// Index into [`Graph::nodes`](crate::Graph::nodes).
     pub node: usize,
     /// Index into the outputs of its kind.
     pub port: usize,

@@ -42,7 +42,7 @@ impl KnobKind {
 pub struct Knob {
     /// What turning it changes.
     pub kind: KnobKind,
-    /// Its value in each of [`PRESETS`], in RON; empty where the preset leaves it as the graph has it.
+    /// Its value in each of [`PRESETS`](crate::PRESETS), in RON; empty where the preset leaves it as the graph has it.
     pub ladder: [&'static str; 4],
 }
 

@@ -14,14 +14,14 @@ pub struct RunOptions {
     pub out: PathBuf,
     /// The files that the graph itself was read from, which no sink may write over.
     pub texts: Vec<PathBuf>,
-    /// The nodes that are wanted; none stands for [`Graph::targets`].
+    /// The nodes that are wanted; none stands for [`Graph::targets`](crate::Graph::targets).
     pub only: Vec<usize>,
     /// Set from outside to stop the run; what is finished by then is kept.
     pub cancel: Arc<AtomicBool>,
     /// Nodes that do less than the graph file says, in a run that a better one follows: they and what is
     /// made from them are not remembered as the last run, and files made from them are marked as previews.
     pub rough: Vec<usize>,
-    /// Whether to tell what each thread does when, as [`Event::Span`]s.
+    /// Whether to tell what each thread does when, as [`Event::Span`](crate::Event::Span)s.
     pub trace: bool,
 }
 

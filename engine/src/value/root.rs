@@ -135,7 +135,7 @@ pub struct InputFile(pub String);
 /// In an unpacked folder: tells that the graph is somebody else's.
 pub(crate) const BUNDLE_MARK: &str = ".lightharmony-bundle";
 
-/// The folder that [`Bundle::unpack`] made, which is `folder` or lies above it: what is in it is somebody else's.
+/// The folder that [`Bundle::unpack`](crate::Bundle::unpack) made, which is `folder` or lies above it: what is in it is somebody else's.
 /// Links in `folder` are followed.
 pub fn bundle_around(folder: &Path) -> Option<PathBuf> {
     let folder = folder.canonicalize().ok()?;
