@@ -1,5 +1,5 @@
 //! How often the true value lies within the standard errors that a run tells, over twenty seeds: of the ratio
-//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/trade.md`.
+//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
 //! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it; `-- small` only tries it.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 

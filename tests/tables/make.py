@@ -23,7 +23,7 @@ from trade import bad, presets, tune
 # Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs beside the program (below the data, or a command), what
 # makes its tables, and whether there is a small form of that.
 def tables(job):
-    trade, small = ["docs/trade.md"], ["small"] * job.small
+    trade, small = ["docs/evidence/trade.md"], ["small"] * job.small
     traced = lambda: curves(job.bench("trace", job.data, "plane", "ratio", *small), job.picture("trace"))
     return {
         "weights": (trade, 7, 3, None, lambda: job.script("weights"), True),

@@ -1,4 +1,4 @@
-"""The tables of docs/trade.md that a report or a search makes: presets, one bad node, tuning."""
+"""The tables of docs/evidence/trade.md that a report or a search makes: presets, one bad node, tuning."""
 import json, os, re, shutil, sys
 
 from job import Failed
