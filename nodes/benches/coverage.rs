@@ -198,7 +198,7 @@ fn main() {
     let small = std::env::args().any(|word| word == "small");
     let Effort { seeds, truth: (truth_seeds, truth_samples), most } = if small { SMALL } else { WHOLE };
     println!(
-        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | told over true error | mean off by |"
+        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | reported over true error | mean off by |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");

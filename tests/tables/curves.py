@@ -1,4 +1,4 @@
-"""The picture of docs/evidence/trace.md: error over CPU seconds, beside other programs."""
+"""The picture of docs/evidence/trace.md: error over CPU seconds, compared with other programs."""
 import math, re
 
 from page import blocks

@@ -85,7 +85,7 @@ def main():
         file.write(text)
     start = trace("start", samples=1)[2]
     truth = trace("truth", samples=TRUTH, seed=99)[0]
-    print("| `max_error` | promised by the first samples | reached, as told | worst tile, true | all touched pixels, true | samples a pixel | CPU-s |")
+    print("| `max_error` | predicted by the first samples | reached, as reported | worst tile, true | all touched pixels, true | samples per pixel | CPU-s |")
     print("|---|---|---|---|---|---|---|")
     for asked in ASKED:
         planes, told, spent = trace(f"asked_{asked}", max_error=asked)

@@ -104,7 +104,7 @@ def measure(program, work, small):
 def main(program, work, small=None):
     os.makedirs(work, exist_ok=True)
     found = measure(program, work, small)
-    print("| count | ns of CPU a unit | in rays | fitted on | predicted over measured |\n|---|---|---|---|---|")
+    print("| count | ns of CPU per unit | in rays | fitted on | predicted over measured |\n|---|---|---|---|---|")
     ray = None
     for names, kinds in GROUPS:
         rows = [(kind, [float(counts.get(name, 0)) for name in names], seconds)
