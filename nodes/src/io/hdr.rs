@@ -155,7 +155,7 @@ fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::num;
+    use crate::math::num;
     use crate::testing::row;
 
     fn file(header: &str, body: &[u8]) -> Vec<u8> {
