@@ -2,7 +2,7 @@
 
 use super::png::believable;
 use super::stretch::Stretch;
-use crate::Error;
+use crate::error::Error;
 
 /// Linear RGB of a Radiance file, with `EXPOSURE` and `COLORCORR` already divided out, row 0 at the top.
 pub struct Radiance {

@@ -8,7 +8,7 @@ use super::head::Head;
 use super::png::Raster;
 use super::stretch::Stretch;
 use super::{exr, hdr, jpeg, png};
-use crate::Error;
+use crate::error::Error;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 engine::choices! {

@@ -4,7 +4,7 @@ use std::io::Read;
 
 use engine::{Context, FileHead, InputFile, NodeError, Notes};
 
-use crate::Error;
+use crate::error::Error;
 use crate::io::gpano::{self, GPano, Placement};
 use crate::io::picture::{FileEncoding, decode};
 use crate::io::stretch::Stretch;

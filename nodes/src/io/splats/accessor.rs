@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::bytes::{f32_at, u8_at, u16_at, u32_at};
-use crate::Error;
+use crate::error::Error;
 
 /// An accessor as the file describes it.
 #[derive(Deserialize)]

@@ -3,7 +3,7 @@
 //! Every reader checks the size of what it is about to read first, in one place, with a message that
 //! tells the numbers. What is read here lies inside; should a check be wrong, these give 0 and no panic.
 
-use crate::Error;
+use crate::error::Error;
 
 fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let end = at.saturating_add(N);

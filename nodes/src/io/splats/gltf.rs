@@ -15,7 +15,7 @@ use super::bytes::{range, u32_at};
 use super::frame::Turn;
 use super::rows::{Part, Row, sh_rest};
 use super::{Fetch, Loaded, Reading, spz};
-use crate::Error;
+use crate::error::Error;
 use crate::io::base64;
 use crate::math::num;
 use crate::types::SplatEncoding;

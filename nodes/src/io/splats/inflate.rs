@@ -5,7 +5,7 @@
 
 use std::io::Read;
 
-use crate::Error;
+use crate::error::Error;
 
 /// Deflate turns at most 258 bytes into 2 bits, about 1032 to 1 (RFC 1951, section 3.2.5).
 pub const DEFLATE_RATIO: usize = 1032;

@@ -7,7 +7,7 @@ use engine::{NodeError, Notes};
 use super::bytes::{f16_at, f32_at, range, u8_at, u16_at, u32_at};
 use super::rows::{Part, Row, RowFault, SH_C0, sh_rest};
 use super::{Loaded, Reading};
-use crate::Error;
+use crate::error::Error;
 
 const HEADER: usize = 4096;
 const SECTION_HEADER: usize = 1024;

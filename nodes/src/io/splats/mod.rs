@@ -28,7 +28,7 @@ use std::sync::{Mutex, PoisonError};
 use engine::{Context, NodeError, Notes, Up};
 use glam::{DMat3, DVec3};
 
-use crate::Error;
+use crate::error::Error;
 use crate::types::{SplatEncoding, Splats};
 use rows::Part;
 

@@ -10,7 +10,7 @@ use engine::{NodeError, Notes};
 use super::ply_header::{Element, Field, Header, Number};
 use super::rows::{Row, RowFault};
 use super::{Loaded, Reading};
-use crate::Error;
+use crate::error::Error;
 
 /// Where the fields of a row lie.
 struct Layout {

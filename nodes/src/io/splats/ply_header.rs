@@ -1,7 +1,7 @@
 //! Headers of PLY files: which elements there are and where their fields lie.
 
 use super::bytes::{f32_at, f64_at, u8_at, u16_at, u32_at};
-use crate::Error;
+use crate::error::Error;
 
 /// How a field is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

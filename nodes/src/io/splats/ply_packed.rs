@@ -12,7 +12,7 @@ use super::bytes::{u8_at, u32_at};
 use super::ply_header::{Element, Field, Header, Number};
 use super::rows::{Row, SH_C0, largest_left_out};
 use super::{Loaded, Reading};
-use crate::Error;
+use crate::error::Error;
 use crate::math::num;
 
 /// Splats of a chunk.

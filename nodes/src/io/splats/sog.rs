@@ -11,7 +11,7 @@ use super::bytes::believed;
 use super::rows::{Row, RowFault, largest_left_out, sh_rest};
 use super::zip::Archive;
 use super::{Fetch, Loaded, Reading};
-use crate::Error;
+use crate::error::Error;
 use crate::math::num;
 
 #[derive(Deserialize)]

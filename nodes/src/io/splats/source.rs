@@ -8,7 +8,7 @@ use engine::{InputFile, NodeError, SourceFile, SourceRoot, Up};
 use super::gltf::{self, Document};
 use super::sog::Meta;
 use super::{ksplat, splat, spz};
-use crate::Error;
+use crate::error::Error;
 
 /// Endings of files of splats.
 const ENDINGS: [&str; 8] = [".ply", ".spz", ".sog", ".json", ".glb", ".gltf", ".ksplat", ".splat"];

@@ -6,7 +6,7 @@ use engine::{NodeError, Notes};
 use super::bytes::{f32_at, u8_at};
 use super::rows::{Row, SH_C0};
 use super::{Loaded, Reading};
-use crate::Error;
+use crate::error::Error;
 
 /// Bytes of a splat.
 const ROW: usize = 32;

@@ -13,7 +13,7 @@ use super::frame::{Frame, Turn};
 use super::inflate::{DEFLATE_RATIO, gunzip, unzstd};
 use super::rows::{Row, largest_left_out, sh_rest};
 use super::{Loaded, Reading};
-use crate::Error;
+use crate::error::Error;
 use crate::math::num;
 
 /// `NGSP`, which every version begins with once unpacked.

@@ -3,7 +3,7 @@
 
 use super::bytes::{range, u16_at, u32_at};
 use super::inflate::{DEFLATE_RATIO, inflate};
-use crate::Error;
+use crate::error::Error;
 
 struct Entry {
     name: String,

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{Raw, from_colmap};
-use crate::Error;
+use crate::error::Error;
 
 /// Name and number of parameters of each camera model, by its number in binary files; see COLMAP's
 /// documentation of cameras.txt.

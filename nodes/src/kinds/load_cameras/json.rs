@@ -5,7 +5,7 @@ use glam::{DMat4, DVec4};
 use serde_json::Value;
 
 use super::Raw;
-use crate::Error;
+use crate::error::Error;
 use crate::math::num;
 
 /// Reads any of the three, told by content.

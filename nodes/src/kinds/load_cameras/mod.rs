@@ -13,7 +13,7 @@ use engine::{
 };
 use glam::{DMat3, DMat4, DVec3};
 
-use crate::Error;
+use crate::error::Error;
 use crate::types::{Camera, Rig};
 
 engine::choices! {

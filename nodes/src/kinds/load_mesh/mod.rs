@@ -10,9 +10,9 @@ use engine::{
 };
 use glam::DVec3;
 
-use crate::Error;
-use crate::io::{gltf, head};
-use crate::kinds::load_object;
+use crate::error::Error;
+use crate::io::gltf::{self, object};
+use crate::io::head;
 use crate::math::color::linear_from_srgb;
 use crate::types::frame::world_from_gltf;
 use crate::types::{Mesh, Primitive};
@@ -90,7 +90,7 @@ impl Kind for LoadMesh {
     type Out = Out;
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        if is_gltf(&p.path) { load_object::sources(&p.path, root) } else { Ok(vec![root.file(&p.path)]) }
+        if is_gltf(&p.path) { object::sources(&p.path, root) } else { Ok(vec![root.file(&p.path)]) }
     }
 
     fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
@@ -156,7 +156,7 @@ fn is_gltf(path: &InputFile) -> bool {
 }
 
 fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<RawMesh, NodeError> {
-    let object = load_object::object(&p.path, bytes, gltf::Want::Geometry, None, cx, notes)?;
+    let object = object::object(&p.path, bytes, gltf::Want::Geometry, None, cx, notes)?;
     let generator = gltf::parse(&p.path.0, bytes)?.json["asset"]["generator"].to_string();
     let mut raw = RawMesh { by_trimesh: generator.contains("trimesh"), ..RawMesh::default() };
     let coloured = object.primitives.iter().any(|part| !part.colours.is_empty());

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use engine::{Context, NodeError, Notes};
 
 use super::{RawMesh, WHITE};
-use crate::Error;
+use crate::error::Error;
 use crate::io::ply;
 
 /// The mesh of a PLY file.
