@@ -8,7 +8,6 @@ mod report;
 mod session;
 mod svg;
 mod trace;
-mod trade;
 
 use std::process::ExitCode;
 

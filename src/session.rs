@@ -132,28 +132,24 @@ pub enum Error {
     /// `tune` without a goal.
     #[error("say what is wanted: --max-error flip=0.02, --max-seconds 10 or --max-work 1e8")]
     NoGoal,
-    /// Nothing to compare.
-    #[error(
-        "no picture comes to what is wanted of this graph, so there is nothing to compare; name a node that makes one with --only"
-    )]
-    NoPicture,
-    /// Nothing to turn.
-    #[error(
-        "no knob reaches `{0}`, so every setting gives the same picture; `lightharmony knobs` lists what can be turned, and a graph's own `reference` preset may set anything else"
-    )]
-    NoKnob(String),
-    /// A measure that does not exist for these pictures.
-    #[error("`{metric}` cannot be computed of every picture here; it needs {why}")]
-    NotComputed { metric: String, why: &'static str },
-    /// A graph that does not run at some setting.
-    #[error("with the setting {setting}:\n{why}")]
-    Setting { setting: String, why: String },
+    /// A graph cannot be measured.
+    #[error(transparent)]
+    Trade(trade::Error),
     /// Ctrl-C cannot be caught.
     #[error("cannot listen for Ctrl-C: {0}")]
     Signal(#[from] ctrlc::Error),
     /// Standard output is closed or full.
     #[error("cannot write: {0}")]
     Output(#[from] std::io::Error),
+}
+
+impl From<trade::Error> for Error {
+    fn from(error: trade::Error) -> Self {
+        match error {
+            trade::Error::Graph(mistakes) => Self::Graph(mistakes),
+            other => Self::Trade(other),
+        }
+    }
 }
 
 impl From<cache::Error> for Error {

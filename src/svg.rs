@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use engine::{Graph, Planned};
+use trade::html::escaped;
 
 use crate::commands::graph::state;
 
@@ -125,8 +126,4 @@ fn segments(graph: &Graph, columns: &[Vec<Entry>]) -> BTreeSet<(usize, usize, us
         }
     }
     segments
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

@@ -11,6 +11,7 @@ mod init;
 mod inspect;
 mod knobs;
 mod lock;
+mod measuring;
 mod nodes;
 mod pack;
 mod plan;

@@ -1,12 +1,13 @@
 //! Which node the error comes from: each set to the reference alone, and the reverse.
 
-use super::Metric;
-use super::bench::Bench;
-use super::tunables::Assignment;
+use crate::Metric;
+use crate::bench::Bench;
+use crate::tunables::Assignment;
 
 /// What setting one node to the reference gains, and what leaving it as it is costs.
 #[derive(Debug)]
 pub struct Attribution {
+    /// Name of the node.
     pub node: String,
     /// Error with this node alone at the reference.
     pub alone: Option<f64>,

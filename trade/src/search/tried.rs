@@ -12,8 +12,11 @@ pub enum Goal {
 /// An assignment and what it was measured to cost and to be off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tried {
+    /// For each knob the index of its value.
     pub assignment: Vec<usize>,
+    /// Measured cost, in the unit of the goal.
     pub cost: f64,
+    /// Measured error.
     pub error: f64,
 }
 

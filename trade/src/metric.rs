@@ -1,18 +1,9 @@
-//! Work against error, measured: what `tune` and `report` share.
+//! Measures of error, by name.
 
-pub mod attribution;
-pub mod below;
-pub mod bench;
-pub mod judge;
-pub mod left_out;
-pub mod page;
-pub mod plot;
-pub mod search;
-pub mod tunables;
-pub mod work;
-
-use judge::Off;
 use serde_json::{Value, json};
+
+use crate::judge::Off;
+use crate::plot;
 
 /// A measure of error, in which less is better, and the part of the picture that it is taken over.
 #[derive(Debug, Clone, PartialEq)]

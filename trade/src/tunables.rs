@@ -2,17 +2,21 @@
 
 use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
-use crate::session::Error;
+use crate::Error;
 
 /// One knob of the graph with the values it may take, from the least work to the least error.
 pub struct Tunable {
+    /// Name of the node.
     pub node: String,
+    /// Name of its parameter.
     pub parameter: &'static str,
+    /// The values, as text in a graph.
     pub values: Vec<String>,
     /// How many of them make a step of a search.
     pub step: usize,
-    /// Which of them the graph has, and each preset.
+    /// The index of the value that the graph has.
     pub now: usize,
+    /// The index of the value in each preset.
     pub presets: [usize; 4],
     /// Whether it is a knob, whose values have an order.
     pub knob: bool,

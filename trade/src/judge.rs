@@ -11,16 +11,20 @@ use nodes::metrics::PIXELS_PER_DEGREE;
 use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
 use nodes::write_exr::WriteExr;
 
-use super::Metric;
+use crate::Metric;
 
 /// How far one view of a picture is off, in one region.
 #[derive(Debug, Clone)]
 pub struct Off {
+    /// Name of the picture.
     pub output: String,
+    /// Name of the view.
     pub view: String,
+    /// `whole`, `touched`, `object` or `shadow`.
     pub region: String,
     /// What was judged: `image`, or a baseline.
     pub judged: String,
+    /// Number of pixels of the region.
     pub pixels: u64,
     /// By column of `compare`.
     pub values: BTreeMap<String, f64>,
@@ -37,7 +41,9 @@ impl Off {
 
 /// A picture to judge.
 pub struct Output {
+    /// Node and output: `final`, or `trace.object`.
     pub name: String,
+    /// The output that gives the picture.
     pub wire: Wire,
     /// In linear light what goes to OpenEXR alone, and else what a display of 8 bits shows.
     pub space: Space,
@@ -200,6 +206,7 @@ impl Truth {
 
 /// FLIP of each pixel of the views of a picture.
 pub struct FlipMaps {
+    /// A map per view that has one.
     pub maps: Arc<Images>,
     /// Of what view there is none, and why.
     pub missing: Vec<String>,

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 
 /// A point of a plot.
 pub struct Dot {
+    /// Work, on the horizontal axis.
     pub cost: f64,
+    /// Error, on the vertical axis.
     pub error: f64,
     /// Shown beside it, and when the mouse is over it.
     pub name: String,
@@ -93,13 +95,13 @@ pub fn svg(
         let (cx, cy) = (x(dot.cost), y(dot.error));
         let class = if dot.front { "dot on" } else { "dot" };
         let (cost, error) = (tick_text(dot.cost), told(dot.error));
-        let title = super::page::escaped(&format!("{}: work {cost}, error {error}", dot.name));
+        let title = crate::html::escaped(&format!("{}: work {cost}, error {error}", dot.name));
         let _ = writeln!(
             text,
             "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"4\" class=\"{class}\"><title>{title}</title></circle>"
         );
         if dot.named {
-            let name = super::page::escaped(&dot.name);
+            let name = crate::html::escaped(&dot.name);
             // On the right of its dot, above or below it, where no other name stands; else above.
             let at = |dy: f64| [cx + 7.0, cy + dy, 6.5 * dot.name.len() as f64, 11.0];
             let apart = |a: [f64; 4], b: &[f64; 4]| {

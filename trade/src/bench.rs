@@ -11,25 +11,29 @@ use engine::{
 use nodes::compare::Space;
 use nodes::types::{Images, Report};
 
-use super::Metric;
-use super::judge::{FlipMaps, Off, Output, Truth, holds_data, is_bright, outputs};
-use super::search::Steps;
-use super::tunables::{Assignment, Tunable, same_nodes, tunables};
-use super::work::work_of;
-use crate::report;
-use crate::session::Error;
+use crate::Error;
+use crate::Metric;
+use crate::judge::{FlipMaps, Off, Output, Truth, holds_data, is_bright, outputs};
+use crate::search::Steps;
+use crate::tunables::{Assignment, Tunable, same_nodes, tunables};
+use crate::work::work_of;
 
 /// What a node stands for, whatever of it was known.
 #[derive(Debug, Clone)]
 pub struct NodeCost {
+    /// Name of the node.
     pub id: String,
+    /// Name of its kind.
     pub kind: &'static str,
     /// In rays.
     pub work: f64,
-    /// Wall and CPU time of its code when it ran.
+    /// Wall time of its code when it ran.
     pub seconds: f64,
+    /// CPU time of its code when it ran.
     pub cpu_seconds: f64,
+    /// Deterministic counts of its run.
     pub counts: Counts,
+    /// Its notes.
     pub notes: Vec<Note>,
     /// Whether it is there once for each point of axes.
     pub varies: bool,
@@ -39,14 +43,22 @@ pub struct NodeCost {
 
 /// The graph at one assignment.
 pub struct Point {
+    /// The setting of each knob.
     pub assignment: Assignment,
+    /// Sum of the work of the nodes, in rays.
     pub work: f64,
-    /// Sums of those of the nodes.
+    /// Sum of the wall times of the nodes.
     pub seconds: f64,
+    /// Sum of the CPU times of the nodes.
     pub cpu_seconds: f64,
+    /// All nodes that the pictures need, in the order of the file.
     pub nodes: Vec<NodeCost>,
+    /// Errors of the pictures against the reference.
     pub off: Vec<Off>,
 }
+
+/// Receives each event of the runs: the name of the setting, how many settings were measured before, and the event.
+pub type Observer<'e> = Box<dyn FnMut(&str, usize, &Event) + 'e>;
 
 /// A graph whose knobs can be turned.
 pub struct Bench<'e> {
@@ -55,6 +67,7 @@ pub struct Bench<'e> {
     base: Graph,
     outputs: Vec<Output>,
     targets: Vec<usize>,
+    /// The knobs, and what else the presets of the graph set.
     pub tunables: Vec<Tunable>,
     /// Pictures that are not judged.
     pub unjudged: Vec<String>,
@@ -62,12 +75,12 @@ pub struct Bench<'e> {
     pub remarks: Vec<String>,
     /// How many of these were told.
     told: usize,
-    /// Whether it says what it begins.
-    pub tells: bool,
+    observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
     /// What must be computed of every picture; of one where it cannot be is said why, and it does not count.
     metric: Option<Metric>,
+    /// What was measured; the first point is the reference.
     pub points: Vec<Point>,
 }
 
@@ -132,12 +145,17 @@ impl<'e> Bench<'e> {
             unjudged,
             remarks,
             told: 0,
-            tells: false,
+            observer: None,
             cancel,
             truth,
             metric: None,
             points,
         })
+    }
+
+    /// Calls `observer` with each event of the runs that follow.
+    pub fn observe(&mut self, observer: Observer<'e>) {
+        self.observer = Some(observer);
     }
 
     /// Asks for a metric, so that pictures of which it cannot be computed are left out.
@@ -235,17 +253,15 @@ impl<'e> Bench<'e> {
         let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
-        let first = self.points.is_empty();
-        let outcome = self.engine.run(&graph, &options, |event| match event {
-            Event::Node { id, notes, key, .. } => {
+        let (name, before) = (self.name(assignment), self.points.len());
+        let observer = &mut self.observer;
+        let outcome = self.engine.run(&graph, &options, |event| {
+            if let Some(observer) = observer {
+                observer(&name, before, &event);
+            }
+            if let Event::Node { id, notes, key, .. } = event {
                 told.insert(id, (notes, key));
             }
-            // What others are compared with takes longest.
-            Event::Plan(forecast) if self.tells && first && forecast.open > 0 => {
-                let (name, about) = (self.name(assignment), report::forecast_text(&forecast));
-                report::remark(&format!("measuring `{name}` first, which others are compared with: {about}"));
-            }
-            _ => {}
         });
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
             return Err(Miss::Stopped);

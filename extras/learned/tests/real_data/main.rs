@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// The folder of the fixture.
 fn fixture() -> PathBuf {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    root.join("../../shared/data/flux-kontext-tiny")
+    root.join("../../../shared/data/flux-kontext-tiny")
 }
 
 /// Puts the small model's `config.json` into a folder: no header says how its short heads divide.

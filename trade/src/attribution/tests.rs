@@ -9,10 +9,10 @@ use std::sync::atomic::AtomicBool;
 use engine::{Engine, Graph, Source, SourceRoot, Store};
 
 use super::*;
-use crate::trade::below::below;
-use crate::trade::bench::Miss;
-use crate::trade::search::{Goal, SearchResult, Steps, Tried, search};
-use crate::trade::tunables::Assignment;
+use crate::below::below;
+use crate::bench::Miss;
+use crate::search::{Goal, SearchResult, Steps, Tried, search};
+use crate::tunables::Assignment;
 
 const GRAPH: &str = include_str!("../../../tests/tables/bad.ron");
 
@@ -285,7 +285,7 @@ fn counts_are_known(mut bench: Bench<'_>) {
         let actions: BTreeSet<_> = bench.points[at].nodes.iter().filter_map(|node| node.key).collect();
         text.push_str(&format!("{name}\t(all)\tnodes {}\n", actions.len()));
     }
-    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/tables/counts.tsv");
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/tables/counts.tsv");
     if std::env::var_os("UPDATE_GOLDEN").is_some() {
         return std::fs::write(file, text).unwrap();
     }

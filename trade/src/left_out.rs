@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 
 use nodes::types::{Cell, Report};
 
-use super::bench::NodeCost;
-use super::plot::tick_text;
+use crate::bench::NodeCost;
+use crate::plot::tick_text;
 
 /// Something that is modelled only where a check says that the scene needs it.
 struct Skip {
@@ -22,13 +22,17 @@ struct Skip {
 /// What a check found at a node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
+    /// What is modelled only where a check asks for it.
     pub what: &'static str,
     /// Where; several nodes that found the same stand together.
     pub nodes: Vec<String>,
     /// `None` where there was nothing to ask.
     pub left_out: Option<bool>,
+    /// What the check found.
     pub found: String,
+    /// The check.
     pub check: &'static str,
+    /// What forces it to be modelled.
     pub force: &'static str,
 }
 

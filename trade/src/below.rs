@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::search::{Steps, Tried};
+use crate::search::{Steps, Tried};
 
 /// A knob turned up may save work elsewhere, since other light takes other paths. At least this share of the cost is
 /// allowed for what all of them may save together, and at least [`TIMES`] what any turns that were measured did. What is
