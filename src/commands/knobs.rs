@@ -6,6 +6,7 @@ use serde_json::json;
 use trade::knobs::{KnobRow, knob_rows};
 
 use crate::session::{Error, GraphArgs};
+use crate::terminal;
 
 /// Lists what trades work for accuracy in a graph, and which outputs it reaches.
 ///
@@ -35,11 +36,11 @@ impl Knobs {
                 told
             };
             let told: Vec<_> = knobs.iter().map(told).collect();
-            super::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": told})))?;
+            terminal::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": told})))?;
             return Ok(0);
         }
         if knobs.is_empty() {
-            super::print("no node of this graph has a knob\n")?;
+            terminal::print("no node of this graph has a knob\n")?;
             return Ok(0);
         }
         let name = |knob: &GraphKnob| format!("{}.{}", knob.node, knob.parameter);
@@ -60,20 +61,7 @@ impl Knobs {
             row.push(knob.reaches.join(", "));
             rows.push(row);
         }
-        super::print(&columns(&rows))?;
+        terminal::print(&terminal::columns(&rows))?;
         Ok(0)
     }
-}
-
-/// Rows of equally many cells as lines, each column as wide as its widest cell.
-pub fn columns(rows: &[Vec<String>]) -> String {
-    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let cell = |row: &Vec<String>, at: usize| row.get(at).map_or(0, |text| text.chars().count());
-    let widths: Vec<usize> =
-        (0..count).map(|at| rows.iter().map(|row| cell(row, at)).max().unwrap_or(0)).collect();
-    let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).map(|(text, width)| format!("{text:<width$}"));
-        format!("{}\n", cells.collect::<Vec<_>>().join("  ").trim_end())
-    };
-    rows.iter().map(line).collect()
 }

@@ -8,9 +8,8 @@ use trade::bench::{Bench, Miss};
 use trade::plot::tick_text;
 use trade::report::{Measured, Stop, measure_all, page, told};
 
-use super::measuring;
-use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::terminal;
 
 /// Writes one page on what a graph costs, how far its pictures are off, and which node is to blame.
 ///
@@ -41,22 +40,21 @@ pub struct MakeReport {
 impl MakeReport {
     /// Writes the page.
     pub fn run(self) -> Result<u8, Error> {
-        let unknown = || Error::Metric { text: self.metric.clone(), known: Metric::known() };
-        let metric = Metric::of(&self.metric).ok_or_else(unknown)?;
+        let metric = Metric::named(&self.metric)?;
         let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, on_interrupt()?)?;
         if !self.json {
-            bench.observe(measuring::forecast_of_the_first());
+            bench.observe(terminal::measuring::forecast_of_the_first());
         }
         bench.judge_by(&metric);
         bench.leave_out_resized()?;
         let measured = measure_all(&mut bench, &metric, !self.no_reverse, |bench, at| {
-            bench.new_remarks().iter().for_each(|remark| report::remark(remark));
+            bench.new_remarks().iter().for_each(|remark| terminal::remark(remark));
             let point = &bench.points[at];
             let (name, error) = (bench.name(&point.assignment), metric.told(metric.error(&point.off)));
-            report::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
+            terminal::remark(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
         });
         let Measured { presets, now, attributions } = match measured {
             Ok(measured) => measured,
@@ -70,9 +68,9 @@ impl MakeReport {
         })?;
         cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
         if self.json {
-            super::print(&format!("{}\n", told(&bench, &metric, now, &attributions)))?;
+            terminal::print(&format!("{}\n", told(&bench, &metric, now, &attributions)))?;
         } else {
-            super::print(&format!("{}\n", self.out.display()))?;
+            terminal::print(&format!("{}\n", self.out.display()))?;
         }
         Ok(0)
     }

@@ -11,10 +11,8 @@ use trade::plot::tick_text;
 use trade::search::Goal;
 use trade::tune::{Unit, Wanted, tune};
 
-use super::knobs::columns;
-use super::measuring;
-use crate::report;
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::terminal;
 
 /// Looks for settings of the knobs that reach an error with little work, by measuring.
 ///
@@ -62,18 +60,18 @@ impl Tune {
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
         if !self.json {
-            bench.observe(measuring::forecast_of_the_first());
+            bench.observe(terminal::measuring::forecast_of_the_first());
         }
         bench.judge_by(&wanted.metric);
         bench.leave_out_resized()?;
         let mut tuned = tune(&mut bench, &wanted, |bench, at| {
-            bench.new_remarks().iter().for_each(|remark| report::remark(remark));
+            bench.new_remarks().iter().for_each(|remark| terminal::remark(remark));
             if !self.json {
                 let point = &bench.points[at];
                 let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
                 let error = wanted.metric.told(wanted.metric.error(&point.off));
                 let name = bench.name(&point.assignment);
-                report::remark(&format!(
+                terminal::remark(&format!(
                     "measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"
                 ));
             }
@@ -85,7 +83,7 @@ impl Tune {
         }
         let stopped = cancel.load(Ordering::Relaxed);
         let Some(best) = tuned.best else {
-            report::error(&tuned.nearest(&wanted, stopped));
+            terminal::error(&tuned.nearest(&wanted, stopped));
             return Ok(if stopped { 130 } else { 1 });
         };
         let summary = tuned.summary(&wanted, stopped);
@@ -94,36 +92,38 @@ impl Tune {
         if self.json {
             let mut told = tuned.json(&bench, &wanted.metric, stopped);
             told["overlay"] = json!(self.out);
-            super::print(&format!("{told}\n"))?;
+            terminal::print(&format!("{told}\n"))?;
         } else {
-            super::print(&columns(&tuned.rows(&bench, &wanted.metric)))?;
-            super::print(&format!("{summary}\n{}\n", self.out.display()))?;
+            terminal::print(&terminal::columns(&tuned.rows(&bench, &wanted.metric)))?;
+            terminal::print(&format!("{summary}\n{}\n", self.out.display()))?;
         }
         if let Some(wrong) = tuned.wrong {
-            report::remark(&wrong.to_string());
+            terminal::remark(&wrong.to_string());
         }
         Ok(if stopped { 130 } else { 0 })
     }
 
     fn wanted(&self) -> Result<Wanted, Error> {
-        let known = Metric::known();
         let budget = self.budget;
         if let Some(text) = &self.max_error {
-            let (metric, bound) =
-                Metric::bound(text).ok_or_else(|| Error::Bound { text: text.clone(), known })?;
+            let (metric, bound) = Metric::bounded(text)?;
             return Ok(Wanted { metric, goal: Goal::Error(bound), unit: Unit::Rays, budget });
         }
         let name = self.metric.as_deref().unwrap_or("flip");
-        let metric = Metric::of(name).ok_or_else(|| Error::Metric { text: name.to_owned(), known })?;
+        let metric = Metric::named(name)?;
         let seconds = self.max_seconds.map(|value| ("--max-seconds", value));
         let work = self.max_work.map(|value| ("--max-work", value));
-        let (option, value) = seconds.or(work).ok_or(Error::NoGoal)?;
+        let (option, value) = seconds.or(work).ok_or_else(no_goal)?;
         if !(value > 0.0 && value.is_finite()) {
-            return Err(Error::NoCost { option, value });
+            return Err(Error::usage(format!("{option} must be above 0, and is {value}")));
         }
         let unit = if self.max_seconds.is_some() { Unit::CpuSeconds } else { Unit::Rays };
         Ok(Wanted { metric, goal: Goal::Cost(value), unit, budget })
     }
+}
+
+fn no_goal() -> Error {
+    Error::usage("name a goal: --max-error flip=0.02, --max-seconds 10 or --max-work 1e8")
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {

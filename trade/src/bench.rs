@@ -11,9 +11,10 @@ use engine::{
 use nodes::compare::Space;
 use nodes::types::{Images, Report};
 
-use crate::Error;
-use crate::Metric;
-use crate::judge::{FlipMaps, Off, Output, Truth, holds_data, is_bright, outputs};
+use crate::error::Error;
+use crate::judge::{FlipMaps, Output, Truth, holds_data, is_bright, outputs};
+use crate::metric::Metric;
+use crate::off::Off;
 use crate::search::Steps;
 use crate::tunables::{Assignment, Tunable, same_nodes, tunables};
 use crate::work::work_of;
@@ -55,6 +56,13 @@ pub struct Point {
     pub nodes: Vec<NodeCost>,
     /// Errors of the pictures against the reference.
     pub off: Vec<Off>,
+}
+
+impl Point {
+    /// The number of actions of a run: nodes of equal keys count once.
+    pub fn actions(&self) -> usize {
+        self.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
+    }
 }
 
 /// Receives each event of the runs: the name of the setting, how many settings were measured before, and the event.

@@ -8,6 +8,29 @@ pub enum Error {
     /// The graph has mistakes.
     #[error("{0}")]
     Graph(Diagnostics),
+    /// A measure of error that does not exist.
+    #[error("`{text}` is not a measure of error; write one of {known}, {regions}")]
+    Metric {
+        /// The text as it was written.
+        text: String,
+        /// The measures.
+        known: String,
+        /// The regions that may be named in front.
+        regions: &'static str,
+    },
+    /// A bound that cannot be read.
+    #[error(
+        "`{text}` is not a bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of \
+         {known}, {regions}"
+    )]
+    Bound {
+        /// The text as it was written.
+        text: String,
+        /// The measures.
+        known: String,
+        /// The regions that may be named in front.
+        regions: &'static str,
+    },
     /// None of the wanted nodes makes a picture.
     #[error(
         "none of the wanted nodes makes a picture, so there is nothing to compare; name one that does with --only"

@@ -2,7 +2,7 @@
 
 use engine::{Graph, GraphKnob, Registry};
 
-use crate::Error;
+use crate::error::Error;
 use crate::tunables::presets;
 
 /// A knob of the graph and what the presets make of it.

@@ -14,6 +14,7 @@ pub mod judge;
 pub mod knobs;
 pub mod left_out;
 mod metric;
+mod off;
 pub mod plot;
 pub mod report;
 pub mod search;
@@ -23,3 +24,4 @@ pub mod work;
 
 pub use error::Error;
 pub use metric::{Metric, number};
+pub use off::Off;

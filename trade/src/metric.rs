@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use crate::judge::Off;
+use crate::error::Error;
+use crate::off::Off;
 use crate::plot;
 
 /// A measure of error, in which less is better, and the part of the picture that it is taken over.
@@ -27,6 +28,10 @@ enum Of {
 /// The parts of a picture that errors are taken over.
 const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
 
+/// The regions that may be named in front of a metric, for messages.
+const IN_FRONT: &str = "with `touched.`, `object.` or `shadow.` in front for the pixels that the object changes, covers, or \
+    only shades and lights";
+
 /// Names of metrics, and what each takes.
 const METRICS: [(&str, Of); 7] = [
     // Of a picture in linear light the column of HDR-FLIP.
@@ -46,6 +51,18 @@ impl Metric {
         let region = REGIONS.into_iter().find(|known| *known == region)?;
         let (_, of) = METRICS.iter().find(|(known, _)| *known == metric)?;
         Some(Self { name: name.to_owned(), region, of: *of })
+    }
+
+    /// The metric of a name, or an error that lists those there are.
+    pub fn named(name: &str) -> Result<Self, Error> {
+        let unknown = || Error::Metric { text: name.to_owned(), known: Self::known(), regions: IN_FRONT };
+        Self::of(name).ok_or_else(unknown)
+    }
+
+    /// A bound such as `flip=0.02`, or an error that says how to write one.
+    pub fn bounded(text: &str) -> Result<(Self, f64), Error> {
+        let wrong = || Error::Bound { text: text.to_owned(), known: Self::known(), regions: IN_FRONT };
+        Self::bound(text).ok_or_else(wrong)
     }
 
     /// A bound `flip=0.02`; PSNR in dB, which becomes a root mean square.

@@ -2,7 +2,7 @@
 
 use engine::{Diagnostics, Graph, KnobKind, PRESETS, Registry};
 
-use crate::Error;
+use crate::error::Error;
 
 /// One knob of the graph with the values it may take, from the least work to the least error.
 pub struct Tunable {

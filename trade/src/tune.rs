@@ -5,10 +5,11 @@ use serde_json::{Value, json};
 
 use crate::below::{Below, below};
 use crate::bench::{Bench, Miss};
+use crate::error::Error;
+use crate::metric::Metric;
 use crate::plot::tick_text;
 use crate::search::{self, Goal, SearchResult, Tried, pareto, search};
 use crate::tunables::Assignment;
-use crate::{Error, Metric};
 
 /// What the cost of a setting is counted in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Which node the error comes from: each set to the reference alone, and the reverse.
 
-use crate::Metric;
 use crate::bench::Bench;
+use crate::metric::Metric;
 use crate::tunables::Assignment;
 
 /// What setting one node to the reference gains, and what leaving it as it is costs.

@@ -5,11 +5,10 @@ use std::collections::BTreeMap;
 use nodes::types::{Cell, Report, Table};
 use serde_json::{Value, json};
 
-use super::actions;
 use crate::attribution::Attribution;
 use crate::bench::{Bench, Point};
 use crate::left_out::{LeftOut, left_out};
-use crate::{Metric, number};
+use crate::metric::{Metric, number};
 
 /// Everything that was measured, for programs.
 pub fn told(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) -> Value {
@@ -34,7 +33,7 @@ pub fn told(bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attr
                        "cpu_seconds": node.cpu_seconds, "counts": node.counts, "notes": node.notes})
             })
             .collect();
-        json!({"setting": bench.name(&point.assignment), "as_it_is": index == now, "work": point.work, "nodes_run": actions(point),
+        json!({"setting": bench.name(&point.assignment), "as_it_is": index == now, "work": point.work, "nodes_run": point.actions(),
                "seconds": point.seconds, "cpu_seconds": point.cpu_seconds, "error": error(metric.error(&point.off)), "off": off, "nodes": nodes})
     };
     let attribution = |b: &Attribution| {

@@ -3,17 +3,16 @@
 mod json;
 mod page;
 
-use std::collections::BTreeSet;
-
 use engine::PRESETS;
 
 pub use json::told;
 pub use page::page;
 
 use crate::attribution::{Attribution, attributions};
-use crate::bench::{Bench, Miss, Point};
+use crate::bench::{Bench, Miss};
+use crate::error::Error;
+use crate::metric::Metric;
 use crate::tunables::Assignment;
-use crate::{Error, Metric};
 
 /// Why measuring ended early.
 #[derive(Debug)]
@@ -64,9 +63,4 @@ pub fn measure_all(
     let now = measure(bench, now)?;
     let attributions = attributions(bench, metric, reverse, measure)?;
     Ok(Measured { presets, now, attributions })
-}
-
-/// The number of actions of a run: nodes of equal keys count once.
-fn actions(point: &Point) -> usize {
-    point.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
 }

@@ -6,13 +6,12 @@ use std::sync::Arc;
 use engine::{Level, PRESETS};
 use nodes::types::{Images, Picture};
 
-use super::actions;
-use crate::Metric;
 use crate::attribution::{Attribution, Blame};
 use crate::bench::{Bench, Miss, Point};
 use crate::html::Page;
-use crate::judge::Off;
 use crate::left_out::{LeftOut, left_out};
+use crate::metric::Metric;
+use crate::off::Off;
 use crate::plot::{self, Dot, tick_text};
 use crate::search::{Tried, pareto};
 
@@ -87,7 +86,7 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
         ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
         ("code ran", format!("{} CPU-s", tick_text(point.cpu_seconds))),
-        ("nodes", actions(point).to_string()),
+        ("nodes", point.actions().to_string()),
         ("bottleneck", bottleneck),
         ("result", stands.to_owned()),
     ]);

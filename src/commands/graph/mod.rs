@@ -1,12 +1,15 @@
 //! `graph`: a picture of a graph with the state of its results.
 
+mod svg;
+
 use std::fmt::Write as _;
 
 use clap::{Args, ValueEnum};
 use engine::{Fate, Graph, Planned};
+use svg::svg;
 
 use crate::session::{EngineArgs, Error, GraphArgs};
-use crate::svg::svg;
+use crate::terminal;
 
 /// Draws a graph with the state of its results.
 #[derive(Debug, Args)]
@@ -36,17 +39,21 @@ impl Draw {
         let loaded = self.graph.load()?;
         let (graph, only) = (&loaded.graph, &loaded.only);
         let plan = self.engine.open()?.plan(graph, only);
-        super::print(&match self.format {
+        terminal::print(&match self.format {
             Format::Dot => dot(graph, &plan),
             Format::Mermaid => mermaid(graph, &plan),
-            Format::Svg => svg(graph, &plan).ok_or(Error::TooLarge)?,
+            Format::Svg => svg(graph, &plan).ok_or_else(too_large)?,
         })?;
         Ok(0)
     }
 }
 
+fn too_large() -> Error {
+    Error::usage("this graph is too large to draw as SVG; draw it with `--format dot` and Graphviz")
+}
+
 /// (word, fill colour) of a state.
-pub fn state(fate: &Fate) -> (&'static str, &'static str) {
+fn state(fate: &Fate) -> (&'static str, &'static str) {
     match fate {
         Fate::Known => ("known", "#cfe8cf"),
         Fate::Lost => ("lost", "#ffe4c0"),

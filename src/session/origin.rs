@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use cache::{Store, TempFolder};
 use engine::{Bundle, Recipe, Source, SourceRoot, bundle_around};
 
-use crate::session::Error;
+use super::error::Error;
 
 /// The text of a graph and where its files are.
 pub struct Origin {
@@ -60,7 +60,7 @@ const MOST_AT_ONCE: u64 = 16 << 20;
 impl Origin {
     /// Finds out what `path` is and opens it.
     pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
-        let failed = |source| Error::Read { what: "graph", path: path.to_owned(), source };
+        let failed = |error| Error::unreadable("graph", path, &error);
         if path == Path::new("-") {
             let text = graph_text(Vec::new(), std::io::stdin().lock()).map_err(failed)?;
             let folder = std::env::current_dir().map_err(failed)?;
@@ -103,13 +103,15 @@ impl Origin {
         } else if args.inputs.is_empty() {
             SourceRoot::new(folder)
         } else {
-            return Err(Error::Inputs);
+            return Err(Error::usage(
+                "--inputs is for bundles and pictures; the paths in a graph file are relative to its folder",
+            ));
         };
         Ok(Self { source, root, lock, recipe: None, unpacked: None })
     }
 
     fn bundle(path: &Path, file: File, args: &OriginArgs) -> Result<Self, Error> {
-        let named = |source| Error::Bundle { path: path.to_owned(), source };
+        let named = |error: engine::BundleError| Error::of_file(path, &error);
         let mut bundle = Bundle::open(file).map_err(named)?;
         let place = TempFolder::private()?;
         let folder = place.path().join("bundle");
@@ -121,13 +123,18 @@ impl Origin {
     }
 
     fn picture(path: &Path, bytes: &[u8], args: &OriginArgs) -> Result<Self, Error> {
-        let named = |source| Error::Recipe { path: path.to_owned(), source };
+        let named = |error: engine::RecipeError| Error::of_file(path, &error);
         let text = nodes::io::recipe::recipe(bytes).ok_or(engine::RecipeError::NoRecipe).map_err(named)?;
         let recipe = Recipe::parse(&text).map_err(named)?;
         let registry = nodes::registry();
         let other = recipe.other_kinds(&registry);
         if !other.is_empty() && !args.other_versions {
-            return Err(Error::Versions { path: path.to_owned(), other });
+            return Err(Error::usage(format!(
+                "`{}` cannot be made again here:\n{}\nwith --other-versions it runs all the same, and the picture \
+                 may differ",
+                path.display(),
+                other.join("\n")
+            )));
         }
         let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let shown = format!("recipe of {}", path.display());
@@ -152,8 +159,10 @@ fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
 
 fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
     if let Some(missing) = inputs.iter().find(|folder| !folder.is_dir()) {
-        let source = std::io::Error::new(std::io::ErrorKind::NotFound, "there is no such folder");
-        return Err(Error::Read { what: "folder of `--inputs`", path: missing.clone(), source });
+        return Err(Error::usage(format!(
+            "there is no folder `{}`, which `--inputs` names",
+            missing.display()
+        )));
     }
     Ok(SourceRoot::confined(folder, inputs)?)
 }

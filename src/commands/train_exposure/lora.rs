@@ -6,8 +6,8 @@ use std::sync::atomic::Ordering;
 use clap::Args;
 use nodes::predict_exposure::lora::{self, LoraPlan, LoraProgress};
 
-use super::training::Follow;
-use crate::report;
+use crate::terminal;
+use crate::terminal::training::Follow;
 
 /// What a LoRA needs beside what every training needs.
 #[derive(Debug, Args)]
@@ -68,11 +68,11 @@ impl TrainLora {
         let done = lora::train(panoramas, &plan, out, &is_stopped, &mut tell).map_err(|e| e.to_string())?;
         follow.end();
         if !done {
-            report::error("stopped; the same command goes on from here");
+            terminal::error("stopped; the same command goes on from here");
             return Ok(130);
         }
         let loss = smooth.map_or(String::new(), |loss| format!(", loss {loss:.4}"));
-        super::print(&format!("{}: {steps} steps{loss}\n", out.display())).map_err(|e| e.to_string())?;
+        terminal::print(&format!("{}: {steps} steps{loss}\n", out.display())).map_err(|e| e.to_string())?;
         Ok(0)
     }
 }

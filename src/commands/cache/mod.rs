@@ -1,15 +1,14 @@
 //! `cache`: looks after the cache. Nothing here is ever needed for a run to be right.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use ::cache::{Digest, Limits, Options, Store};
 use clap::{Args, Subcommand};
 use engine::{Engine, Fate, blobs_of, bytes_text};
 
-use crate::commands::print;
-use crate::report;
-use crate::session::{Error, GraphArgs, Loaded, cache_folder, size};
+use crate::session::{Error, GraphArgs, Loaded, cache_folder, size, time};
+use crate::terminal;
+use crate::terminal::print;
 
 /// Looks after the cache: what is in it, whether it is whole, what may go.
 #[derive(Debug, Args)]
@@ -78,7 +77,7 @@ impl Cache {
     pub fn run(self) -> Result<u8, Error> {
         let folder = cache_folder(self.cache.as_deref())?;
         if !folder.is_dir() {
-            return Err(Error::NoCache(folder));
+            return Err(Error::usage(format!("there is no cache in `{}`", folder.display())));
         }
         let looks = matches!(&self.verb, Verb::Stat | Verb::Verify | Verb::Gc(Gc { dry_run: true, .. }));
         let store = Store::open(&folder, Options { read_only: looks, ..Options::default() })?;
@@ -169,7 +168,7 @@ impl Gc {
         print(&text)?;
         let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);
         if too_much {
-            report::error("what is pinned is larger than the limit");
+            terminal::error("what is pinned is larger than the limit");
         }
         Ok(u8::from(too_much))
     }
@@ -227,20 +226,4 @@ impl Copy {
         print(&format!("copied {copied} results to {}\n", self.to.display()))?;
         Ok(0)
     }
-}
-
-/// A time with its unit.
-pub fn time(text: &str) -> Result<Duration, Error> {
-    let wrong = || Error::Time(text.to_owned());
-    let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
-    let unit = match &text[digits.len()..] {
-        "ms" => 1e-3,
-        "s" => 1.0,
-        "m" => 60.0,
-        "h" => 60.0 * 60.0,
-        "d" => 24.0 * 60.0 * 60.0,
-        _ => return Err(wrong()),
-    };
-    let number: f64 = digits.parse().map_err(|_| wrong())?;
-    Duration::try_from_secs_f64(number * unit).map_err(|_| wrong())
 }

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use engine::{Graph, Planned};
 use trade::html::escaped;
 
-use crate::commands::graph::state;
+use super::state;
 
 /// Height of a box and space between boxes, in pixels.
 const HEIGHT: usize = 52;

@@ -4,8 +4,8 @@ use std::ffi::OsString;
 
 use clap::Args;
 
-use crate::report;
 use crate::session::Error;
+use crate::terminal;
 
 const LACKS: &str = "This build lacks the feature `learned`: `cargo build --release --features learned` makes one that has it, whose `--help` lists the options; docs/light.md and docs/kontext.md tell more.";
 
@@ -21,7 +21,7 @@ impl TrainExposure {
     /// Exit code 2.
     #[expect(clippy::unnecessary_wraps, reason = "as that of every verb")]
     pub fn run(self) -> Result<u8, Error> {
-        report::error(
+        terminal::error(
             "`train-exposure` is not in this build, which lacks the feature `learned`\n  \
              help: `cargo build --release --features learned` makes one that has it; docs/light.md and docs/kontext.md tell more",
         );

@@ -8,7 +8,7 @@ use engine::{Context, InputFile, Kind, Level, NodeError, Notes, Scene, Up};
 use nodes::load_splats::{self, Frame, LoadSplats};
 use nodes::types::Splats;
 
-use crate::report;
+use crate::terminal;
 
 /// Which axis of the world points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -60,7 +60,7 @@ pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Not
 /// Tells why a file cannot be used; the exit code.
 pub fn failed(error: &NodeError) -> u8 {
     let hint = error.advice().map(|hint| format!("\n  hint: {hint}")).unwrap_or_default();
-    report::error(&format!("{error}{hint}"));
+    terminal::error(&format!("{error}{hint}"));
     1
 }
 

@@ -6,10 +6,12 @@ use std::sync::atomic::Ordering;
 use clap::{Args, ValueEnum};
 use nodes::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
 
-use super::train_lora::TrainLora;
-use super::training::Follow;
-use crate::report;
+mod lora;
+
+use lora::TrainLora;
+
 use crate::session::Error;
+use crate::terminal;
 
 /// Trains the learned exposure prediction on HDR panoramas.
 #[derive(Debug, Args)]
@@ -64,7 +66,7 @@ impl TrainExposure {
         match self.train() {
             Ok(code) => Ok(code),
             Err(message) => {
-                report::error(&message);
+                terminal::error(&message);
                 Ok(1)
             }
         }
@@ -99,7 +101,7 @@ impl TrainExposure {
         let trained = training::train(panoramas, &plan, &parts, &mut tell).map_err(|e| e.to_string())?;
         follow.end();
         let Some(trained) = trained else {
-            report::error("stopped; the same command goes on from here");
+            terminal::error("stopped; the same command goes on from here");
             return Ok(130);
         };
         cache::publish_file(&self.out, &trained.weights).map_err(|e| e.to_string())?;
@@ -120,7 +122,7 @@ impl TrainExposure {
             self.out.display(),
             trained.weights.len()
         );
-        super::print(&text).map_err(|e| e.to_string())?;
+        terminal::print(&text).map_err(|e| e.to_string())?;
         Ok(0)
     }
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::report;
+use super::output::remark;
 
 /// Follows a training: a bar on a terminal, elsewhere a line on stderr for each tenth of a stage.
 pub struct Follow {
@@ -37,7 +37,7 @@ impl Follow {
     pub fn tell(&mut self, text: String, at: u64, of: u64) {
         if self.bar.is_hidden() {
             if let Some(line) = line(&mut self.tenth, &text, at, of) {
-                report::remark(&line);
+                remark(&line);
             }
             return;
         }

@@ -4,62 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use engine::{Counts, Diagnostics, Event, Forecast, Graph, Level, State, Totals};
+use engine::{Event, Level, State};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde::Serialize;
 
-/// Says what stopped a verb, once, on standard error.
-pub fn error(message: &str) {
-    let styled = message.starts_with("error") || message.starts_with('\u{1b}');
-    let _ = writeln!(std::io::stderr(), "{}{message}", if styled { "" } else { "error: " });
-}
-
-/// Tells mistakes with their places: as a line of JSON on standard output, or underlined on standard error.
-pub fn mistakes(found: &Diagnostics, json: bool) {
-    if json {
-        return json_line(&Event::Mistakes { list: found.mistakes(), text: String::new() });
-    }
-    error(&found.render(colours()));
-}
-
-/// What to say of a graph of which no file would come, though no node was asked for by name.
-pub fn no_file(graph: &Graph, only: &[usize]) -> Option<String> {
-    if !only.is_empty() || graph.nodes.iter().any(|node| node.sink_path.is_some()) {
-        return None;
-    }
-    Some(format!(
-        "no node writes a file: what nothing reads is computed for the cache only ({}); \
-         add `save: WriteImage(image: \"..\", path: \"final.png\")`",
-        names(graph, graph.targets().into_iter())
-    ))
-}
-
-/// The first names of some nodes.
-pub fn names(graph: &Graph, nodes: impl Iterator<Item = usize>) -> String {
-    const MOST: usize = 40;
-    let mut names: Vec<&str> = nodes.take(MOST + 1).map(|node| graph.nodes[node].id.as_str()).collect();
-    if names.len() > MOST {
-        names[MOST] = "..";
-    }
-    names.join(", ")
-}
-
-/// One line of JSON on standard output. A reader that went away is no reason to stop.
-pub fn json_line(value: &impl Serialize) {
-    if let Ok(line) = serde_json::to_string(value) {
-        let _ = writeln!(std::io::stdout().lock(), "{line}");
-    }
-}
-
-/// Says something that stops nothing, on standard error.
-pub fn remark(message: &str) {
-    let _ = writeln!(std::io::stderr(), "{message}");
-}
-
-/// True when colours belong on standard error.
-pub fn colours() -> bool {
-    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
-}
+use super::output::{colours, error, json_line};
+use super::words::{counts_text, forecast_text, seconds_text, totals_text};
 
 /// How a run is told.
 pub enum Report {
@@ -225,59 +174,4 @@ impl Lines {
             let _ = std::io::stderr().lock().write_all(line.as_bytes());
         });
     }
-}
-
-/// `5 of 14 nodes may run, about 8.0 s, 1 never timed`.
-pub fn forecast_text(forecast: &Forecast) -> String {
-    let Forecast { open, wanted, seconds, untimed } = forecast;
-    let mut text = format!("{open} of {wanted} nodes may run");
-    if *seconds >= 0.05 {
-        text.push_str(&format!(", about {}", seconds_text(*seconds)));
-    }
-    if *untimed > 0 {
-        text.push_str(&format!(", {untimed} never timed"));
-    }
-    text
-}
-
-/// Seconds as a person reads them.
-pub fn seconds_text(seconds: f64) -> String {
-    match seconds {
-        s if s < 0.0995 => format!("{:.1} ms", s * 1000.0),
-        s if s < 99.5 => format!("{s:.2} s"),
-        s => format!("{:.0} min {:02.0} s", (s / 60.0).floor(), s % 60.0),
-    }
-}
-
-/// `   rays 1.2 M, ..`, or nothing.
-pub fn counts_text(counts: &Counts) -> String {
-    let texts: Vec<String> = counts.iter().map(|(name, n)| format!("{name} {}", number_text(*n))).collect();
-    if texts.is_empty() { String::new() } else { format!("   {}", texts.join(", ")) }
-}
-
-fn number_text(n: u64) -> String {
-    match n {
-        0..=9_999 => n.to_string(),
-        10_000..=9_999_999 => format!("{:.1} k", n as f64 / 1e3),
-        10_000_000..=9_999_999_999 => format!("{:.1} M", n as f64 / 1e6),
-        _ => format!("{:.1} G", n as f64 / 1e9),
-    }
-}
-
-fn totals_text(totals: &Totals) -> String {
-    let mut parts = vec![format!("{} ran", totals.ran), format!("{} cached", totals.cached)];
-    for (n, word) in [
-        (totals.remade, "of them made again"),
-        (totals.failed, "failed"),
-        (totals.skipped, "skipped"),
-        (totals.degraded, "degraded"),
-    ] {
-        if n > 0 {
-            parts.push(format!("{n} {word}"));
-        }
-    }
-    if totals.stopped {
-        parts.push("stopped; what was finished is kept".to_owned());
-    }
-    format!("{} in {}", parts.join(", "), seconds_text(totals.seconds))
 }

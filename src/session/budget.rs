@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use engine::{Engine, Fate, Forecast, Graph, GraphKnob, overlay_text};
 
-use crate::session::{Error, Loaded};
+use super::error::Error;
+use super::graph::Loaded;
 
 /// The parameter of kinds that take samples until an error is reached.
 const ERROR: &str = "max_error";
@@ -18,6 +19,14 @@ type Fields = Vec<(String, &'static str, String)>;
 /// What was laid over a graph, `trace.samples=16`.
 pub type Chosen = Vec<String>;
 
+/// Nothing to bound.
+fn no_samples() -> Error {
+    Error::usage(
+        "no node of this graph takes samples that an error or a time could bound; `path-trace` does, where its \
+         `samples` do not vary along an axis",
+    )
+}
+
 /// Lays an error over every node that takes samples until one is reached. At most as many are taken as the graph
 /// says; a preset that says fewer says so of runs that are given no error, and what it would bound is told.
 pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
@@ -25,7 +34,7 @@ pub fn to_error(loaded: Loaded, error: f64) -> Result<(Loaded, Chosen), Error> {
     let knobs = loaded.graph.knobs(&loaded.only).into_iter().filter(takes);
     let mut fields: Fields = knobs.map(|knob| (knob.node, ERROR, format!("{error:?}"))).collect();
     if fields.is_empty() {
-        return Err(Error::NoSamples);
+        return Err(no_samples());
     }
     let raised = raised(&loaded);
     let chosen = settings(&raised);
@@ -58,7 +67,7 @@ fn raised(loaded: &Loaded) -> Fields {
 pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Chosen)>, Error> {
     let own = samples(&loaded.graph, &loaded.only);
     if own.is_empty() {
-        return Err(Error::NoSamples);
+        return Err(no_samples());
     }
     let graph = capped(&loaded.graph, &own, FEWEST)?;
     let plan = engine.plan(&graph, &loaded.only);
@@ -73,7 +82,7 @@ pub fn pilot(loaded: &Loaded, engine: &Engine) -> Result<Option<(Arc<Graph>, Cho
 /// chosen, and the forecast.
 pub fn to_time(loaded: Loaded, engine: &Engine, seconds: f64) -> Result<(Loaded, Chosen, Forecast), Error> {
     let own = samples(&loaded.graph, &loaded.only);
-    let mut most = own.iter().map(|(_, n)| *n).max().ok_or(Error::NoSamples)?;
+    let mut most = own.iter().map(|(_, n)| *n).max().ok_or_else(no_samples)?;
     loop {
         let graph = capped(&loaded.graph, &own, most)?;
         let forecast = Forecast::of(&engine.plan(&graph, &loaded.only));

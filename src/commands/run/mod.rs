@@ -1,5 +1,7 @@
 //! `run`: computes what is not known and writes the files of the sinks.
 
+mod trace;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -8,13 +10,13 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
 use serde_json::{Value, json};
+use trace::Trace;
 
-use super::lock;
-use crate::budget;
-use crate::origin::Origin;
-use crate::report::{self, Report};
-use crate::session::{EngineArgs, Error, GraphArgs, Loaded, cache_folder, on_interrupt};
-use crate::trace::Trace;
+use crate::session::origin::Origin;
+use crate::session::{
+    EngineArgs, Error, GraphArgs, Loaded, budget, cache_folder, locked, on_interrupt, time,
+};
+use crate::terminal::{self, Report};
 
 /// Runs a graph: computes what is not known and writes the files of its sinks.
 #[derive(Debug, Args)]
@@ -52,9 +54,9 @@ impl Run {
     /// Runs the graph; gives the exit code of the run.
     pub fn run(self) -> Result<u8, Error> {
         let begin = Instant::now();
-        let time = self.time.as_deref().map(super::cache::time).transpose()?;
+        let time = self.time.as_deref().map(time).transpose()?;
         if time.is_some_and(|time| time.is_zero()) {
-            return Err(Error::NoCost { option: "--time", value: 0.0 });
+            return Err(Error::usage("--time must be above 0"));
         }
         let mut texts = Vec::new();
         let origin = self.graph.read(&mut texts)?;
@@ -71,7 +73,7 @@ impl Run {
             if let Some(set) = self.graph.set.iter().find(says_so) {
                 let text =
                     format!("`--max-error` and `--set {set}` both say an error; leave one of them out");
-                return Err(Error::Edit(vec![text]));
+                return Err(Error::usage(text));
             }
             let chosen;
             (loaded, chosen) = budget::to_error(loaded, error)?;
@@ -87,12 +89,12 @@ impl Run {
             loaded = self.in_time(loaded, &engine, time.saturating_sub(begin.elapsed()))?;
         }
         let (graph, only) = (&loaded.graph, &loaded.only);
-        let locked = self.locked.then(|| lock::read(&loaded)).transpose()?;
+        let locked = self.locked.then(|| locked::read(&loaded)).transpose()?;
         if let Some(lock) = &locked {
-            lock::refuse(&engine, graph, only, lock)?;
+            locked::refuse(&engine, graph, only, lock)?;
         }
         let mut report = self.report();
-        if let Some(text) = report::no_file(graph, only) {
+        if let Some(text) = terminal::no_file(graph, only) {
             report.tell(&Event::Warning { id: "no-file", text });
         }
         let options = RunOptions {
@@ -117,10 +119,11 @@ impl Run {
             cache::publish_file(path, &trace.finish())?;
         }
         if let Some(failures) = &outcome.failures {
-            report::mistakes(failures, self.json);
+            terminal::mistakes(failures, self.json);
         }
         if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
-            let [took, asked] = [begin.elapsed(), time].map(|time| report::seconds_text(time.as_secs_f64()));
+            let [took, asked] =
+                [begin.elapsed(), time].map(|time| terminal::seconds_text(time.as_secs_f64()));
             report.tell(&Event::Warning {
                 id: "time-missed",
                 text: format!("the run took {took}, where {asked} was asked for"),
@@ -128,10 +131,10 @@ impl Run {
         }
         end.iter().for_each(|end| report.tell(end));
         if let Some(lock) = &locked {
-            let now = engine.lock(graph, only).map_err(Error::Sources)?;
+            let now = engine.lock(graph, only)?;
             let results = lock.differences(&now).results;
             if !results.is_empty() {
-                report::error(&format!("the results are not those of the lock:\n{}", results.join("\n")));
+                terminal::error(&format!("the results are not those of the lock:\n{}", results.join("\n")));
                 return Ok(1);
             }
         }
@@ -182,7 +185,7 @@ impl Run {
             }
         });
         if let Some(failures) = &outcome.failures {
-            report::mistakes(failures, self.json);
+            terminal::mistakes(failures, self.json);
         }
         Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
     }
@@ -192,9 +195,9 @@ impl Run {
         let seconds = time.as_secs_f64();
         let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
         let told = json!({"forecast": forecast, "time": seconds});
-        self.tell_chosen(told, &chosen, &report::forecast_text(&forecast));
+        self.tell_chosen(told, &chosen, &terminal::forecast_text(&forecast));
         if forecast.seconds > seconds && !self.json {
-            report::remark("even the fewest samples are forecast to take longer than that");
+            terminal::remark("even the fewest samples are forecast to take longer than that");
         }
         Ok(loaded)
     }
@@ -203,9 +206,9 @@ impl Run {
     fn tell_chosen(&self, mut told: Value, chosen: &[String], why: &str) {
         if self.json {
             (told["event"], told["settings"]) = (json!("chosen"), json!(chosen));
-            return report::json_line(&told);
+            return terminal::json_line(&told);
         }
         let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
-        report::remark(&format!("{}: {why}", settings.join(" ")));
+        terminal::remark(&format!("{}: {why}", settings.join(" ")));
     }
 }
