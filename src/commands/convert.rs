@@ -9,9 +9,9 @@ use nodes::io::splats::Frame;
 use nodes::io::splats::save::{SaveFormat, encode};
 use nodes::types::Splats;
 
-use super::splats::{self, UpArg};
-use crate::report;
 use crate::session::Error;
+use crate::session::splats::{self, UpArg};
+use crate::terminal;
 
 /// Writes a scene of splats in another format.
 #[derive(Debug, Args)]
@@ -36,12 +36,12 @@ impl Convert {
     /// Exit code 0, or 1 where the file cannot be read or written.
     pub fn run(self) -> Result<u8, Error> {
         let Some(format) = SaveFormat::of_path(&self.output.to_string_lossy()) else {
-            report::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
+            terminal::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
             return Ok(2);
         };
         let format = match (format, self.spz4) {
             (SaveFormat::Ply, true) => {
-                report::error("`--spz4` is for files that end in .spz");
+                terminal::error("`--spz4` is for files that end in .spz");
                 return Ok(2);
             }
             (_, true) => SaveFormat::Spz4,
@@ -76,12 +76,12 @@ impl Convert {
             Err(error) => return Ok(splats::failed(&error)),
         };
         if let Err(error) = cache::publish_file(&self.output, &bytes) {
-            report::error(&error.to_string());
+            terminal::error(&error.to_string());
             return Ok(1);
         }
         let text = format!("{}{}", splats::lines(&notes), splats::lines(&lost));
         std::io::stderr().lock().write_all(text.as_bytes())?;
-        super::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
+        terminal::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
         Ok(0)
     }
 }

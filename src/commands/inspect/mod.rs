@@ -12,8 +12,9 @@ use nodes::io::splats::{Format, Frame};
 use nodes::kinds::load_mesh::{self, LoadMesh};
 use serde::Serialize;
 
-use super::splats;
 use crate::session::Error;
+use crate::session::splats;
+use crate::terminal;
 
 /// Tells what a scene of splats, or a mesh, is like.
 #[derive(Debug, Args)]
@@ -98,7 +99,7 @@ impl Inspect {
         } else {
             person::person(answer)
         };
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(0)
     }
 }
