@@ -52,7 +52,7 @@ pub fn check(path: &Path) -> Result<(), NodeError> {
 /// Reads a scene of any format.
 pub fn load(path: &Path, frame: Frame, cx: &Context) -> Result<(Arc<Splats>, Notes), NodeError> {
     let path = InputFile(path.display().to_string());
-    let params = LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame };
+    let params = LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame, matrix: None };
     let (out, notes) = LoadSplats::run(&params, load_splats::In {}, cx)?;
     Ok((out.splats, notes))
 }

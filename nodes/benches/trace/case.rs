@@ -50,7 +50,7 @@ impl Case {
         let file = |name: &str| InputFile(name.to_owned());
         let cx = context(&folder, 1);
         let mesh =
-            LoadMesh { path: file("receiver.ply"), frame: MeshFrame::World, colours: ColourEncoding::Srgb };
+            LoadMesh { path: file("receiver.ply"), frame: MeshFrame::World, colours: ColourEncoding::Srgb, matrix: None };
         let receiver = LoadMesh::run(&mesh, load_mesh::In {}, &cx).unwrap().0.mesh;
         let object = LoadObject { path: file("object.glb"), scene: None };
         let object = LoadObject::run(&object, load_object::In {}, &cx).unwrap().0.object;

@@ -1,3 +1,4 @@
-//! Renderers that kinds share: Gaussian splats.
+//! Renderers that kinds share: Gaussian splats, and where in what they show an object may stand.
 
+pub mod layout;
 pub mod splat;

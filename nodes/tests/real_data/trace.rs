@@ -49,7 +49,7 @@ fn case(name: &str) -> Case {
     let file = |name: &str| InputFile(format!("{folder}/{name}"));
     let cx = context();
     let mesh =
-        LoadMesh { path: file("receiver.ply"), frame: MeshFrame::World, colours: ColourEncoding::Srgb };
+        LoadMesh { path: file("receiver.ply"), frame: MeshFrame::World, colours: ColourEncoding::Srgb, matrix: None };
     let (mesh, _) = LoadMesh::run(&mesh, load_mesh::In {}, &cx).unwrap();
     let object = LoadObject { path: file("object.glb"), scene: None };
     let (object, _) = LoadObject::run(&object, load_object::In {}, &cx).unwrap();

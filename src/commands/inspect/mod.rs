@@ -109,8 +109,7 @@ fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), N
     let params = LoadMesh {
         path: InputFile(path.display().to_string()),
         colours: load_mesh::ColourEncoding::Auto,
-        frame: load_mesh::MeshFrame::World,
-    };
+        frame: load_mesh::MeshFrame::World, matrix: None };
     let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
     Ok((std::sync::Arc::unwrap_or_clone(out.mesh), notes))
 }

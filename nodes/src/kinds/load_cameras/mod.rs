@@ -14,6 +14,7 @@ use engine::{
 use glam::{DMat3, DMat4, DVec3};
 
 use crate::error::Error;
+use crate::types::frame::Similarity;
 use crate::types::{Camera, Rig};
 
 engine::choices! {
@@ -47,6 +48,8 @@ engine::params! {
         resolution: f64 = 1.0, range(0.001, 64), other("0.5");
         /// What becomes of lens distortion.
         distortion: Distortion = Distortion::Refuse, other("Ignore"), inert("most files have none");
+        /// A rotation, an even scale and a shift of the cameras: 16 numbers, row after row, as `load-splats` has them.
+        matrix: Option<[f64; 16]> = None, other("Some((0.0, -1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0))");
     }
 }
 engine::inputs! {
@@ -87,6 +90,10 @@ impl Kind for LoadCameras {
     type Params = Self;
     type In = In;
     type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        Similarity::of_parameter(p.matrix.as_ref()).map(|_| ())
+    }
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         if is_json(&p.path) {
@@ -344,6 +351,8 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
         bad("its matrix is no rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
+    let matrix = Similarity::of_parameter(p.matrix.as_ref())?;
+    let (eye, turn) = (matrix.point(eye), matrix.rotation * turn);
     if !eye.is_finite() {
         return Err(bad("its position is not finite".to_owned()));
     }

@@ -12,11 +12,12 @@ mod tests;
 use glam::{DMat3, DVec3};
 use serde::Serialize;
 
-use crate::num;
+use crate::math::num;
 use crate::types::{Mesh, Rig, Splats};
 use patch::Patches;
 use profile::{Profile, profile};
 
+pub use patch::rotation;
 pub use profile::Evidence;
 pub use scale::Scale;
 
@@ -101,6 +102,31 @@ pub fn of_splats(splats: &Splats, cameras: Option<&Rig>) -> Option<LevelEstimate
 /// The same of a mesh of a place.
 pub fn of_mesh(mesh: &Mesh, cameras: Option<&Rig>) -> Option<LevelEstimate> {
     estimate(&Patches::of_mesh(mesh), cameras)
+}
+
+/// How a scene of splats stands where up is given, as by the format of its file: its floor, ceiling and scale. The confidence is
+/// that of the measurement where it agrees within 5 degrees, and 0 where it does not.
+pub fn upright(splats: &Splats, up: DVec3, cameras: Option<&Rig>) -> Option<LevelEstimate> {
+    let patches = Patches::of_splats(splats);
+    let measured = estimate(&patches, cameras)?;
+    let profile = profile(&patches, up);
+    let mut found = refine::refine(&patches, &profile);
+    // The plane of the floor under the middle of the scene, along the given direction.
+    let centre = patches.centre;
+    found.floor += centre.dot(up) - centre.dot(found.up);
+    found.up = up;
+    let agrees = DVec3::from_array(measured.up).dot(up) > 0.9962;
+    let confidence = if agrees { measured.confidence } else { 0.0 };
+    Some(LevelEstimate {
+        up: up.to_array(),
+        confidence,
+        floor: found.floor,
+        floor_confidence: found.floor_confidence.min(if agrees { 1.0 } else { 0.5 }),
+        ceiling: found.ceiling,
+        evidence: profile.evidence(),
+        scale: scale::scale(&found, &patches, cameras),
+        ..measured
+    })
 }
 
 /// A direction with the logarithm of its odds.

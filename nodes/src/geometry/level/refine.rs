@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::axes::across;
 use super::patch::{Patch, Patches};
 use super::profile::Profile;
-use crate::support::Level;
+use crate::geometry::support::Level;
 
 /// Rounds of the fit; each looks at half the height around the plane.
 const ROUNDS: usize = 4;

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::patch::Patches;
 use super::refine::Stand;
-use crate::support::median;
+use crate::geometry::support::median;
 use crate::types::Rig;
 
 /// Height at which people hold a camera, in metres: the middle of 1.1 to 1.9.

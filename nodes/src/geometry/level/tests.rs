@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::*;
+use crate::math::num;
 use crate::types::Camera;
 
 /// A number from 0 to 1 for each index and use.
@@ -56,7 +57,7 @@ impl Made {
         let s = &mut self.0;
         s.means.push(at.as_vec3().to_array());
         s.scales.push(scale.map(|v| v as f32));
-        s.quats.push(crate::load_splats::quaternion(turn).map(|v| v as f32));
+        s.quats.push(crate::io::splats::quaternion(turn).map(|v| v as f32));
         s.opacities.push(0.9);
         s.sh.push([(luma - 0.5) / 0.282_094_8; 3]);
     }
@@ -92,9 +93,9 @@ impl Made {
 
     fn turned(&self, turn: DMat3, shift: DVec3) -> Splats {
         let mut splats = self.0.clone();
-        let turn = crate::load_splats::Turn::new(turn, 1.0, shift);
+        let turn = crate::io::splats::Turn::new(turn, 1.0, shift);
         for i in 0..splats.len() {
-            let mut row = crate::load_splats::Row {
+            let mut row = crate::io::splats::Row {
                 mean: splats.means[i],
                 mean_low: [0.0; 3],
                 quat: splats.quats[i],

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::num;
+use crate::math::num;
 use crate::types::{Mesh, SplatEncoding, Splats};
 
 /// Splats more transparent than this are fog.
@@ -78,7 +78,7 @@ impl Patches {
             let cross = (b - a).cross(c - a);
             let length = cross.length();
             let rgb = mesh.colours.get(of[0] as usize).map_or([0.5; 3], |rgb| {
-                rgb.map(|v| f64::from(crate::color::srgb_from_linear(v)))
+                rgb.map(|v| f64::from(crate::math::color::srgb_from_linear(v)))
             });
             Patch {
                 middle: (a + b + c) / 3.0,
@@ -134,7 +134,7 @@ fn normal(scale: [f32; 3], quat: [f32; 4]) -> Option<DVec3> {
 }
 
 /// The rotation of a unit quaternion (w, x, y, z).
-pub(super) fn rotation(quat: [f32; 4]) -> DMat3 {
+pub fn rotation(quat: [f32; 4]) -> DMat3 {
     let [w, x, y, z] = quat.map(f64::from);
     DMat3::from_cols(
         DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::patch::Patch;
-use crate::num;
+use crate::math::num;
 
 /// Directions of half a sphere that are tried, about 2.5 degrees apart.
 const DIRECTIONS: usize = 3000;

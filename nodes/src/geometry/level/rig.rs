@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use super::patch::Patches;
 use super::profile::profile;
 use super::Candidate;
-use crate::num;
+use crate::math::num;
 use crate::types::Rig;
 
 /// Cameras that are needed.
