@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes, ViewCount};
 
-use crate::path_trace::env_resolution::EnvResolution;
+use crate::render::transport::sky::env_resolution::EnvResolution;
 use crate::types::{Environment, Placed, Rig};
 
 engine::params! {

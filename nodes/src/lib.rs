@@ -42,6 +42,7 @@ pub mod place;
 pub mod pose;
 pub mod predict_exposure;
 pub mod region_masks;
+pub mod render;
 pub mod resting;
 pub mod sampling;
 pub mod save_splats;

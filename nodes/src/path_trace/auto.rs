@@ -3,15 +3,21 @@
 use engine::Notes;
 use glam::{DVec3, Vec3};
 
-use super::PathTrace;
-use super::capture_point::{CapturePoint, stand_in};
-use super::integrator::{Integrator, Scene};
-use super::objects::Objects;
-use super::path::Vertex;
-use super::prepared::PreparedScene;
-use super::visibility::{self, Block, Bounce, EnvBlock, NearField, Probe, Rules, SpecularSees};
+use super::visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+use super::{In, PathTrace};
 use crate::color::luminance;
 use crate::num;
+use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
+use crate::render::transport::ground::light_share::share_past;
+use crate::render::transport::ground::probe::Probe;
+use crate::render::transport::path::integrator::{Integrator, Scene};
+use crate::render::transport::path::path::Vertex;
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::picture::prepared::PreparedScene;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::block::EVERYWHERE;
+use crate::render::transport::scene::frame::{in_scene_frame, scene_units};
+use crate::render::transport::scene::objects::Objects;
 use crate::sampling::Points;
 
 /// Share of what the point of capture sees that the receiver must be for `near_field: Auto`: half of a ground. It is
@@ -19,31 +25,32 @@ use crate::sampling::Points;
 const LEAST_HELD: f64 = 0.25;
 
 /// What was decided, and what it was decided by.
-pub(super) struct Decided {
-    pub(super) rules: Rules,
-    pub(super) probe: Option<Probe>,
+pub(crate) struct Decided {
+    pub(crate) rules: Rules,
+    pub(crate) probe: Option<Probe>,
     /// What walls counted twice add, or would add; none where the receiver is a solid body anyway.
-    pub(super) twice: Option<f64>,
+    pub(crate) twice: Option<f64>,
 }
 
 impl PathTrace {
     /// Decides what was left to `Auto`, and tells.
-    pub(super) fn decide(
+    pub(crate) fn decide(
         &self,
+        inputs: &In,
         prepared: &PreparedScene<'_>,
         centre: DVec3,
         (up, metres_per_unit): (DVec3, f64),
         notes: &mut Notes,
     ) -> Decided {
-        let from = visibility::in_scene_frame(centre, prepared.origin);
+        let from = in_scene_frame(centre, prepared.origin);
         let needs_probe = matches!(self.env_block, EnvBlock::Auto | EnvBlock::FrontFace { .. });
         let probe = needs_probe.then(|| Probe::send(prepared.receiver(), from));
         let (from, probe) = match probe {
-            Some(probe) if prepared.inputs.env.origin.is_some() => {
+            Some(probe) if inputs.env.origin.is_some() => {
                 let mends = self.near_field != NearField::Off;
                 let point = CapturePoint { at: from, probe };
-                let camera = stand_in(prepared.receiver(), &prepared.inputs.rig.cameras, prepared.origin);
-                let camera = visibility::in_scene_frame(camera.eye(), prepared.origin);
+                let camera = stand_in(prepared.receiver(), &inputs.rig.cameras, prepared.origin);
+                let camera = in_scene_frame(camera.eye(), prepared.origin);
                 let scene = (prepared.receiver(), camera);
                 let CapturePoint { at, probe } = point.checked(scene, (up, metres_per_unit), mends, notes);
                 (at, Some(probe))
@@ -62,23 +69,22 @@ impl PathTrace {
             (EnvBlock::Solid, _) => Block::Solid,
             (EnvBlock::Pass, _) => Block::Pass,
             (EnvBlock::Paper, _) => Block::Solid,
-            (EnvBlock::PassBeyond { metres }, _) => Block::PassBeyond {
-                centre: from.to_array(),
-                radius: visibility::scene_units(metres, metres_per_unit),
-            },
+            (EnvBlock::PassBeyond { metres }, _) => {
+                Block::PassBeyond { centre: from.to_array(), radius: scene_units(metres, metres_per_unit) }
+            }
             (EnvBlock::FrontFace { max_layers }, probe) => {
                 if let Some(p) = probe.filter(|p| p.escaped < p.rays && p.front_share() <= 0.1) {
                     let text = format!("the normals seem to point out of the room: {}", seen(&p));
                     notes.warning("normals-outward", text);
                 }
-                Block::FrontFace { max_layers, flip: false, within: visibility::EVERYWHERE }
+                Block::FrontFace { max_layers, flip: false, within: EVERYWHERE }
             }
             (EnvBlock::Auto, probe) => {
                 let probe = probe.unwrap_or_default();
                 let mut solid_light = None;
                 let block = probe.decide(|| {
                     let sky = prepared.sky();
-                    *solid_light.insert(sky.share_past(prepared.receiver(), from, &Block::Solid))
+                    *solid_light.insert(share_past(sky, prepared.receiver(), from, &Block::Solid))
                 });
                 let name = match block {
                     Block::Solid => "Solid",
@@ -105,7 +111,7 @@ impl PathTrace {
             && self.bounce == Bounce::Auto
             && self.object_specular_sees == SpecularSees::Auto;
         let held = probe.unwrap_or_default().held_share();
-        let (near, why) = match (self.near_field, prepared.inputs.env.origin) {
+        let (near, why) = match (self.near_field, inputs.env.origin) {
             (NearField::On, _) if left_to_us => (true, "as set".to_owned()),
             (NearField::On, _) => (
                 true,
@@ -150,7 +156,7 @@ impl PathTrace {
             },
             specular_env: match self.object_specular_sees {
                 _ if printed => true,
-                SpecularSees::Auto => !solid || prepared.inputs.env.origin.is_some(),
+                SpecularSees::Auto => !solid || inputs.env.origin.is_some(),
                 SpecularSees::Env => true,
                 SpecularSees::Receiver => false,
             },

@@ -18,7 +18,7 @@ const LOBES: [NamedLobe; 7] = [
 ];
 
 /// The names of the lobes that no material of a triangle of the objects has, with commas between.
-pub(super) fn absent(objects: &[Arc<Placed>]) -> String {
+pub(crate) fn absent(objects: &[Arc<Placed>]) -> String {
     let materials =
         || objects.iter().flat_map(|placed| placed.object.materials_in_use()).filter(|m| !m.unlit);
     let names = LOBES.iter().filter(|(_, has)| !materials().any(has)).map(|(name, _)| *name);

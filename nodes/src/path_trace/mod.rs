@@ -1,64 +1,12 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
-mod aabb;
-mod accumulator;
-pub mod attributes;
 mod auto;
-pub mod bsdf;
-mod camera_rays;
-mod capture_point;
-mod cell_grid;
-mod change;
-pub mod contact;
-mod coverage;
-mod crop;
-mod direct_light;
-mod emission;
-pub mod emitters;
-pub(crate) mod env_resolution;
-pub mod environment;
-pub mod film;
-mod first_hit;
-mod holes;
-pub mod integrator;
-mod irradiance_bound;
-mod lamp_light;
-mod light_cells;
-mod light_distribution;
-mod light_draws;
-mod light_points;
 mod lobes;
-pub mod media;
-pub mod mipmap;
-mod near_crop;
-pub mod near_field;
-mod object_surface;
-pub mod objects;
 mod output;
-mod pair;
-mod path;
-mod prepared;
-pub mod receiver;
 mod reporting;
-mod sample_plan;
 mod scale;
-mod scattering;
-mod shades;
-mod side;
-mod silhouette;
-mod stacked;
-mod standing;
-mod subdivide;
-mod sunk;
-mod texel_grid;
-mod tile;
-mod tile_bounds;
-pub mod touching;
-mod tracing;
-mod transmittance;
 mod unseen;
 pub mod visibility;
-mod window;
 
 use std::sync::Arc;
 
@@ -66,20 +14,21 @@ use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, ViewCou
 use glam::{DVec3, Vec3};
 
 use crate::error::Error;
+use crate::render::transport::ground::capture_point;
+use crate::render::transport::ground::standing::find_ground;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
+use crate::render::transport::picture::prepared::PreparedScene;
+use crate::render::transport::picture::tracing::{Settings, Tracing};
+use crate::render::transport::scene::frame::in_scene_frame;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::sky::env_resolution::EnvResolution;
 use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
-use accumulator::FinishedView;
-use env_resolution::EnvResolution;
-use film::TILE;
-use objects::Objects;
 use output::assemble;
-use prepared::PreparedScene;
 use reporting::{
-    report_coarse_coordinates, report_first_samples, report_inputs, report_unseen, report_unseen_places,
-    report_views,
+    report_coarse_coordinates, report_first_samples, report_inputs, report_standing, report_unseen,
+    report_unseen_places, report_views,
 };
-use standing::find_ground;
-use tile_bounds::TileBounds;
-use tracing::Tracing;
 use visibility::{Bounce, EnvBlock, NearField, SpecularSees};
 
 engine::params! {
@@ -180,6 +129,19 @@ impl PathTrace {
         if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 
+    /// What tracing goes by.
+    fn settings(&self) -> Settings {
+        Settings {
+            most: self.most(),
+            max_error: self.max_error,
+            coarse_px: self.coarse_px,
+            crop: self.crop,
+            contact_metres: self.contact_metres,
+            shadow_only: self.shadow_only,
+            every_lobe: !self.skip_lobes,
+        }
+    }
+
     /// Refuses what no picture can be traced of.
     fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
         if !crate::num::keeps_subnormals() {
@@ -211,21 +173,6 @@ impl PathTrace {
         camera.eye()
     }
 }
-
-/// Sums a pixel of the part `r0`: RGB, and the root of that of squared luminance, since squares leave the range of
-/// single precision where light does not.
-const R0: usize = 4;
-/// Sums a pixel of the part `pair`: RGB of R1 and the root of that of the squared luminance of R1 - R0; RGB, alpha and
-/// the root of that of the squared luminance of O.
-const PAIR: usize = 9;
-/// Values a pixel of the part `front`: depth, that of the nearest object, normal.
-const FIRST_HIT: usize = 5;
-
-/// Bytes that parts store of a pixel and chunk: 53.
-const _: () = assert!((R0 + PAIR) * 4 + (TileBounds::VALUES * 4).div_ceil((TILE * TILE) as usize) <= 64);
-
-/// Sums a pixel over chunks, for how far these lie apart.
-const CROSS: usize = 4;
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
@@ -282,17 +229,17 @@ impl Kind for PathTrace {
         // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
         let origin = cameras[0].eye();
-        let prepared = PreparedScene::new(&inputs, origin, cx)?;
+        let prepared = PreparedScene::new(&inputs.receiver, &inputs.env, origin, cx)?;
         let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
         let centre = params.point_of_capture(&inputs, camera, &mut notes);
         let [_, _, up] = crate::equirect::axes(cx.up());
         let space = (up, cx.metres_per_unit());
-        let decided = params.decide(&prepared, centre, space, &mut notes);
+        let decided = params.decide(&inputs, &prepared, centre, space, &mut notes);
         let rules = &decided.rules;
         let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
         objects.every_lobe = !params.skip_lobes;
         objects.shown = !params.shadow_only;
-        report_inputs(&prepared, &objects, &mut notes);
+        report_inputs(&inputs.receiver, &prepared, &objects, &mut notes);
         if !objects.is_empty() {
             let most = inputs.env.image.width;
             EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
@@ -303,19 +250,21 @@ impl Kind for PathTrace {
             let boxes = objects.boxes();
             report_unseen_places(prepared.receiver(), Vec3::from_array(eye), &boxes, &mut notes);
         }
-        let eye = visibility::in_scene_frame(camera.eye(), origin);
-        find_ground(&mut objects, &prepared, eye, space, params.contact_metres, &mut notes);
+        let eye = in_scene_frame(camera.eye(), origin);
+        let receiver = prepared.receiver();
+        let standing = find_ground(&mut objects, receiver, origin, eye, space, params.contact_metres);
+        report_standing(&standing, (cx.metres_per_unit(), params.contact_metres), &mut notes);
         report_first_samples(params.samples, params.most(), &mut notes);
 
-        let tracing = Tracing::new(params, cx, &prepared, &objects, rules)?;
+        let tracing = Tracing::new(params.settings(), cx, (&prepared, cameras), &objects, rules)?;
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();
-        report_views(params, &prepared, rules, (&views, &boxes), &mut notes);
+        report_views(params, cameras, &prepared, rules, (&views, &boxes), &mut notes);
         // A coarse look may miss what is there.
         let looks = params.coarse_px == 1 && !params.shadow_only;
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
-            report_unseen(&tracing.unseen(&views)?, &mut notes);
+            report_unseen(&unseen::of(&tracing, &views)?, &mut notes);
         }
         let crop = match tracing.crop() {
             Ok(_) => format!("what changes at most {} of the light", params.crop),

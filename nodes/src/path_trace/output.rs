@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::accumulator::FinishedView;
 use super::auto::Decided;
-use super::film::Rays;
-use super::sample_plan::ReachedError;
-use super::visibility::Block;
-use super::{In, Out, lobes};
+use super::lobes;
+use super::{In, Out};
+use crate::render::transport::path::rays::Rays;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::accumulator::ReachedError;
+use crate::render::transport::scene::block::Block;
 use crate::types::{Cell, Images, NamedImage, Report, Table};
 
 /// How the receiver blocks the environment, in words.
@@ -63,7 +64,7 @@ fn decisions(
 }
 
 /// The outputs, of finished pictures; `crop` tells what was cropped.
-pub(super) fn assemble(
+pub(crate) fn assemble(
     inputs: &In,
     views: Vec<FinishedView>,
     decided: &Decided,

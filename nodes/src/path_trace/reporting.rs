@@ -3,22 +3,28 @@
 use engine::Notes;
 use glam::Vec3;
 
-use super::aabb::Aabb;
-use super::accumulator::FinishedView;
-use super::contact::LARGEST;
-use super::holes::holes;
-use super::objects::Objects;
-use super::prepared::PreparedScene;
-use super::receiver::{Receiver, margin};
-use super::sample_plan::ReachedError;
-use super::scale::why_not_seen;
-use super::side::Lost;
+use super::PathTrace;
+use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
-use super::visibility::{self, Block, Rules};
-use super::{PathTrace, media};
 use crate::bvh::Ray;
+use crate::render::transport::ground::limits::LARGEST;
+use crate::render::transport::ground::side::Lost;
+use crate::render::transport::ground::standing::Standing;
+use crate::render::transport::ground::sunk::Sunk;
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::accumulator::ReachedError;
+use crate::render::transport::picture::holes::holes;
+use crate::render::transport::picture::prepared::PreparedScene;
+use crate::render::transport::scene::aabb::Aabb;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::face::margin;
+use crate::render::transport::scene::frame::in_scene_frame;
+use crate::render::transport::scene::media;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
 use crate::support::Level;
-use crate::types::{Image, Linear};
+use crate::types::{Camera, Image, Linear, Mesh};
 
 /// Rays may leave surfaces from this share of the size of an object off without a word.
 const COARSE: f32 = 1.0 / 512.0;
@@ -27,8 +33,7 @@ const COARSE: f32 = 1.0 / 512.0;
 const DEEP: f64 = 0.2;
 
 /// Tells what the inputs made the node leave out or assume.
-pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
-    let mesh = &prepared.inputs.receiver;
+pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     if mesh.colours.is_empty() && !mesh.triangles.is_empty() {
         notes.decision("grey-receiver", "the receiver has no vertex colours and is grey, albedo 0.5");
     }
@@ -61,7 +66,7 @@ pub(super) fn report_inputs(prepared: &PreparedScene<'_>, objects: &Objects, not
 
 /// Tells which objects, by the boxes around them, stand where a point of capture does not see, for what light they have
 /// there the panorama does not show.
-pub(super) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
+pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
     let hidden = |one: &Aabb| {
         !one.is_empty()
             && (0..27).all(|i| {
@@ -88,8 +93,9 @@ pub(super) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
 }
 
 /// Tells what is to be known of the pictures.
-pub(super) fn report_views(
+pub(crate) fn report_views(
     params: &PathTrace,
+    cameras: &[Camera],
     prepared: &PreparedScene<'_>,
     rules: &Rules,
     (views, boxes): (&[FinishedView], &[Aabb]),
@@ -103,7 +109,7 @@ pub(super) fn report_views(
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
     // A coarse look may miss what is there.
     let looks = params.coarse_px == 1 && !params.shadow_only;
-    for (camera, view) in prepared.inputs.rig.cameras.iter().zip(views) {
+    for (camera, view) in cameras.iter().zip(views) {
         if let Some(reached) = &view.reached {
             report_plan(&camera.name, reached, most, notes);
         }
@@ -119,8 +125,8 @@ pub(super) fn report_views(
             notes.count("holes", found, format_args!("{text}: its holes and windows carry no shadow"));
         }
         report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
-        if !prepared.inputs.objects.is_empty() && looks && !view.shows_objects() {
-            let eye = visibility::in_scene_frame(camera.eye(), prepared.origin);
+        if !boxes.is_empty() && looks && !view.shows_objects() {
+            let eye = in_scene_frame(camera.eye(), prepared.origin);
             notes.warning("objects-not-seen", why_not_seen(&camera.name, eye, boxes));
         }
     }
@@ -144,14 +150,9 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
     }
 }
 
-/// A length as people read it.
-pub(super) fn short(length: f32) -> String {
-    if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
-}
-
 /// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
 /// surface has lost what lies nearer.
-pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
+pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
         let around = prepared.receiver().margin_within(low - size, high + size);
@@ -167,10 +168,38 @@ pub(super) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
     }
 }
 
+/// Tells how the objects stand, and which of them miss the receiver.
+pub(crate) fn report_standing(
+    standing: &Standing,
+    (metres_per_unit, contact_metres): (f64, Option<f64>),
+    notes: &mut Notes,
+) {
+    let Standing { ground, sides, carried, tall, lost, sunk } = standing;
+    report_contact(ground, carried, tall, (metres_per_unit, contact_metres), notes);
+    for why in [Lost::OverNothing, Lost::Buried] {
+        report_lost((0..lost.len()).filter(|index| lost[*index] == Some(why)), why, notes);
+    }
+    report_sides(sides.iter().map(|sides| &sides[..]), metres_per_unit, notes);
+    report_sunk(sunk, metres_per_unit, notes);
+}
+
+/// Tells of objects that lie in the receiver and do not stand on it.
+fn report_sunk(sunk: &[Option<Sunk>], metres_per_unit: f64, notes: &mut Notes) {
+    for (index, sunk) in sunk.iter().enumerate() {
+        let Some(Sunk { share, depth }) = *sunk else { continue };
+        let millimetres = (f64::from(depth) * metres_per_unit * 1e3).ceil();
+        let text = format!(
+            "object {index} lies in a surface of the receiver, which hides {:.0} % of what faces the first camera",
+            100.0 * share
+        );
+        notes.warning("in-a-surface", format!("{text}; {millimetres:.0} mm farther out it is whole"));
+    }
+}
+
 /// Tells how far the mesh misses the bases of objects that stand on it, and of those that do not how far they are off, or how
 /// deep they stand in it. Objects reach so far up from their bases, in world units. Where the user says how far the mesh may be wrong,
 /// what is within that needs no word.
-pub(super) fn report_contact(
+fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
     tall: &[f64],
@@ -196,11 +225,7 @@ pub(super) fn report_contact(
 }
 
 /// Tells which objects rest on the receiver by a side that is no foot.
-pub(super) fn report_sides<'a>(
-    sides: impl Iterator<Item = &'a [Level]>,
-    metres_per_unit: f64,
-    notes: &mut Notes,
-) {
+fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let named: Vec<String> = sides
         .enumerate()
@@ -216,7 +241,7 @@ pub(super) fn report_sides<'a>(
 }
 
 /// Tells of objects under which the receiver has nothing at all, and why.
-pub(super) fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
+fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
     let named: Vec<String> = objects.map(|index| index.to_string()).collect();
     if named.is_empty() {
         return;
@@ -272,7 +297,7 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
 }
 
 /// Tells that an error that was asked for takes more samples than `samples` says.
-pub(super) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
+pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
         let text =
             format!("`samples` is {samples}, and `max_error` is judged by a first {most}, which are taken");
@@ -281,7 +306,7 @@ pub(super) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
 }
 
 /// Tells how many samples an error that was asked for took.
-pub(super) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
+pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
         "`{view}`: {more} of {all} blocks take more than the first samples, {samples:.1} a pixel on average"
@@ -334,7 +359,7 @@ fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes)
 }
 
 /// Tells which of several objects no picture shows, where others are seen.
-pub(super) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
+pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     let of = |wanted: Unseen| {
         let found = unseen.iter().enumerate().filter(move |(_, one)| **one == Some(wanted));
         found.map(|(index, _)| index.to_string()).collect::<Vec<_>>()

@@ -4,15 +4,14 @@
 use engine::Notes;
 use glam::Vec3;
 
-use super::aabb::Aabb;
-use super::receiver::Receiver;
-use super::reporting::short;
+use crate::render::transport::scene::aabb::Aabb;
+use crate::render::transport::scene::receiver::Receiver;
 
 /// An object this many times larger than the whole receiver does not belong in it.
 const TOO_LARGE: f32 = 2.0;
 
 /// Tells which objects, by the boxes around them, are larger than the receiver.
-pub(super) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: f64, notes: &mut Notes) {
+pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: f64, notes: &mut Notes) {
     let Some((low, high)) = receiver.bvh.bounds() else { return };
     let place = (high - low).length();
     for (index, one) in boxes.iter().enumerate() {
@@ -32,7 +31,7 @@ pub(super) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
 }
 
 /// Why a camera of some eye may see none of the objects, of which these are the boxes.
-pub(super) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
+pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(
             "`{camera}` is within the box around object {around} and sees no object, since single-sided surfaces are not seen from \
@@ -54,6 +53,11 @@ pub(super) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
         )
     });
     format!("`{camera}` sees no object{near}: do pose, rig and mesh share a frame and a scale?")
+}
+
+/// A length as people read it.
+pub(crate) fn short(length: f32) -> String {
+    if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
 }
 
 #[cfg(test)]

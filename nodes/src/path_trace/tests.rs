@@ -4,10 +4,10 @@
 use engine::{Scene, Up};
 use glam::{DMat4, DVec3, Vec3};
 
-use super::environment::constant;
 use super::*;
 use crate::color::luminance;
 use crate::equirect;
+use crate::render::transport::sky::environment::constant;
 use crate::testing::context;
 use crate::types::{Camera, Material, Object, Primitive};
 

@@ -2,31 +2,30 @@
 
 use engine::{Context, NodeError};
 
-use super::accumulator::FinishedView;
-use super::camera_rays::CameraRays;
-use super::film::{Area, TILE};
-use super::first_hit::is_before;
-use super::integrator::Scene;
+use crate::render::transport::picture::tracing::Tracing;
+
+use crate::render::transport::path::integrator::Scene;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::camera_rays::CameraRays;
+use crate::render::transport::picture::film::{Area, TILE};
+use crate::render::transport::picture::first_hit::is_before;
 
 /// Why no picture shows an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Unseen {
+pub(crate) enum Unseen {
     /// The receiver is before it wherever a camera looks at it.
     Hidden,
     /// No camera looks at it, or nothing of it shows itself to one.
     Outside,
 }
 
-/// Which objects no picture shows, by so many `places` of each pixel that shows any object: those of its first samples.
-/// Objects before one another hide nothing here, as they may be of glass.
-pub(super) fn of(
-    scene: Scene<'_>,
-    pictures: &[(CameraRays<'_>, &FinishedView)],
-    places: u32,
-    cx: &Context,
-) -> Result<Vec<Option<Unseen>>, NodeError> {
+/// Which objects none of the pictures shows. Objects before one another hide nothing here, as they may be of glass.
+pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Option<Unseen>>, NodeError> {
+    let cameras = tracing.cameras.iter().map(|camera| tracing.camera_rays(camera, 1));
+    let pictures: Vec<_> = cameras.zip(views).collect();
+    let scene = tracing.scene();
     let count = scene.objects.placed().len();
-    (0..count).map(|index| unseen(scene, pictures, places, index, cx)).collect()
+    (0..count).map(|index| unseen(scene, &pictures, tracing.places(), index, tracing.cx)).collect()
 }
 
 /// Whether and why no picture shows one object.

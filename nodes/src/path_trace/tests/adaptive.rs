@@ -183,7 +183,7 @@ fn intervals_cover_where_samples_are_adapted() {
 #[test]
 fn what_would_reach_the_error_is_told() {
     use crate::path_trace::reporting::report_plan;
-    use crate::path_trace::sample_plan::ReachedError;
+    use crate::render::transport::picture::accumulator::ReachedError;
     let told = |asked: f64, worst: f64| {
         let reached = ReachedError { asked, worst, predicted: worst, blocks: [4, 3, 2], samples: 16.0 };
         let mut notes = Notes::none();

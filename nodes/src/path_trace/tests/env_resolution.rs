@@ -1,7 +1,7 @@
 //! How many columns suffice, and that they do.
 
-use super::super::env_resolution::EnvResolution;
 use super::*;
+use crate::render::transport::sky::env_resolution::EnvResolution;
 
 /// A blue sky over brown ground with a disc of light, 40 degrees up, of so many degrees.
 fn lit(width: usize, disc_deg: f64) -> Environment {

@@ -1,7 +1,8 @@
 //! Materials in whole renders: what light does that passes an object, and what its shadow is then.
 
 use super::*;
-use crate::path_trace::bsdf::{BsdfParams, straight};
+use crate::render::transport::bsdf::{BsdfParams, straight};
+use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::types::{AlphaMode, Map};
 
 pub(super) fn clear(base: f32, volume: Option<[f32; 3]>, ior: f32) -> Material {
@@ -290,7 +291,7 @@ fn mirrors_show_no_texels() {
     let mut env = constant(Up::PlusZ, [0.0; 3], 16);
     let texels = env.image.samples.iter_mut().enumerate();
     texels.for_each(|(i, v)| *v = 0.2 + crate::sampling::unit(crate::sampling::mix(i as u32)));
-    let sky = environment::EnvironmentLight::new(&env);
+    let sky = EnvironmentLight::new(&env);
     let mirror = Material { metallic: 1.0, roughness: 0.0, ..matte(1.0) };
     let mirror = placed(&plane(3.0), mirror, DVec3::ZERO);
     let camera = rig(DVec3::new(0.4, -2.0, 1.5), DVec3::new(0.1, 0.0, 0.0), 24, 3.0);

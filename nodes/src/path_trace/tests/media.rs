@@ -4,11 +4,12 @@ use super::materials::{clear, over_cosines};
 use super::samplers::matte_rules;
 use super::*;
 use crate::num::f32::{exp, ln};
-use crate::path_trace::bsdf::{Bsdf, Lobe};
-use crate::path_trace::environment::EnvironmentLight;
-use crate::path_trace::integrator::{Integrator, Scene as Traced};
-use crate::path_trace::objects::Objects;
-use crate::path_trace::receiver::{Receiver, Surface};
+use crate::render::transport::bsdf::{Bsdf, Lobe};
+use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::scene::surface::Surface;
+use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::sampling::{Points, hash, stream};
 
 /// Halves what passes a metre of it in red, and takes nothing of blue.

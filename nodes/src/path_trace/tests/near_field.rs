@@ -3,10 +3,10 @@
 use super::*;
 use crate::bvh::Ray;
 use crate::equirect;
-use crate::path_trace::environment::EnvironmentLight;
-use crate::path_trace::light_points::LightPoints;
-use crate::path_trace::near_field::NearFieldLight;
-use crate::path_trace::receiver::Receiver;
+use crate::render::transport::path::light_points::LightPoints;
+use crate::render::transport::path::near_field::NearFieldLight;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::sampling::{Points, stream};
 use crate::testing::{SphereBins, chi_square};
 

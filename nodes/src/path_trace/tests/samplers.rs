@@ -3,13 +3,14 @@
 
 use super::*;
 use crate::bvh::Ray;
-use crate::path_trace::camera_rays::CameraRays;
-use crate::path_trace::contact::Ground;
-use crate::path_trace::environment::EnvironmentLight;
-use crate::path_trace::integrator::{Integrator, Scene as Traced};
-use crate::path_trace::objects::Objects;
-use crate::path_trace::receiver::Receiver;
-use crate::path_trace::visibility::{Block, Rules};
+use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::picture::camera_rays::CameraRays;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::scene::supports::Ground;
+use crate::render::transport::sky::environment::EnvironmentLight;
 use crate::sampling::{Points, hash, stream};
 use crate::testing::chi_square;
 

@@ -1,0 +1,3 @@
+//! Renderers that kinds share: light transport.
+
+pub mod transport;
