@@ -1,4 +1,4 @@
-//! `docs/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
+//! `docs/evidence/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
 //!
 //! A test belongs to a row by its name, `row_07_short_name`. `mutations.tsv` has changed expressions that turn them
 //! red, which `tests/extremes/mutate.py` tries. The page is made by `tests/extremes/page`; here is checked that it tells
@@ -149,7 +149,7 @@ fn page(values: impl Fn(usize) -> String) -> String {
         let mut next = || cells.next().unwrap_or_default();
         let (node, extreme, expected, why) = (next(), next(), next(), next());
         let of_row = tests.get(&(index + 1)).map(Vec::as_slice).unwrap_or_default();
-        let names: Vec<String> = of_row.iter().map(|t| format!("[`{}`](../{})", t.name, t.file)).collect();
+        let names: Vec<String> = of_row.iter().map(|t| format!("[`{}`](../../{})", t.name, t.file)).collect();
         let of_row_too = |m: &Mutation| of_row.iter().any(|test| test.name == m.test);
         let mutations: Vec<String> = Mutation::all().filter(of_row_too).map(|m| cell(&m.told())).collect();
         let _ = writeln!(
@@ -200,7 +200,7 @@ fn every_row_has_a_mutation_of_what_stands_in_the_sources() {
 /// that it has.
 #[test]
 fn the_page_tells_of_the_tests_that_there_are() {
-    let path = workspace().join("docs/extremes.md");
+    let path = workspace().join("docs/evidence/extremes.md");
     let old = std::fs::read_to_string(&path).unwrap();
     let kept = |row: usize| {
         let line = old.lines().find(|line| line.starts_with(&format!("| {row} | ")));

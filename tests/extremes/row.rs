@@ -1,7 +1,7 @@
 //! What a test of the table of extremes calls to tell what it measured. One file, compiled into every set
 //! of tests that has such rows, since a crate for twenty lines would be a dependency of all of them.
 
-/// Checks a measured value against the bound of row `number` of `docs/extremes.md`, and tells it to the page
+/// Checks a measured value against the bound of row `number` of `docs/evidence/extremes.md`, and tells it to the page
 /// where `LIGHTHARMONY_ROWS` names a folder. Call it from a test named `row_07_short_name` whose doc comment
 /// has a line `Mutation:` that says which changed line turns it red. `what` says what is measured, with its
 /// unit; a test may measure several things. NaN is out of every bound.

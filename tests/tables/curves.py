@@ -1,4 +1,4 @@
-"""The picture of docs/trace.md: error over CPU seconds, beside other programs."""
+"""The picture of docs/evidence/trace.md: error over CPU seconds, beside other programs."""
 import math, re
 
 from page import blocks

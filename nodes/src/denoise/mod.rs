@@ -67,7 +67,7 @@ engine::outputs! {
 }
 
 /// Standard deviations at strength 1 for the ratio and the object; the best of a few tried on the case of
-/// `docs/bench.md`, flat within a factor of 1.5.
+/// `docs/evidence/bench.md`, flat within a factor of 1.5.
 const STRENGTHS: [f64; 2] = [0.7, 0.5];
 /// Cosines that normals may differ by: the receiver's mesh is rough and its normals shade nothing but the
 /// ratio, the object's shade what is filtered.
