@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use crate::sampling::circle;
+use crate::geometry::sampling::circle;
 
 /// Smallest width; smoother surfaces than this cannot be told apart in f32.
 const NARROWEST: f32 = 1e-4;

@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::glass::Glass;
 use super::gloss::{Gloss, Interface};
 use super::{BsdfParams, Frame, Lobe, Scatter, albedo, cosine, glass, sheen};
-use crate::color::luminance;
+use crate::math::color::luminance;
 
 /// Lobes, in the order in which they are chosen.
 const MATTE: usize = 0;
@@ -278,7 +278,7 @@ impl Layers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::{Points, unit};
+    use crate::geometry::sampling::{Points, unit};
 
     /// Layers of no strength that are evaluated, and chosen among, like any other change no bit, of values, densities or
     /// chosen directions. Seen red with a coat of a share of 1e-3.

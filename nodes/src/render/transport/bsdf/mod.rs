@@ -21,7 +21,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-use crate::sampling::{Points, circle};
+use crate::geometry::sampling::{Points, circle};
 pub use layers::{Layers, straight};
 
 /// A class of lobes.

@@ -5,8 +5,8 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use crate::num;
-use crate::sampling::circle;
+use crate::geometry::sampling::circle;
+use crate::math::num;
 
 /// Density of [`uniform`].
 pub const UNIFORM: f32 = 0.5 / PI;

@@ -1,7 +1,7 @@
 //! Furnaces, chi-square tests and reciprocity of every lobe.
 
 use super::*;
-use crate::sampling::stream;
+use crate::geometry::sampling::stream;
 use crate::testing::{SphereBins, chi_square, row};
 
 fn towards(cosine: f32) -> Vec3 {

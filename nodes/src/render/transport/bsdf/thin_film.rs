@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::ggx::schlick;
 use super::glass::{cos_refracted, f0_of_ior as from_index};
-use crate::num::f32::{cos, exp};
+use crate::math::num::f32::{cos, exp};
 
 /// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, place and
 /// spread; the fourth is the second hump of X.

@@ -7,7 +7,7 @@ use engine::Notes;
 use glam::{DVec3, Vec3};
 
 use super::probe::Probe;
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
 use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Camera;

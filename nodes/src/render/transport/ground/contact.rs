@@ -15,9 +15,9 @@ use glam::DVec3;
 
 use super::limits::{LARGEST, SMOOTHEST};
 use super::side::Side;
+use crate::geometry::support::Level;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::{Ground, STEEPEST, Support};
-use crate::support::Level;
 use crate::types::Placed;
 
 /// How far off the ground is looked for in metres, to tell that an object does not stand on it.
@@ -113,7 +113,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::sampling::{mix, unit};
+    use crate::geometry::sampling::{mix, unit};
     use crate::types::{Mesh, Object, Primitive};
 
     /// A square of 40 x 40 cells, 2 wide, at heights given by a function of the vertex.

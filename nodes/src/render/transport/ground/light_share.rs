@@ -1,7 +1,7 @@
 //! How much of the light of a panorama comes to a point past the receiver.
 
-use crate::bvh::Ray;
-use crate::color::luminance;
+use crate::geometry::bvh::Ray;
+use crate::math::color::luminance;
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;

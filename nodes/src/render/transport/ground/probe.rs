@@ -2,10 +2,10 @@
 
 use glam::Vec3;
 
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, circle};
 use crate::render::transport::scene::block::{Block, LAYERS};
 use crate::render::transport::scene::receiver::Receiver;
-use crate::sampling::{Points, circle};
 
 /// The share of the light that a rule must let in to be chosen.
 const LEAST_LIGHT: f64 = 0.25;

@@ -3,10 +3,10 @@
 use glam::{DMat3, DVec3, Vec3};
 
 use super::limits::{LARGEST, SMOOTHEST, TOUCHING};
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
+use crate::geometry::support::{Foot, Level, corners};
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::STEEPEST;
-use crate::support::{Foot, Level, corners};
 use crate::types::Placed;
 
 /// Rays a side of the grid that feels the receiver at a side of an object.

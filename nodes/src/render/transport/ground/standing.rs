@@ -7,11 +7,11 @@ use super::limits::{LARGEST, TOUCHING};
 use super::probe::Probe;
 use super::side::{Lost, Side};
 use super::sunk::Sunk;
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
+use crate::geometry::support::Level;
 use crate::render::transport::scene::lying::find_touching;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
-use crate::support::Level;
 use crate::types::Placed;
 
 /// How much farther down one reaches at least on which an object rests, in metres.

@@ -1,9 +1,9 @@
 //! Objects that lie in a rough surface which they do not stand on: a picture hung on a captured wall.
 
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, unit};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
-use crate::sampling::{Points, unit};
 
 /// Places of an object that are looked at.
 const PLACES: u32 = 256;

@@ -8,15 +8,15 @@ use glam::Vec3;
 
 use super::integrator::{Integrator, Scene};
 use super::path::{PathState, ShadingPoint, Vertex};
-use crate::bvh::{Hit, Ray};
-use crate::color::luminance;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{Points, unit};
+use crate::math::color::luminance;
 use crate::render::transport::bsdf::Lobe;
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::cone::{TOWARDS, Towards};
 use crate::render::transport::sky::environment::DrawnDirection;
-use crate::sampling::{Points, unit};
 
 /// Rays to the objects for each steradian in which they are seen and shine no more than the sky does.
 const RAYS: f32 = 1.0;

@@ -5,14 +5,14 @@ use glam::Vec3;
 use super::integrator::Integrator;
 use super::near_field::{ArrivingLight, NearFieldLight};
 use super::path::ShadingPoint;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::Points;
 use crate::render::transport::bsdf::{Lobe, Scatter};
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
 use crate::render::transport::sky::light_draws::wanted;
-use crate::sampling::Points;
 
 /// First of the pairs for light of the objects: choice and place, for each vertex.
 const LAMPS: u32 = 1 << 16;

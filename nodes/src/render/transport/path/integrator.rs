@@ -7,14 +7,14 @@ use super::near_field::NearFieldLight;
 use super::path::{Path, PathState, ShadingPoint, Vertex, first_pair};
 use super::rays::Rays;
 use super::visibility::Rules;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{Points, unit};
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, EnvironmentLight};
-use crate::sampling::{Points, unit};
 
 /// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
 pub(crate) const BLUR: f32 = 0.05;

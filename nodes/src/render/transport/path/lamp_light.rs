@@ -9,7 +9,7 @@ use glam::Vec3;
 use super::integrator::Integrator;
 use super::near_field::ArrivingLight;
 use super::path::{PathState, ShadingPoint, Vertex};
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::bsdf::Bsdf;
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;

@@ -10,13 +10,13 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use crate::bvh::Ray;
-use crate::num;
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, circle, fraction, stream};
+use crate::math::num;
 use crate::render::transport::bsdf::Frame;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::EnvironmentLight;
-use crate::sampling::{Points, circle, fraction, stream};
 
 /// Points in all.
 const POINTS: usize = 1024;

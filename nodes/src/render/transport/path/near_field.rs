@@ -12,8 +12,8 @@
 
 use glam::Vec3;
 
-use crate::bvh::{Hit, Ray};
-use crate::color::luminance;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::math::color::luminance;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::{EnvironmentLight, LightSample};
 

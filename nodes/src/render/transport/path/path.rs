@@ -2,10 +2,10 @@
 
 use glam::Vec3;
 
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
+use crate::geometry::sampling::hash;
 use crate::render::transport::scene::media::Media;
 use crate::render::transport::scene::surface::Surface;
-use crate::sampling::hash;
 
 /// Pairs of dimensions used by one vertex of a path: light, direction, choice of lobe, survival.
 const PAIRS: u32 = 4;

@@ -1,6 +1,6 @@
 //! Counts of rays.
 
-use crate::bvh::Steps;
+use crate::geometry::bvh::Steps;
 
 /// Triangles tested at once, of which some may be missing.
 pub(crate) const LANES: u64 = 4;

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::direct_light::{near_lights, power_heuristic};
 use super::integrator::{BLUR, Integrator};
 use super::path::{Path, ShadingPoint, Vertex};
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::bsdf::Lobe;
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::integrator::{Integrator, Scene};
 use super::path::Vertex;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::bsdf::Lobe;
 use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::media::Media;

@@ -5,8 +5,8 @@ use super::film::FIRST_HIT;
 use super::film::PAIR;
 use super::film::R0;
 use super::film::{Area, Sums};
-use crate::color::luminance;
 use crate::light::level::level;
+use crate::math::color::luminance;
 use crate::render::transport::path::rays::Rays;
 use crate::types::{Camera, Cell, Data, Image, Linear};
 

@@ -6,11 +6,11 @@ use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::silhouette::Silhouette;
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, hash, stream};
 use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::supports::Ground;
-use crate::sampling::{Points, hash, stream};
 use crate::types::Camera;
 
 /// A camera without its name, which changes no pixel.

@@ -23,10 +23,10 @@ use super::bounds::LOOKS;
 use super::near_crop::{NearBounds, apart};
 use super::tile_bounds::TileBounds;
 use super::window::{Window, corners};
+use crate::light::env_resolution::smoothest;
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
-use crate::render::transport::sky::env_resolution::smoothest;
 
 /// What is left out where it is shown to change little, and what shows it.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use engine::{Artifact, Context, Corrupt, Decoder, Difference, Encoder, NodeError
 use serde::Serialize;
 
 use super::tile_bounds::TileBounds;
-use crate::bvh::Steps;
+use crate::geometry::bvh::Steps;
 use crate::render::transport::path::rays::{LANES, Rays};
 use crate::types::{Camera, grouped};
 

@@ -6,7 +6,7 @@ use super::camera_rays::CameraRays;
 use super::film::FIRST_HIT;
 use super::film::TileSums;
 use super::pair::shift;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::scene::media::Media;
 

@@ -139,8 +139,8 @@ mod tests {
 
     use super::super::camera_rays::CameraRays;
     use super::*;
+    use crate::geometry::sampling::{Points, stream};
     use crate::render::transport::scene::supports::Ground;
-    use crate::sampling::{Points, stream};
     use crate::types::{Material, Object, Placed, Primitive};
 
     /// Triangles without order, of which so many are as large as the place, in a cube around the origin.

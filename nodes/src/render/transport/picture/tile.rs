@@ -3,13 +3,13 @@
 use glam::Vec3;
 
 use super::camera_rays::CameraRays;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::Points;
 use crate::render::transport::path::change::rays_towards;
 use crate::render::transport::path::integrator::Scene;
 use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::environment::TIERS;
 use crate::render::transport::sky::light_distribution::LightDistribution;
-use crate::sampling::Points;
 
 /// Cosine of the widest cone of normals that one distribution serves.
 const ALIKE: f32 = 0.99;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::cone::Cone;
 

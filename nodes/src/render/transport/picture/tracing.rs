@@ -142,7 +142,7 @@ impl<'a> Tracing<'a> {
         range: Range,
         crop: Option<f64>,
     ) -> Extra<'s> {
-        let [_, _, up] = crate::equirect::axes(self.cx.up());
+        let [_, _, up] = crate::math::equirect::axes(self.cx.up());
         Extra {
             contact: Some((up.to_array(), self.cx.metres_per_unit(), self.settings.contact_metres)),
             crop,

@@ -139,7 +139,7 @@ pub fn corners([low, high]: [Vec3; 2]) -> [Vec3; 8] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::Points;
+    use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
     /// A number between two.

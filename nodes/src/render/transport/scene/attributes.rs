@@ -8,7 +8,7 @@
 use glam::{Vec2, Vec3};
 
 use super::mipmap::{Mipmap, Texels};
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
 use crate::types::{ColourMap, Map, Object, Primitive, Texture, TextureRef, Wrap};
 
 /// A point of a primitive, for lookup.
@@ -98,7 +98,7 @@ impl SurfacePoint<'_> {
         let mut share = (b - a).perp_dot(c - a).abs();
         if let Some(t) = texture.transform {
             // KHR_texture_transform: a positive rotation turns the coordinates counter-clockwise with v down.
-            let (sin, cos) = crate::num::sin_cos(f64::from(t.rotation));
+            let (sin, cos) = crate::math::num::sin_cos(f64::from(t.rotation));
             let (sin, cos) = (sin as f32, cos as f32);
             let (u, v) = (uv.x * t.scale[0], uv.y * t.scale[1]);
             uv = Vec2::new(cos * u + sin * v + t.offset[0], cos * v - sin * u + t.offset[1]);

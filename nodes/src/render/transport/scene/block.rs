@@ -7,7 +7,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use super::receiver::Receiver;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
 
 /// Most layers of front faces that can be counted.
 pub const MOST_LAYERS: usize = 16;

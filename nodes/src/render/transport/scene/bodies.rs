@@ -7,9 +7,9 @@ use glam::Vec3;
 use super::face::margin;
 use super::media::{MOST, Media};
 use super::objects::{Objects, PlacedPrimitive};
-use crate::bvh::{Hit, Ray};
-use crate::num;
-use crate::sampling::{hash, unit};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{hash, unit};
+use crate::math::num;
 
 /// Places of a surface from which it is felt how many bodies are around it.
 const FEELERS: usize = 64;

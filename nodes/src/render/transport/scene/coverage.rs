@@ -3,8 +3,8 @@
 use super::bodies::nearer;
 use super::mipmap::Texels;
 use super::objects::Objects;
-use crate::bvh::{Hit, Ray};
-use crate::sampling::{fraction, hash, unit};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{fraction, hash, unit};
 use crate::types::AlphaMode;
 
 impl Objects {

@@ -8,7 +8,7 @@ use super::media::Media;
 use super::mipmap::Texels;
 use super::object_surface::emission;
 use super::objects::Objects;
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
 use crate::types::Material;
 
 /// Of the most that a picture has somewhere, the least that is looked for there: a texel among 128 by 128.

@@ -3,9 +3,9 @@
 use glam::Vec3;
 
 use super::face::margin;
-use crate::bvh::{Hit, Ray};
-use crate::color::luminance;
-use crate::sampling::{Discrete, unit};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{Discrete, unit};
+use crate::math::color::luminance;
 
 /// The triangles of the objects that shine, in pieces, which are chosen by the light they give: area times mean luminance.
 /// A triangle with a picture is cut by lattices of its weights, so that a small lamp of the picture is one.
@@ -200,7 +200,7 @@ fn mean_luminance(triangle: u32, emission: impl Fn(&Hit, f32) -> Vec3) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::{Points, stream};
+    use crate::geometry::sampling::{Points, stream};
     use crate::testing::chi_square;
 
     /// Chi-square of points against their density, by sixteenths of triangles of many sizes and strengths, some of which

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
 
 /// How far rays must start off a triangle not to meet it again: the rounding of corners, barycentrics and the ray's
 /// origin, each a few units in the last place of the largest coordinate.

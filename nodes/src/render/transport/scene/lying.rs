@@ -9,7 +9,7 @@ use super::receiver::Receiver;
 use super::supports::Ground;
 use super::surface::Surface;
 use super::touching::Touching;
-use crate::bvh::Hit;
+use crate::geometry::bvh::Hit;
 
 /// Cosine between the normals of surfaces that lie on one another; what stands on a surface does not.
 const ALONG: f32 = 0.5;

@@ -7,7 +7,7 @@
 
 use std::sync::OnceLock;
 
-use crate::color::{code8, srgb_from_linear};
+use crate::math::color::{code8, srgb_from_linear};
 use crate::types::Texture;
 
 /// What the texels of a texture are.
@@ -88,7 +88,7 @@ fn half(texture: &Texture, texels: Texels, decode: &[f32; 256]) -> Option<Textur
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::color::linear_from_srgb8;
+    use crate::math::color::linear_from_srgb8;
 
     // A chequer of black and white is half the light, which is code 188 and not 128; as numbers it is 128.
     #[test]

@@ -8,8 +8,8 @@ use super::media::Media;
 use super::mipmap::Texels;
 use super::objects::{Objects, PlacedPrimitive};
 use super::surface::Surface;
-use crate::bvh::Hit;
-use crate::num;
+use crate::geometry::bvh::Hit;
+use crate::math::num;
 use crate::render::transport::bsdf::{Bsdf, BsdfParams, Frame, Layers, mirroring, straight};
 use crate::types::{AlphaMode, Material, NormalMap};
 

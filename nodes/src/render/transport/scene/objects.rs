@@ -21,10 +21,10 @@ use super::shades::Shades;
 use super::supports::Ground;
 use super::surface::Surface;
 use super::touching::Touching;
-use crate::bvh::{Bvh, Hit, Ray};
-use crate::color::linear_from_srgb8;
 use crate::error::Error;
-use crate::num;
+use crate::geometry::bvh::{Bvh, Hit, Ray};
+use crate::math::color::linear_from_srgb8;
+use crate::math::num;
 use crate::types::{AlphaMode, Material, Object, Placed, Primitive};
 
 /// One primitive of one placed object.

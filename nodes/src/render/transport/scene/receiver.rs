@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::face::Face;
 use super::subdivide::{Corner, Subdivision};
 use super::surface::Surface;
-use crate::bvh::{Bvh, Hit};
+use crate::geometry::bvh::{Bvh, Hit};
 use crate::render::transport::bsdf::Bsdf;
 use crate::types::Mesh;
 

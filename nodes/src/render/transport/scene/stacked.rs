@@ -10,7 +10,7 @@ use glam::{DVec2, Vec3};
 use super::face::margin;
 use super::objects::Objects;
 use super::receiver::Receiver;
-use crate::bvh::{Bvh, Ray};
+use crate::geometry::bvh::{Bvh, Ray};
 
 /// How far a sheet is lifted, in units of how far rays start off what it lies on.
 const HAIR: f32 = 4.0;

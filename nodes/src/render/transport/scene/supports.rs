@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::aabb::Aabb;
 use super::receiver::Receiver;
-use crate::bvh::{Hit, Ray};
+use crate::geometry::bvh::{Hit, Ray};
 
 /// Cosine of the steepest ground.
 pub(crate) const STEEPEST: f32 = 0.7;

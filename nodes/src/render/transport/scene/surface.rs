@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::media::Media;
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
 use crate::render::transport::bsdf::Bsdf;
 
 /// A point of a surface as light transport sees it.

@@ -8,7 +8,7 @@
 use glam::Vec3;
 
 use super::aabb::Aabb;
-use crate::bvh::Ray;
+use crate::geometry::bvh::Ray;
 
 /// The triangles of objects that may lie in the place of the receiver.
 #[derive(Debug, Clone, Default)]

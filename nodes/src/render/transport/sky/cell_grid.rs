@@ -123,7 +123,7 @@ impl CellGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::{Points, circle, stream};
+    use crate::geometry::sampling::{Points, circle, stream};
 
     fn direction(i: u32, pair: u32) -> Vec3 {
         let [u, v] = Points::new(stream(4, 0, 0), i).pair(pair);

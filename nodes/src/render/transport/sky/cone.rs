@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
+use crate::geometry::sampling::{Points, circle, unit};
 use crate::render::transport::bsdf::Frame;
-use crate::sampling::{Points, circle, unit};
 
 /// First of the pairs of dimensions for rays to the objects: direction, whether one is sent, and whether the
 /// sample asks for a change at all.
@@ -116,7 +116,7 @@ impl Towards {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::stream;
+    use crate::geometry::sampling::stream;
     use crate::testing::chi_square;
 
     /// Chi-square of rays to the objects against their density, by rings and sectors of the cone, and of how often one is
@@ -138,7 +138,7 @@ mod tests {
                 // What is above 1 - cosine is taken from the chord, which keeps its digits.
                 let below = 0.5 * (ray - axis.as_dvec3()).length_squared() / f64::from(1.0 - cosine);
                 let [x, y] = [across, axis.cross(across)].map(|side| ray.dot(side.as_dvec3()));
-                let turns = crate::num::atan2(y, x) / std::f64::consts::TAU + 0.5;
+                let turns = crate::math::num::atan2(y, x) / std::f64::consts::TAU + 0.5;
                 let [ring, sector] = [below, turns].map(|at| ((12.0 * at) as usize).min(11));
                 counts[if sent { ring * 12 + sector } else { 144 }] += 1.0;
             }

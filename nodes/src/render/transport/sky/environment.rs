@@ -8,8 +8,8 @@ use super::irradiance_bound::greatest_irradiance;
 use super::light_cells::{LightCells, RowChoice};
 use super::light_distribution::LightDistribution;
 use super::texel_grid::{TexelGrid, approximate_turns};
-use crate::equirect::pixel_solid_angle;
-use crate::sampling::fraction;
+use crate::geometry::sampling::fraction;
+use crate::math::equirect::pixel_solid_angle;
 use crate::types::Environment;
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 use engine::Up;
 
 use super::*;
-use crate::equirect;
+use crate::geometry::sampling::{Points, stream};
+use crate::math::equirect;
 use crate::render::transport::sky::light_draws::wanted;
-use crate::sampling::{Points, stream};
 use crate::testing::{chi_square, row};
 
 /// The light samples of a first vertex.
@@ -22,7 +22,7 @@ fn sampled(
 fn noisy(width: usize, height: usize) -> Environment {
     let mut environment = constant(Up::PlusY, [0.0; 3], 2);
     let samples = (0..width * height * 3)
-        .map(|i| crate::sampling::unit(crate::sampling::mix(i as u32)).powi_exact())
+        .map(|i| crate::geometry::sampling::unit(crate::geometry::sampling::mix(i as u32)).powi_exact())
         .collect();
     environment.image = crate::types::Image::from_samples(width, height, 3, samples);
     environment

@@ -28,7 +28,7 @@ pub fn greatest_irradiance(power: f64, towards: DVec3, squares: DMat3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::Points;
+    use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
     /// No surface gets more than the bound, and some gets nearly as much.

@@ -9,7 +9,7 @@ use super::cell_grid::{CellGrid, LightCell};
 use super::cone::Cone;
 use super::light_distribution::{LightDistribution, LightTable, accumulate, invert, pad};
 use super::texel_grid::TexelGrid;
-use crate::equirect::pixel_solid_angle;
+use crate::math::equirect::pixel_solid_angle;
 
 /// Weights of texels, ready for sampling. A sample chooses a cell by a [`LightDistribution`], then a texel of it by its
 /// weight; texels are weighed by their exact solid angle.

@@ -191,7 +191,7 @@ mod tests {
 
     use super::super::cell_grid::LightCell;
     use super::*;
-    use crate::sampling::{Points, stream};
+    use crate::geometry::sampling::{Points, stream};
 
     fn direction(i: u32, pair: u32) -> Vec3 {
         crate::testing::direction(Points::new(stream(8, 0, 0), i).pair(pair))
@@ -229,7 +229,8 @@ mod tests {
     #[test]
     fn inversion_finds_the_first_entry_above() {
         for length in [1, 2, 7, 8, 9, 31, 32, 33, 64, 65, 100, 257] {
-            let weights: Vec<f64> = (0..length).map(|i| f64::from(crate::sampling::mix(i) % 5)).collect();
+            let weights: Vec<f64> =
+                (0..length).map(|i| f64::from(crate::geometry::sampling::mix(i) % 5)).collect();
             let mut cumulative = vec![0.0; weights.len()];
             accumulate(&weights, &mut cumulative);
             let single: Vec<f32> = cumulative.iter().map(|&c| c as f32).collect();
@@ -237,7 +238,7 @@ mod tests {
             line.extend([0.3, 0.9]);
             pad(&mut line);
             for i in 0..400 {
-                let u = crate::sampling::fraction(crate::sampling::mix(i));
+                let u = crate::geometry::sampling::fraction(crate::geometry::sampling::mix(i));
                 // Beside each entry too.
                 let beside = single[i as usize % single.len()];
                 for u in [u, f64::from(beside), f64::from(beside) - 1e-12] {
@@ -277,7 +278,7 @@ mod tests {
         let cells: Vec<LightCell> = (0..64)
             .map(|i| {
                 let axis = direction(i, 1);
-                let cosine = crate::num::f32::cos(tip);
+                let cosine = crate::math::num::f32::cos(tip);
                 LightCell { cone: Cone { axis, cosine }, area: 0.2, power: 1.0, towards: axis * 0.99 }
             })
             .collect();
@@ -290,8 +291,8 @@ mod tests {
             let ideal: f32 = cells.iter().map(|c| c.cone.axis.dot(normal).max(0.0)).sum();
             for (k, cell) in cells.iter().enumerate() {
                 // The direction of the cell that stands highest above the surface.
-                let angle = crate::num::f32::acos(cell.cone.axis.dot(normal).clamp(-1.0, 1.0)) - tip;
-                let highest = crate::num::f32::cos(angle.max(0.0));
+                let angle = crate::math::num::f32::acos(cell.cone.axis.dot(normal).clamp(-1.0, 1.0)) - tip;
+                let highest = crate::math::num::f32::cos(angle.max(0.0));
                 let probability = distribution.probability(k / 8, k % 8);
                 assert!(
                     probability >= 0.3 * highest / ideal || highest <= 0.0,

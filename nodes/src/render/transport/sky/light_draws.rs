@@ -6,7 +6,7 @@ use fearless_simd::{dispatch, prelude::*};
 use super::environment::{Distributions, DrawnDirection, EnvironmentLight, TIERS};
 use super::light_cells::RowChoice;
 use super::light_distribution::LightDistribution;
-use crate::sampling::{Points, fraction};
+use crate::geometry::sampling::{Points, fraction};
 
 /// Samples that are drawn at once.
 const LANES: usize = 8;
@@ -143,7 +143,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::sampling::{mix, stream, unit};
+    use crate::geometry::sampling::{mix, stream, unit};
     use crate::types::{Environment, Image};
 
     /// A sky of noise with a few lamps in it.

@@ -2,7 +2,6 @@
 
 pub(crate) mod cell_grid;
 pub mod cone;
-pub(crate) mod env_resolution;
 pub mod environment;
 pub(crate) mod irradiance_bound;
 pub(crate) mod light_cells;

@@ -6,8 +6,8 @@ use engine::Up;
 use glam::Vec3;
 
 use super::cone::Cone;
-use crate::equirect::{axes, pixel_solid_angle};
-use crate::num;
+use crate::math::equirect::{axes, pixel_solid_angle};
+use crate::math::num;
 
 /// Where the texels of a panorama are.
 #[derive(Debug)]
@@ -161,7 +161,7 @@ pub fn approximate_turns(x: f64, y: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::Points;
+    use crate::geometry::sampling::Points;
     use crate::testing::direction;
 
     /// Every texel that a direction of the cone falls into is visited, once, and few others.
