@@ -3,17 +3,16 @@
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3, Vec3};
 
-use super::cone::Cone;
-use super::irradiance_bound::greatest_irradiance;
-use super::light_cells::{LightCells, RowChoice};
-use super::light_distribution::LightDistribution;
-use super::texel_grid::{TexelGrid, approximate_turns};
 use crate::geometry::sampling::fraction;
 use crate::math::equirect::pixel_solid_angle;
+use crate::render::transport::sky::cone::Cone;
+use crate::render::transport::sky::irradiance_bound::greatest_irradiance;
+use crate::render::transport::sky::light_cells::{LightCells, RowChoice};
+use crate::render::transport::sky::light_distribution::LightDistribution;
+use crate::render::transport::sky::texel_grid::{TexelGrid, approximate_turns};
 use crate::types::Environment;
 
 #[cfg(test)]
-#[path = "environment_tests.rs"]
 mod tests;
 
 /// Light from a direction.
