@@ -1,4 +1,5 @@
-//! Renderers that kinds share: Gaussian splats, and where in what they show an object may stand.
+//! Renderers that kinds share: Gaussian splats, light transport, and where in what they show an object may stand.
 
 pub mod layout;
 pub mod splat;
+pub mod transport;
