@@ -7,6 +7,7 @@ mod graph;
 pub mod locked;
 pub mod origin;
 pub mod splats;
+pub mod standing;
 
 pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
 pub use error::Error;

@@ -58,7 +58,8 @@ pub fn million() -> (tempfile::TempDir, impl Fn() -> Arc<Splats>) {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
-        frame: Frame::ByFormat, matrix: None,
+        frame: Frame::ByFormat,
+        matrix: None,
     };
     let load = move || {
         let (out, _) = LoadSplats::run(&params, load_splats::In {}, &cx).unwrap();

@@ -44,7 +44,8 @@ impl Bench {
             more: more.iter().map(|path| file(path)).collect(),
             strict: false,
             max_extent: 1e6,
-            frame: load_splats::Frame::ByFormat, matrix: None,
+            frame: load_splats::Frame::ByFormat,
+            matrix: None,
         };
         LoadSplats::run(&params, load_splats::In {}, &self.cx).unwrap().0.splats
     }

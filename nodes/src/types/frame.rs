@@ -24,9 +24,9 @@ impl Similarity {
         let m = DMat4::from_cols_array(rows).transpose();
         let (linear, offset) = (DMat3::from_mat4(m), m.w_axis.truncate());
         let error = |what: &str| {
-            Err(NodeError::new(what)
-                .at("matrix")
-                .hint("only a rotation, one scale for all axes and a shift keep splats and lenses what they are"))
+            Err(NodeError::new(what).at("matrix").hint(
+                "only a rotation, one scale for all axes and a shift keep splats and lenses what they are",
+            ))
         };
         if rows[12..] != [0.0, 0.0, 0.0, 1.0] {
             return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")

@@ -29,7 +29,8 @@ fn file(name: &'static str, path: &str, truth: Option<(DVec3, f64)>, bounds: (f6
         more: Vec::new(),
         strict: false,
         max_extent: 1e6,
-        frame: Frame::AsStored, matrix: None,
+        frame: Frame::AsStored,
+        matrix: None,
     };
     let splats = LoadSplats::run(&params, load_splats::In {}, &cx).unwrap().0.splats;
     Known { name, splats, truth, bounds }
@@ -77,7 +78,8 @@ fn rotations() -> Vec<DMat3> {
     let mut all: Vec<DMat3> = axes.map(|a| DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, a))).into();
     all.extend((0..10).map(|i| {
         let t = f64::from(i);
-        let q = DQuat::from_xyzw((t * 2.3).sin(), (t * 1.7 + 1.0).cos(), (t * 0.9 + 2.0).sin(), (t * 3.1).cos());
+        let q =
+            DQuat::from_xyzw((t * 2.3).sin(), (t * 1.7 + 1.0).cos(), (t * 0.9 + 2.0).sin(), (t * 3.1).cos());
         DMat3::from_quat(q.normalize())
     }));
     all
@@ -122,7 +124,8 @@ fn up_and_floor_of_all_scenes_in_sixteen_positions() {
             least = least.min(found.confidence);
             let good = scene.truth.is_some_and(|(up, floor)| {
                 let up = rotation * up;
-                let (off, off_floor) = (degrees(DVec3::from_array(found.up), up), floor_off(&found, up, floor).abs());
+                let (off, off_floor) =
+                    (degrees(DVec3::from_array(found.up), up), floor_off(&found, up, floor).abs());
                 if found.is_floor_sure() {
                     (worst, worst_floor) = (worst.max(off), worst_floor.max(off_floor));
                 }

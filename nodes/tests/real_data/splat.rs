@@ -24,7 +24,8 @@ fn load(path: &str, more: &[&str]) -> Arc<Splats> {
         more: more.iter().map(|path| file(path)).collect(),
         strict: true,
         max_extent: 1e6,
-        frame: load_splats::Frame::ByFormat, matrix: None,
+        frame: load_splats::Frame::ByFormat,
+        matrix: None,
     };
     LoadSplats::run(&params, load_splats::In {}, &context()).unwrap().0.splats
 }

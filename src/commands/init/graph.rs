@@ -6,7 +6,8 @@ use std::path::Path;
 use engine::Up;
 use glam::DVec3;
 
-use super::survey::{SIZE, Survey, UpBy};
+use super::survey::{SIZE, Survey};
+use crate::session::standing::UpBy;
 
 /// A text as a graph has it, in quotes.
 fn quoted(text: &str) -> String {
@@ -56,7 +57,7 @@ fn matrix(rows: Option<&[f64; 16]>) -> String {
 pub fn text(survey: &Survey) -> String {
     let s = survey;
     let arranged = &s.arranged;
-    let turned = matrix(s.matrix.as_ref());
+    let turned = matrix(s.standing.matrix.as_ref());
     let size = s.extents.size();
     let height = size.y / s.metres_per_unit * arranged.scale;
     let extent = size.length() / s.metres_per_unit * arranged.scale;
@@ -75,7 +76,9 @@ pub fn text(survey: &Survey) -> String {
         o.push_str(text);
         o.push('\n');
     };
-    line("// An object in a captured place, written by `lightharmony init`. Run it as it is, then change lines and run it again:");
+    line(
+        "// An object in a captured place, written by `lightharmony init`. Run it as it is, then change lines and run it again:",
+    );
     line("// only what a change reaches is computed.");
     line("//");
     line("//   lightharmony run graph.ron            # writes out/picture.png");
@@ -83,22 +86,28 @@ pub fn text(survey: &Survey) -> String {
     line("Graph(");
     line("    version: 1,");
     line("");
-    let by = match s.up_by {
-        UpBy::Measured if s.matrix.is_some() => "Up was measured; `matrix` below turns the capture, which lies aslant, so that it holds.",
+    let by = match s.standing.by {
+        UpBy::Measured if s.standing.matrix.is_some() => {
+            "Up was measured; `matrix` below turns the capture, which lies aslant, so that it holds."
+        }
         UpBy::Measured => "Up was measured.",
         UpBy::Format => "Up is what the format of the splats says.",
-        UpBy::Guessed => "Up is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here.",
+        UpBy::Guessed => {
+            "Up is a GUESS: if the picture is tilted or upside down, write \"+z\", \"+y\" or \"-y\" here."
+        }
     };
     line(&format!("    // {by}"));
-    let scale = if s.stand.scale.metres_per_unit.is_some() && s.stand.scale.confidence >= 0.5 {
-        format!("`metres_per_unit` was measured: {}.", s.stand.scale.reason)
+    let scale = if s.standing.stand.scale.metres_per_unit.is_some()
+        && s.standing.stand.scale.confidence >= 0.5
+    {
+        format!("`metres_per_unit` was measured: {}.", s.standing.stand.scale.reason)
     } else {
         "`metres_per_unit` is NOT KNOWN: measure something in the capture, and write metres divided by units here.".to_owned()
     };
     line(&format!("    // {scale}"));
     line(&format!(
         "    scene: (up: \"{}\", metres_per_unit: {}, seed: 7),",
-        s.up.name(),
+        s.standing.up.name(),
         number(s.metres_per_unit)
     ));
     line("");
@@ -116,7 +125,9 @@ pub fn text(survey: &Survey) -> String {
         None => "at the lowest point of the place, where no level surface was found".to_owned(),
     };
     line(&format!("        // Where the object stands: {on}."));
-    line("        // This is the line you will edit most. `yaw_deg` turns it, counter-clockwise seen from above.");
+    line(
+        "        // This is the line you will edit most. `yaw_deg` turns it, counter-clockwise seen from above.",
+    );
     let fitted = if arranged.fitted {
         format!(" Its own size is {:.2} m; `scale` fits it to the space.", size.max_element())
     } else {
@@ -136,11 +147,15 @@ pub fn text(survey: &Survey) -> String {
             line(&format!("        proxy:  LoadMesh(path: {}{turned}),", quoted(mesh)));
         }
         None => {
-            line("        // The mesh of the place, made from the splats, takes shadows and gives light back.");
+            line(
+                "        // The mesh of the place, made from the splats, takes shadows and gives light back.",
+            );
             line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose\"),");
         }
     }
-    line("        // The object's foot is put on the mesh under it; to hang it, wire `pose` in `placed` instead.");
+    line(
+        "        // The object's foot is put on the mesh under it; to hang it, wire `pose` in `placed` instead.",
+    );
     let reach = digits((0.6 * height * s.metres_per_unit).max(0.02));
     line(&format!(
         "        stands: Snap(object: \"object\", pose: \"pose\", mesh: \"proxy\", reach_metres: {}),",
@@ -155,13 +170,13 @@ pub fn text(survey: &Survey) -> String {
                 "        camera: LoadCameras(path: {}, pick: [{}]{}),",
                 quoted(cameras),
                 quoted(&photo.camera),
-                matrix(s.camera_matrix.as_ref())
+                matrix(s.standing.camera_matrix.as_ref())
             ));
         }
         (_, _, view) => {
             let (eye, target, fov) = view.map_or_else(
                 || {
-                    let [right, forward, up] = nodes::math::equirect::axes(s.up);
+                    let [right, forward, up] = nodes::math::equirect::axes(s.standing.up);
                     let away = (right * 0.5 - forward + up * 0.4) * (4.0 * extent);
                     (arranged.place + away, arranged.place, 45.0)
                 },
@@ -195,13 +210,17 @@ pub fn text(survey: &Survey) -> String {
     }
     line("        // More `samples` are less noise; what is traced is kept.");
     line("        trace:  PathTrace(");
-    line("            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 16, clamp_indirect: 4.0,");
+    line(
+        "            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 16, clamp_indirect: 4.0,",
+    );
     line("        ),");
     line("        clean:  Denoise(");
     line("            without: \"trace.without\", with: \"trace.with\", object: \"trace.object\",");
     line("            depth: \"trace.depth\", normal: \"trace.normal\", variance: \"trace.variance\",");
     line("        ),");
-    line("        shadow: ShadowRatio(without: \"clean.without\", with: \"clean.with\", gamma: 0.8, s_min: 0.05, lambda: 1.0),");
+    line(
+        "        shadow: ShadowRatio(without: \"clean.without\", with: \"clean.with\", gamma: 0.8, s_min: 0.05, lambda: 1.0),",
+    );
     line("        final:  Composite(background: \"view\", object: \"clean.object\", shadow: \"shadow\"),");
     line("        save:   WriteImage(image: \"final\", path: \"picture.png\"),");
     line("    ),");
@@ -235,31 +254,45 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(out, "{what:>9}  {value}{confidence}   [{}]", at(begin));
     };
-    let by = match s.up_by {
-        UpBy::Measured if s.stand.by_cameras => "by the cameras",
+    let by = match s.standing.by {
+        UpBy::Measured if s.standing.stand.by_cameras => "by the cameras",
         UpBy::Measured => "by the ground and what stands on it",
         UpBy::Format => "by the format of the splats; the splats do not confirm it",
         UpBy::Guessed => "guessed",
     };
-    let turned = if s.matrix.is_some() { " after a turn by `matrix`" } else { "" };
-    line("up", format!("{}{turned}, {by}", s.up.name()), Some(s.up_confidence), "scene: (");
-    let axis = match s.up {
+    let turned = if s.standing.matrix.is_some() { " after a turn by `matrix`" } else { "" };
+    line("up", format!("{}{turned}, {by}", s.standing.up.name()), Some(s.standing.confidence), "scene: (");
+    let axis = match s.standing.up {
         Up::PlusZ => ("z", 1.0),
         Up::PlusY => ("y", 1.0),
         Up::MinusY => ("y", -1.0),
     };
-    let floor = length(s.stand.floor * axis.1, digits);
-    let ceiling =
-        s.stand.ceiling.map(|c| format!(", ceiling at {}", length(c * axis.1, digits))).unwrap_or_default();
-    line("floor", format!("{} = {floor}{ceiling}", axis.0), Some(s.stand.floor_confidence.min(s.up_confidence)), "pose:");
-    match s.stand.scale.metres_per_unit {
-        Some(_) if s.stand.scale.confidence >= 0.5 => line(
+    let floor = length(s.standing.stand.floor * axis.1, digits);
+    let ceiling = s
+        .standing
+        .stand
+        .ceiling
+        .map(|c| format!(", ceiling at {}", length(c * axis.1, digits)))
+        .unwrap_or_default();
+    line(
+        "floor",
+        format!("{} = {floor}{ceiling}", axis.0),
+        Some(s.standing.stand.floor_confidence.min(s.standing.confidence)),
+        "pose:",
+    );
+    match s.standing.stand.scale.metres_per_unit {
+        Some(_) if s.standing.stand.scale.confidence >= 0.5 => line(
             "scale",
-            format!("{} m a unit: {}", number(s.metres_per_unit), s.stand.scale.reason),
-            Some(s.stand.scale.confidence),
+            format!("{} m a unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
+            Some(s.standing.stand.scale.confidence),
             "scene: (",
         ),
-        _ => line("scale", format!("NOT KNOWN; {} m a unit is written", number(s.metres_per_unit)), None, "scene: ("),
+        _ => line(
+            "scale",
+            format!("NOT KNOWN; {} m a unit is written", number(s.metres_per_unit)),
+            None,
+            "scene: (",
+        ),
     }
     match s.arranged.surface {
         Some(surface) => line(
@@ -273,19 +306,30 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
             None,
             "pose:",
         ),
-        None => line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:"),
+        None => {
+            line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:")
+        }
     }
     let size = s.extents.size().max_element();
     if s.arranged.fitted {
         let units = size / s.metres_per_unit * s.arranged.scale;
-        line("size", format!("scaled by {} to {} units, to fit", number(s.arranged.scale), length(units, digits)), None, "pose:");
+        line(
+            "size",
+            format!("scaled by {} to {} units, to fit", number(s.arranged.scale), length(units, digits)),
+            None,
+            "pose:",
+        );
     } else {
         line("size", format!("its own, {size:.2} m"), None, "pose:");
     }
     match (&s.photo, s.arranged.view) {
-        (Some(photo), _) => line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:"),
+        (Some(photo), _) => {
+            line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:")
+        }
         (None, Some(view)) => line("camera", format!("at {}", vector(view.eye)), Some(view.score), "camera:"),
-        (None, None) => line("camera", "NO FREE PLACE was found that sees the object".to_owned(), None, "camera:"),
+        (None, None) => {
+            line("camera", "NO FREE PLACE was found that sees the object".to_owned(), None, "camera:")
+        }
     }
     if s.mesh.is_none() {
         line("mesh", "made from the splats".to_owned(), None, "proxy:");

@@ -1,24 +1,18 @@
 //! What `init` finds out about files: how the place stands, and where the object may.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use engine::{Context, InputFile, Kind, NodeError, Scene, Up};
+use engine::{InputFile, Kind, NodeError, Up};
 use glam::DVec3;
-use nodes::geometry::level::{self, LevelEstimate, Scale};
-use nodes::io::splats::{Format, from_y_up};
-use nodes::kinds::load_cameras::{self, Distortion, LoadCameras};
+use nodes::geometry::level::{LevelEstimate, Scale};
 use nodes::kinds::load_object::{self, LoadObject};
-use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::math::equirect::axes;
 use nodes::render::layout::{Arrangement, Extents, arrange};
-use nodes::types::frame::Similarity;
-use nodes::types::{Rig, Splats};
+use nodes::types::Rig;
 
 use crate::session::splats;
+use crate::session::standing::Standing;
 
-/// An axis within this many degrees of the measured up is taken for it.
-const STRAIGHT_DEG: f64 = 2.5;
 /// Scenes with a radius in between are taken to be in metres where nothing says otherwise.
 const METRIC: [f64; 2] = [1.0, 100.0];
 /// Width and height of the first picture.
@@ -39,17 +33,6 @@ pub struct Files<'a> {
     pub cameras: Option<&'a Path>,
     /// A photograph of the place.
     pub photo: Option<&'a Path>,
-}
-
-/// What up rests on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UpBy {
-    /// The floor, or the cameras.
-    Measured,
-    /// The format of the file.
-    Format,
-    /// A guess.
-    Guessed,
 }
 
 /// A photograph and the camera of its name.
@@ -74,18 +57,8 @@ pub struct Survey {
     pub cameras: Option<String>,
     /// The photograph.
     pub photo: Option<Photo>,
-    /// Up of the graph.
-    pub up: Up,
-    /// What it rests on.
-    pub up_by: UpBy,
-    /// Chance that it is right, 0 to 1.
-    pub up_confidence: f64,
-    /// What turns the capture so that `up` holds.
-    pub matrix: Option<[f64; 16]>,
-    /// The same of the cameras, which no format turns.
-    pub camera_matrix: Option<[f64; 16]>,
-    /// How the place stands in the world of the graph.
-    pub stand: LevelEstimate,
+    /// The place as it stands in the world of the graph.
+    pub standing: Standing,
     /// Metres in a unit, as the graph has it.
     pub metres_per_unit: f64,
     /// Box of the object.
@@ -98,34 +71,12 @@ pub struct Survey {
     pub yaw_deg: f64,
 }
 
-fn context(up: Up) -> Context {
-    Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, "")
-}
-
-fn load(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Splats>, NodeError> {
-    let path = InputFile(path.display().to_string());
-    let frame = Frame::ByFormat;
-    let params = LoadSplats { path, more: Vec::new(), strict: false, max_extent: 1e6, frame, matrix };
-    Ok(LoadSplats::run(&params, load_splats::In {}, cx)?.0.splats)
-}
-
-fn rig(path: &Path, matrix: Option<[f64; 16]>, cx: &Context) -> Result<Arc<Rig>, NodeError> {
-    let params = LoadCameras {
-        path: InputFile(path.display().to_string()),
-        pick: Vec::new(),
-        list: "views".to_owned(),
-        resolution: 1.0,
-        distortion: Distortion::Ignore,
-        matrix,
-    };
-    Ok(LoadCameras::run(&params, load_cameras::In {}, cx)?.0.rig)
-}
-
 /// A path as a graph in `folder` names the file: relative where both lie below a folder other than the root.
 pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     let absolute = |path: &Path| -> Result<PathBuf, NodeError> {
         // The folder may not be there yet.
-        let mut there = std::path::absolute(path).map_err(|e| NodeError::new(format!("`{}`: {e}", path.display())))?;
+        let mut there =
+            std::path::absolute(path).map_err(|e| NodeError::new(format!("`{}`: {e}", path.display())))?;
         let mut rest = Vec::new();
         loop {
             if let Ok(found) = there.canonicalize() {
@@ -149,72 +100,26 @@ pub fn relative(folder: &Path, file: &Path) -> Result<String, NodeError> {
     Ok(path.to_str().ok_or_else(unreadable)?.to_owned())
 }
 
-fn degrees(a: DVec3, b: DVec3) -> f64 {
-    nodes::math::num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
-}
-
-/// Up of the graph and what turns the capture to it.
-fn upright(measured: Option<&LevelEstimate>, declared: Option<Up>) -> (Up, Option<[f64; 16]>, UpBy) {
-    // A declared frame was turned to +z by its loader.
-    let sure = measured.filter(|measured| measured.is_sure());
-    if let Some(found) = sure.or(measured.filter(|found| declared.is_none() && found.confidence >= 0.5)) {
-        let by = if found.is_sure() { UpBy::Measured } else { UpBy::Guessed };
-        let up = DVec3::from_array(found.up);
-        let near = |axis: &Up| degrees(up, axes(*axis)[2]) <= STRAIGHT_DEG;
-        if let Some(axis) = [Up::PlusZ, Up::PlusY, Up::MinusY].into_iter().find(near)
-            && (declared.is_none() || axis == Up::PlusZ)
-        {
-            return (axis, None, by);
-        }
-        let turn = Similarity { rotation: found.turn_to(DVec3::Z), ..Similarity::IDENTITY };
-        return (Up::PlusZ, Some(turn.rows()), by);
-    }
-    match declared {
-        Some(_) => (Up::PlusZ, None, UpBy::Format),
-        // As most captures of trainers lie.
-        None => (Up::MinusY, None, UpBy::Guessed),
-    }
-}
-
 impl Survey {
     /// Looks at the files.
     pub fn of(files: &Files<'_>) -> Result<Self, NodeError> {
-        for file in [Some(files.splats), Some(files.object), files.mesh, files.cameras, files.photo].into_iter().flatten() {
+        for file in [Some(files.splats), Some(files.object), files.mesh, files.cameras, files.photo]
+            .into_iter()
+            .flatten()
+        {
             splats::check(file)?;
         }
-        let bytes = std::fs::read(files.splats).unwrap_or_default();
-        let declared = Format::of("", &bytes).ok().and_then(Format::declared_up);
-        let cx = context(Up::PlusZ);
-        let place = load(files.splats, None, &cx)?;
-        // The cameras are in the frame of the file, which a declared format is turned from.
-        let by_format = declared.map(|up| {
-            let rotation = from_y_up(Up::PlusZ) * from_y_up(up).transpose();
-            Similarity { rotation, ..Similarity::IDENTITY }
-        });
-        let cameras = files.cameras.map(|path| rig(path, by_format.map(|m| m.rows()), &cx)).transpose()?;
-        let measured = level::of_splats(&place, cameras.as_deref());
-        let (up, matrix, up_by) = upright(measured.as_ref(), declared);
-        let cx = context(up);
-        let place = if matrix.is_some() { load(files.splats, matrix, &cx)? } else { place };
-        let turned = matrix.as_ref().map(Similarity::of_rows).transpose()?;
-        let camera_matrix = match (by_format, turned) {
-            (Some(first), Some(then)) => Some(then.after(&first).rows()),
-            (one, other) => one.or(other).map(|m| m.rows()),
-        };
-        let cameras = files.cameras.map(|path| rig(path, camera_matrix, &cx)).transpose()?;
-        let axis = axes(up)[2];
-        let stand = level::upright(&place, axis, cameras.as_deref()).ok_or_else(|| {
-            NodeError::new(format!("`{}` has no splats that are seen", files.splats.display()))
-        })?;
+        let standing = Standing::of(files.splats, files.cameras)?;
+        let (up, stand, cameras) = (standing.up, &standing.stand, standing.cameras.as_deref());
+        let cx = splats::context(up);
         let params = LoadObject { path: InputFile(files.object.display().to_string()), scene: None };
         let object = LoadObject::run(&params, load_object::In {}, &cx)?.0.object;
-        let extents = Extents::of(&object).ok_or_else(|| {
-            NodeError::new(format!("`{}` has no triangles", files.object.display()))
-        })?;
-        let metres_per_unit = metres(&stand);
-        let mut arranged = arrange(&place, &stand, &extents, metres_per_unit, cameras.as_deref(), &cx)?;
-        let photo = files.photo.map(|path| photo(path, files, cameras.as_deref())).transpose()?;
-        let decimals = decimals(&stand);
+        let extents = Extents::of(&object)
+            .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;
+        let metres_per_unit = metres(stand);
+        let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
+        let photo = files.photo.map(|path| photo(path, files, cameras)).transpose()?;
+        let decimals = decimals(stand);
         let round = |v: DVec3| DVec3::from_array(v.to_array().map(|c| rounded(c, decimals)));
         if let Some(view) = &mut arranged.view {
             (view.eye, view.target) = (round(view.eye), round(view.target));
@@ -222,25 +127,17 @@ impl Survey {
         let yaw_deg = arranged.view.map_or(0.0, |view| facing(view.eye - arranged.place, up));
         let centre = 0.5 * (extents.low + extents.high);
         let to_world = nodes::types::frame::world_from_gltf(up, metres_per_unit);
-        let offset = yaw(up, yaw_deg, to_world.transform_vector3(DVec3::new(centre.x, extents.low.y, centre.z)));
+        let offset =
+            yaw(up, yaw_deg, to_world.transform_vector3(DVec3::new(centre.x, extents.low.y, centre.z)));
         let translation = round(arranged.place - offset * arranged.scale);
         let path = |file: &Path| relative(files.folder, file);
-        let up_confidence = match up_by {
-            UpBy::Format => 0.8,
-            UpBy::Measured | UpBy::Guessed => measured.map_or(0.0, |m| if matches!(up_by, UpBy::Guessed) && m.confidence < 0.5 { 0.3 } else { m.confidence }),
-        };
         Ok(Self {
             splats: path(files.splats)?,
             object: path(files.object)?,
             mesh: files.mesh.map(path).transpose()?,
             cameras: files.cameras.map(path).transpose()?,
             photo,
-            up,
-            up_by,
-            up_confidence,
-            matrix,
-            camera_matrix,
-            stand,
+            standing,
             metres_per_unit,
             extents,
             arranged,
@@ -251,7 +148,7 @@ impl Survey {
 
     /// Digits behind the point that lengths in this scene need.
     pub fn decimals(&self) -> usize {
-        decimals(&self.stand)
+        decimals(&self.standing.stand)
     }
 }
 
@@ -337,7 +234,8 @@ mod tests {
             let [right, forward, _] = axes(up);
             let towards = right * 0.6 - forward * 0.8;
             let front = nodes::types::frame::world_from_gltf(up, 1.0).transform_vector3(DVec3::Z);
-            let angle = degrees(yaw(up, facing(towards, up), front), towards);
+            let turned = yaw(up, facing(towards, up), front);
+            let angle = turned.cross(towards).length().atan2(turned.dot(towards)).to_degrees();
             assert!((15.0..25.0).contains(&angle), "{angle}");
         }
     }

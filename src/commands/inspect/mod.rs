@@ -2,6 +2,7 @@
 
 mod other;
 mod person;
+mod picture;
 
 use std::path::{Path, PathBuf};
 
@@ -24,6 +25,12 @@ pub struct Inspect {
     /// One JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    /// Writes a picture (PNG): a plan from above with a grid, and views whose cameras are printed
+    #[arg(long, value_name = "PNG")]
+    picture: Option<PathBuf>,
+    /// The cameras of the capture, which say which way is up and where it looks right
+    #[arg(long, requires = "picture")]
+    cameras: Option<PathBuf>,
 }
 
 /// The answer, as JSON has it.
@@ -68,7 +75,8 @@ impl Inspect {
                 // That it is taken as stored is what `inspect` does, and no graph.
                 let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
-                return self.tell(&answer);
+                self.tell(&answer)?;
+                return self.draw(|| picture::of_splats(&self.file, self.cameras.as_deref()));
             }
             Err(failed) => failed,
         };
@@ -76,12 +84,17 @@ impl Inspect {
         let is_mesh = other::is_mesh(&bytes);
         match load_mesh(&self.file, &cx) {
             Ok((found, notes)) if !found.triangles.is_empty() => {
-                let found = mesh::inspect(&found);
-                (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
-                return self.tell(&answer);
+                let inspected = mesh::inspect(&found);
+                (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&inspected), &notes);
+                self.tell(&answer)?;
+                let declared = format.and_then(Format::declared_up);
+                return self.draw(|| picture::of_mesh(&self.file, &found, declared));
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
+        }
+        if self.picture.is_some() && other::is_picture(&bytes) {
+            return self.draw(|| picture::of_panorama(&self.file, &bytes));
         }
         let name = self.file.display();
         let failed = match other::other(&self.file, &bytes) {
@@ -90,6 +103,20 @@ impl Inspect {
             None => failed,
         };
         Ok(splats::failed(&failed))
+    }
+
+    /// Writes the picture, where one is wanted, and prints what belongs to it.
+    fn draw(&self, make: impl FnOnce() -> Result<(Vec<u8>, String), NodeError>) -> Result<u8, Error> {
+        let Some(path) = &self.picture else { return Ok(0) };
+        let (png, lines) = match make() {
+            Ok(made) => made,
+            Err(error) => return Ok(splats::failed(&error)),
+        };
+        cache::publish_file(path, &png)?;
+        if !self.json {
+            terminal::print(&format!("{:>14}  {}\n{lines}", "picture", path.display()))?;
+        }
+        Ok(0)
     }
 
     fn tell(&self, answer: &Answer<'_>) -> Result<u8, Error> {
@@ -109,7 +136,9 @@ fn load_mesh(path: &Path, cx: &Context) -> Result<(nodes::types::Mesh, Notes), N
     let params = LoadMesh {
         path: InputFile(path.display().to_string()),
         colours: load_mesh::ColourEncoding::Auto,
-        frame: load_mesh::MeshFrame::World, matrix: None };
+        frame: load_mesh::MeshFrame::World,
+        matrix: None,
+    };
     let (out, notes) = LoadMesh::run(&params, load_mesh::In {}, cx)?;
     Ok((std::sync::Arc::unwrap_or_clone(out.mesh), notes))
 }

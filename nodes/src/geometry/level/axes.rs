@@ -86,10 +86,10 @@ pub(super) fn candidates(patches: &[Patch], centre: DVec3, radius: f64, most: us
         while step > 5e-4 {
             let [across, along] = across(one.axis);
             let tries = [across, -across, along, -along].map(|way| (one.axis + way * step).normalize());
-            let best = tries.map(|axis| (score(axis), axis)).into_iter().fold(
-                (one.layering, one.axis),
-                |best, next| if next.0 > best.0 { next } else { best },
-            );
+            let best = tries
+                .map(|axis| (score(axis), axis))
+                .into_iter()
+                .fold((one.layering, one.axis), |best, next| if next.0 > best.0 { next } else { best });
             if best.0 > one.layering {
                 (one.layering, one.axis) = best;
             } else {

@@ -60,6 +60,12 @@ pub struct LevelEstimate {
 }
 
 impl LevelEstimate {
+    /// The axis that `up` is within 2.5 degrees of: `+z`.
+    pub fn axis(&self) -> Option<&'static str> {
+        const NAMES: [[&str; 2]; 3] = [["-x", "+x"], ["-y", "+y"], ["-z", "+z"]];
+        (0..3).find(|&k| self.up[k].abs() > 0.999).map(|k| NAMES[k][usize::from(self.up[k] > 0.0)])
+    }
+
     /// True where up can be relied on.
     pub fn is_sure(&self) -> bool {
         self.confidence >= SURE
@@ -85,11 +91,8 @@ fn turn(from: DVec3, to: DVec3) -> DMat3 {
         return DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z) * 2.0 - DMat3::IDENTITY;
     }
     let v = from.cross(to);
-    let cross = DMat3::from_cols(
-        DVec3::new(0.0, v.z, -v.y),
-        DVec3::new(-v.z, 0.0, v.x),
-        DVec3::new(v.y, -v.x, 0.0),
-    );
+    let cross =
+        DMat3::from_cols(DVec3::new(0.0, v.z, -v.y), DVec3::new(-v.z, 0.0, v.x), DVec3::new(v.y, -v.x, 0.0));
     DMat3::IDENTITY + cross + cross * cross * (1.0 / (1.0 + cosine))
 }
 
@@ -151,7 +154,11 @@ fn estimate(patches: &Patches, cameras: Option<&Rig>) -> Option<LevelEstimate> {
         for up in [axis, -axis] {
             let profile = profile(patches, up);
             let layered = LAYERED * num::f64::ln((one.layering / strongest).max(1e-9));
-            candidates.push(Candidate { odds: layered + profile.evidence().sum(), layering: one.layering, profile });
+            candidates.push(Candidate {
+                odds: layered + profile.evidence().sum(),
+                layering: one.layering,
+                profile,
+            });
         }
     }
     let held = cameras.and_then(rig::held);

@@ -77,9 +77,10 @@ impl Patches {
             let [a, b, c] = of.map(|v| mesh.position(v));
             let cross = (b - a).cross(c - a);
             let length = cross.length();
-            let rgb = mesh.colours.get(of[0] as usize).map_or([0.5; 3], |rgb| {
-                rgb.map(|v| f64::from(crate::math::color::srgb_from_linear(v)))
-            });
+            let rgb = mesh
+                .colours
+                .get(of[0] as usize)
+                .map_or([0.5; 3], |rgb| rgb.map(|v| f64::from(crate::math::color::srgb_from_linear(v))));
             Patch {
                 middle: (a + b + c) / 3.0,
                 normal: (length > 0.0).then(|| cross / length),
@@ -145,7 +146,8 @@ pub fn rotation(quat: [f32; 4]) -> DMat3 {
 
 /// The colour of a splat over all directions, as displayed.
 fn displayed(splats: &Splats, i: usize) -> [f64; 3] {
-    let rgb = splats.sh[i * splats.sh_len()].map(|v| (f64::from(v) * 0.282_094_791_773_878_14 + 0.5).clamp(0.0, 1.0));
+    let rgb = splats.sh[i * splats.sh_len()]
+        .map(|v| (f64::from(v) * 0.282_094_791_773_878_14 + 0.5).clamp(0.0, 1.0));
     match splats.encoding {
         SplatEncoding::Srgb => rgb,
         SplatEncoding::Linear => rgb.map(|v| num::pow(v, 1.0 / 2.2)),

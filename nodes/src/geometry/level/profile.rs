@@ -124,7 +124,8 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
         }
     }
     let lying_total: f64 = lying.iter().sum();
-    let window = |of: &[f64; LAYERS], k: usize| of[k.saturating_sub(1)..(k + 2).min(LAYERS)].iter().sum::<f64>();
+    let window =
+        |of: &[f64; LAYERS], k: usize| of[k.saturating_sub(1)..(k + 2).min(LAYERS)].iter().sum::<f64>();
     // From below, or from above.
     let search = |from_below: bool| {
         let mut best = (0.0, if from_below { 0 } else { LAYERS - 1 });
@@ -162,10 +163,10 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     found.floor = if ground > 0.0 { middle_of(floor_layer) } else { low };
     found.top = if lid > 0.0 && lid_layer > floor_layer { middle_of(lid_layer) } else { high };
     let within = |h: f64| (h - found.floor).abs() < 2.0 * width;
-    let (sum, squares) = core.iter().filter(|p| flat(p, up) && within(p.middle.dot(up))).fold(
-        (0.0, 0.0),
-        |(sum, squares), p| (sum + p.weight, squares + p.weight * p.weight),
-    );
+    let (sum, squares) = core
+        .iter()
+        .filter(|p| flat(p, up) && within(p.middle.dot(up)))
+        .fold((0.0, 0.0), |(sum, squares), p| (sum + p.weight, squares + p.weight * p.weight));
     found.observations = if squares > 0.0 { sum * sum / squares } else { 0.0 };
     let around = patches.core.iter().chain(&patches.far).fold([0.0; 2], |mut sum, p| {
         let over = p.middle.dot(up) - found.floor;
@@ -178,7 +179,10 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     let [x, y] = across(up);
     let cell = |p: &Patch| {
         let v = p.middle - patches.centre;
-        let at = |axis: DVec3| ((v.dot(axis) / patches.radius * 0.5 + 0.5) * CELLS as f64).clamp(0.0, CELLS as f64 - 1.0) as usize;
+        let at = |axis: DVec3| {
+            ((v.dot(axis) / patches.radius * 0.5 + 0.5) * CELLS as f64).clamp(0.0, CELLS as f64 - 1.0)
+                as usize
+        };
         at(y) * CELLS + at(x)
     };
     let near = 2.0 * width;
@@ -228,7 +232,11 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     }
     let sky: [f64; 2] = patches.far.iter().fold([0.0; 2], |mut sum, p| {
         let v = (p.middle - patches.centre).normalize().dot(up);
-        if v > 0.25 { sum[1] += p.weight } else if v < -0.25 { sum[0] += p.weight }
+        if v > 0.25 {
+            sum[1] += p.weight
+        } else if v < -0.25 {
+            sum[0] += p.weight
+        }
         sum
     });
     let balance = |[a, b]: [f64; 2]| if a + b > 0.0 { (a - b) / (a + b) } else { 0.0 };

@@ -27,7 +27,8 @@ pub(super) struct Stand {
 pub(super) fn refine(patches: &Patches, profile: &Profile) -> Stand {
     let [x, y] = across(profile.up);
     let mut band = (0.03 * profile.height().max(0.2 * patches.radius)).min(0.05 * patches.radius);
-    let mut plane = Level { height: profile.floor - patches.centre.dot(profile.up), slope: [0.0; 2], roughness: 0.0 };
+    let mut plane =
+        Level { height: profile.floor - patches.centre.dot(profile.up), slope: [0.0; 2], roughness: 0.0 };
     let local = |p: &Patch| {
         let v = p.middle - patches.centre;
         [v.dot(x), v.dot(y), v.dot(profile.up)]

@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DVec3};
 
+use super::Candidate;
 use super::patch::Patches;
 use super::profile::profile;
-use super::Candidate;
 use crate::math::num;
 use crate::types::Rig;
 
@@ -101,7 +101,8 @@ pub(super) fn weigh(held: &Held, patches: &Patches, candidates: &mut Vec<Candida
         let most = candidates.iter().map(|c| c.layering).fold(1e-12, f64::max);
         for up in [held.up, -held.up] {
             let profile = profile(patches, up);
-            let odds = super::LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
+            let odds =
+                super::LAYERED * num::f64::ln((least / most).max(1e-9)) * 0.5 + profile.evidence().sum();
             candidates.push(Candidate { odds, layering: least, profile });
         }
     }

@@ -35,9 +35,14 @@ pub(super) fn scale(stand: &Stand, patches: &Patches, cameras: Option<&Rig>) -> 
         let fits = (least..=most).contains(&length);
         let metres = if fits { 1.0 } else { (least + most) * 0.5 / length };
         let confidence = chances[usize::from(fits)];
-        Scale { metres_per_unit: Some(metres), confidence, reason: format!("{what} {length:.3} units over the floor") }
+        Scale {
+            metres_per_unit: Some(metres),
+            confidence,
+            reason: format!("{what} {length:.3} units over the floor"),
+        }
     };
-    let heights = cameras.map(|rig| rig.cameras.iter().map(|c| c.eye().dot(stand.up) - stand.floor).collect());
+    let heights =
+        cameras.map(|rig| rig.cameras.iter().map(|c| c.eye().dot(stand.up) - stand.floor).collect());
     let held = heights.and_then(median).filter(|h| *h > 1e-3 * patches.radius);
     let room = stand.ceiling.map(|ceiling| ceiling - stand.floor);
     match (room, held) {

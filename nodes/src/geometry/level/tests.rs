@@ -47,7 +47,10 @@ impl Made {
         let turn = turn(DVec3::Z, normal);
         for i in 0..count {
             let noise = (unit(i, 7) - 0.5) * 0.01;
-            let at = DVec3::from_array(middle) + u * (unit(i, 5) * 2.0 - 1.0) + v * (unit(i, 6) * 2.0 - 1.0) + normal * noise;
+            let at = DVec3::from_array(middle)
+                + u * (unit(i, 5) * 2.0 - 1.0)
+                + v * (unit(i, 6) * 2.0 - 1.0)
+                + normal * noise;
             let size = (u.cross(v).length() / count as f64).sqrt();
             self.push(at, [size, size, 0.002], turn, luma);
         }

@@ -76,13 +76,7 @@ impl Reading<'_> {
     }
 
     /// The way into the world, from what the format and the user say; the decision is noted.
-    fn world(
-        &self,
-        file: &str,
-        declared: Option<Up>,
-        metres: bool,
-        notes: &mut Notes,
-    ) -> Option<Similarity> {
+    fn world(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Similarity> {
         let (turn, text) = self.placing.turn(declared, metres);
         if let Some(text) = text {
             notes.decision("frame", format!("`{file}` {text}"));

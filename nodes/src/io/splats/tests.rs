@@ -84,7 +84,8 @@ fn what_is_not_finite_is_dropped_or_named() {
         more: Vec::new(),
         strict: true,
         max_extent: 1e6,
-        frame: Frame::ByFormat, matrix: None,
+        frame: Frame::ByFormat,
+        matrix: None,
     };
     let error = LoadSplats::run(&params, In {}, &cx).err().unwrap();
     assert!(error.message().contains("splat 33333 "), "{error}");
@@ -317,7 +318,8 @@ fn sog_versions_and_wrappings_agree() {
             more: Vec::new(),
             strict: true,
             max_extent: 1e6,
-            frame: Frame::ByFormat, matrix: None,
+            frame: Frame::ByFormat,
+            matrix: None,
         };
         let sources = LoadSplats::sources(&params, &root).unwrap();
         (LoadSplats::run(&params, In {}, &cx).unwrap().0.splats, sources)

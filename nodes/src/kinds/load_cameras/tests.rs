@@ -7,7 +7,8 @@ fn node(path: &str) -> LoadCameras {
         pick: Vec::new(),
         list: "views".into(),
         resolution: 1.0,
-        distortion: Distortion::Refuse, matrix: None,
+        distortion: Distortion::Refuse,
+        matrix: None,
     }
 }
 

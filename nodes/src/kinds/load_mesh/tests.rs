@@ -10,7 +10,12 @@ fn load(bytes: &[u8], p: &LoadMesh) -> Result<(Arc<Mesh>, Notes), NodeError> {
     LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
 }
 fn plain() -> LoadMesh {
-    LoadMesh { path: InputFile("a.ply".into()), colours: ColourEncoding::Auto, frame: MeshFrame::World, matrix: None }
+    LoadMesh {
+        path: InputFile("a.ply".into()),
+        colours: ColourEncoding::Auto,
+        frame: MeshFrame::World,
+        matrix: None,
+    }
 }
 fn good(bytes: &[u8]) -> (Arc<Mesh>, Notes) {
     load(bytes, &plain()).unwrap_or_else(|e| panic!("{e}"))
@@ -134,7 +139,8 @@ fn colours_of_faces_are_those_of_their_corners() {
 #[test]
 fn axes_of_gltf_are_told() {
     for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
-        let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame, matrix: None };
+        let p =
+            LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame, matrix: None };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
         assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), told);
     }

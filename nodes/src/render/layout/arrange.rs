@@ -28,7 +28,10 @@ pub struct Extents {
 impl Extents {
     /// Of all corners of its triangles; `None` of an object without any.
     pub fn of(object: &Object) -> Option<Self> {
-        let points = object.primitives.iter().flat_map(|part| part.triangles.iter().flatten().map(|&v| part.positions[v as usize]));
+        let points = object
+            .primitives
+            .iter()
+            .flat_map(|part| part.triangles.iter().flatten().map(|&v| part.positions[v as usize]));
         let mut all = points.map(|p| DVec3::from(p.map(f64::from))).filter(|p| p.is_finite()).map(|p| (p, p));
         let first = all.next()?;
         let (low, high) = all.fold(first, |(low, high), (p, _)| (low.min(p), high.max(p)));
@@ -78,8 +81,10 @@ pub fn arrange(
     let tall = stand.ceiling.map_or(0.6 * stand.radius, |ceiling| ceiling - stand.floor);
     let reach = (object.reach() / metres_per_unit).max(1e-9);
     // Where the scale is not known, the object's own size counts within what looks right in the scene.
-    let enough = if known { reach / ROOM } else { (reach / ROOM).clamp(0.03 * stand.radius, 0.08 * stand.radius) };
-    let heights = if known { HEIGHTS.map(|h| h / metres_per_unit) } else { [-0.05 * stand.radius, 0.45 * tall] };
+    let enough =
+        if known { reach / ROOM } else { (reach / ROOM).clamp(0.03 * stand.radius, 0.08 * stand.radius) };
+    let heights =
+        if known { HEIGHTS.map(|h| h / metres_per_unit) } else { [-0.05 * stand.radius, 0.45 * tall] };
     let centre = DVec3::from_array(stand.centre);
     let near = match cameras {
         // In front of the cameras, where the capture is good.
@@ -96,7 +101,8 @@ pub fn arrange(
     let size = object.size();
     let surface = found.first().copied();
     let place = surface.map_or_else(|| centre + up * (stand.floor - centre.dot(up)), |surface| surface.place);
-    let (room, clearance) = surface.map_or((0.2 * stand.radius, f64::INFINITY), |s| (ROOM * s.radius, 0.9 * s.clearance));
+    let (room, clearance) =
+        surface.map_or((0.2 * stand.radius, f64::INFINITY), |s| (ROOM * s.radius, 0.9 * s.clearance));
     let largest = (room / reach).min(clearance / (size.y / metres_per_unit)).max(1e-9);
     // Its own size where that fits; else as large as looks right there.
     let wanted = ROOM * wish.enough / reach;
@@ -104,7 +110,8 @@ pub fn arrange(
     let scale = if fits { 1.0 } else { rounded(largest.min(wanted)) };
     let height = size.y / metres_per_unit * scale;
     let extent = (size.length() / metres_per_unit * scale).max(2.0 * grid.cell);
-    let hint: Vec<DVec3> = cameras.map(|rig| rig.cameras.iter().map(|c| c.eye()).collect()).unwrap_or_default();
+    let hint: Vec<DVec3> =
+        cameras.map(|rig| rig.cameras.iter().map(|c| c.eye()).collect()).unwrap_or_default();
     let subject = Subject { place, height, extent };
     let view = best_view(splats, &grid, &subject, &hint, cx)?;
     Ok(Arrangement { surface, place, scale, fitted: !fits, view })

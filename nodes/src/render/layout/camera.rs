@@ -54,7 +54,14 @@ pub struct Subject {
 }
 
 /// How well a small picture shows the subject, 0 to 1.
-fn judge(splats: &Splats, view: &View, subject: &Subject, up: DVec3, near: f64, cx: &Context) -> Result<f64, NodeError> {
+fn judge(
+    splats: &Splats,
+    view: &View,
+    subject: &Subject,
+    up: DVec3,
+    near: f64,
+    cx: &Context,
+) -> Result<f64, NodeError> {
     let camera = view.camera("try", SMALL, up);
     let settings = Settings { near, ..Settings::default() };
     let seen = render(splats, &camera, None, &settings, cx)?;
@@ -130,7 +137,8 @@ pub fn best_view(
         let way = *eye - target;
         let distance = way.length();
         let slant = way.dot(up) / distance;
-        if distance > 1.5 * subject.extent && distance < 12.0 * subject.extent && (0.02..0.9).contains(&slant) {
+        if distance > 1.5 * subject.extent && distance < 12.0 * subject.extent && (0.02..0.9).contains(&slant)
+        {
             add(*eye, 1.0);
         }
     }

@@ -60,14 +60,7 @@ impl Grid {
         let half = 0.5 * side as f64 * cell;
         let low = DVec3::new(centre.x - half, centre.y - half, stand.floor - 8.0 * cell);
         let size = [side, side, storeys];
-        let mut grid = Self {
-            axes,
-            low,
-            cell,
-            size,
-            solid: Vec::new(),
-            detail: vec![[0.0; 2]; side * side],
-        };
+        let mut grid = Self { axes, low, cell, size, solid: Vec::new(), detail: vec![[0.0; 2]; side * side] };
         let mut filled = vec![0.0_f32; side * side * storeys];
         for i in 0..splats.len() {
             if splats.opacities[i] >= FAINT {

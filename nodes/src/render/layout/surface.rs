@@ -86,7 +86,9 @@ pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
                     (y + 1 < ny).then_some(at + nx),
                 ];
                 for side in sides.into_iter().flatten() {
-                    if let Some(other) = (0..tops[side].len()).find(|&o| tops[side][o].0.abs_diff(z) <= 1 && !taken[side][o]) {
+                    if let Some(other) =
+                        (0..tops[side].len()).find(|&o| tops[side][o].0.abs_diff(z) <= 1 && !taken[side][o])
+                    {
                         taken[side][other] = true;
                         cells.push((side, other));
                     }
@@ -102,7 +104,13 @@ pub fn surfaces(grid: &Grid, floor: f64, wish: &Wish) -> Vec<Surface> {
 }
 
 /// The best place of a surface.
-fn best(grid: &Grid, floor: f64, wish: &Wish, tops: &[Vec<(u16, u16)>], cells: &[(usize, usize)]) -> Option<Surface> {
+fn best(
+    grid: &Grid,
+    floor: f64,
+    wish: &Wish,
+    tops: &[Vec<(u16, u16)>],
+    cells: &[(usize, usize)],
+) -> Option<Surface> {
     let [nx, ny, _] = grid.size;
     // Distance to the nearest cell that is not of it, by two sweeps (chamfer 3-4).
     let mut far = vec![0_u32; nx * ny];

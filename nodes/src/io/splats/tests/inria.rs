@@ -45,7 +45,8 @@ fn read(bytes: &[u8], strict: bool) -> Result<(Arc<Splats>, Notes), NodeError> {
         more: Vec::new(),
         strict,
         max_extent: 1e6,
-        frame: Frame::ByFormat, matrix: None,
+        frame: Frame::ByFormat,
+        matrix: None,
     };
     LoadSplats::run(&params, In {}, &Context::detached(scene, folder.path()))
         .map(|(out, notes)| (out.splats, notes))
@@ -127,7 +128,8 @@ fn files_of_a_scene_are_appended_at_the_higher_degree() {
         more: vec![file("b.ply")],
         strict: true,
         max_extent: 1e6,
-        frame: Frame::ByFormat, matrix: None,
+        frame: Frame::ByFormat,
+        matrix: None,
     };
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 };
     let cx = Context::detached(scene, folder.path());
