@@ -2,5 +2,6 @@
 
 pub mod layout;
 pub mod look;
+pub mod pick;
 pub mod splat;
 pub mod transport;

@@ -28,10 +28,12 @@ fn quoted(text: &str) -> String {
     out + "\""
 }
 
-/// A number as a graph has it: with a point.
+/// A number as a graph has it: with a point, and without the digits of rounding.
 fn number(value: f64) -> String {
-    let text = format!("{value}");
-    if text.contains(['.', 'e']) { text } else { text + ".0" }
+    let text = format!("{value:.9}");
+    let text = text.trim_end_matches('0');
+    let text = if text.ends_with('.') { format!("{text}0") } else { text.to_owned() };
+    if text == "-0.0" { "0.0".to_owned() } else { text }
 }
 
 fn vector(v: DVec3) -> String {
@@ -41,7 +43,13 @@ fn vector(v: DVec3) -> String {
 
 /// A length with few digits for a person.
 fn length(value: f64, decimals: usize) -> String {
-    format!("{value:.decimals$}")
+    let text = format!("{value:.decimals$}");
+    // Not -0.
+    if text.trim_start_matches('-').bytes().all(|b| matches!(b, b'0' | b'.')) {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text
+    }
 }
 
 fn matrix(rows: Option<&[f64; 16]>) -> String {
@@ -200,7 +208,7 @@ pub fn text(survey: &Survey) -> String {
         number(digits((0.6 * height * s.metres_per_unit).max(1e-3)))
     ));
     line(&format!("        faces:  SplatRender(splats: \"scene\", rig: \"probe\"{near}),"));
-    line("        pano:   Stitch(views: \"faces\", width_px: 1024),");
+    line("        pano:   Stitch(views: \"faces\", width_px: 512),");
     line("        dark:   PredictExposure(pano: \"pano\", evs: [-6.0, -3.0], method: Learned),");
     line("        env:    FuseHdr(base: \"pano\", brackets: \"dark\"),");
     line("");
@@ -211,7 +219,7 @@ pub fn text(survey: &Survey) -> String {
     line("        // More `samples` are less noise; what is traced is kept.");
     line("        trace:  PathTrace(");
     line(
-        "            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 16, clamp_indirect: 4.0,",
+        "            receiver: \"proxy\", objects: [\"placed\"], rig: \"camera\", env: \"env\", samples: 8, clamp_indirect: 4.0,",
     );
     line("        ),");
     line("        clean:  Denoise(");

@@ -1,6 +1,7 @@
 //! `load-cameras`: the cameras of a capture, or of anything else that wrote them down.
 
 mod colmap;
+mod gltf;
 mod json;
 #[cfg(test)]
 mod tests;
@@ -9,7 +10,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use engine::{
-    Context, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up, ViewCount,
+    Context, ContextField, InputFile, Keep, Kind, NodeError, Notes, Scene, SourceFile, SourceRoot, Up,
+    ViewCount,
 };
 use glam::{DMat3, DMat4, DVec3};
 
@@ -27,13 +29,14 @@ engine::choices! {
     }
 }
 engine::params! {
-    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files.
+    /// Loads cameras: our own JSON, COLMAP, nerfstudio or INRIA files, or those of a glTF scene.
     ///
     /// Told by content: (1) our own JSON, `{"views": [{"name": "view_0", "w": 512, "h": 384, "fx": 491.8,
     /// "fy": 491.8, "cx": 256.0, "cy": 192.0, "c2w_opencv": [[..4], [..4], [..4], [..4]]}]}` with the
     /// rows of the matrix from camera to world, camera x right, y down, z forward; or `c2w_opengl`, y up
     /// and z backward. (2) A COLMAP model, text or binary: its folder, or a folder that holds `sparse/0`.
-    /// (3) nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. Pixel centres lie at +0.5 in all
+    /// (3) nerfstudio's `transforms.json`. (4) INRIA's `cameras.json`. (5) The perspective cameras of a glTF or GLB file, brought
+    /// from y up and metres to the world as objects are; their pictures have 1080 rows times `resolution`. Pixel centres lie at +0.5 in all
     /// of them. A view is named after its picture, without folder and ending, but with as many folders as tell pictures
     /// of the same name apart: `day1_IMG_0001`.
     pub struct LoadCameras {
@@ -85,6 +88,7 @@ const CAMERA_LIMIT: usize = 1_000_000;
 impl Kind for LoadCameras {
     const NAME: &'static str = "load-cameras";
     const VERSION: u32 = 3;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
     const STORE: Keep = Keep::Cheap;
     const FOLDERS: bool = true;
     type Params = Self;
@@ -96,7 +100,7 @@ impl Kind for LoadCameras {
     }
 
     fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
-        if is_json(&p.path) {
+        if is_json(&p.path) || is_gltf(&p.path) {
             return Ok(vec![root.file(&p.path)]);
         }
         for files in candidates(&p.path) {
@@ -155,6 +159,11 @@ fn is_json(path: &InputFile) -> bool {
     path.0.to_lowercase().ends_with(".json")
 }
 
+fn is_gltf(path: &InputFile) -> bool {
+    let lower = path.0.to_lowercase();
+    lower.ends_with(".glb") || lower.ends_with(".gltf")
+}
+
 /// The files that a path other than `.json` may mean, the likeliest first.
 fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     let folder = match path.0.rsplit_once('/') {
@@ -181,13 +190,16 @@ fn is_part(file: &str) -> bool {
 }
 
 fn unknown(path: &InputFile) -> NodeError {
-    NodeError::new(format!("`{}` is neither a JSON file nor the folder of a COLMAP model", path.0))
+    NodeError::new(format!("`{}` is neither JSON nor glTF nor the folder of a COLMAP model", path.0))
         .at("path")
         .hint("a COLMAP model has `cameras.bin` and `images.bin`, or both as `.txt`")
 }
 
 fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, NodeError> {
     let name = &p.path.0;
+    if is_gltf(&p.path) {
+        return Ok(gltf::read(name, &cx.read(&p.path)?, cx, notes)?);
+    }
     if is_json(&p.path) {
         return Ok(json::read(name, &cx.read(&p.path)?, &p.list, notes)?);
     }

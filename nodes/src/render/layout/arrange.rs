@@ -7,6 +7,7 @@ use super::camera::{Subject, View, best_view};
 use super::grid::Grid;
 use super::surface::{Surface, Wish, surfaces};
 use crate::geometry::level::LevelEstimate;
+use crate::geometry::support::median;
 use crate::types::{Object, Rig, Splats};
 
 /// From this confidence on a scale is used for the size of the object.
@@ -99,7 +100,7 @@ pub fn arrange(
     let found = surfaces(&grid, stand.floor, &wish);
     cx.check()?;
     let size = object.size();
-    let surface = found.first().copied();
+    let surface = found.first().map(|surface| settled(splats, &grid, surface, stand.floor));
     let place = surface.map_or_else(|| centre + up * (stand.floor - centre.dot(up)), |surface| surface.place);
     let (room, clearance) =
         surface.map_or((0.2 * stand.radius, f64::INFINITY), |s| (ROOM * s.radius, 0.9 * s.clearance));
@@ -109,12 +110,27 @@ pub fn arrange(
     let fits = largest >= 1.0 && (known || (0.99..1.01).contains(&wanted));
     let scale = if fits { 1.0 } else { rounded(largest.min(wanted)) };
     let height = size.y / metres_per_unit * scale;
-    let extent = (size.length() / metres_per_unit * scale).max(2.0 * grid.cell);
+    let extent = (1.1 * size.max_element() / metres_per_unit * scale).max(2.0 * grid.cell);
     let hint: Vec<DVec3> =
         cameras.map(|rig| rig.cameras.iter().map(|c| c.eye()).collect()).unwrap_or_default();
     let subject = Subject { place, height, extent };
     let view = best_view(splats, &grid, &subject, &hint, cx)?;
     Ok(Arrangement { surface, place, scale, fitted: !fits, view })
+}
+
+/// A surface at the height of the splats around its place, which its cells are coarser than.
+fn settled(splats: &Splats, grid: &Grid, surface: &Surface, floor: f64) -> Surface {
+    let up = grid.axes.z_axis;
+    let reach = (0.5 * surface.radius).max(1.5 * grid.cell);
+    let near = |i: &usize| {
+        let v = splats.mean(*i) - surface.place;
+        let rise = v.dot(up);
+        splats.opacities[*i] > 0.3 && rise.abs() < 1.5 * grid.cell && (v - up * rise).length() < reach
+    };
+    let heights: Vec<f64> = (0..splats.len()).filter(near).map(|i| splats.mean(i).dot(up)).collect();
+    let Some(height) = median(heights) else { return *surface };
+    let place = surface.place + up * (height - surface.place.dot(up));
+    Surface { place, height: height - floor, ..*surface }
 }
 
 /// To two digits, downwards.

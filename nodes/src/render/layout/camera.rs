@@ -13,7 +13,7 @@ const AROUND: usize = 24;
 /// Heights of the camera over the place's horizon, in degrees.
 const RISES: [f64; 4] = [9.0, 15.0, 23.0, 35.0];
 /// Distances, in the sizes of the object.
-const AWAY: [f64; 3] = [3.4, 4.4, 5.8];
+const AWAY: [f64; 3] = [2.5, 3.3, 4.6];
 /// Cameras that are tried by a small picture.
 const TRIED: usize = 28;
 /// Size of these pictures, in pixels.
