@@ -1,4 +1,4 @@
-//! `cache`: looking after it as a person does.
+//! The verb `cache`, used as a person does.
 
 use std::path::PathBuf;
 

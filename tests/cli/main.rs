@@ -21,7 +21,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// The main job on a small demo scene, every knob turned down.
+/// A whole insertion on a small demo scene, every knob turned down.
 pub const INSERT: &str = r#"Graph(
     version: 1,
     scene: (up: "+z", seed: 3),
@@ -51,7 +51,7 @@ pub struct Place {
     pub folder: tempfile::TempDir,
 }
 
-/// What one run told, line by line.
+/// The output of one run, line by line.
 pub struct Told {
     pub code: i32,
     pub events: Vec<Value>,
@@ -100,8 +100,8 @@ impl Place {
     }
 }
 
-/// What lies in a folder, without the unnamed rest of a write that was killed: the next runs sweep it when it
-/// is a day old, since a younger one may belong to a living process.
+/// The files of a folder, without the temporary rest of a killed write: later runs remove it, but not while it may
+/// belong to a living process.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

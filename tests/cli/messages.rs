@@ -1,4 +1,4 @@
-//! What a person reads when something is wrong, and the exit codes.
+//! Error messages and exit codes.
 
 use crate::{INSERT, Place};
 
@@ -172,7 +172,7 @@ fn a_missing_file_is_told_beside_what_else_is_wrong_with_its_node() {
     assert!(told.contains("`gone.hdr` does not exist") && told.contains("`scale` is out of range"), "{told}");
 }
 
-// What a choice holds is told by itself, not as if the choice were wrong; the ends of a range are in it.
+// A wrong value inside a choice is reported itself, not as if the choice were wrong; the ends of a range are valid.
 // Mutation: `begins` always false; `within` of f32 in f64.
 #[test]
 fn what_a_method_holds_wrongly_is_told() {
@@ -242,7 +242,7 @@ fn programs_are_told_mistakes_as_json() {
     assert!(told.contains("cannot read the overlay `gone.ron`: No such file"), "{told}");
     let told = text(&place.call(&["run", "graph.ron", "--locked"]).stderr);
     assert!(told.contains("there is no lock `graph.lock`; `lightharmony lock` writes it"), "{told}");
-    // What was tried, and what the system said.
+    // The attempt, and the error of the system.
     let told = text(&place.call(&["init", "graph.ron/below"]).stderr);
     assert!(told.contains("cannot create graph.ron/below: Not a directory"), "{told}");
     let wrong = place.call(&["run", "graph.ron", "--cache", "graph.ron"]);

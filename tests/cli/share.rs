@@ -1,4 +1,4 @@
-//! Handing a graph on: as a bundle, as a picture that carries its recipe, against a lock.
+//! Sharing a graph: as a bundle, as a picture with its recipe, with a lock.
 
 use std::path::Path;
 use std::process::Output;
@@ -22,7 +22,7 @@ fn radiance(shift: u8) -> Vec<u8> {
     bytes
 }
 
-/// A project in a folder of its own, whose graph reads a file beside it and one elsewhere.
+/// A project in its own folder, whose graph reads a file next to it and one elsewhere.
 fn place() -> Place {
     let place = Place::new("");
     for folder in ["project", "photos"] {
@@ -43,7 +43,7 @@ fn good(output: Output) -> String {
     text(&output.stdout)
 }
 
-/// What went wrong, with this exit code.
+/// The error message, with this exit code.
 fn bad(output: Output, code: i32) -> String {
     assert_eq!(output.status.code(), Some(code), "{}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stderr)
@@ -79,7 +79,7 @@ fn a_bundle_is_verified_and_run_elsewhere() {
             assert!(read(&here, "out") == read(&there, out), "{out}/{file}");
         }
     }
-    // With the results of somebody trusted nothing runs at all.
+    // With trusted results nothing runs.
     let mut trusting = there.command(&["unpack", "a.lhb", "c", "--trust-results"]);
     good(trusting.env("LIGHTHARMONY_CACHE", there.path("third")).output().unwrap());
     let mut told = there.command(&["run", "c/graph.ron", "--json", "--out", "four"]);
@@ -136,11 +136,11 @@ fn a_picture_is_made_again_where_its_inputs_are_at_hand() {
     assert!(bad(place.call(&["run", "out/bare.png"]), 2).contains("carries no recipe"));
     assert!(!text(&out("bare.png")).contains("LoadImage"), "a recipe can be left out");
 
-    // Another file of the same name is not the one that was read.
+    // Another file of the same name is refused.
     std::fs::write(place.path("photos/small.hdr"), radiance(1)).unwrap();
     let arguments = ["run", "out/view.jpg", "--inputs", "project", "--inputs", "photos"];
     assert!(bad(place.call(&arguments), 2).contains("`small.hdr` with the content"));
-    // Another version of a kind is told.
+    // Another version of a kind is reported.
     let mut picture = out("view.jpg");
     let place_of = picture.windows(11).position(|w| w == b"load-image ").unwrap();
     picture[place_of + 11] = b'7';
@@ -185,7 +185,7 @@ fn no_way_leads_around_the_mark_of_a_bundle() {
     assert!(bad(deep("../../secret.hdr"), 2).contains("may not be read"));
     let secret = place.path("secret.hdr");
     assert!(bad(deep(secret.to_str().unwrap()), 2).contains("may not be read"));
-    // A graph of one's own that would read for it.
+    // A graph of the user that would read it on behalf of the bundle.
     std::fs::write(place.path("a/over.ron"), "Overlay(nodes: (p: (path: \"secret.hdr\")))").unwrap();
     for (name, text) in [
         ("one.ron", "Graph(version: 1, include: [\"a/graph.ron\"], nodes: ())"),
@@ -202,7 +202,7 @@ fn no_way_leads_around_the_mark_of_a_bundle() {
     std::fs::write(place.path("own.ron"), own).unwrap();
     let errors = bad(place.call(&["check", "own.ron", "--overlay", "a/over.ron"]), 2);
     assert!(errors.contains("`a/over.ron` came out of a bundle"), "{errors}");
-    // A stranger's graph that includes what it may not read is told why.
+    // An untrusted graph that includes a forbidden file is refused with the reason.
     std::fs::write(place.path("a/deep/e.ron"), "Graph(version: 1, include: [\"../../own.ron\"], nodes: ())")
         .unwrap();
     assert!(bad(place.call(&["check", "a/deep/e.ron"]), 2).contains("`../../own.ron` may not be read"));
@@ -277,7 +277,7 @@ fn a_locked_run_refuses_what_differs() {
     let errors = bad(place.call(&["run", "project/graph.ron", "--locked"]), 2);
     assert!(errors.contains("`../photos/small.hdr` has other content"), "{errors}");
     std::fs::write(place.path("photos/small.hdr"), radiance(0)).unwrap();
-    // The same inputs, and yet something else comes out.
+    // The same inputs, but another result.
     let set = ["run", "project/graph.ron", "--locked", "--set", "jpeg.quality=50"];
     assert!(bad(place.call(&set), 1).contains("`jpeg.files` came out as"));
 }
@@ -300,7 +300,7 @@ fn a_new_folder_runs_and_shells_know_the_verbs() {
     let place = Place::new("");
     assert_eq!(good(place.call(&["init", "new"])), "new/graph.ron\n");
     assert!(bad(place.call(&["init", "new"]), 2).contains("is there already"));
-    // Most folders of a repository have some of it.
+    // Most folders of a repository have such a file.
     std::fs::create_dir(place.path("old")).unwrap();
     std::fs::write(place.path("old/.gitignore"), "mine\n").unwrap();
     let told = place.call(&["init", "old"]);

@@ -1,11 +1,11 @@
-//! `inspect` and `convert`: what they say of files, and what they refuse.
+//! `inspect` and `convert`: their output and their refusals.
 
 use std::fmt::Write as _;
 
 use crate::Place;
 
-/// An INRIA PLY of splats that lie flat in a floor and round above it, +z up: 10 times `scale` wide, of which
-/// `log` is the logarithm.
+/// An INRIA PLY with flat splats in a floor and round ones above it, +z up, 10 times `scale` wide; `log` is the
+/// logarithm of `scale`.
 fn room(scale: f32, log: f32) -> Vec<u8> {
     let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = "ply\nformat binary_little_endian 1.0\nelement vertex 900\n".to_owned();
@@ -48,7 +48,7 @@ fn scenes_are_told_with_the_digits_they_need() {
 fn converting_says_what_it_took_for_granted() {
     let place = Place::new("");
     std::fs::write(place.path("room.ply"), room(1.0, 0.0)).unwrap();
-    // The floor says +z, and nobody said otherwise.
+    // The floor indicates +z, and no option contradicts it.
     let (code, text) = said(&place.call(&["convert", "room.ply", "room.spz"]));
     assert!(code == Some(0) && text.contains("[up-unlikely]") && text.contains("`--up`"), "{text}");
     let (code, text) = said(&place.call(&["convert", "room.ply", "room.spz", "--up", "+z"]));

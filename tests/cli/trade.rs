@@ -1,4 +1,4 @@
-//! Knobs, presets, and what is built on them.
+//! Knobs, presets, and the verbs that use them.
 
 use serde_json::Value;
 
@@ -25,7 +25,7 @@ fn knobs_tell_what_they_reach_and_presets_set_them() {
     assert_eq!(line.split_whitespace().nth(2), Some("16"), "{text}");
 }
 
-/// An error is laid over what takes samples until one is reached; a run that misses it is degraded.
+/// `--max-error` sets the error of nodes that take samples; a run that misses it is degraded.
 #[test]
 fn a_run_is_given_an_error() {
     let place = Place::new(INSERT);
@@ -40,7 +40,7 @@ fn a_run_is_given_an_error() {
     assert_eq!(short.code, 3, "{}", short.errors);
     assert!(notes(&short).iter().any(|id| id == "error-not-reached"));
     assert_eq!(place.run(&["--max-error", "7"]).code, 2);
-    // A preset of few samples bounds a run that is given no error, and not one that is.
+    // A preset with few samples bounds a run without `--max-error`, and not one with it.
     place.write(&INSERT.replace("samples: 4", "samples: 16"));
     let chosen = |arguments: &[&str]| -> Vec<Value> {
         let told = place.run(&[&["--max-error", "1.0"], arguments].concat());
@@ -54,11 +54,11 @@ fn a_run_is_given_an_error() {
     assert!(told.code == 2 && told.events[0]["message"].as_str().unwrap().contains("takes samples"));
 }
 
-/// A time becomes a number of samples before the run, by what runs of the kind took.
+/// A time becomes a number of samples before the run, from the times of earlier runs of the kind.
 #[test]
 fn a_run_is_given_a_time() {
     let place = Place::new(&INSERT.replace("samples: 4", "samples: 16"));
-    // Nothing is known of samples at first, so a few are taken to find out, and kept.
+    // Without earlier timings a few samples are taken first, and kept.
     let all = (["trace.samples=4", "trace.samples=16"], ["trace.samples=16"]);
     let few = (["trace.samples=4", "trace.samples=4"], ["trace.samples=4"]);
     for (time, (cold, warm)) in [("9d", all), ("1ms", few)] {
@@ -116,7 +116,8 @@ fn knobs_show_what_the_graphs_own_presets_say_and_the_range() {
     assert_eq!(probe.split_whitespace().nth(3), Some("32"), "{probe}");
 }
 
-/// A photograph may be the background, what no knob reaches is left out, and a search tells how it ended.
+/// A photograph may be the background, outputs that no knob affects are left out, and a search reports how it
+/// ended.
 #[test]
 fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     let few = "presets: (draft: (trace: (samples: 1)), preview: (trace: (samples: 2)), final: (trace: (samples: 3)), \
@@ -165,7 +166,8 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     assert!(code == Some(2) && told.contains("no knob reaches `photo`"), "{told}");
 }
 
-/// A preset that sets what varies along an axis makes other nodes: what would compare pictures by place says so.
+/// A preset that sets a field that varies along an axis gives other nodes, so comparing pictures fails with that
+/// reason.
 #[test]
 fn a_preset_that_takes_an_axis_away_is_named() {
     let graph = r#"Graph(version: 1, scene: (up: "+z"), axes: (q: List([4, 16])),

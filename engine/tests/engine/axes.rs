@@ -1,4 +1,4 @@
-//! One node, many values: what runs how often, and what is said where that makes no sense.
+//! One node, many values: how often each node runs, and the mistakes that are reported.
 
 use crate::lab::{Lab, Log};
 
@@ -28,7 +28,7 @@ fn a_node_runs_once_for_each_value_that_it_or_its_inputs_read() {
     assert_eq!(log.outcome.totals.ran, 4 + 3 * 6);
     assert_eq!(lab.out("2/frame_0.txt"), "37.0\n");
     assert_eq!(lab.out("3/frame_2.txt"), "49.0\n");
-    // One more value of one axis costs what is new.
+    // One more value of one axis runs only the new instances.
     let more = run(
         &lab,
         "by: List([2.0, 3.0]), frame: Range(0, 4)",

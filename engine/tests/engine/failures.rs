@@ -1,4 +1,4 @@
-//! Nodes that fail, warn, give less than asked for, or are stopped.
+//! Nodes that fail, warn, return less than asked for, or are stopped.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -96,7 +96,7 @@ fn a_stopped_run_keeps_what_finished() {
 #[test]
 fn a_node_that_ends_after_the_stop_without_noticing_is_kept() {
     let lab = Lab::on_disk();
-    // `Heavy` never asks whether it is to stop.
+    // `Heavy` never checks for a stop.
     let nodes = "a: Number(value: 5), h: Heavy(value: \"a\"), t: Scale(value: \"h\")";
     let log = lab.run_until(&graph_text(nodes), &[], |event, cancel| {
         if matches!(event, Event::Start { id, .. } if id == "h") {

@@ -1,4 +1,4 @@
-//! A graph of several files: what is included, what is laid over it, and where mistakes are said to be.
+//! A graph of several files: includes, overlays, and the positions of mistakes.
 
 use engine::{Graph, Source, SourceRoot};
 

@@ -1,4 +1,4 @@
-//! What makes a node run again, and what does not.
+//! Changes that make a node run again, and changes that do not.
 
 use std::time::Duration;
 
@@ -32,7 +32,7 @@ fn warm() -> Lab {
     lab
 }
 
-/// However a number is written it is one value, and -0 is 0; what is no number is a mistake at its place.
+/// All spellings of a number are one value, and -0 is 0; NaN is a mistake at its place.
 #[test]
 fn equal_values_have_equal_keys_however_they_are_written() {
     let lab = Lab::in_memory();

@@ -1,4 +1,4 @@
-//! A run that finds everything as it was tells what an ordinary one would; whatever else there is makes it ordinary.
+//! A run that finds everything unchanged reports the same as an ordinary one; any difference makes it ordinary.
 
 use std::fs;
 use std::path::Path;
@@ -15,7 +15,7 @@ fn text() -> String {
     )
 }
 
-/// What memos say once a file was left alone for long enough.
+/// Makes memos of files that have not changed for long enough.
 fn settle(lab: &Lab, names: &[&str]) {
     let engine = lab.engine();
     for path in names.iter().map(|name| lab.path(name)) {
@@ -26,7 +26,7 @@ fn settle(lab: &Lab, names: &[&str]) {
     engine.store().flush().unwrap();
 }
 
-/// A graph that was run, and run again when there was nothing to do.
+/// A graph that was run, and run again with nothing to do.
 fn ready() -> (Lab, Log) {
     let lab = Lab::on_disk();
     lab.write("a.txt", "3");
@@ -49,7 +49,7 @@ fn is_unchanged(lab: &Lab) -> bool {
     again(lab, &text(), &lab.registry, "out").is_some()
 }
 
-/// The events but for how long it took, in an order of their own.
+/// The events without times, sorted.
 fn told(events: &[Event]) -> Vec<String> {
     let line = |event: &Event| match event {
         Event::Done(totals) => {
@@ -68,7 +68,7 @@ fn tells_what_an_ordinary_run_tells() {
     let (events, outcome) = again(&lab, &text(), &lab.registry, "out").unwrap();
     assert_eq!(told(&events), told(&log.events));
     assert_eq!((outcome.totals.exit_code(), log.exit_code()), (3, 3), "degraded, each time");
-    // What stands above comes first, and a file right before its node.
+    // Nodes above come first, and a file directly before its node.
     let place = |wanted: &str| {
         let is = |event: &Event| matches!(event, Event::Node { id, .. } if id == wanted);
         events.iter().position(is).unwrap()

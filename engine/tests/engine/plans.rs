@@ -1,4 +1,4 @@
-//! What a run would do and why, told without running anything.
+//! The steps of a run and their reasons, reported without running anything.
 
 use engine::{Fate, Why};
 
@@ -13,7 +13,7 @@ const GRAPH: &str = r#"
     x: Scale(value: "a", by: 9.0),
 "#;
 
-/// One word or line a node.
+/// One word or line per node.
 fn plan(lab: &Lab, nodes: &str, only: &[&str]) -> Vec<String> {
     let graph = lab.parse(&graph_text(nodes)).unwrap();
     let only: Vec<usize> = only.iter().map(|id| graph.find(id).unwrap()).collect();
@@ -163,7 +163,7 @@ fn a_trace_tells_what_ran_when_and_where() {
 
 #[test]
 fn keys_are_what_they_have_always_been() {
-    // A change here makes every result of every user run once more: raise the format in `key` and say so.
+    // A change here makes every result of every user run again: raise the format in `key` and document it.
     let lab = Lab::on_disk();
     lab.write("a.txt", "2");
     let log = lab.run(GRAPH);

@@ -1,9 +1,9 @@
-//! How far every node is off: the largest error and the one that a thousandth exceed, against a slow reference in
-//! float64 written from the node's definition, or against the node itself at a finer setting where it samples. Which
-//! nodes need none is in `docs/evidence/README.md`.
+//! Errors of every node: the largest and the one that a thousandth exceed, compared with a slow reference in
+//! float64 written from the node's definition, or with the node itself at a finer setting where it samples.
+//! `docs/evidence/README.md` lists the nodes that need none.
 //!
-//! Everything is deterministic, so `errors.tsv` holds what comes out to its last digit, on any machine. A change
-//! there is a change of a picture: look at it, then renew the file with `UPDATE_GOLDEN=1`.
+//! Everything is deterministic, so `errors.tsv` holds the results to the last digit, on any machine. A change there
+//! is a change of a picture: look at it, then update the file with `UPDATE_GOLDEN=1`.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 mod direct;
@@ -20,7 +20,7 @@ use std::path::Path;
 use engine::{Artifact, Engine, Graph, RunOptions, Source, SourceRoot, Store, Wire};
 use nodes::types::{Brackets, Environment, Images, Mesh, Panorama, Placed, Report, Rig, Splats, Views};
 
-/// How far metrics may be off what the publications have, since ours take the rounded matrices, white and curves of
+/// Permitted difference of metrics from the publications, since ours use the rounded matrices, white and curves of
 /// published tools.
 const CONSTANTS: f64 = 1e-4;
 
@@ -28,8 +28,8 @@ const CONSTANTS: f64 = 1e-4;
 struct Case {
     name: &'static str,
     against: &'static str,
-    /// No error may be larger, whatever the file says: what the format and the order of sums allow; of what is
-    /// sampled, that nothing is lost.
+    /// The largest permitted error, whatever the file holds: the rounding of the format and of the order of sums;
+    /// for sampled values, no loss.
     bound: f64,
     errors: Vec<f64>,
 }
@@ -153,7 +153,7 @@ fn cases(run: &Run) -> Vec<Case> {
         exact("splat-render, EWA as published", 1e-5, apart(&view, &splatted)),
         exact("splat-panorama, EWA as published", 1e-4, around),
         exact("snap, metres and normal", 1e-5, apart(&ground::told(&run.value("stands.report")), &stands)),
-        // Where nothing is met both are infinite.
+        // Where no surface is hit both are infinite.
         exact(
             "path-trace depth, relative",
             1e-5,
@@ -216,7 +216,7 @@ fn summary(errors: &[f64]) -> [f64; 2] {
     [sorted[last], sorted[last - last / 1000]]
 }
 
-/// Three digits; below 1e-12 stands what the order of a sum leaves of float64.
+/// Three digits; below 1e-12 is the rounding of sums in float64.
 fn told(error: f64) -> String {
     match error {
         0.0 => "0".to_owned(),
@@ -248,8 +248,8 @@ fn no_error_drifts() {
     assert_eq!(text.lines().count(), known.lines().count());
 }
 
-/// In the mean the light is that of the sum over all directions: pixels lie on both sides of it, and no farther off than
-/// their own variance says.
+/// The mean light is that of the sum over all directions: pixels lie on both sides of it, within their own
+/// variance.
 #[test]
 fn direct_light_is_that_of_all_directions() {
     let direct = direct::Direct::new(64);
@@ -263,7 +263,7 @@ fn direct_light_is_that_of_all_directions() {
         assert!(n > 100.0 && mean.abs() < 4.0 / n.sqrt(), "{mean} of {n}");
         assert!(square < 1.3, "{square}");
     }
-    // The top of the box sees all of the sky, so its light is known to the samples alone.
+    // The top of the box sees all of the sky, so its light is limited by the samples alone.
     let [traced, expected] = direct.object.map(|light| light.iter().sum::<f64>());
     assert!((traced / expected - 1.0).abs() < 0.01, "{traced} {expected}");
 }
