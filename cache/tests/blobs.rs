@@ -100,7 +100,7 @@ fn bad_files_are_put_aside_and_replaced() {
     }
     fs::remove_file(&path).unwrap();
     assert_eq!(store.get_blob(&digest).unwrap(), None);
-    assert_eq!(store.take_incidents(), [], "a missing blob is no damage");
+    assert_eq!(store.take_incidents(), [], "a missing blob does not count as damage");
     fs::create_dir(&path).unwrap();
     assert_eq!(store.get_blob(&digest).unwrap(), None);
     store.put_blob(&good).unwrap();

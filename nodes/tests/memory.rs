@@ -1,5 +1,5 @@
 //! Nodes stay within their estimates: every allocation is counted, each case in a process of its own.
-#![allow(clippy::print_stdout, reason = "a process tells another one what it took")]
+#![allow(clippy::print_stdout, reason = "a process reports its memory to another one")]
 
 use std::alloc::System;
 use std::fmt::Write as _;
@@ -156,10 +156,11 @@ fn in_a_process(folder: &Path, case: usize, budget: u64) -> Option<u64> {
         .output()
         .expect("runs");
     let text = String::from_utf8_lossy(&output.stdout);
-    let told = text.lines().find_map(|line| line.split_once("most: ")).map(|(_, told)| told.trim());
-    let told = told
+    let reported =
+        text.lines().find_map(|line| line.split_once("most: ")).map(|(_, reported)| reported.trim());
+    let reported = reported
         .unwrap_or_else(|| panic!("{}: {text}{}", CASES[case].0, String::from_utf8_lossy(&output.stderr)));
-    told.parse().ok()
+    reported.parse().ok()
 }
 
 /// `--memory` holds within 20 %: nodes that take more are refused first, and no others.

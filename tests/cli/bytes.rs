@@ -76,9 +76,9 @@ fn sixteen_processes_on_one_cache_compute_each_key_once() {
     let children: Vec<_> = (0..16).map(start).collect();
     let mut ran = 0;
     for child in children {
-        let told = child.wait_with_output().unwrap();
-        assert!(told.status.success());
-        let text = String::from_utf8(told.stdout).unwrap();
+        let reported = child.wait_with_output().unwrap();
+        assert!(reported.status.success());
+        let text = String::from_utf8(reported.stdout).unwrap();
         let done: serde_json::Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
         ran += done["ran"].as_u64().unwrap() as usize;
     }

@@ -1,13 +1,13 @@
 //! Nodes that run again after an edit, checked on the event stream of real runs.
 
-use crate::{INSERT, Place, Told};
+use crate::{INSERT, Place, RunLog};
 
 fn edited(from: &str, to: &str) -> String {
     assert!(INSERT.contains(from), "{from}");
     INSERT.replace(from, to)
 }
 
-fn ran(place: &Place, graph: &str) -> Told {
+fn ran(place: &Place, graph: &str) -> RunLog {
     place.write(graph);
     place.run(&[]).good()
 }
@@ -84,7 +84,7 @@ const FLOOR: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\n
 /// Another scale of the capture with an object of the same size in the picture: the same bytes for receiver,
 /// object, camera and sky, but twice the error of the mesh.
 #[test]
-fn what_another_metre_changes_is_traced_anew() {
+fn what_another_metre_changes_is_traced_again() {
     let graph = |metres_per_unit: f64| {
         format!(
             r#"Graph(version: 1, scene: (up: "+z", seed: 3, metres_per_unit: {metres_per_unit:?}), nodes: (

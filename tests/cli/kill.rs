@@ -14,11 +14,11 @@ fn rounds() -> usize {
 fn kill_after(place: &Place, lines: usize) {
     let mut command = place.command(&["run", "graph.ron", "--json"]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let told = BufReader::new(child.stdout.take().unwrap()).lines().take(lines).count();
+    let reported = BufReader::new(child.stdout.take().unwrap()).lines().take(lines).count();
     // It may have ended before.
     let _ = child.kill();
     child.wait().unwrap();
-    assert!(told <= lines);
+    assert!(reported <= lines);
 }
 
 #[test]

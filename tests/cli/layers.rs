@@ -39,8 +39,8 @@ fn files() -> String {
 #[test]
 fn layers_of_the_own_capture_compose_to_its_picture() {
     let place = Place::new(&files());
-    let told = place.run(&["--only", "layers,exact"]).good();
-    for (node, id, text) in told.notes() {
+    let reported = place.run(&["--only", "layers,exact"]).good();
+    for (node, id, text) in reported.notes() {
         assert!(!["no-shadow-known", "mixed-encodings"].contains(&&*id), "{node}: {text}");
     }
     let outputs = place.outputs();

@@ -52,7 +52,7 @@ pub struct Place {
 }
 
 /// The output of one run, line by line.
-pub struct Told {
+pub struct RunLog {
     pub code: i32,
     pub events: Vec<Value>,
     pub errors: String,
@@ -84,10 +84,10 @@ impl Place {
     }
 
     /// `run graph.ron --json` with more arguments.
-    pub fn run(&self, arguments: &[&str]) -> Told {
+    pub fn run(&self, arguments: &[&str]) -> RunLog {
         let output = self.call(&[&["run", "graph.ron", "--json"], arguments].concat());
         let text = String::from_utf8(output.stdout).unwrap();
-        Told {
+        RunLog {
             code: output.status.code().unwrap_or(-1),
             events: text.lines().map(|line| serde_json::from_str(line).unwrap()).collect(),
             errors: String::from_utf8_lossy(&output.stderr).into_owned(),
@@ -113,7 +113,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     found
 }
 
-impl Told {
+impl RunLog {
     /// Names of the nodes that ended in a state, in order of the alphabet.
     pub fn nodes(&self, state: &str) -> Vec<&str> {
         let of = |event: &&Value| event["event"] == "node" && event["state"] == state;

@@ -22,16 +22,16 @@ fn runs_stopped_at_any_moment_keep_what_finished() {
         let place = Place::new(INSERT);
         let mut child =
             place.command(&["run", "graph.ron", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
-        let mut told = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
+        let mut reported = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
         // After this many lines of output, so that the moments spread over a run on a machine of any speed.
-        let mut events: Vec<String> = told.by_ref().take(1 + lines * round / rounds()).collect();
+        let mut events: Vec<String> = reported.by_ref().take(1 + lines * round / rounds()).collect();
         let signal = ["-INT", "-TERM", "-HUP"][round % 3];
         Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
-        events.extend(told);
+        events.extend(reported);
         let code = child.wait().unwrap().code();
         let events: Vec<Value> = events.iter().map(|line| serde_json::from_str(line).unwrap()).collect();
         let done = events.last().unwrap();
-        assert_eq!(done["event"], "done", "{signal}: the end is told");
+        assert_eq!(done["event"], "done", "{signal}: the end is reported");
         // It may have ended before the signal arrived.
         assert_eq!(code, Some(if done["stopped"] == true { 130 } else { 0 }), "{signal} in round {round}");
         let after = place.run(&[]).good();

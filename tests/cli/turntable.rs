@@ -20,8 +20,8 @@ fn turntable() -> String {
 #[test]
 fn twelve_frames_share_what_the_turn_does_not_touch() {
     let place = Place::new(&turntable());
-    let told = place.run(&["--only", "save,film,sheet"]).good();
-    let ran = told.nodes("ran");
+    let reported = place.run(&["--only", "save,film,sheet"]).good();
+    let ran = reported.nodes("ran");
     let times = |name: &str| ran.iter().filter(|id| id.split('/').next() == Some(name)).count();
     for once in ["demo", "camera", "faces", "pano", "dark", "env", "view", "film", "sheet"] {
         assert_eq!(times(once), 1, "{once} in {ran:?}");

@@ -152,7 +152,7 @@ simple!(
         let bytes = cx.read(&params.path)?;
         let text = String::from_utf8_lossy(&bytes);
         let parsed = text.trim().parse();
-        give(parsed.map_err(|_| NodeError::new(format!("`{}` is no number", text.trim())).at("path"))?)
+        give(parsed.map_err(|_| NodeError::new(format!("`{}` is not a number", text.trim())).at("path"))?)
     },
     const STORE: Keep = Keep::Cheap;,
     const SUPPLIED: Option<&'static str> = Some("ask whoever counted");,
@@ -325,7 +325,7 @@ engine::params! {
         /// Scales the mean; no part depends on it.
         gain: f64 = 1.0, other("2.0");
         /// How long a part takes; no part depends on it.
-        millis: u64 = 0, inert("time is no part of the result");
+        millis: u64 = 0, inert("time is not part of the result");
     }
 }
 simple!(

@@ -198,7 +198,7 @@ fn a_long_axis_is_one_node_a_value() {
 }
 
 #[test]
-fn an_instance_that_is_wrong_is_told_once_however_its_neighbours_are_wired() {
+fn an_instance_that_is_wrong_is_reported_once_however_its_neighbours_are_wired() {
     let lab = Lab::in_memory();
     for by in ["Axis(\"n\")", "Track(\"n\", [(0, 1.0), (50, 101.0)])"] {
         let nodes = format!(

@@ -88,7 +88,7 @@ fn is_made_again_when_anything_it_depends_on_changes() {
     fs::remove_file(&gone).unwrap();
     let mistakes = cached(&lab, store, &text).map(drop).unwrap_err().render(false);
     assert!(mistakes.contains("`a.txt` does not exist"), "{mistakes}");
-    assert!(mistakes.contains("ask whoever counted"), "its kind says where it is to be had: {mistakes}");
+    assert!(mistakes.contains("ask whoever counted"), "its kind says where to get it: {mistakes}");
     fs::write(gone, "4").unwrap();
     cached(&lab, store, &text).unwrap();
     // A wrong text is never kept.

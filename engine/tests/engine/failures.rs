@@ -141,11 +141,11 @@ fn a_file_that_changes_or_goes_is_an_error_at_its_path() {
     assert!(failures.contains("graph.ron:2:21") && failures.contains("cannot read"), "{failures}");
     lab.write("a.txt", "many");
     let log = lab.run_text(&text);
-    assert!(log.failures().contains("`many` is no number"), "{}", log.failures());
+    assert!(log.failures().contains("`many` is not a number"), "{}", log.failures());
 }
 
 #[test]
-fn failures_are_told_in_the_order_of_the_file() {
+fn failures_are_reported_in_the_order_of_the_file() {
     let nodes: String = (0..40)
         .map(|n| format!("a{n}: Number(value: {n}), b{n}: Refuse(value: \"a{n}\", above: -1.0),\n"))
         .collect();

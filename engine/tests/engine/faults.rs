@@ -157,7 +157,7 @@ fn values_that_cannot_be_made_again_stop_only_their_readers() {
 }
 
 #[test]
-fn a_cache_that_cannot_be_written_is_said_once_and_the_run_completes() {
+fn a_cache_that_cannot_be_written_is_reported_once_and_the_run_completes() {
     let warm = warm();
     let mut lab = warm.lab;
     lab.options.read_only = true;

@@ -17,7 +17,7 @@ fn assert_snapshot(name: &str, expected: &str, found: &str) {
 }
 
 #[test]
-fn every_mistake_of_a_file_is_told_at_once() {
+fn every_mistake_of_a_file_is_reported_at_once() {
     let lab = Lab::on_disk();
     let text = include_str!("mistakes/every.ron");
     // The folder of the lab differs each time.

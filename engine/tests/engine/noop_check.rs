@@ -50,7 +50,7 @@ fn is_unchanged(lab: &Lab) -> bool {
 }
 
 /// The events without times, sorted.
-fn told(events: &[Event]) -> Vec<String> {
+fn reported(events: &[Event]) -> Vec<String> {
     let line = |event: &Event| match event {
         Event::Done(totals) => {
             format!("{:?}", engine::Totals { seconds: 0.0, cpu_seconds: 0.0, ..totals.clone() })
@@ -63,10 +63,10 @@ fn told(events: &[Event]) -> Vec<String> {
 }
 
 #[test]
-fn tells_what_an_ordinary_run_tells() {
+fn tells_what_an_ordinary_run_reports() {
     let (lab, log) = ready();
     let (events, outcome) = again(&lab, &text(), &lab.registry, "out").unwrap();
-    assert_eq!(told(&events), told(&log.events));
+    assert_eq!(reported(&events), reported(&log.events));
     assert_eq!((outcome.totals.exit_code(), log.exit_code()), (3, 3), "degraded, each time");
     // Nodes above come first, and a file directly before its node.
     let place = |wanted: &str| {
@@ -122,14 +122,14 @@ fn whatever_changed_makes_it_an_ordinary_run() {
     newer.version += 1;
     assert!(again(&lab, &text(), &registry_with(newer), "out").is_none(), "a kind of another version");
     let mut weights = KindEntry::of::<LoadNumber>();
-    weights.data = b"trained anew";
+    weights.data = b"trained again";
     assert!(again(&lab, &text(), &registry_with(weights), "out").is_none(), "other data in a kind");
     let source = Source::new("graph.ron", text());
     let root = SourceRoot::confined(lab.folder.path(), &[]).unwrap();
     let out = lab.path("out");
     assert!(
         run_unchanged(&lab.cache(), &source, &lab.registry, &root, &out, |_| {}).is_none(),
-        "a stranger's"
+        "an untrusted graph"
     );
     assert!(is_unchanged(&lab));
 }

@@ -41,7 +41,7 @@ fn plan(lab: &Lab, nodes: &str, only: &[&str]) -> Vec<String> {
 }
 
 #[test]
-fn a_plan_tells_what_is_known_what_changed_and_what_depends_on_it() {
+fn a_plan_reports_what_is_known_what_changed_and_what_depends_on_it() {
     let lab = Lab::on_disk();
     lab.write("a.txt", "2");
     let new = ["a new", "b after a", "c after b", "d after c", "w after d", "x unwanted"];
@@ -144,7 +144,7 @@ fn what_changed_is_remembered_after_the_run() {
 }
 
 #[test]
-fn a_trace_tells_what_ran_when_and_where() {
+fn a_trace_reports_what_ran_when_and_where() {
     let lab = Lab::on_disk();
     let graph = lab.parse(&graph_text("a: Number(), s: Series(value: \"a\")")).unwrap();
     let options = engine::RunOptions { out: lab.path("out"), trace: true, ..Default::default() };

@@ -52,7 +52,7 @@ fn names(ends: &Ends) -> String {
 }
 
 #[test]
-fn only_what_an_edit_reaches_is_told_of() {
+fn only_what_an_edit_reaches_is_reported_of() {
     let lab = Lab::in_memory();
     lab.write("a.txt", "3");
     let engine = Engine::new(Store::in_memory(), 2, 1 << 30).keeping();
@@ -131,9 +131,9 @@ fn whatever_happens_it_is_what_a_whole_run_gives() {
                 graph = graph.reparse(text, registry).unwrap();
             }
         }
-        let (told, outcome) = run(&warm, &graph, &out);
-        untold += graph.nodes.len() - told.len();
-        known.extend(told);
+        let (reported, outcome) = run(&warm, &graph, &out);
+        untold += graph.nodes.len() - reported.len();
+        known.extend(reported);
         let _ = std::fs::remove_dir_all(&clean);
         let (all, whole) = run(&Engine::new(Store::in_memory(), 2, 1 << 30), &graph, &clean);
         assert_eq!(known, all, "round {round}");

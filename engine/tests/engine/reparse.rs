@@ -19,14 +19,14 @@ fn text() -> String {
 fn run(lab: &Lab, graph: &Graph) -> (Vec<String>, String) {
     let engine = Engine::new(Store::in_memory(), 1, 1 << 30);
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let outcome = engine.run(graph, &options, |event| {
         if let Event::Node { id, kind, key, notes, .. } = event {
-            told.push(format!("{id} {kind} {key:?} {notes:?}"));
+            reported.push(format!("{id} {kind} {key:?} {notes:?}"));
         }
     });
-    told.sort();
-    (told, outcome.failures.map(|failures| failures.render(false)).unwrap_or_default())
+    reported.sort();
+    (reported, outcome.failures.map(|failures| failures.render(false)).unwrap_or_default())
 }
 
 fn shape(graph: &Graph) -> String {

@@ -217,7 +217,7 @@ fn two_that_do_not_fit_together_run_one_after_the_other() {
         assert_eq!(lab.run(&others).outcome.totals.ran, 8);
         HEAVY.1.load(Ordering::SeqCst) > 1
     });
-    assert!(together, "with memory enough they run beside each other");
+    assert!(together, "with enough memory they run concurrently");
 }
 
 #[test]
@@ -363,7 +363,7 @@ fn who_waits_for_another_process_says_so() {
     let held = std::cell::Cell::new(Some(lease));
     let log = lab.run_on(&lab.engine(), &text, &[], |event, _| {
         if matches!(event, Event::Warning { id: "waits", text } if text.starts_with("`a` waits")) {
-            assert!(held.take().is_some(), "told once");
+            assert!(held.take().is_some(), "reported once");
         }
     });
     assert!(held.take().is_none());

@@ -139,11 +139,11 @@ fn paths_begin_where_they_are_written() {
     lab.run_text(&lab.set(&graph_text(nodes), &[]));
     assert_eq!(lab.out("s.txt"), "6.0\n");
     assert_eq!(lab.run_text(&lab.set(&graph_text(nodes), &["a.n.path=here.txt"])).failed(), "");
-    assert_eq!(lab.out("s.txt"), "10.0\n", "a setting is written beside the graph");
+    assert_eq!(lab.out("s.txt"), "10.0\n", "the path of a setting is relative to the graph");
 }
 
 #[test]
-fn mistakes_are_said_where_they_are_and_where_they_come_from() {
+fn mistakes_are_reported_where_they_are_and_where_they_come_from() {
     let lab = Lab::with_parts(&[
         (
             "slip.ron",
@@ -238,7 +238,7 @@ fn mistakes_are_said_where_they_are_and_where_they_come_from() {
     assert_eq!(
         twice.matches("error: ").count(),
         2,
-        "a slip in the file is told once, not for each use\n{twice}"
+        "a mistake in the file is reported once, not for each use\n{twice}"
     );
 }
 

@@ -58,7 +58,7 @@ impl Session {
         loop {
             match self.events.recv_timeout(LONG) {
                 Ok(event) => events.push(event),
-                Err(RecvTimeoutError::Timeout) => panic!("waited in vain after {events:#?}"),
+                Err(RecvTimeoutError::Timeout) => panic!("timed out after {events:#?}"),
                 Err(RecvTimeoutError::Disconnected) => panic!("it ended after {events:#?}"),
             }
             if events.last().is_some_and(&found) {
@@ -135,7 +135,7 @@ fn an_edit_reruns_what_it_touches_and_a_comment_nothing() {
 }
 
 #[test]
-fn a_wrong_graph_is_told_and_the_picture_stays_until_it_is_right_again() {
+fn a_wrong_graph_is_reported_and_the_picture_stays_until_it_is_right_again() {
     let mut watch = Session::of(SUM);
     watch.rest();
     watch.save(&SUM.replace("Add(", "Ad("));
@@ -158,7 +158,7 @@ fn a_wrong_graph_is_told_and_the_picture_stays_until_it_is_right_again() {
     std::fs::remove_file(watch.lab.path("graph.ron")).unwrap();
     let gone = watch.rest();
     assert!(!mistakes(&gone).is_empty());
-    assert_eq!(stale(&gone), 0, "it was told before");
+    assert_eq!(stale(&gone), 0, "it was reported before");
     assert_eq!(watch.quit(), [watch.lab.path("out/sum.txt")], "what is stale is said at the end");
 }
 

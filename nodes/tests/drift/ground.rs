@@ -10,7 +10,7 @@ const GRID: u32 = 24;
 const NEAR: f64 = 0.02;
 
 /// The distance moved and the normal, from the report.
-pub fn told(report: &Report) -> Vec<f64> {
+pub fn reported(report: &Report) -> Vec<f64> {
     let number = |cell: &Cell| if let Cell::Number(n) = cell { *n } else { f64::NAN };
     let row: Vec<f64> = report.tables[0].rows[0].iter().map(number).collect();
     vec![row[0], row[2], row[3], row[4]]

@@ -35,7 +35,7 @@ fn irradiance(texels: &[Texel], normal: DVec3) -> [f64; 3] {
     [0, 1, 2].map(each)
 }
 
-/// The scores in the order of [`told`], for environments of at most 128 columns, the truth being the coarser one.
+/// The scores in the order of [`reported`], for environments of at most 128 columns, the truth being the coarser one.
 pub fn scores(found: &Environment, truth: &Environment) -> Vec<f64> {
     // Large texels are cut so that there are at least half as many columns as the program's grid has.
     let fine = |of: &Environment| texels(of, [128 / of.image.width, 64 / of.image.height].map(|n| n.max(1)));
@@ -121,7 +121,7 @@ fn sphere(shade: fn(&[Texel], DVec3) -> [f64; 3], found: &[Texel], truth: &[Texe
 }
 
 /// The same scores from the report.
-pub fn told(report: &Report) -> Vec<f64> {
+pub fn reported(report: &Report) -> Vec<f64> {
     let begins = [
         "mean irradiance",
         "irradiance, relative RMS",

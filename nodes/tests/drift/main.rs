@@ -90,7 +90,7 @@ fn cases(run: &Run) -> Vec<Case> {
     let panorama: Vec<f64> = pano.image.samples().iter().map(|v| f64::from(*v)).collect();
     let shown = references::shown(&finished, &view);
     let scores = references::scores(&shown, 64);
-    let told = references::scores_of(&run.value::<Report>("score.report"));
+    let reported = references::scores_of(&run.value::<Report>("score.report"));
     let camera = &run.value::<Rig>("demo.rig").cameras[0];
     let splatted = scenes::splatted(&run.value::<Splats>("demo.splats"), camera);
     let nearest =
@@ -120,7 +120,7 @@ fn cases(run: &Run) -> Vec<Case> {
     vec![
         finer(
             "stitch",
-            "float64, 12x12 samples a pixel",
+            "float64, 12x12 samples per pixel",
             0.05,
             apart(&panorama, &stitched).into_iter().enumerate().filter_map(seam).collect(),
         ),
@@ -138,8 +138,8 @@ fn cases(run: &Run) -> Vec<Case> {
         ),
         exact("composite", 1e-6, apart(&finished, &composite)),
         exact("region-masks", 0.0, apart(&masks.concat(), &references::masks(&object, &shadow, 64))),
-        exact("compare", 1e-9, apart(&told[..4], &scores[..4])),
-        exact("compare, FLIP and CIEDE2000 told", CONSTANTS, apart(&told[4..], &scores[4..])),
+        exact("compare", 1e-9, apart(&reported[..4], &scores[..4])),
+        exact("compare, FLIP and CIEDE2000 reported", CONSTANTS, apart(&reported[4..], &scores[4..])),
         exact(
             "compare, FLIP",
             CONSTANTS,
@@ -148,11 +148,15 @@ fn cases(run: &Run) -> Vec<Case> {
         exact(
             "score-env",
             1e-9,
-            apart(&lights::told(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
+            apart(&lights::reported(&run.value("lights.report")), &lights::scores(&lights[0], &lights[1])),
         ),
         exact("splat-render, EWA as published", 1e-5, apart(&view, &splatted)),
         exact("splat-panorama, EWA as published", 1e-4, around),
-        exact("snap, metres and normal", 1e-5, apart(&ground::told(&run.value("stands.report")), &stands)),
+        exact(
+            "snap, metres and normal",
+            1e-5,
+            apart(&ground::reported(&run.value("stands.report")), &stands),
+        ),
         // Where no surface is hit both are infinite.
         exact(
             "path-trace depth, relative",
@@ -217,7 +221,7 @@ fn summary(errors: &[f64]) -> [f64; 2] {
 }
 
 /// Three digits; below 1e-12 is the rounding of sums in float64.
-fn told(error: f64) -> String {
+fn digits(error: f64) -> String {
     match error {
         0.0 => "0".to_owned(),
         _ if error < 1e-12 => "<1e-12".to_owned(),
@@ -233,7 +237,7 @@ fn no_error_drifts() {
         if largest.is_nan() || largest > bound {
             writeln!(wrong, "{name} is off by {largest}, which may be {bound}").unwrap();
         }
-        let [largest, most] = [largest, most].map(told);
+        let [largest, most] = [largest, most].map(digits);
         writeln!(text, "{name}\t{against}\t{}\t{largest}\t{most}", errors.len()).unwrap();
     }
     assert!(wrong.is_empty(), "{wrong}\n{text}");

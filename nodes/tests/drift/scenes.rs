@@ -48,7 +48,7 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// Of a splat with this centre and these projected axes; 0.3 is the filter.
+    /// The footprint of a splat with this centre and these projected axes; 0.3 is the filter.
     fn new(splats: &Splats, i: usize, eye: DVec3, depth: f64, centre: [f64; 2], rows: [DVec3; 2]) -> Self {
         let [xx, xy, yy] = [rows[0].dot(rows[0]) + 0.3, rows[0].dot(rows[1]), rows[1].dot(rows[1]) + 0.3];
         let determinant = xx * yy - xy * xy;

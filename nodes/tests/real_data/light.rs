@@ -101,7 +101,7 @@ fn the_true_bracket_gives_the_true_light_but_for_the_sun() {
     assert!(judged > 290_000 && off * 100 < judged, "{off} of {judged} pixels are off");
 }
 
-/// Of every second panorama that the weights were trained on, photographed at EV 0, the mean errors of irradiance and of
+/// Over every second panorama that the weights were trained on, photographed at EV 0, the mean errors of irradiance and of
 /// contrast, in stops, as photographed and with the light that a method recovers.
 fn errors(method: &Method) -> [[f64; 2]; 2] {
     let mut files: Vec<_> =

@@ -166,9 +166,9 @@ fn z_scores(out: &path_trace::Out, outside: &[f32], noise: f64) -> (f64, f64) {
     let scores: Vec<f64> = ours.chunks(3).map(y).zip(pairs).map(z).collect();
     let beyond = scores.iter().filter(|z| z.abs() > 3.0).count() as f64;
     let n = scores.len() as f64;
-    let told = (scores.iter().sum::<f64>() / n, beyond / n);
-    println!("  z: {:.3} on average, {:.5} beyond 3", told.0, told.1);
-    told
+    let reported = (scores.iter().sum::<f64>() / n, beyond / n);
+    println!("  z: {:.3} on average, {:.5} beyond 3", reported.0, reported.1);
+    reported
 }
 
 /// Difference of the luminance of two pictures with independent errors per pixel, over blocks of 8 by 8 pixels, in
