@@ -1,4 +1,4 @@
-//! What `report` measured, as JSON.
+//! The measurements of `report` as JSON.
 
 use std::collections::BTreeMap;
 
