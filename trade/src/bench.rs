@@ -82,7 +82,7 @@ pub struct Bench<'e> {
     /// Remarks on pictures.
     pub remarks: Vec<String>,
     /// Number of remarks already reported.
-    told: usize,
+    reported: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
     truth: Option<Truth>,
@@ -152,7 +152,7 @@ impl<'e> Bench<'e> {
             tunables,
             unjudged,
             remarks,
-            told: 0,
+            reported: 0,
             observer: None,
             cancel,
             truth,
@@ -258,7 +258,7 @@ impl<'e> Bench<'e> {
             return Ok(known);
         }
         let graph = self.graph(assignment)?;
-        let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
+        let mut reported: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
         let (name, before) = (self.name(assignment), self.points.len());
@@ -268,7 +268,7 @@ impl<'e> Bench<'e> {
                 observer(&name, before, &event);
             }
             if let Event::Node { id, notes, key, .. } = event {
-                told.insert(id, (notes, key));
+                reported.insert(id, (notes, key));
             }
         });
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
@@ -280,7 +280,7 @@ impl<'e> Bench<'e> {
         let wanted = graph.above(&self.targets);
         let (mut nodes, mut keys) = (Vec::new(), BTreeSet::new());
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
-            let (notes, key) = told.remove(&node.id).unwrap_or_default();
+            let (notes, key) = reported.remove(&node.id).unwrap_or_default();
             // Equal instances of a node count once.
             let first = key.is_none_or(|key| keys.insert(key));
             let spent = self.engine.spent(&graph, index).filter(|_| first).unwrap_or_default();
@@ -316,7 +316,7 @@ impl<'e> Bench<'e> {
             let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
             self.truth = Some(Truth::of(&self.outputs, pictures, value));
             self.mark_uncomputed()?;
-            let told = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
+            let reported = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
                 let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
                 let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
                 (!names.is_empty()).then(|| format!("{}: {text}", names.join(", ")))
@@ -324,8 +324,8 @@ impl<'e> Bench<'e> {
             let linear = |output: &Output, _: &Images| output.space == Space::Linear;
             let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
             let remarks = [
-                told(&cut, "holds light far above white, which is judged as white"),
-                told(&linear, "is written to OpenEXR only and is judged in linear light, with HDR-FLIP"),
+                reported(&cut, "holds light far above white, which is judged as white"),
+                reported(&linear, "is written to OpenEXR only and is judged in linear light, with HDR-FLIP"),
             ];
             remarks.into_iter().flatten().for_each(|text| self.remark(text));
         }
@@ -354,10 +354,10 @@ impl<'e> Bench<'e> {
             let text = format!("{} cannot be computed for any picture here ({first})", metric.name);
             return Err(Miss::Failed(format!("{text}; {way_out}")));
         }
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for (output, why) in self.outputs.iter_mut().zip(why) {
             if let Some(why) = &why {
-                told.push(format!(
+                reported.push(format!(
                     "`{}` has no {} in linear light, in which pictures for OpenEXR only are judged ({why}), so it does not \
                      count there",
                     output.name, metric.name
@@ -365,10 +365,10 @@ impl<'e> Bench<'e> {
             }
             output.uncomputed = why;
         }
-        if !told.is_empty() {
-            told.push(way_out.to_owned());
+        if !reported.is_empty() {
+            reported.push(way_out.to_owned());
         }
-        told.into_iter().for_each(|text| self.remark(text));
+        reported.into_iter().for_each(|text| self.remark(text));
         Ok(())
     }
 
@@ -388,8 +388,8 @@ impl<'e> Bench<'e> {
 
     /// The remarks that were not reported yet.
     pub fn new_remarks(&mut self) -> &[String] {
-        let told = std::mem::replace(&mut self.told, self.remarks.len());
-        &self.remarks[told..]
+        let reported = std::mem::replace(&mut self.reported, self.remarks.len());
+        &self.remarks[reported..]
     }
 
     /// The pictures of the last run of a graph.

@@ -171,8 +171,8 @@ impl Truth {
         let all = outputs.iter().zip(pictures).zip(&self.pictures);
         all.map(|((output, (_, picture)), truth)| {
             let (_, maps, notes) = compare(picture, truth, None, output.space)?;
-            let told = notes.iter().filter(|note| note.id == "no-flip");
-            Ok(FlipMaps { maps, missing: told.map(|note| note.text.clone()).collect() })
+            let reported = notes.iter().filter(|note| note.id == "no-flip");
+            Ok(FlipMaps { maps, missing: reported.map(|note| note.text.clone()).collect() })
         })
         .collect()
     }
@@ -314,7 +314,7 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
     let is_picture =
         |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
     let (mut wires, mut layers, mut shown): (Vec<Wire>, Vec<Wire>, Vec<Wire>) = Default::default();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for &target in asked {
         let node = &graph.nodes[target];
         if node.sink_path.is_none() {
@@ -340,7 +340,7 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         wires.sort_unstable();
         wires.dedup();
     } else if !layers.is_empty() {
-        told.push("layers are for later work, so they are left out next to pictures".to_owned());
+        reported.push("layers are for later work, so they are left out next to pictures".to_owned());
     }
     let output = |wire: Wire| {
         let node = &graph.nodes[wire.node];
@@ -350,5 +350,5 @@ pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
         let space = if shown.contains(&wire) { Space::Display } else { Space::Linear };
         Output { name, wire, space, inserted, uncomputed: None }
     };
-    (wires.into_iter().map(output).collect(), told)
+    (wires.into_iter().map(output).collect(), reported)
 }

@@ -75,7 +75,7 @@ impl Metric {
     }
 
     /// An error as printed: PSNR in dB, where more is better; `None` is not computed.
-    pub fn told(&self, error: Option<f64>) -> String {
+    pub fn shown(&self, error: Option<f64>) -> String {
         match error {
             None => "not computed".to_owned(),
             Some(error) if self.of == Of::Psnr => format!("{} dB", plot::tick_text(decibels(error))),
@@ -172,12 +172,12 @@ mod tests {
         let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0), unseen];
         assert!((metric.error(&off).unwrap() - 0.1).abs() < 1e-15);
         assert_eq!(metric.error(&[row("touched", f64::INFINITY)]), Some(0.0));
-        let told = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.told(error));
-        assert_eq!(told, ["20 dB", "inf dB", "0 dB", "not computed"]);
+        let reported = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.shown(error));
+        assert_eq!(reported, ["20 dB", "inf dB", "0 dB", "not computed"]);
         assert!(
             (metric.value(0.1).as_f64().unwrap() - 20.0).abs() < 1e-9 && metric.value(0.0) == json!("inf")
         );
-        assert_eq!(Metric::of("rmse").unwrap().told(Some(0.1)), "0.1");
+        assert_eq!(Metric::of("rmse").unwrap().shown(Some(0.1)), "0.1");
         assert_eq!(Metric::of("flip").unwrap().error(&off), None, "not computed is not 0");
     }
 }

@@ -23,13 +23,13 @@ const RIGHT: f64 = 120.0;
 const TOP: f64 = 20.0;
 const BOTTOM: f64 = 46.0;
 
-/// `told` formats an error. Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below
+/// `shown` formats an error. Both axes are logarithmic, in steps of ten; an error of 0 has a line of its own below
 /// the least other one. `None` where there is nothing to plot.
 pub fn svg(
     dots: &[Dot],
     cost: &str,
     error: &str,
-    told: impl Fn(f64) -> String,
+    shown: impl Fn(f64) -> String,
     bound: Option<f64>,
 ) -> Option<String> {
     let log = |value: f64| nodes::math::num::f64::log10(value);
@@ -79,7 +79,7 @@ pub fn svg(
             WIDTH - RIGHT,
             LEFT - 6.0,
             at + 4.0,
-            told(value)
+            shown(value)
         );
     }
     if let Some(bound) = bound.filter(|bound| *bound > 0.0) {
@@ -94,7 +94,7 @@ pub fn svg(
     for dot in dots {
         let (cx, cy) = (x(dot.cost), y(dot.error));
         let class = if dot.front { "dot on" } else { "dot" };
-        let (cost, error) = (tick_text(dot.cost), told(dot.error));
+        let (cost, error) = (tick_text(dot.cost), shown(dot.error));
         let title = crate::html::escaped(&format!("{}: work {cost}, error {error}", dot.name));
         let _ = writeln!(
             text,

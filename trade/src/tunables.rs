@@ -263,8 +263,8 @@ mod tests {
             knob,
         };
         assert_eq!(of(1, [0, 1, 2, 2], true).finer_than_the_reference(), None);
-        let told = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
-        assert!(told.is_some_and(|t| t.contains("pano.width_px=128 and `final` 256")));
+        let reported = of(0, [0, 0, 2, 1], true).finer_than_the_reference();
+        assert!(reported.is_some_and(|t| t.contains("pano.width_px=128 and `final` 256")));
         assert!(
             of(2, [0, 0, 0, 1], true).finer_than_the_reference().is_some_and(|t| t.contains("the graph 256"))
         );

@@ -158,7 +158,7 @@ impl Tuned {
     pub fn nearest(&self, wanted: &Wanted, stopped: bool) -> String {
         let least = |of: fn(&Tried) -> f64| self.tried.iter().map(of).reduce(f64::min);
         let nearest = match wanted.goal {
-            Goal::Error(_) => format!("the least error is {}", wanted.metric.told(least(|t| t.error))),
+            Goal::Error(_) => format!("the least error is {}", wanted.metric.shown(least(|t| t.error))),
             Goal::Cost(_) => {
                 let unit = wanted.unit.name();
                 let cost = tick_text(least(|t| t.cost).unwrap_or(0.0));
@@ -195,7 +195,7 @@ impl Tuned {
                 ""
             };
             let (work, seconds, error) =
-                (tick_text(point.work), tick_text(point.cpu_seconds), metric.told(Some(t.error)));
+                (tick_text(point.work), tick_text(point.cpu_seconds), metric.shown(Some(t.error)));
             rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.assignment)]);
         }
         rows
@@ -244,7 +244,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
     let least = half.all.iter().map(|t| t.error).reduce(f64::min);
     let found = match least {
         Some(_) if !half.complete => {
-            let (count, least) = (half.all.len(), metric.told(least));
+            let (count, least) = (half.all.len(), metric.shown(least));
             format!(
                 "{count} settings that cost less than half of it were measured, and none reaches it (least error {least}); there \
                  may be more, for which --budget makes room"
@@ -255,7 +255,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
                 .to_owned()
         }
         Some(_) => {
-            let (count, least) = (half.all.len(), metric.told(least));
+            let (count, least) = (half.all.len(), metric.shown(least));
             format!(
                 "none of the {count} settings that were found to cost less than half of it reaches it (least error {least})"
             )
@@ -278,7 +278,7 @@ fn none_below_half(metric: &Metric, half: &Below) -> String {
 }
 
 fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option<&(&str, Tried)>) -> String {
-    let error = metric.told(Some(found.error));
+    let error = metric.shown(Some(found.error));
     let mut text = format!("{} {error} for {} {unit}", metric.name, tick_text(found.cost));
     if let Some((name, preset)) = naive {
         match goal {
@@ -289,7 +289,7 @@ fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option
                 ));
             }
             Goal::Cost(_) => {
-                let other = metric.told(Some(preset.error));
+                let other = metric.shown(Some(preset.error));
                 text.push_str(&format!("; `{name}`, the best preset within it, has {other}"));
             }
         }

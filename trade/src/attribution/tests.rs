@@ -307,7 +307,10 @@ fn cheap_settings(bench: &mut Bench<'_>, metric: &Metric, node: &str) -> (f64, f
     });
     let found = &tried[best.unwrap()];
     let naive = tried[..4].iter().filter(|t| t.error <= 0.02).map(|t| t.cost).fold(f64::INFINITY, f64::min);
-    assert!(finished && found.error <= 0.02 && found.cost < 0.5 * naive, "{node}: {found:?} compared with {naive}");
+    assert!(
+        finished && found.error <= 0.02 && found.cost < 0.5 * naive,
+        "{node}: {found:?} compared with {naive}"
+    );
     nothing_below_half(bench, metric, &steps, &tried);
     (found.cost, found.cost / naive)
 }

@@ -6,7 +6,7 @@ mod page;
 
 use engine::PRESETS;
 
-pub use json::told;
+pub use json::as_json;
 pub use page::page;
 
 use crate::attribution::{Attribution, attributions};

@@ -45,7 +45,7 @@ pub fn page(
         for region in ["whole", "touched"] {
             for of in ["flip", "rmse"] {
                 let column = Metric::of(&format!("{region}.{of}"));
-                row.push(column.map(|m| m.told(m.error(&point.off))).unwrap_or_default());
+                row.push(column.map(|m| m.shown(m.error(&point.off))).unwrap_or_default());
             }
         }
         rows.push(row);
@@ -83,7 +83,7 @@ fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attrib
         Blame::Unknown => "not known".to_owned(),
     };
     page.facts(&[
-        ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
+        ("error", format!("{} {}", metric.name, metric.shown(metric.error(&point.off)))),
         ("work", format!("{} rays", tick_text(point.work))),
         ("code ran", format!("{} CPU-s", tick_text(point.cpu_seconds))),
         ("nodes", point.actions().to_string()),
@@ -163,7 +163,7 @@ fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize],
             })
             .collect();
         let axis = format!("error ({})", metric.name);
-        let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.told(Some(error)), None);
+        let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.shown(Some(error)), None);
         plots.extend(svg.map(|svg| (output, svg)));
     }
     page.heading("Error over work");
@@ -180,7 +180,7 @@ fn attribution(
     page.heading("Which node is to blame");
     let error = metric.error(&bench.points[now].off);
     let both = attributions.iter().any(|b| b.all_but.is_some());
-    let mut text = format!("As it is the error is {}. ", metric.told(error));
+    let mut text = format!("As it is the error is {}. ", metric.shown(error));
     text.push_str("First column: the error with this node alone at the reference");
     text.push_str(if both {
         "; second: the error with all others at the reference. The rest is interaction."
@@ -190,7 +190,7 @@ fn attribution(
     page.words(&text);
     page.words(&match Blame::of(attributions, error) {
         Blame::Makes(node, own) => {
-            let own = metric.told(Some(own));
+            let own = metric.shown(Some(own));
             format!("`{node}` is the bottleneck: its own error is {own}.")
         }
         Blame::Helps(node) => format!("Setting `{node}` to the reference helps most."),
@@ -201,8 +201,8 @@ fn attribution(
         }
     });
     let row = |b: &Attribution| {
-        let all_but = both.then(|| metric.told(b.all_but));
-        [b.node.clone(), metric.told(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
+        let all_but = both.then(|| metric.shown(b.all_but));
+        [b.node.clone(), metric.shown(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
     };
     let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
     let mut columns = vec!["node", "it alone at the reference", "work with it alone"];
@@ -251,7 +251,7 @@ fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
     page.words(
         "Work that is done only if the scene needs it. The last column forces each piece of work; `docs/trade.md` has the error of each.",
     );
-    let told = |row: &LeftOut| {
+    let reported = |row: &LeftOut| {
         let nodes = match row.nodes.as_slice() {
             [first, second, third, rest @ ..] if !rest.is_empty() => {
                 format!("{first}, {second}, {third} and {} more", rest.len())
@@ -266,7 +266,7 @@ fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
         [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
     };
     let columns = ["what", "at", "here", "what was found", "left out where", "forced by"];
-    page.table(&columns, &rows.iter().map(told).collect::<Vec<_>>());
+    page.table(&columns, &rows.iter().map(reported).collect::<Vec<_>>());
 }
 
 fn costs(page: &mut Page, point: &Point) {
