@@ -186,6 +186,7 @@ mod tests {
             largest: 255,
             codes: vec![9; 31 * 7 * channels],
             ignored: Vec::new(),
+            linear: false,
         };
         let plane = |name: &str| {
             let samples = vec![0.5; 31 * 7];

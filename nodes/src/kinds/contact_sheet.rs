@@ -68,7 +68,7 @@ impl Kind for ContactSheet {
     fn estimate(p: &Self, inputs: &In) -> Cost {
         let views: Vec<&NamedImage> = inputs.images.iter().flat_map(|images| &images.0).collect();
         let (width, height) = Layout::new(p, &views).size;
-        Cost { bytes: (width as u64).saturating_mul(height as u64).saturating_mul(16) }
+        Cost::of([((width as u64).saturating_mul(height as u64), 16)])
     }
 
     fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

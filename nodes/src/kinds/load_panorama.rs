@@ -63,7 +63,7 @@ const HOLE_ALPHA: f32 = 0.5 / 255.0;
 
 impl Kind for LoadPanorama {
     const NAME: &'static str = "load-panorama";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     const READS: &'static [ContextField] = &[ContextField::Up];
     const STORE: Keep = Keep::Cheap;
     type Params = Self;
@@ -253,7 +253,15 @@ mod tests {
     fn a_turned_photograph_keeps_its_lights() {
         let mut codes = vec![40_u16; 16 * 8 * 3];
         codes[3 * 40..3 * 41].fill(255);
-        let raster = Raster { width: 16, height: 8, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 16,
+            height: 8,
+            channels: 3,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let light = |out: &Out| out.env.image.samples.iter().map(|v| f64::from(*v)).sum::<f64>();
         let (still, _) = turned(&bytes, None, 0.0).expect("loads");
@@ -319,7 +327,15 @@ mod tests {
     #[test]
     fn holes_of_a_file_are_filled_and_told() {
         let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);
-        let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 4,
+            height: 2,
+            channels: 4,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let (out, notes) = load(&png::write(&raster, false, &[]).expect("writes"), None).expect("loads");
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         for x in 0..4 {
@@ -360,7 +376,15 @@ mod tests {
     #[test]
     fn a_part_of_a_sphere_lies_where_its_metadata_says() {
         let codes = (0..8 * 4).flat_map(|i| [if i == 9 { 250 } else { 60 }; 3]).collect();
-        let raster = Raster { width: 8, height: 4, channels: 3, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 8,
+            height: 4,
+            channels: 3,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let text = "GPano:FullPanoWidthPixels='1600' GPano:FullPanoHeightPixels='800' GPano:CroppedAreaImageWidthPixels='800' \
             GPano:CroppedAreaImageHeightPixels='400' GPano:CroppedAreaLeftPixels='400' GPano:CroppedAreaTopPixels='200'";
         let bytes = png::write(&raster, false, &[("XML:com.adobe.xmp", text)]).expect("writes");
@@ -378,7 +402,15 @@ mod tests {
     #[test]
     fn a_picture_is_taken_without_its_alpha_and_is_no_light() {
         let codes = [[255, 128, 0, 255], [200, 100, 50, 51]].concat().repeat(4);
-        let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
+        let raster = Raster {
+            width: 4,
+            height: 2,
+            channels: 4,
+            largest: 255,
+            codes,
+            ignored: Vec::new(),
+            linear: false,
+        };
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let (out, _) = load(&bytes, None).expect("loads");
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };

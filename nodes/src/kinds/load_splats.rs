@@ -92,6 +92,11 @@ impl Kind for LoadSplats {
             let expanded = source::expand(named, &cx.source(named).path).map_err(|e| e.at(field))?;
             names.extend(expanded.into_iter().map(|file| (field, file)));
         }
+        let mut sources = Vec::new();
+        for (field, file) in &names {
+            sources.extend(source::with_companions(file, cx.root()).map_err(|e| e.at(field))?);
+        }
+        cx.check_listed(&sources)?;
         let mut files = Vec::new();
         let total = names.len() as f32;
         for (done, (field, file)) in names.iter().enumerate() {

@@ -118,7 +118,7 @@ impl Kind for SplatPanorama {
         let fine = u64::from(params.width_px) * u64::from(params.supersample);
         let lists = most_bytes(inputs.splats.len() as u64, (fine, fine / 2));
         // A sample: its tile or its row, the picture of the belt and of the caps, their union.
-        Cost { bytes: (pixels * 80 + samples * 60).saturating_add(lists) }
+        Cost::of([(pixels, 80), (samples, 60), (lists, 1)])
     }
 
     fn work((params, _): &Self::Params, sizes: &Sizes) -> f64 {

@@ -79,9 +79,9 @@ impl Kind for SplatRender {
         let splats = inputs.splats.len() as u64;
         let size = |c: &Camera| (u64::from(c.width_px), u64::from(c.height_px));
         let lists = inputs.rig.cameras.iter().map(|c| most_bytes(splats, size(c))).max().unwrap_or(0);
-        let margins = u64::from(inputs.limit.is_some()) * splats * 4;
+        let margins = if inputs.limit.is_some() { splats } else { 0 };
         // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand.
-        Cost { bytes: (all * 44 + largest * 24 + margins).saturating_add(lists) }
+        Cost::of([(all, 44), (largest, 24), (margins, 4), (lists, 1)])
     }
 
     // Splats are read once a view; a view of a megapixel makes up for its share of them.

@@ -156,7 +156,7 @@ impl Kind for Denoise {
         let sizes = inputs.without.0.iter().map(|view| view.picture.size());
         let pixels: usize = sizes.map(|(width, height, _)| width * height).sum();
         // Copies of three layers of every view; fields, averages and their copies of one at a time.
-        Cost { bytes: (pixels * (10 * 4 + 200)) as u64 + params.method.bytes(pixels) }
+        Cost::of([(pixels as u64, 10 * 4 + 200), (params.method.bytes(pixels), 1)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {

@@ -120,8 +120,7 @@ impl Kind for FuseHdr {
     type Out = Out;
 
     fn estimate(_: &Self, inputs: &In) -> Cost {
-        let pixels = inputs.base.alpha.samples.len() as u64;
-        Cost { bytes: pixels * 96 }
+        Cost::of([(inputs.base.alpha.samples.len() as u64, 96)])
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {

@@ -101,15 +101,26 @@ pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error
         }
         let odd = || Error::format(file, format!("line {} of images.txt is not understood", number + 1));
         // The name comes last and may hold spaces.
-        let words: Vec<&str> = line.trim().splitn(10, ' ').collect();
-        let [image, pose @ .., id, name] = words.as_slice() else { return Err(odd()) };
+        let (words, name) = first_words::<9>(line).ok_or_else(odd)?;
+        let [image, pose @ .., id] = words.as_slice() else { return Err(odd()) };
         image.parse::<u64>().map_err(|_| odd())?;
         let pose = pose.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
         let [w, x, y, z, t0, t1, t2] = pose[..] else { return Err(odd()) };
         let id = id.parse().map_err(|_| odd())?;
-        found.push(camera(file, &lenses, id, (*name).trim().to_owned(), [w, x, y, z], [t0, t1, t2])?);
+        found.push(camera(file, &lenses, id, name.to_owned(), [w, x, y, z], [t0, t1, t2])?);
     }
     Ok(sorted(found))
+}
+
+/// The first `N` words of a line, and what follows them, which is not empty.
+fn first_words<const N: usize>(line: &str) -> Option<([&str; N], &str)> {
+    let mut rest = line.trim();
+    let mut words = [""; N];
+    for word in &mut words {
+        (*word, rest) = rest.split_once(|c: char| c.is_ascii_whitespace())?;
+        rest = rest.trim_start();
+    }
+    (!rest.is_empty()).then_some((words, rest))
 }
 
 /// True for points of images.txt: x, y and the number of a point in space, -1 where it has none, over and over.

@@ -92,13 +92,7 @@ impl Kind for LoadCameras {
         if is_json(&p.path) {
             return Ok(vec![root.file(&p.path)]);
         }
-        for files in candidates(&p.path) {
-            let sources: Vec<SourceFile> = files.iter().map(|file| root.file(file)).collect();
-            if sources.iter().all(|source| source.path.is_file()) {
-                return Ok(sources);
-            }
-        }
-        Err(unknown(&p.path))
+        Ok(files(&p.path, root)?.iter().map(|file| root.file(file)).collect())
     }
 
     fn views(p: &Self, root: &SourceRoot) -> ViewCount {
@@ -169,6 +163,12 @@ fn candidates(path: &InputFile) -> Vec<Vec<InputFile>> {
     candidates
 }
 
+/// The files of the first candidate of which all are there.
+fn files(path: &InputFile, root: &SourceRoot) -> Result<Vec<InputFile>, NodeError> {
+    let there = |files: &Vec<InputFile>| files.iter().all(|file| root.file(file).path.is_file());
+    candidates(path).into_iter().find(there).ok_or_else(|| unknown(path))
+}
+
 fn is_part(file: &str) -> bool {
     matches!(file, "cameras.bin" | "images.bin" | "cameras.txt" | "images.txt")
 }
@@ -184,22 +184,16 @@ fn read(p: &LoadCameras, cx: &Context, notes: &mut Notes) -> Result<Vec<Raw>, No
     if is_json(&p.path) {
         return Ok(json::read(name, &cx.read(&p.path)?, &p.list, notes)?);
     }
-    for files in candidates(&p.path) {
-        // A file that is not there is tried in another place; `sources` found the same one.
-        let Ok(first) = cx.read(&files[0]) else { continue };
-        let Some(second) = files.get(1) else {
-            return Ok(json::read(&files[0].0, &first, &p.list, notes)?);
-        };
-        let Ok(second) = cx.read(second) else { continue };
-        cx.check()?;
-        let binary = files[0].0.ends_with(".bin");
-        return Ok(if binary {
-            colmap::binary(name, &first, &second)?
-        } else {
-            colmap::text(name, &first, &second)?
-        });
-    }
-    Err(unknown(&p.path))
+    let files = files(&p.path, cx.root())?;
+    cx.check_listed(&files.iter().map(|file| cx.source(file)).collect::<Vec<_>>())?;
+    let first = cx.read(&files[0])?;
+    let Some(second) = files.get(1) else {
+        return Ok(json::read(&files[0].0, &first, &p.list, notes)?);
+    };
+    let second = cx.read(second)?;
+    cx.check()?;
+    let binary = files[0].0.ends_with(".bin");
+    Ok(if binary { colmap::binary(name, &first, &second)? } else { colmap::text(name, &first, &second)? })
 }
 
 /// Names of pictures without folder and ending; those that would be the same keep as many of their folders as tell them
@@ -249,7 +243,7 @@ fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<us
     if wishes.is_empty() {
         return Ok((0..names.len()).collect());
     }
-    let mut chosen: Vec<usize> = Vec::new();
+    let (mut chosen, mut taken) = (Vec::new(), vec![false; names.len()]);
     for wish in wishes {
         let found: Vec<usize> = match range(wish) {
             Some((start, end, step)) => (start..end.min(names.len())).step_by(step).collect(),
@@ -265,11 +259,7 @@ fn pick(wishes: &[String], names: &[String], pictures: &[&str]) -> Result<Vec<us
             return Err(NodeError::new(format!("`{wish}` picks none of the {} cameras", names.len()))
                 .hint(format!("the first ones are {some}")));
         }
-        for index in found {
-            if !chosen.contains(&index) {
-                chosen.push(index);
-            }
-        }
+        chosen.extend(found.into_iter().filter(|index| !std::mem::replace(&mut taken[*index], true)));
     }
     Ok(chosen)
 }

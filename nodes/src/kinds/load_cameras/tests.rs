@@ -236,3 +236,51 @@ fn hostile_files_are_errors() {
     assert!(load(&[("c.json", b"{\"other\": 3}")], &node("c.json")).is_err());
     assert!(load(&[], &node("nowhere")).is_err());
 }
+
+// Some exporters write tabs or two spaces between words. Once refused as "not understood".
+#[test]
+fn words_of_colmap_texts_are_separated_by_any_white_space() {
+    let (wide, spaced) = (images().replace("0 0 -", "0\t 0  -"), CAMERAS.replace(' ', "\t"));
+    assert_ne!(wide, images());
+    let of = |cameras: &str, images: &str| {
+        load(&[("m/cameras.txt", cameras.as_bytes()), ("m/images.txt", images.as_bytes())], &node("m"))
+            .unwrap_or_else(|e| panic!("{e}"))
+            .0
+    };
+    let cameras = of(&spaced, &wide);
+    assert_eq!(cameras, of(CAMERAS, &images()));
+    assert_eq!(cameras[0].name, "a b", "a name may hold spaces");
+}
+
+// 200,000 cameras and a pattern that picks all of them twice took minutes when each was looked up in a list.
+#[test]
+fn picking_many_cameras_takes_no_longer_than_reading_them() {
+    let names: Vec<String> = (0..200_000).map(|i| format!("c{i}")).collect();
+    let pictures: Vec<&str> = names.iter().map(String::as_str).collect();
+    let start = std::time::Instant::now();
+    let wishes = ["5..6", "*", "c*"].map(str::to_owned);
+    let chosen = pick(&wishes, &names, &pictures).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((chosen.len(), chosen[0], chosen[1], chosen[6]), (200_000, 5, 0, 6));
+    assert!(start.elapsed().as_secs() < 10, "{:?}", start.elapsed());
+}
+
+// A model as text that becomes one in binary while the graph runs.
+#[test]
+fn files_that_appear_while_it_runs_ask_for_another_run() {
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    let write = |name: &str, bytes: &[u8]| {
+        std::fs::write(folder.path().join(name), bytes).unwrap_or_else(|e| panic!("{e}"));
+    };
+    write("cameras.txt", CAMERAS.as_bytes());
+    write("images.txt", images().as_bytes());
+    let sources =
+        LoadCameras::sources(&node("."), &SourceRoot::new(folder.path())).unwrap_or_else(|e| panic!("{e}"));
+    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, folder.path());
+    let cx = cx.having_listed(&sources);
+    assert!(LoadCameras::run(&node("."), In {}, &cx).is_ok());
+    let (cameras, images) = binary_files();
+    write("cameras.bin", &cameras);
+    write("images.bin", &images);
+    let error = LoadCameras::run(&node("."), In {}, &cx).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(error.contains("changed while the graph was running"), "{error}");
+}

@@ -106,7 +106,7 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -115,15 +115,15 @@ impl Kind for PredictExposure {
 
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pano = &inputs.pano.alpha;
-        let own = pano.samples.len() * (136 + 12 * params.evs.len());
+        let pixels = pano.samples.len() as u64;
         let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
         let read = match &params.method {
-            Method::Photographs { files } => pano.samples.len() * (48 + 16 * files.len()),
+            Method::Photographs { files } => (pixels, 48 + 16 * files.len() as u64),
             // Enlarged, at most 510 columns by as many rows.
-            Method::Learned if pano.width < grid::WIDTH => 136 * 510 * 510,
-            _ => 0,
+            Method::Learned if pano.width < grid::WIDTH => (136, 510 * 510),
+            _ => (0, 0),
         };
-        Cost { bytes: (own + read) as u64 + model }
+        Cost::of([(pixels, 136 + 12 * params.evs.len() as u64), read, (model, 1)])
     }
 
     fn check(params: &Self) -> Result<(), NodeError> {

@@ -254,7 +254,7 @@ impl Kind for Stitch {
     fn estimate(params: &Self, inputs: &In) -> Cost {
         let pixels = u64::from(params.width_px) * u64::from(params.width_px) / 2;
         let faces: usize = inputs.views.0.iter().map(|view| view.colour.samples().len()).sum();
-        Cost { bytes: pixels * 80 + faces as u64 * 4 }
+        Cost::of([(pixels, 80), (faces as u64, 4)])
     }
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {

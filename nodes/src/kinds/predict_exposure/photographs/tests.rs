@@ -39,7 +39,8 @@ impl Place {
         };
         let codes = (0..width * height).flat_map(pixel).collect();
         let channels = if alpha.is_some() { 4 } else { 3 };
-        let raster = Raster { width, height, channels, largest: 255, codes, ignored: Vec::new() };
+        let raster =
+            Raster { width, height, channels, largest: 255, codes, ignored: Vec::new(), linear: false };
         self.write(name, &png::write(&raster, false, &[]).expect("packs"));
     }
 
@@ -188,7 +189,8 @@ fn photographs_that_contradict_the_panorama_are_told() {
     // Of the same median, but of another place: light and dark are mixed up.
     let code = |at: usize| u16::from(code8(srgb_from_linear([0.002_f32, 0.04, 0.9][at * 7 % 3])));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
-    let raster = Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new() };
+    let raster =
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
     place.write("elsewhere.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["elsewhere.png"], &[-3.0]);
     assert_eq!(told(&notes, "photograph-disagrees").len(), 1, "{notes:?}");
@@ -196,7 +198,8 @@ fn photographs_that_contradict_the_panorama_are_told() {
     let other = |x: usize| if x.is_multiple_of(4) { 0.3 } else { light(x) };
     let code = |at: usize| u16::from(code8(srgb_from_linear((other(at % W) / 8.0).min(1.0))));
     let codes = (0..W * H).flat_map(|at| [code(at); 3]).collect();
-    let raster = Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new() };
+    let raster =
+        Raster { width: W, height: H, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false };
     place.write("lamps.png", &png::write(&raster, false, &[]).expect("packs"));
     let (_, notes) = place.gains(&["lamps.png"], &[-3.0]);
     let found = told(&notes, "photograph-disagrees");
