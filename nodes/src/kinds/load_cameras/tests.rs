@@ -34,7 +34,7 @@ const INRIA: &str = r#"[{"id": 0, "img_name": "a", "width": 40, "height": 30, "f
     "position": [1, 2, 3], "rotation": [[0, -1, 0], [1, 0, 0], [0, 0, 1]]}]"#;
 const CAMERAS: &str = "# id\n7 PINHOLE 40 30 50 51 20.5 14\n";
 
-/// Camera from world of the same camera: a turn by -90 degrees, and -R (1, 2, 3) = (-2, 1, -3).
+/// Camera from world of the same camera: a rotation by -90 degrees, and -R (1, 2, 3) = (-2, 1, -3).
 fn images() -> String {
     let h = 0.5_f64.sqrt();
     format!("# id\n3 {h} 0 0 -{h} -2 1 -3 7 set/a.png\n1 2 -1 3 4 -1\n4 1 0 0 0 0 0 0 7 a b.png\n\n")
@@ -108,7 +108,7 @@ fn distortion_is_refused_or_told() {
     assert!(colmap(straight).is_ok());
     assert!(colmap(&fish).is_err(), "a fisheye bends even with zeros");
     assert!(colmap("7 SIMPLE_RADIAL 40 30 50 20 15 0.01\n").is_err());
-    // A model that is no perspective view at all is refused by name, whatever is to be ignored.
+    // A model that is not a perspective camera is refused by name, even with `Ignore`.
     let model = |name: &str, p: &LoadCameras| {
         let text = STUDIO.replace("\"k1\": 0.0", &format!("\"camera_model\": \"{name}\""));
         load(&[("t.json", text.as_bytes())], p)
@@ -120,7 +120,7 @@ fn distortion_is_refused_or_told() {
     assert!(model("OPENCV_FISHEYE", &ignore).is_ok_and(|(_, notes)| notes.is_degraded()));
 }
 
-// COLMAP writes a line of points behind each camera, also where it is empty; others leave such lines out.
+// COLMAP writes a line of points after each camera, even if it is empty; other programs leave such lines out.
 #[test]
 fn cameras_without_lines_of_points_are_all_there() {
     let pose = "1 0 0 0 0 0 0 7";
@@ -178,13 +178,13 @@ fn names_become_view_names() {
     ] {
         assert_eq!(view_names(&[picture]), [name]);
     }
-    // As many folders as tell them apart, and none where none is needed. Mutation: `..=deepest` to `..deepest`.
+    // As many folders as needed to distinguish them, and none otherwise. Mutation: `..=deepest` to `..deepest`.
     let clash = ["a/x/1.png", "b/x/1.png", "b\\y\\1.png", "b/2.png"];
     assert_eq!(view_names(&clash), ["a_x_1", "b_x_1", "y_1", "2"]);
     assert_eq!(view_names(&["s/1.png", "s/1.jpg"]), ["s_1", "s_1"]);
 }
 
-/// Pictures of the same name in two folders, and the same picture twice, which cannot be told apart but by number.
+/// Pictures of the same name in two folders, and the same picture twice, which only its index distinguishes.
 #[test]
 fn pictures_of_one_name_keep_their_folders() {
     let set = |paths: [&str; 2]| {
