@@ -172,7 +172,7 @@ fn cell_text(cell: &Cell) -> String {
 }
 
 fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
-    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() }
+    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
 }
 
 fn code(value: f32) -> u16 {

@@ -1,7 +1,7 @@
 //! What a running node may ask of the engine.
 
 use crate::value::counts::Effort;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -244,6 +244,16 @@ impl Context {
         Self { progress: Box::new(progress), ..self }
     }
 
+    /// The same context, in which the kind has listed these files as its sources: for tests of kinds.
+    pub fn having_listed(mut self, files: &[SourceFile]) -> Self {
+        let read = |file: &SourceFile| {
+            let content = std::fs::read(&file.path).unwrap_or_default();
+            ReadSource { file: file.clone(), digest: Digest::of(&content), bytes: content.len() as u64 }
+        };
+        self.sources = files.iter().map(read).collect();
+        self
+    }
+
     /// An error once the run was asked to stop; for loops that have no tiles.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
@@ -368,9 +378,28 @@ impl Context {
         Ok(made)
     }
 
+    /// Where relative names of files lie.
+    pub fn root(&self) -> &SourceRoot {
+        &self.root
+    }
+
     /// Where the file that a parameter names lies on this machine; for a folder whose files are sources.
     pub fn source(&self, file: &InputFile) -> SourceFile {
         self.root.file(file)
+    }
+
+    /// For a kind that lists a folder again when it runs: an error that asks for another run where these files
+    /// are not those that its `sources` listed. Outside of a run nothing was listed, and every file is accepted.
+    pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
+        if self.parts.is_none() && self.sources.is_empty() {
+            return Ok(());
+        }
+        let (now, listed): (BTreeSet<&str>, BTreeSet<&str>) = (
+            files.iter().map(|file| file.name.as_str()).collect(),
+            self.sources.iter().map(|source| source.file.name.as_str()).collect(),
+        );
+        let Some(name) = now.symmetric_difference(&listed).next() else { return Ok(()) };
+        Err(NodeError::new(format!("`{name}` changed while the graph was running")).hint("run again"))
     }
 
     /// The bytes of a source file. Reading a file that the kind's `sources` did not list is our bug; a

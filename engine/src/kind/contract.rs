@@ -14,6 +14,15 @@ pub struct Cost {
     pub bytes: u64,
 }
 
+impl Cost {
+    /// The sum of counts times bytes each, or the largest number where that overflows: a node that needs as much is then
+    /// refused and not admitted as a small one.
+    pub fn of(items: impl IntoIterator<Item = (u64, u64)>) -> Self {
+        let add = |sum: u64, (count, each): (u64, u64)| sum.saturating_add(count.saturating_mul(each));
+        Self { bytes: items.into_iter().fold(0, add) }
+    }
+}
+
 /// How large the inputs of a node are, by [`crate::Artifact::size`]: known from records, without the values.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sizes {
@@ -139,4 +148,16 @@ pub trait Kind: 'static {
 
     /// Computes the outputs.
     fn run(params: &Self::Params, inputs: Self::In, cx: &Context) -> Result<(Self::Out, Notes), NodeError>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn costs_add_up_and_do_not_wrap() {
+        assert_eq!(Cost::of([(3, 4), (5, 6)]).bytes, 42);
+        assert_eq!(Cost::of([(u64::MAX / 2, 4), (1, 1)]).bytes, u64::MAX);
+        assert_eq!(Cost::of([(u64::MAX, 1), (1, 1)]).bytes, u64::MAX);
+    }
 }
