@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use engine::{Context, NodeError, Notes, ReadFiles, Up};
-use nodes::load_splats::Frame;
-use nodes::save_splats::{SaveFormat, encode};
+use nodes::io::splats::Frame;
+use nodes::io::splats::save::{SaveFormat, encode};
 use nodes::types::Splats;
 
 use crate::session::Error;
@@ -96,7 +96,7 @@ fn check_folder(output: &Path) -> Result<(), NodeError> {
 
 /// Warns where the floor of a scene says that another axis points up than the one that was taken for it.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
-    let floor = nodes::inspect::splats::inspect(scene, cx)?.floor;
+    let floor = nodes::geometry::inspect::splats::inspect(scene, cx)?.floor;
     if let Some(floor) = floor.filter(|floor| floor.is_clear() && floor.up != up.name()) {
         let text = format!(
             "{} was taken to be up, but the floor of the scene says {}; name the axis with `--up`",

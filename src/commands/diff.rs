@@ -11,7 +11,7 @@ use engine::{
     ResultDifferences, Scene, Up, graph_differences, result_differences,
 };
 use nodes::io::exr::{self, Channel, Planes};
-use nodes::load_image::{self, FileEncoding, LoadImage};
+use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
 use nodes::types::{Data, Image, Images, NamedImage};
 
 use crate::session::origin::{OriginArgs, is_picture};
@@ -76,7 +76,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     if views(a) != views(b) {
         return a.difference(b);
     }
-    let shown = |file: &FileBytes| match load_image::of_bytes(&file.view, &file.bytes) {
+    let shown = |file: &FileBytes| match nodes::io::picture::of_bytes(&file.view, &file.bytes) {
         Ok(picture) => Some(Images::single(file.view.clone(), picture)),
         Err(_) => layers(&file.view, &file.bytes),
     };

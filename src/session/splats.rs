@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::ValueEnum;
 use engine::{Context, InputFile, Kind, Level, NodeError, Notes, Scene, Up};
-use nodes::load_splats::{self, Frame, LoadSplats};
+use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::types::Splats;
 
 use crate::terminal;

@@ -8,7 +8,7 @@ use engine::{
     Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Registry, RunOptions, Source,
     Wire, overlay_text,
 };
-use nodes::compare::Space;
+use nodes::kinds::compare::Space;
 use nodes::types::{Images, Report};
 
 use crate::error::Error;

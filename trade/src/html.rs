@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use base64::prelude::{BASE64_STANDARD, Engine as _};
-use nodes::color::srgb_from_linear;
 use nodes::io::png::{self, Raster};
+use nodes::math::color::srgb_from_linear;
 use nodes::types::{Cell, Picture, Report};
 
 /// What a page is made of, in order.
@@ -176,7 +176,7 @@ fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
 }
 
 fn code(value: f32) -> u16 {
-    u16::from(nodes::color::code8(value))
+    u16::from(nodes::math::color::code8(value))
 }
 
 /// A picture as a display shows it, on black.

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use engine::{Artifact, Context, Graph, Kind, NodeError, Notes, Wire};
-use nodes::compare::{Compare, In, Space};
-use nodes::composite::{self, Composite};
-use nodes::layers::linear;
-use nodes::metrics::PIXELS_PER_DEGREE;
+use nodes::kinds::compare::{Compare, In, Space};
+use nodes::kinds::composite::{self, Composite};
+use nodes::kinds::write_exr::WriteExr;
+use nodes::math::metrics::PIXELS_PER_DEGREE;
+use nodes::types::layers::linear;
 use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
-use nodes::write_exr::WriteExr;
 
 use crate::metric::Metric;
 use crate::off::Off;

@@ -19,8 +19,8 @@ use std::sync::{Arc, OnceLock};
 
 use engine::{Context, InputFile, Kind, Scene, Up};
 use glam::{DMat3, DVec3};
-use nodes::load_splats::{self, LoadSplats};
-use nodes::num;
+use nodes::kinds::load_splats::{self, LoadSplats};
+use nodes::math::num;
 use nodes::types::{Camera, SplatEncoding, Splats};
 use rustix::time::{ClockId, clock_gettime};
 

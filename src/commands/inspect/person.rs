@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use nodes::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
+use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 
 use super::Answer;
 use crate::session::splats;

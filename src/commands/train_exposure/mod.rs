@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
 use clap::{Args, ValueEnum};
-use nodes::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
+use nodes::kinds::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
 
 mod lora;
 
