@@ -12,6 +12,6 @@ pub mod training;
 mod words;
 
 pub use layout::{paragraphs, width, wrapped};
-pub use output::{colours, error, json_line, mistakes, names, no_file, print, remark};
+pub use output::{colours, error, json_line, mistakes, no_file, print, remark};
 pub use report::Report;
 pub use words::{columns, counts_text, forecast_text, seconds_text};

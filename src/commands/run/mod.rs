@@ -153,7 +153,7 @@ impl Run {
     /// a run needs the graph.
     fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
         let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
-        if asked || !self.graph.only.is_empty() {
+        if asked || !self.graph.only.is_empty() || self.graph.frames.is_some() {
             return Ok(None);
         }
         self.engine.memory()?;
