@@ -50,7 +50,7 @@ fn key(fields: &[(String, Field)]) -> Key {
     walk.finish().unwrap()
 }
 
-/// What a walk means, spelled out so that only equal walks are equal.
+/// The content of a walk, spelled out so that only equal walks are equal.
 fn meaning(fields: &[(String, Field)]) -> String {
     let one = |field: &Field| match field {
         Field::F64(bits) => format!("F64({:016x})", (number(*bits) + 0.0).to_bits()),
@@ -144,7 +144,7 @@ fn boundaries_between_items_count() {
 }
 
 #[test]
-fn row_67_zero_has_one_sign_and_nan_no_key() {
+fn zero_has_one_sign_and_nan_no_key() {
     assert_eq!(one(|walk| walk.f64("x", -0.0)), one(|walk| walk.f64("x", 0.0)));
     assert_eq!(one(|walk| walk.f32("x", -0.0)), one(|walk| walk.f32("x", 0.0)));
     assert_ne!(one(|walk| walk.f64("x", f64::MIN_POSITIVE)), one(|walk| walk.f64("x", 0.0)));

@@ -1,10 +1,10 @@
-"""The picture of docs/evidence/trace.md: error over CPU seconds, beside other programs."""
+"""The picture of docs/evidence/trace.md: error over CPU seconds, compared with other programs."""
 import math, re
 
 from page import blocks
 
 # CPU-seconds and errors of other programs on the sunny plane, measured on a machine of the same sort: the object by
-# `cycles_render.py --passes O` at 1, 4, 16, 64 and 256 samples beside its own 1024.
+# `cycles_render.py --passes O` at 1, 4, 16, 64 and 256 samples compared with its own 1024.
 CYCLES = {"without": [(1.81, .0939), (1.37, .0199), (1.74, .00135), (3.33, .000232), (9.59, .000054)],
           "S": [(3.9, .0557), (4.0, .0223), (7.1, .0103)],
           "object": [(1.51, .0270), (1.55, .00667), (1.80, .00105), (2.42, .000224), (5.53, .000052)]}
@@ -16,7 +16,7 @@ CYCLES_FILTERED = {4: "0.0117, 0.0185", 16: "0.0075, 0.0098", 64: "0.0053, 0.006
 MITSUBA = {"without": [(.009, .0869), (.019, .0159), (.057, .0016), (.195, .000186), (.766, .00004)]}
 
 def curves(text, picture):
-    """The tables of the bench with one more for docs/light-transport.md; error over CPU seconds of `without`, S and O as a
+    """The tables of the bench with one more for docs/evidence/light-transport.md; error over CPU seconds of `without`, S and O as a
     drawing."""
     def rows(head):
         table = next(lines for lines in ("\n".join(text.split("\n")[a:b]) for a, b in blocks(text.split("\n")))

@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Makes the tables of the docs anew.
+"""Makes the tables of the docs.
 
-usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all for which all is there
+usage: make.py [--data DIR] [--work DIR] [NAME..]      default: ../shared/data, a new folder, all tables whose needs are met
        make.py --try [NAME..]                          the smallest form of each job, whose tables go nowhere
-       make.py --list                                  what there is, what it takes and needs
+       make.py --list                                  the tables, with their time and needs
 
 The program is that of target/release, or of LIGHTHARMONY; benches are built by cargo, or lie in the folder
 LIGHTHARMONY_BENCHES. `tune` takes references that `presets` made in the same folder.
 
 Every command prints markdown tables, which are kept below the folder as NAME.md; each takes the place of the table in the
-page that has the same first row, of several those in their order, and gets a line that says by which command and at which
-commit. Text around them is not touched: read it again. What fails is told at the end, and the rest is made. Deterministic
+page with the same first row (of several in their order), with a line that names the command and the commit. The text
+around them is not changed: read it again. Failures are reported at the end, and the rest is made. Deterministic
 counts are not made here but guarded by tests (tests/tables/counts.tsv, which UPDATE_GOLDEN=1 cargo test --release renews).
 """
 import argparse, os, shutil, sys, tempfile, time
@@ -20,10 +20,10 @@ from job import Failed, HERE, Job, ROOT, cpu
 from page import renew
 from trade import bad, presets, tune
 
-# Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs beside the program (below the data, or a command), what
-# makes its tables, and whether there is a small form of that.
+# Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs in addition to the program (below the data, or a command),
+# the function that makes its tables, and whether it has a small form.
 def tables(job):
-    trade, small = ["docs/trade.md"], ["small"] * job.small
+    trade, small = ["docs/evidence/trade.md"], ["small"] * job.small
     traced = lambda: curves(job.bench("trace", job.data, "plane", "ratio", *small), job.picture("trace"))
     return {
         "weights": (trade, 7, 3, None, lambda: job.script("weights"), True),
@@ -33,19 +33,19 @@ def tables(job):
         "presets": (trade, "7 and 1", 9, "bench-case", lambda: presets(job), True),
         "coverage": (trade, "0 to 19", 8, "bench-case", lambda: job.bench("coverage", *small), True),
         "bench_case": (["README.md", "docs/evidence/bench.md"], 1, 10, "bench-case", lambda: job.script("bench_case", job.data), True),
-        "ablations": (["docs/light-transport.md", "docs/evidence/bench.md"], 1, 5, "bench-case", lambda: job.script("ablations", job.data), True),
+        "ablations": (["docs/evidence/light-transport.md", "docs/evidence/bench.md"], 1, 5, "bench-case", lambda: job.script("ablations", job.data), True),
         "tune": (trade, "7, 1, 7 and 3", 15, "splats/garden_sog", lambda: tune(job), True),
         "extremes": ([], None, 2, None, lambda: job.call("tests/extremes/page"), False),
-        "splats": (["docs/splats.md"], None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
-        "trace": (["docs/evidence/trace.md", "docs/light-transport.md"], "7 and 1 to 3", 3, "render-refs", traced, True),
+        "splats": (["docs/evidence/splats.md"], None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
+        "trace": (["docs/evidence/trace.md", "docs/evidence/light-transport.md"], "7 and 1 to 3", 3, "render-refs", traced, True),
         "noop": (["docs/evidence/bench.md"], None, 4, "ninja", lambda: job.call("python3", "tests/noop/ninja.py", job.program, "ninja", job.path("noop")), False),
     }
 
-# What decides what a table says: all but the pages that tables go to.
+# Files that affect the content of a table: all but the pages that tables go to.
 ALL_BUT_PAGES = ["--", ".", ":!docs", ":!README.md"]
 
 def missing(data, needs):
-    """What a table needs and is not there; None where all is."""
+    """The missing requirement of a table; None if there is none."""
     there = needs is None or (shutil.which(needs) if needs == "ninja" else os.path.exists(os.path.join(data, needs)))
     return None if there else needs
 
@@ -73,12 +73,12 @@ def main():
         sys.exit(f"there is no program {program}: cargo build --release, or name one by LIGHTHARMONY")
     os.makedirs(job.work, exist_ok=True)
     commit = job.call("git", "rev-parse", "--short", "HEAD").strip() + ("+" if job.call("git", "status", "--short", "-uno", *ALL_BUT_PAGES) else "")
-    told = []
+    results = []
     for name in asked.names or known:
         pages, seed, _, needs, make, has_small = known[name]
         lacks = missing(job.data, needs)
         if lacks or (job.small and not has_small):
-            told.append((name, f"left out: there is no {lacks or 'small form of it'}"))
+            results.append((name, f"left out: there is no {lacks or 'small form of it'}"))
             continue
         begun, spent = time.monotonic(), cpu()
         try:
@@ -88,13 +88,13 @@ def main():
                 seeded = f", seed{'s' * isinstance(seed, str)} {seed}" if seed is not None else ""
                 renew(pages, text, f"*Made by `{HERE}/make.py {name}`, commit {commit}{seeded}.*", keep=job.small)
             how = "made"
-        # What one table runs into, the others need not.
+        # A failure of one table does not stop the others.
         except Exception as error:
             how = f"failed: {error if isinstance(error, Failed) else repr(error)}"
-        told.append((name, f"{how}, after {time.monotonic() - begun:.0f} s and {cpu() - spent:.0f} CPU-s"))
-        print(f"{name}: {told[-1][1]}", file=sys.stderr, flush=True)
-    print(f"\nin {job.work}:", *(f"  {name:9} {how}" for name, how in told), sep="\n", file=sys.stderr)
-    sys.exit(any(how.startswith("failed") for _, how in told))
+        results.append((name, f"{how}, after {time.monotonic() - begun:.0f} s and {cpu() - spent:.0f} CPU-s"))
+        print(f"{name}: {results[-1][1]}", file=sys.stderr, flush=True)
+    print(f"\nin {job.work}:", *(f"  {name:9} {how}" for name, how in results), sep="\n", file=sys.stderr)
+    sys.exit(any(how.startswith("failed") for _, how in results))
 
 if __name__ == "__main__":
     main()

@@ -132,7 +132,7 @@ fn colours_of_faces_are_those_of_their_corners() {
 
 /// A glTF file is y up by its specification, and as a rule a mesh of a capture is in axes of the world: it is told which.
 #[test]
-fn axes_of_gltf_are_told() {
+fn axes_of_gltf_are_reported() {
     for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
         let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
@@ -191,7 +191,7 @@ fn parameters_change_what_they_say() {
 
 /// Unusable vertices and faces go, and are counted.
 #[test]
-fn row_41_unusable_parts_are_dropped_and_counted() {
+fn unusable_parts_are_dropped_and_counted() {
     let text = String::from_utf8(ascii()).unwrap_or_default();
     let text = text.replace("1 0 0 255", "nan 0 0 255").replace("element face 1", "element face 4");
     let (mesh, notes) = good(format!("{text}3 2 2 3\n3 0 2 3\n3 0 1 3\n").as_bytes());

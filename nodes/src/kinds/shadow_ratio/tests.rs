@@ -31,7 +31,7 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
 
 /// A difference has no use for what shapes a ratio, and says so of what is set.
 #[test]
-fn what_shapes_no_difference_is_told() {
+fn what_shapes_no_difference_is_reported() {
     let difference = || ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
     let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference() };
     let lambda = ShadowRatio { lambda: 0.5, ..difference() };
@@ -50,7 +50,7 @@ fn what_shapes_no_difference_is_told() {
 
 /// A few samples on black do not rule how much brighter the others are.
 #[test]
-fn how_much_brighter_is_told_by_sums() {
+fn how_much_brighter_is_reported_by_sums() {
     let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
     (r0[0], r1[0]) = (0.002, 1.0);
     let inputs = In { without: image(&r0), with: image(&r1) };
@@ -64,7 +64,7 @@ fn how_much_brighter_is_told_by_sums() {
 /// it, noise and a firefly are none.
 /// Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
-fn light_that_is_kept_from_the_picture_is_told() {
+fn light_that_is_kept_from_the_picture_is_reported() {
     let told = |s_max: f64, bright: &[f32]| {
         let mut r1 = vec![1.002; 1000];
         r1[..bright.len()].copy_from_slice(bright);
@@ -85,7 +85,7 @@ fn light_that_is_kept_from_the_picture_is_told() {
 
 // `Hybrid` adds what is brighter, so that nothing is clipped.
 #[test]
-fn what_is_added_is_not_told_as_clipped() {
+fn what_is_added_is_not_reported_as_clipped() {
     let clipped = |form, s_max| {
         let p = ShadowRatio { form, s_max, ..ShadowRatio::default() };
         let run = ShadowRatio::run(&p, In { without: image(&[1.0]), with: image(&[2.0]) }, &context());
@@ -98,7 +98,7 @@ fn what_is_added_is_not_told_as_clipped() {
 /// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
 /// Mutation: `powered` left out of `check`.
 #[test]
-fn bounds_that_leave_no_shadow_are_told() {
+fn bounds_that_leave_no_shadow_are_reported() {
     let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };
     for (s_min, s_max, gamma, good) in
         [(0.9, 0.5, 1.0, false), (0.6, 0.5, 0.5, true), (0.8, 0.5, 0.5, false), (1.0, 1.0, 1.0, true)]
@@ -115,7 +115,7 @@ fn bounds_that_leave_no_shadow_are_told() {
 }
 
 #[test]
-fn row_49_nothing_over_nothing_is_one() {
+fn nothing_over_nothing_is_one() {
     for form in [RatioForm::Stable, RatioForm::Paper, RatioForm::Hybrid] {
         let p = ShadowRatio { form, ..ShadowRatio::default() };
         assert_eq!(ratios(&p, &[0.0; 9], &[0.0; 9]), [1.0; 9]);
@@ -129,7 +129,7 @@ fn row_49_nothing_over_nothing_is_one() {
 }
 
 #[test]
-fn row_52_exposure_does_not_change_the_ratio() {
+fn exposure_does_not_change_the_ratio() {
     for exposure in [1e-6_f32, 1.0, 1e6] {
         let r: Vec<f32> = [0.0, 1e-8, 0.3, 1.0, 7e4].iter().map(|v| v * exposure).collect();
         assert_eq!(ratios(&ShadowRatio::default(), &r, &r), vec![1.0; 5]);
@@ -143,7 +143,7 @@ fn row_52_exposure_does_not_change_the_ratio() {
 
 /// They are counted, and add no light.
 #[test]
-fn row_53_dark_and_broken_samples_cast_no_shadow() {
+fn dark_and_broken_samples_cast_no_shadow() {
     let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
     let r1 = [0.5, 1e-3, 0.5, 0.5, f32::NAN];
     let paper = ShadowRatio { form: RatioForm::Paper, ..ShadowRatio::default() };
@@ -171,7 +171,7 @@ fn row_53_dark_and_broken_samples_cast_no_shadow() {
 
 /// Monotone in each shaping parameter, and the ends are exact.
 #[test]
-fn row_54_shaping_follows_the_paper() {
+fn shaping_follows_the_paper() {
     let p = ShadowRatio::default;
     assert_eq!(ShadowRatio { lambda: 0.0, ..p() }.shape(0.1), 1.0);
     assert_eq!(ShadowRatio { s_min: 1.0, ..p() }.shape(0.1), 1.0);
@@ -196,7 +196,7 @@ fn row_54_shaping_follows_the_paper() {
 
 /// Without it, it is cut, and the share of it told.
 #[test]
-fn row_51_added_light_needs_s_max() {
+fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
     let (out, notes) = ShadowRatio::run(&ShadowRatio::default(), inputs, &context()).expect("runs");
     assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
@@ -210,7 +210,7 @@ fn row_51_added_light_needs_s_max() {
 }
 
 #[test]
-fn row_55_parameters_out_of_range_are_named() {
+fn parameters_out_of_range_are_named() {
     for (field, values) in [
         ("epsilon", ["-1e-9", "1.1"]),
         ("min_energy", ["-1.0", "1e7"]),
@@ -235,7 +235,7 @@ fn row_55_parameters_out_of_range_are_named() {
 
 /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
 #[test]
-fn row_50_the_mask_has_no_edge() {
+fn the_mask_has_no_edge() {
     let at = |least: f64| {
         ratios(&ShadowRatio { min_energy: least, ..ShadowRatio::default() }, &[0.5; 3], &[0.1; 3])[1]
     };
