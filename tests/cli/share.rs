@@ -299,7 +299,7 @@ fn what_differs_is_reported_in_the_terms_of_pictures() {
 fn a_new_folder_runs_and_shells_know_the_verbs() {
     let place = Place::new("");
     assert_eq!(good(place.call(&["init", "new"])), "new/graph.ron\n");
-    assert!(bad(place.call(&["init", "new"]), 2).contains("is there already"));
+    assert!(bad(place.call(&["init", "new"]), 2).contains("exists already"));
     // Most folders of a repository have such a file.
     std::fs::create_dir(place.path("old")).unwrap();
     std::fs::write(place.path("old/.gitignore"), "mine\n").unwrap();

@@ -11,6 +11,7 @@ use std::ops::Range;
 use ron::value::RawValue;
 use serde::Deserialize;
 
+use crate::graph::axis_names::Padding;
 use crate::text::diag::{Diagnostic, nearest, shown};
 use crate::text::document::RawField;
 use crate::text::subgraph::calls;
@@ -22,8 +23,8 @@ pub(crate) struct Axis<'t> {
     pub name: &'t str,
     /// RON texts.
     pub values: Vec<String>,
-    /// The digits of the longest value, where all of them are whole numbers without a sign.
-    pub digits: Option<usize>,
+    /// How the values are padded in the names of files.
+    pub padding: Option<Padding>,
 }
 
 /// An axis may have so many values.
@@ -71,7 +72,7 @@ impl<'t> Axis<'t> {
 
     /// Stands for one that could not be read, so that its name is known.
     pub fn broken(name: &'t str) -> Self {
-        Self { name, values: Vec::new(), digits: None }
+        Self { name, values: Vec::new(), padding: None }
     }
 
     /// Whether it could be read.
@@ -80,10 +81,8 @@ impl<'t> Axis<'t> {
     }
 
     fn new(name: &'t str, values: Vec<String>) -> Self {
-        let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-        let longest = values.iter().map(String::len).max();
-        let digits = longest.filter(|_| values.iter().all(is_whole));
-        Self { name, values, digits }
+        let padding = Padding::of(&values);
+        Self { name, values, padding }
     }
 }
 

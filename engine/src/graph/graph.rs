@@ -1,5 +1,6 @@
 //! The checked graph, ready to run.
 
+use crate::graph::axis_names::after_value;
 use crate::graph::node::Node;
 use crate::graph::node::Wire;
 use std::ops::Range;
@@ -274,7 +275,7 @@ impl Graph {
             let plain = node.id.get(..node.id.len().saturating_sub(length)).unwrap_or_default();
             let inside = plain.strip_prefix(name);
             inside.is_some_and(|inside| inside.is_empty() || inside.starts_with('.'))
-                && values.is_none_or(|values| stands_at(&segments, values))
+                && values.is_none_or(|values| stands_at(&node.point, values))
         };
         (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }
@@ -318,18 +319,15 @@ fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// Whether values, `x=1/y=2`, are some of those that a node stands at, in their order. A value may hold slashes itself.
-fn stands_at(segments: &[String], values: &str) -> bool {
-    let mut rest = Some(values);
-    for segment in segments {
-        let Some(left) = rest else { break };
-        if let Some(after) = left.strip_prefix(&segment[1..])
-            && (after.is_empty() || after.starts_with('/'))
-        {
-            rest = after.strip_prefix('/');
-        }
-    }
-    rest.is_none()
+/// Whether values, `x=1/y=2`, are some of those that a node stands at, in their order; `x=1..3` is any of a range.
+fn stands_at(point: &[(String, String)], values: &str) -> bool {
+    let left = point.iter().fold(Some(values), |left, (axis, value)| {
+        let left = left?;
+        let after = after_value(left, axis, value.trim_matches('"'));
+        // All of them are found.
+        if after.is_empty() && !left.is_empty() { None } else { Some(after) }
+    });
+    left.is_none()
 }
 
 /// `out/final.png` to `out/final_{view}.png`.

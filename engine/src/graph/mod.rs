@@ -1,6 +1,7 @@
 //! The checked graph: nodes, wires, axes, and everything that is checked before a run.
 
 pub(crate) mod axis;
+pub(crate) mod axis_names;
 pub(crate) mod check;
 pub(crate) mod checker;
 pub(crate) mod compiled;

@@ -229,15 +229,21 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// The candidate nearest in spelling, when it is near enough to be a slip.
+/// The candidate nearest in spelling, when it is near enough to be a slip; else the only one of which it is a whole word, as
+/// `yaw` is of `yaw_deg`.
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     let limit = (found.chars().count() / 3).clamp(1, 3);
-    known
-        .into_iter()
+    let known: Vec<&str> = known.into_iter().collect();
+    let near = known
+        .iter()
+        .copied()
         .map(|candidate| (distance(&found.to_lowercase(), &candidate.to_lowercase()), candidate))
         .filter(|(distance, _)| *distance <= limit)
         .min_by_key(|(distance, _)| *distance)
-        .map(|(_, candidate)| candidate)
+        .map(|(_, candidate)| candidate);
+    let mut longer =
+        known.into_iter().filter(|candidate| candidate.split(['_', '-']).any(|word| word == found));
+    near.or_else(|| longer.next().filter(|_| longer.next().is_none()))
 }
 
 /// Edits (insert, delete, replace, swap of neighbours) between two words: Damerau and Levenshtein's

@@ -40,7 +40,20 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
-/// What is wrong inside of a group or list of numbers that is right from outside: their count, or one of them.
+/// The list that is meant where numbers are separated by commas and the brackets are missing.
+fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
+    let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
+    let all =
+        numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok_and(f64::is_finite));
+    let numbers = all.then(|| numbers.join(", "))?;
+    if described.contains(" numbers in ( )") {
+        Some(format!("({numbers})"))
+    } else {
+        (described.starts_with('[') && described.contains("number")).then(|| format!("[{numbers}]"))
+    }
+}
+
+/// What is wrong inside of a group or list of numbers that is right outside: their count, or one of them.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
     let (numbers, sort) = (described.contains("number"), sort_of(text));
     let wanted: Option<usize> =
@@ -142,6 +155,9 @@ pub(crate) fn value_mistake(
             match (sort, whole) {
                 ("a number", Some(whole)) => mistake.label(format!("write {whole}")),
                 _ if let Some(choice) = choice => mistake.label(format!("write {choice} without quotes")),
+                ("text", _) if let Some(list) = numbers_without_brackets(described, inner) => {
+                    mistake.label(format!("write {list} without quotes"))
+                }
                 ("text", _) if inner.parse::<f64>().is_ok() => {
                     mistake.label(format!("write {inner} without quotes"))
                 }
