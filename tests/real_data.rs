@@ -50,7 +50,7 @@ fn run(graph: &str, folder: &Path) {
     assert!(status.success());
 }
 
-// 16 samples leave about 1 dB of noise on the table against the 64 of `docs/bench.md`.
+// 16 samples leave about 1 dB of noise on the table against the 64 of `docs/evidence/bench.md`.
 #[test]
 fn with_true_light_the_shadow_is_five_decibels_over_none() {
     let folder = tempfile::tempdir().unwrap();

@@ -81,101 +81,61 @@
 //! - Damage to the cache costs time and one warning. A run that is stopped or killed keeps what finished.
 //! - Nothing recurses over the graph: a chain may be as long as memory allows.
 
+#![allow(clippy::module_inception, reason = "the main noun of a room is in the file of that name")]
+
 extern crate self as engine;
 
-mod action;
-mod artifact;
-mod axis;
-mod begin;
-mod bundle;
-mod check;
-mod compiled_graph;
-mod context;
-mod cpu;
-mod diag;
-mod diff;
-mod document;
-mod edit;
-mod error;
-mod event;
-mod expand;
-mod failure;
-mod fields;
-mod files;
-mod forecast;
 mod graph;
-mod include;
-mod job;
-mod key;
 mod kind;
-mod knob;
-mod last_values;
-mod launch;
-mod lock;
-mod lookup_memo;
-mod noop_check;
-mod note;
-mod order;
-mod overlay;
-mod pairing;
-mod param;
-mod placing;
 mod plan;
-mod port;
-mod previous_run;
-mod reads;
-mod recipe;
 mod record;
-mod reparse;
-mod rerun;
-mod root;
 mod run;
-mod scan;
-mod schedule;
-mod shelf;
-mod sink;
-mod slot;
-mod subgraph;
-mod supply;
-mod syntax;
-mod trace;
-mod units;
+mod share;
+mod text;
 mod value;
-mod value_cache;
 mod watch;
-mod wires;
 
-pub use artifact::{
+pub use cache::{Change, Digest, DigestWriter, Manifest, Store};
+pub use graph::graph::Graph;
+pub use graph::knobs::GraphKnob;
+pub use graph::node::{Node, Wire};
+pub use graph::reads::ReadFiles;
+pub use kind::context::{Context, ContextField, Part, Point, Scene, Up};
+pub use kind::contract::{Cost, Keep, Kind, Sizes, ViewCount};
+pub use kind::fields::Fields;
+pub use kind::knob::{Knob, KnobKind};
+pub use kind::param_type::{NotCanonical, OutputFile, ParamType, ParamValue, Role, canonical};
+pub use kind::params::{ParamSpec, Params};
+pub use kind::port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
+pub use kind::registry::{KindEntry, Registry};
+pub use plan::diff::{
+    NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences,
+};
+pub use plan::lock::{Lock, LockDifferences, LockError};
+pub use plan::plan::{Fate, Past, Planned, Why};
+pub use record::record::{Spent, blobs_of};
+pub use run::engine::Engine;
+pub use run::event::{Event, Forecast, State, Totals};
+pub use run::options::{Outcome, RunOptions};
+pub use run::remembered::unchanged::run_unchanged;
+pub use serde;
+pub use share::bundle::container::{Bundle, BundleError};
+pub use share::bundle::pack::{Packed, Results};
+pub use share::bundle::verify::{Verdict, Verified, VerifyOptions, verify};
+pub use share::recipe_error::RecipeError;
+pub use share::rerun::Recipe;
+pub use text::diag::{Code, Diagnostic, Diagnostics, Mistake, nearest};
+pub use text::edit::{EditError, Setting, apply};
+pub use text::overlay::{PRESETS, overlay_text};
+pub use text::source::Source;
+pub use value::artifact::{
     AnyArtifact, Artifact, ArtifactType, Corrupt, Decoder, Difference, Encoder, decode_all, encode_to_vec,
 };
-pub use bundle::{
-    Bundle, BundleError, Packed, Results, Verdict, Verified, VerifyOptions, bundle_around, verify,
-};
-pub use cache::{Change, Digest, DigestWriter, Manifest, Store};
-pub use context::{Context, ContextField, Part, Point, Scene, Up};
-pub use diag::{Code, Diagnostic, Diagnostics, Source, nearest};
-pub use diff::{NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences};
-pub use edit::{EditError, Setting, apply};
-pub use error::NodeError;
-pub use event::{Counts, Event, Mistake, State, Totals};
-pub use fields::Fields;
-pub use files::{FileBytes, Files};
-pub use graph::{Graph, Node, Wire};
-pub use kind::{Cost, Keep, Kind, KindEntry, Registry, Sizes, ViewCount};
-pub use knob::{GraphKnob, Knob, KnobKind, PRESETS, overlay_text};
-pub use lock::{Lock, LockDifferences, LockError};
-pub use noop_check::run_unchanged;
-pub use note::{Level, Note, Notes};
-pub use param::{
-    InputFile, NotCanonical, OutputFile, ParamSpec, ParamType, ParamValue, Params, Role, canonical,
-};
-pub use plan::{Fate, Forecast, Past, Planned, Why};
-pub use port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
-pub use reads::ReadFiles;
-pub use record::{Spent, blobs_of};
-pub use rerun::{Recipe, RecipeError};
-pub use root::{FileHead, SourceFile, SourceRoot};
-pub use schedule::{Engine, Outcome, RunOptions};
-pub use serde;
-pub use units::{bytes_text, parse_bytes};
-pub use watch::{Handle, Load, Refusal, Watch, WatchOptions};
+pub use value::counts::Counts;
+pub use value::error::NodeError;
+pub use value::files::{FileBytes, Files};
+pub use value::note::{Level, Note, Notes};
+pub use value::root::{FileHead, InputFile, SourceFile, SourceRoot, bundle_around};
+pub use value::units::{bytes_text, parse_bytes};
+pub use watch::handle::Handle;
+pub use watch::watch::{Load, Refusal, Watch, WatchOptions};

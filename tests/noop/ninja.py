@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What it costs to find out that nothing is to be done: lightharmony beside ninja, on graphs of one shape.
 
-usage: ninja.py LIGHTHARMONY NINJA WORK [SIZES]     prints the table of docs/bench.md
+usage: ninja.py LIGHTHARMONY NINJA WORK [SIZES]     prints the table of docs/evidence/bench.md
 
 Each is a new process that finds everything as it was. ninja's nodes run `cksum` on the files of the nodes they
 read; ours are `composite` of pictures of 2 by 2 pixels, read by `load-image` and written by `write-exr`. CPU time

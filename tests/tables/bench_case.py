@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The insertions of tests/bench_case beside the truth: PSNR inside the shadow and on the object, and CPU seconds.
 
-usage: bench_case.py LIGHTHARMONY DATA WORK [small]    prints the table of README.md and two of docs/bench.md; WORK is a folder to
+usage: bench_case.py LIGHTHARMONY DATA WORK [small]    prints the table of README.md and two of docs/evidence/bench.md; WORK is a folder to
 fill; `small` only tries it: one sample
 
 True light is traced at 16 samples in an empty cache and then at 64, which goes on from there: its CPU time is that of its own

@@ -48,7 +48,7 @@ class Job:
 
     def picture(self, name):
         """Where a drawing of the docs lies; where the job is only tried one of the folder."""
-        return self.path(f"{name}.svg") if self.small else os.path.join(ROOT, f"docs/{name}.svg")
+        return self.path(f"{name}.svg") if self.small else os.path.join(ROOT, f"docs/evidence/{name}.svg")
 
     def write(self, name, text):
         with open(self.path(name), "w") as file:

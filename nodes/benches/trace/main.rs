@@ -1,4 +1,4 @@
-//! The tables of `docs/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
+//! The tables of `docs/evidence/trace.md`: error against samples and CPU seconds for each output of `path-trace`.
 //! `cargo bench -p lightharmony-nodes --bench trace -- DATA [plane|ratio|rooms|crop|turn|rays] [SAMPLES ..]`, where DATA holds
 //! `render-refs` and `gltf`. `ratio` takes numbers of samples; `small` only tries `plane` and `ratio`. `rays` compares with Embree where that is installed.
 //! `beside OUT SAMPLES ..` is for `tests/tables/peers.py`.

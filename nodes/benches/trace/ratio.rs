@@ -5,9 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use engine::Kind;
-use nodes::denoise::{self, Denoise, Method};
-use nodes::path_trace::Out;
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::denoise::{self, Denoise, Method};
+use nodes::kinds::path_trace::Out;
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::types::Images;
 
 use super::case::{Case, Traced, context, relative_mse, rgb};

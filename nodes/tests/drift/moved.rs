@@ -4,18 +4,18 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, Scene, Up};
 use glam::{DMat4, DVec3};
-use nodes::composite::{self, Composite};
-use nodes::crop_mesh::{self, CropMesh};
-use nodes::cube_rig::{self, CubeRig};
-use nodes::fuse_hdr::{self, FuseHdr};
-use nodes::path_trace::{self, PathTrace};
-use nodes::place::{self, Place};
-use nodes::predict_exposure::{self, Method, PredictExposure};
-use nodes::shadow_ratio::{self, ShadowRatio};
-use nodes::snap::{self, Snap};
-use nodes::splat::Drawing;
-use nodes::splat_render::{self, SplatRender};
-use nodes::stitch::{self, Stitch};
+use nodes::kinds::composite::{self, Composite};
+use nodes::kinds::crop_mesh::{self, CropMesh};
+use nodes::kinds::cube_rig::{self, CubeRig};
+use nodes::kinds::fuse_hdr::{self, FuseHdr};
+use nodes::kinds::path_trace::{self, PathTrace};
+use nodes::kinds::place::{self, Place};
+use nodes::kinds::predict_exposure::{self, Method, PredictExposure};
+use nodes::kinds::shadow_ratio::{self, ShadowRatio};
+use nodes::kinds::snap::{self, Snap};
+use nodes::kinds::splat_render::{self, SplatRender};
+use nodes::kinds::stitch::{self, Stitch};
+use nodes::render::splat::Drawing;
 use nodes::types::{Images, Mesh, Object, Pose, Rig, Splats};
 
 use super::Run;
@@ -154,7 +154,7 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
 /// Splats, mesh, cropped and stood upon, cameras, probe and object, moved by a million units, or made a million times larger or smaller, with
 /// all that is told in world units: no step gives another picture. It does where the mesh has lost what f32 loses.
 #[test]
-fn row_13_14_42_the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
+fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();
     let world = World {
         splats: run.value("demo.splats"),

@@ -1,0 +1,304 @@
+//! Axes: one node, many values.
+//!
+//! `axes: (yaw: List([0.0, 15.0]))` names values, `yaw_deg: Axis("yaw")` reads them. Wherever such a call
+//! stands in the text of a field, the text of the value takes its place, and the field is read once for
+//! each point; see [`crate::expand`].
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use ron::value::RawValue;
+use serde::Deserialize;
+
+use crate::text::diag::{Diagnostic, nearest, shown};
+use crate::text::document::RawField;
+use crate::text::subgraph::calls;
+use crate::text::values::parse_value;
+
+/// A named list of values.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Axis<'t> {
+    pub name: &'t str,
+    /// RON texts.
+    pub values: Vec<String>,
+    /// The digits of the longest value, where all of them are whole numbers without a sign.
+    pub digits: Option<usize>,
+}
+
+/// An axis may have so many values.
+const MOST_VALUES: usize = 100_000;
+
+/// How the values are written.
+#[derive(Deserialize)]
+enum Values<'t> {
+    /// From a number up to another one, which is left out, in steps of 1 or another number.
+    Range(f64, f64, #[serde(default)] Option<f64>),
+    /// One by one.
+    #[serde(borrow)]
+    List(Vec<&'t RawValue>),
+}
+
+impl<'t> Axis<'t> {
+    /// Reads one entry of the `axes` block.
+    pub fn read(field: &RawField<'t>) -> Result<Self, Diagnostic> {
+        let wrong = |message: String| {
+            Diagnostic::new(field.span.clone(), message)
+                .hint("an axis is written `Range(0, 12)`, `Range(0.0, 360.0, 30.0)` or `List([0.0, 15.0])`")
+        };
+        if field.name == "view" {
+            let clash = Diagnostic::new(field.name_span.clone(), "an axis cannot be named `view`");
+            return Err(clash.label("`{view}` in paths stands for the name of a view"));
+        }
+        let values = match parse_value::<Values<'_>>(field.text) {
+            Ok(Values::List(values)) => {
+                values.iter().map(|value| value.get_ron().trim().to_owned()).collect()
+            }
+            Ok(Values::Range(from, to, step)) => range(from, to, step.unwrap_or(1.0))
+                .map_err(|why| wrong(format!("`{}` {why}", field.name)))?,
+            Err(_) => return Err(wrong(format!("`{}` is no axis: {}", field.name, shown(field.text)))),
+        };
+        let values: Vec<String> = values;
+        if values.is_empty() || values.len() > MOST_VALUES {
+            return Err(wrong(format!("`{}` has {} values", field.name, values.len())));
+        }
+        let mut seen = BTreeSet::new();
+        if let Some(twice) = values.iter().find(|value| !seen.insert(value.as_str())) {
+            return Err(wrong(format!("`{}` has the value {} twice", field.name, shown(twice))));
+        }
+        Ok(Self::new(field.name, values))
+    }
+
+    /// Stands for one that could not be read, so that its name is known.
+    pub fn broken(name: &'t str) -> Self {
+        Self { name, values: Vec::new(), digits: None }
+    }
+
+    /// Whether it could be read.
+    pub fn is_whole(&self) -> bool {
+        !self.values.is_empty()
+    }
+
+    fn new(name: &'t str, values: Vec<String>) -> Self {
+        let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        let longest = values.iter().map(String::len).max();
+        let digits = longest.filter(|_| values.iter().all(is_whole));
+        Self { name, values, digits }
+    }
+}
+
+/// The values of a range, as text: whole numbers where all of it is whole.
+fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
+    if ![from, to, step].iter().all(|number| number.is_finite()) || step == 0.0 {
+        return Err("is no range: its numbers are finite, and its step is not 0".to_owned());
+    }
+    let count = ((to - from) / step).ceil();
+    if count < 1.0 {
+        return Err(format!(
+            "has no value: steps of {step} lead nowhere from {from} to {to}, which is left out"
+        ));
+    }
+    if count > MOST_VALUES as f64 {
+        return Err(format!("has more than {MOST_VALUES} values"));
+    }
+    let whole = [from, step].iter().all(|number| number.fract() == 0.0 && number.abs() < 1e15);
+    let text = |index: usize| {
+        let value = from + index as f64 * step;
+        if whole { format!("{value:.0}") } else { format!("{value:?}") }
+    };
+    Ok((0..count as usize).map(text).collect())
+}
+
+/// What may stand in a field in place of a value.
+#[derive(Deserialize)]
+enum Call<'t> {
+    /// The value of an axis.
+    Axis(#[serde(borrow)] Cow<'t, str>),
+    /// A value between those given at places of an axis: (place, number or numbers), places ascending.
+    Track(Cow<'t, str>, #[serde(borrow)] Vec<(f64, &'t RawValue)>),
+}
+
+/// What reads an axis.
+const CALLS: [&str; 2] = ["Axis", "Track"];
+
+/// The axes that the text of a field reads, by index, or what is wrong with its calls. The field stands at `span`.
+pub(crate) fn axes_read(
+    text: &str,
+    span: &Range<usize>,
+    axes: &[Axis<'_>],
+) -> Result<Vec<usize>, Diagnostic> {
+    let mut read = Vec::new();
+    for call in calls(text, &CALLS) {
+        // Where values took the places of parameters, the text stands nowhere as it is.
+        let as_written = text.len() == span.len();
+        let place = if as_written { span.start + call.start..span.start + call.end } else { span.clone() };
+        let text = &text[call];
+        let call = parse_value::<Call<'_>>(text).map_err(|_| {
+            Diagnostic::new(place.clone(), format!("`{}` is not how an axis is read", shown(text)))
+                .hint("write `Axis(\"yaw\")`, or `Track(\"frame\", [(0, 1.0), (11, 2.5)])`")
+        })?;
+        let (Call::Axis(name) | Call::Track(name, _)) = &call;
+        let Some(index) = axes.iter().position(|axis| axis.name == name) else {
+            let mistake = Diagnostic::new(place, format!("the graph has no axis `{}`", shown(name)));
+            return Err(match nearest(name, axes.iter().map(|axis| axis.name)) {
+                Some(near) => mistake.hint(format!("did you mean `{near}`?")),
+                None => mistake.hint("axes stand beside `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
+            });
+        };
+        if let Call::Track(_, keys) = &call
+            && axes[index].is_whole()
+        {
+            let first = axes[index].values.first().map_or("", String::as_str);
+            let fits = track(keys, first).map_err(|why| Diagnostic::new(place, why));
+            fits?;
+        }
+        read.push(index);
+    }
+    Ok(read)
+}
+
+/// The text of a field where each axis has the value that `at` gives.
+pub(crate) fn at_point<'t>(text: &'t str, axes: &[Axis<'_>], at: impl Fn(usize) -> usize) -> Cow<'t, str> {
+    let calls = calls(text, &CALLS);
+    if calls.is_empty() {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len());
+    let mut end = 0;
+    for span in calls {
+        out.push_str(&text[end..span.start]);
+        end = span.end;
+        // What cannot be read was reported when the axes of the field were asked for.
+        let value = parse_value::<Call<'_>>(&text[span]).ok().and_then(|call| {
+            let (Call::Axis(name) | Call::Track(name, _)) = &call;
+            let index = axes.iter().position(|axis| axis.name == name)?;
+            let value = axes[index].values.get(at(index))?;
+            match &call {
+                Call::Axis(_) => Some(value.clone()),
+                Call::Track(_, keys) => track(keys, value).ok(),
+            }
+        });
+        out.push_str(&value.unwrap_or_default());
+    }
+    out.push_str(&text[end..]);
+    Cow::Owned(out)
+}
+
+/// The value of a track at a place, linear between its keys and level before the first and after the last.
+fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
+    let place: f64 = place.parse().map_err(|_| format!("a track needs an axis of numbers, not {place}"))?;
+    let keys: Vec<(f64, Vec<f64>)> = keys
+        .iter()
+        .map(|(at, value)| Some((*at, numbers(value.get_ron())?)))
+        .collect::<Option<_>>()
+        .ok_or("the keys of a track are written `(place, number)` or `(place, (number, ..))`")?;
+    if keys.is_empty()
+        || keys.windows(2).any(|pair| pair[0].0 >= pair[1].0 || pair[0].1.len() != pair[1].1.len())
+    {
+        return Err(
+            "the places of a track ascend, and its values are all numbers or all of one length".to_owned()
+        );
+    }
+    let after = keys.partition_point(|(at, _)| *at <= place);
+    let values = match (after.checked_sub(1).map(|before| &keys[before]), keys.get(after)) {
+        (Some((_, only)), None) | (None, Some((_, only))) => only.clone(),
+        (Some((from, a)), Some((to, b))) => {
+            let share = (place - from) / (to - from);
+            a.iter().zip(b).map(|(a, b)| a + (b - a) * share).collect()
+        }
+        (None, None) => Vec::new(),
+    };
+    // Whole numbers fit fields of both sorts.
+    let whole = |value: &f64| value.fract() == 0.0 && value.abs() < 1e15;
+    let text = |value: &f64| if whole(value) { format!("{value:.0}") } else { format!("{value:?}") };
+    let texts: Vec<String> = values.iter().map(text).collect();
+    Ok(if texts.len() == 1 { texts.concat() } else { format!("({})", texts.join(", ")) })
+}
+
+/// A number, or several in parentheses.
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let text = text.trim();
+    let finite = |numbers: &Vec<f64>| !numbers.is_empty() && numbers.iter().all(|number| number.is_finite());
+    match text.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')) {
+        Some(inside) => parse_value::<Vec<f64>>(&format!("[{inside}]")).ok().filter(|n| n.len() > 1),
+        None => parse_value::<f64>(text).ok().map(|number| vec![number]),
+    }
+    .filter(finite)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(text: &str) -> RawField<'_> {
+        RawField { span: 5..5 + text.len(), ..RawField::plain("yaw", text) }
+    }
+
+    fn values(text: &str) -> Result<Vec<String>, String> {
+        Axis::read(&field(text)).map(|axis| axis.values).map_err(|mistake| mistake.message)
+    }
+
+    #[test]
+    fn ranges_leave_their_end_out_and_stay_whole() {
+        assert_eq!(values("Range(0, 3)"), Ok(vec!["0".into(), "1".into(), "2".into()]));
+        assert_eq!(values("Range(-1, 1, 2)"), Ok(vec!["-1".into()]));
+        assert_eq!(
+            values("Range(0, 1, 0.25)"),
+            Ok(["0.0", "0.25", "0.5", "0.75"].map(String::from).to_vec())
+        );
+        assert_eq!(values("Range(1, 0, -0.5)"), Ok(vec!["1.0".into(), "0.5".into()]));
+        assert_eq!(values("List([ 0.0, \"a, b\", (1, 2) ])").map(|list| list.len()), Ok(3));
+    }
+
+    #[test]
+    fn what_is_no_axis_says_so() {
+        for (text, wanted) in [
+            ("Range(0, 0)", "has no value: steps of 1 lead nowhere from 0 to 0"),
+            ("Range(4, 0)", "has no value"),
+            ("Range(0, 1e9)", "has more than 100000 values"),
+            ("Range(0, NaN)", "is no range"),
+            ("Range(0, 1, 0)", "its step is not 0"),
+            ("Range(0, inf, 1)", "its numbers are finite"),
+        ] {
+            assert!(values(text).is_err_and(|why| why.contains(wanted)), "{text}");
+        }
+        for text in ["3", "Range(0)", "List(1)", "Rnge(0, 3)"] {
+            assert!(values(text).is_err_and(|why| why.contains("is no axis")), "{text}");
+        }
+        assert!(values("List([])").is_err_and(|why| why.contains("has 0 values")));
+        assert!(values("List([1, 2, 1])").is_err_and(|why| why.contains("has the value 1 twice")));
+    }
+
+    fn axes() -> Vec<Axis<'static>> {
+        let axis = |name, values: &[&str]| Axis::new(name, values.iter().map(|&v| v.to_owned()).collect());
+        vec![axis("yaw", &["0.0", "15.0"]), axis("frame", &["0", "1", "2"]), axis("file", &["\"a.hdr\""])]
+    }
+
+    #[test]
+    fn values_take_the_place_of_calls_and_of_nothing_else() {
+        let at = |text, point: [usize; 3]| at_point(text, &axes(), |axis| point[axis]).into_owned();
+        assert_eq!(at("Axis(\"yaw\")", [1, 0, 0]), "15.0");
+        assert_eq!(at("(1.0, Axis ( \"yaw\" ), Axis(\"frame\"))", [1, 2, 0]), "(1.0, 15.0, 2)");
+        assert_eq!(at("Axis(\"file\")", [0, 0, 0]), "\"a.hdr\"");
+        assert_eq!(at("\"Axis(\\\"yaw\\\")\"", [1, 0, 0]), "\"Axis(\\\"yaw\\\")\"", "text is text");
+        assert_eq!(at("Track(\"frame\", [(0, 1), (2, 2)])", [0, 1, 0]), "1.5");
+        assert_eq!(at("Track(\"frame\", [(1, (0, 1, 2)), (2, (1, 1, 1))])", [0, 0, 0]), "(0, 1, 2)");
+        assert_eq!(at("Track(\"frame\", [(0, 1), (1, 4)])", [0, 2, 0]), "4");
+    }
+
+    #[test]
+    fn the_axes_of_a_field_are_found_or_what_is_wrong_is_said_in_its_place() {
+        let read = |text: &str| axes_read(text, &(5..5 + text.len()), &axes());
+        assert_eq!(read("(Axis(\"frame\"), Axis(\"yaw\"))"), Ok(vec![1, 0]));
+        assert_eq!(read("\"plain\""), Ok(vec![]));
+        let wrong = |text| read(text).expect_err(text);
+        assert_eq!(wrong("(1, Axis(\"yow\"))").span, 9..20);
+        assert!(wrong("Axis(\"yow\")").hints[0].contains("did you mean `yaw`?"));
+        assert!(wrong("Axis(yaw)").message.contains("is not how an axis is read"));
+        assert!(wrong("Track(\"file\", [(0, 1)])").message.contains("needs an axis of numbers"));
+        assert!(wrong("Track(\"frame\", [])").message.contains("ascend"));
+        assert!(wrong("Track(\"frame\", [(1, 1), (1, 2)])").message.contains("ascend"));
+        assert!(wrong("Track(\"frame\", [(0, 1), (1, (1, 2))])").message.contains("of one length"));
+        assert!(wrong("Track(\"frame\", [(0, \"a\")])").message.contains("written"));
+    }
+}

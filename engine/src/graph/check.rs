@@ -1,0 +1,466 @@
+//! Checking a graph: kinds known, parameters in range, files there, all mistakes at once. Wires are in `wires`.
+
+use crate::graph::checker::Check;
+use crate::graph::checker::Field;
+use crate::graph::checker::at_each;
+use crate::graph::graph::Graph;
+use crate::graph::graph::Parts;
+use crate::graph::lazy::FieldPlaces;
+use crate::graph::order::describe_cycle;
+use crate::graph::order::order_of;
+use crate::text::diag::Diagnostics;
+use crate::text::include::parse_all;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::graph::axis::{Axis, axes_read};
+use crate::graph::checker::{GATHER, Template};
+use crate::graph::lazy::Places;
+use crate::graph::node::Node;
+use crate::graph::order::Wiring;
+use crate::kind::context::{Scene, Up};
+use crate::kind::fields::Fields;
+use crate::kind::param_type::Role;
+use crate::kind::registry::{KindEntry, Registry, Step};
+use crate::text::diag::{Code, Diagnostic, shown};
+use crate::text::document::{Document, RawField, RawNode, RawScene};
+use crate::text::include::outside;
+use crate::text::source::Source;
+use crate::text::source::folder_of;
+use crate::text::subgraph::{in_place, strings};
+use crate::text::syntax::twice;
+use crate::value::root::InputFile;
+use crate::value::root::SourceRoot;
+
+/// What the `scene` block may hold.
+pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
+
+impl<'t, 'a> Check<'t, 'a> {
+    /// What stands beside the nodes.
+    pub fn document(&mut self, document: &'a Document<'t>) -> Option<Scene> {
+        let whole = 0..self.text.len().min(1);
+        let versions = document.others.iter().filter_map(|(version, _)| version.as_ref());
+        for field in document.version.iter().chain(versions).filter(|field| field.text.trim() != "1") {
+            let what = format!("version {} of graph files is unknown", field.text);
+            let mistake = Diagnostic::of(Code::Version, field.span.clone(), what);
+            self.report(mistake.label("this program reads version 1"));
+        }
+        if document.version.is_none() && document.whole {
+            self.report(
+                Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
+                    .hint("begin it with `version: 1,`"),
+            );
+        }
+        let axes: Vec<_> = document.axes.iter().map(Axis::read).collect();
+        let named = |(axis, field): (Result<Axis<'t>, Diagnostic>, &RawField<'t>)| {
+            axis.unwrap_or_else(|mistake| {
+                self.report(mistake);
+                Axis::broken(field.name)
+            })
+        };
+        let axes: Vec<_> = axes.into_iter().zip(&document.axes).map(named).collect();
+        self.axes = axes.into();
+        if document.whole && document.nodes.is_empty() {
+            self.report(Diagnostic::of(Code::Missing, whole.clone(), "the graph has no nodes").hint(
+                "add `nodes: (name: Kind(field: value, ..), ..)`; `lightharmony nodes` lists the kinds",
+            ));
+        }
+        // The one that counts may be that of another file, too.
+        let own = document.scene.as_ref().map(|scene| &scene.span);
+        for scene in document.others.iter().filter_map(|(_, scene)| scene.as_ref()) {
+            if Some(&scene.span) != own {
+                self.scene(scene);
+            }
+        }
+        let Some(scene) = &document.scene else {
+            if document.whole {
+                self.report(Diagnostic::of(Code::Missing, whole, "the graph has no `scene`").hint(
+                    "add `scene: (up: \"+z\"),` with the axis of your capture that points up: +y, -y or +z",
+                ));
+            }
+            return None;
+        };
+        self.scene(scene)
+    }
+
+    /// Reads one `scene` block.
+    fn scene(&mut self, RawScene { span, fields }: &RawScene<'t>) -> Option<Scene> {
+        let before = self.diagnostics.len();
+        for field in fields {
+            let known = SCENE_FIELDS;
+            if !known.contains(&field.name) {
+                self.report(
+                    Diagnostic::of(
+                        Code::UnknownField,
+                        field.name_span.clone(),
+                        format!("`scene` has no field `{}`", field.name),
+                    )
+                    .suggest(field.name, known)
+                    .hint("it has `up`, `metres_per_unit` and `seed`"),
+                );
+            }
+        }
+        let mut fields =
+            Fields { fields, node_span: span.clone(), kind: "scene", diagnostics: self.diagnostics };
+        let up: Option<Up> = fields.parameter("up", None, None);
+        let metres_per_unit = fields.parameter("metres_per_unit", Some(1.0), Some((1e-9, 1e9)));
+        let seed = fields.parameter("seed", Some(0_u64), None);
+        if self.diagnostics.len() > before {
+            return None;
+        }
+        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed? })
+    }
+
+    /// The nodes that are right, and which reads which, of all of them.
+    pub fn nodes(&mut self, raw: &'a [RawNode<'t>]) -> (Vec<Option<Template<'a, 't>>>, Wiring) {
+        for (index, node) in raw.iter().enumerate() {
+            if let Some(&first) = self.ids.get(&*node.id) {
+                self.report(
+                    Diagnostic::of(
+                        Code::Duplicate,
+                        node.id_span.clone(),
+                        format!("two nodes are named `{}`", shown(&node.id)),
+                    )
+                    .label("second")
+                    .related(raw[first].id_span.clone(), "first"),
+                );
+            } else {
+                self.ids.insert(&node.id, index);
+            }
+        }
+        for (index, node) in raw.iter().enumerate().filter(|(_, node)| node.kind == GATHER) {
+            if let Some(gather) = self.gather(node, raw) {
+                self.gathers.insert(index, gather);
+            }
+        }
+        let kinds: Vec<Option<Arc<KindEntry>>> = raw.iter().map(|node| self.kind(node)).collect();
+        let mut templates = Vec::with_capacity(raw.len());
+        let mut wiring = vec![Vec::new(); raw.len()];
+        for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
+            let before = self.mistakes();
+            templates.push(kind.as_ref().and_then(|kind| self.node(node, kind, &kinds, reads)));
+            self.tell_use(node, before);
+        }
+        self.sink_paths(&templates);
+        (templates, wiring)
+    }
+
+    fn kind(&mut self, node: &RawNode<'t>) -> Option<Arc<KindEntry>> {
+        let found = self.registry.get(node.kind).cloned();
+        if found.is_none() && node.kind != GATHER {
+            let names: Vec<String> = self.registry.iter().map(|kind| kind.camel_name()).collect();
+            self.report(
+                Diagnostic::of(
+                    Code::UnknownKind,
+                    node.kind_span.clone(),
+                    format!("no kind of node is named `{}`", shown(node.kind)),
+                )
+                .suggest(node.kind, names.iter().map(String::as_str))
+                .hint("`lightharmony nodes` lists them"),
+            );
+        }
+        found
+    }
+
+    fn node(
+        &mut self,
+        raw: &'a RawNode<'t>,
+        kind: &Arc<KindEntry>,
+        kinds: &[Option<Arc<KindEntry>>],
+        reads: &mut Vec<(usize, Range<usize>)>,
+    ) -> Option<Template<'a, 't>> {
+        let before = self.diagnostics.len();
+        for (index, field) in raw.fields.iter().enumerate() {
+            let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+            if !names().any(|name| name == field.name) {
+                let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
+                let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
+                    .suggest(field.name, names());
+                let node =
+                    field.text.starts_with(|c: char| c.is_ascii_uppercase()) && field.text.ends_with(')');
+                self.report(if node {
+                    mistake.hint("if it is a node of its own, a `)` is missing before it")
+                } else {
+                    mistake.hint(format!("`lightharmony nodes {}` describes it", kind.name))
+                });
+            } else if let Some(first) = raw.fields[..index].iter().find(|other| other.name == field.name) {
+                self.report(twice(field.name, field.name_span.clone(), first.name_span.clone()));
+            }
+        }
+        let mut fields = Vec::with_capacity(raw.fields.len());
+        let mut own = Vec::new();
+        for field in &raw.fields {
+            let Some(param) = kind.params.iter().find(|param| param.name == field.name) else {
+                if let Ok(1..) = axes_read(field.text, &field.span, &self.axes).map(|axes| axes.len()) {
+                    self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis"));
+                }
+                continue;
+            };
+            match self.field(field, param.role == Role::Input) {
+                Ok((field, axes)) => {
+                    own.extend(axes);
+                    fields.push(field);
+                }
+                Err(mistake) => self.report(mistake),
+            }
+        }
+        let mut gathers = BTreeMap::new();
+        let mut inputs = Vec::with_capacity(kind.inputs.len());
+        for (index, port) in kind.inputs.iter().enumerate() {
+            inputs.push(self.wires(raw, kind, (index, port), kinds, reads, &mut gathers));
+        }
+        // What an axis that could not be read gives is not known.
+        if !own.iter().all(|&axis| self.axes[axis].is_whole()) {
+            return None;
+        }
+        let (step, sink_path) = if own.is_empty() {
+            self.step(raw, kind, &fields)?
+        } else if self.mistakes() == before {
+            let first = at_each(&fields, &self.axes, |_| 0);
+            self.step(raw, kind, &first)?
+        } else {
+            return None;
+        };
+        let places = places(raw, kind, &fields);
+        let node = Node {
+            id: raw.id.clone().into_owned(),
+            kind: kind.clone(),
+            inputs,
+            sink_path,
+            point: Vec::new(),
+            span: raw.id_span.start..raw.span.end,
+            places: Places::Read(places),
+            step: step.into(),
+        };
+        (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
+    }
+
+    /// What a node does, where it writes, and where its fields stand, of a node of known fields in a graph without
+    /// axes. Its wires are not looked at.
+    pub fn alone(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &Arc<KindEntry>,
+    ) -> Option<(Arc<dyn Step>, Option<String>, FieldPlaces)> {
+        let mut fields = Vec::with_capacity(raw.fields.len());
+        for field in &raw.fields {
+            if let Some(param) = kind.params.iter().find(|param| param.name == field.name) {
+                fields.push(self.field(field, param.role == Role::Input).ok()?.0);
+            }
+        }
+        let (step, sink_path) = self.step(raw, kind, &fields)?;
+        Some((step, sink_path, places(raw, kind, &fields)))
+    }
+
+    /// A parameter as it is read, and the axes that it runs along.
+    fn field(&self, raw: &RawField<'t>, is_path: bool) -> Result<(Field<'t>, Vec<usize>), Diagnostic> {
+        let folder_at = |offset: usize| {
+            let index = self.pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+            folder_of(&self.pieces[index])
+        };
+        let folders: Option<&dyn Fn(usize) -> &'t str> = if is_path { Some(&folder_at) } else { None };
+        let (text, span) = in_place(raw, self.scopes, folders)?;
+        let axes = axes_read(&text, &span, &self.axes)?;
+        Ok((Field { name: raw.name, text, span }, axes))
+    }
+
+    /// Mistakes in a subgraph are said to come of its use, and those in what it is given, where that is read.
+    fn tell_use(&mut self, node: &RawNode<'t>, before: usize) {
+        let scope = &self.scopes[node.scope];
+        let Some((used, _)) = &scope.used else { return };
+        for mistake in &mut self.diagnostics[before..] {
+            let own = (node.span.start..node.span.end).contains(&mistake.span.start);
+            let (place, what) = if own {
+                (used.clone(), format!("in `{}`", scope.prefix.trim_end_matches('.')))
+            } else {
+                (node.id_span.clone(), "read here".to_owned())
+            };
+            mistake.related.push((place, what));
+        }
+    }
+
+    /// Reads the parameters of a node, the values of axes in place: what it does and where it writes.
+    pub fn step(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &Arc<KindEntry>,
+        fields: &[Field<'_>],
+    ) -> Option<(Arc<dyn Step>, Option<String>)> {
+        let texts: Vec<RawField<'_>> = fields
+            .iter()
+            .map(|field| RawField { span: field.span.clone(), ..RawField::plain(field.name, &field.text) })
+            .collect();
+        let before = self.diagnostics.len();
+        let step = (kind.read)(&mut Fields {
+            fields: &texts,
+            node_span: raw.kind_span.clone(),
+            kind: raw.kind,
+            diagnostics: self.diagnostics,
+        });
+        let mistaken: Vec<Range<usize>> =
+            self.diagnostics[before..].iter().map(|one| one.span.clone()).collect();
+        for param in kind.params.iter().filter(|param| param.role == Role::Input) {
+            // What is no value of the field names no file either.
+            let sound = |field: &&Field<'_>| {
+                field.name == param.name && !mistaken.iter().any(|span| field.span.contains(&span.start))
+            };
+            if let Some(field) = fields.iter().find(sound) {
+                // Said of the first file only: one sentence tells where all of them are.
+                let mut supplied = kind.supplied;
+                for (path, _) in strings(&field.text) {
+                    self.source(kind, field, path, &mut supplied);
+                }
+            }
+        }
+        let step = step?;
+        let mut sink_path = None;
+        if let Some(param) = kind.sink_param() {
+            step.visit(&mut |name, value| {
+                if name == param.name {
+                    sink_path = value.paths().first().map(|path| (*path).to_owned());
+                }
+            });
+        }
+        if let Err(error) = step.check() {
+            let place =
+                |name: &str| fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+            let span = error.field.and_then(place).unwrap_or(raw.kind_span.clone());
+            let mut diagnostic = Diagnostic::of(Code::Parameters, span, error.message());
+            diagnostic.hints.extend(error.hint);
+            self.report(diagnostic);
+        }
+        Some((step, sink_path))
+    }
+
+    /// A file that a field names must be there, and be one. Where it is not, `supplied` says where it is to be had.
+    fn source(&mut self, kind: &KindEntry, field: &Field<'_>, path: String, supplied: &mut Option<&str>) {
+        let file = self.root.file(&InputFile(path.clone()));
+        let place = field.span.clone();
+        if self.root.is_outside(&file) {
+            self.report(outside(&path, place));
+        } else if !file.path.exists() {
+            let mut diagnostic = Diagnostic::of(Code::MissingFile, place, format!("`{path}` does not exist"))
+                .label(format!("looked for {}", file.path.display()))
+                .hint("paths are relative to the folder of the file that names them");
+            diagnostic.hints.extend(supplied.take().map(str::to_owned));
+            self.report(diagnostic);
+        } else if !kind.folders && file.path.is_dir() {
+            let what = format!("`{path}` is a folder; `{}` reads a file", kind.camel_name());
+            self.report(Diagnostic::of(Code::MissingFile, place, what));
+        }
+        self.files.push(file.path);
+    }
+
+    fn sink_paths(&mut self, templates: &[Option<Template<'_, 't>>]) {
+        let mut seen: BTreeMap<String, &Node> = BTreeMap::new();
+        for Template { node, .. } in templates.iter().flatten() {
+            let Some(path) = &node.sink_path else { continue };
+            if let Err(why) = check_sink_path(path, &self.axes) {
+                self.report(Diagnostic::of(
+                    Code::OutputPath,
+                    node.place(Some("path")),
+                    format!("cannot write to `{path}`: {why}"),
+                ));
+                continue;
+            }
+            let plain =
+                path.split('/').filter(|part| !matches!(*part, "" | ".")).collect::<Vec<_>>().join("/");
+            if let Some(first) = seen.get(&plain) {
+                self.report(
+                    Diagnostic::of(
+                        Code::OutputPath,
+                        node.place(Some("path")),
+                        format!("two sinks write to `{path}`"),
+                    )
+                    .label(format!("`{}`", node.id))
+                    .related(first.place(Some("path")), format!("`{}`", first.id)),
+                );
+            } else {
+                seen.insert(plain, node);
+            }
+        }
+    }
+}
+
+/// Where the fields of a node stand: parameters where their value is written, wires where they are.
+fn places(raw: &RawNode<'_>, kind: &KindEntry, fields: &[Field<'_>]) -> FieldPlaces {
+    let place = |name: &'static str| {
+        let param = fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+        let wire = || raw.fields.iter().find(|field| field.name == name).map(|field| field.span.clone());
+        Some((name, param.or_else(wire)?))
+    };
+    let names = kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
+    names.filter_map(place).collect()
+}
+
+/// Sinks write under the output folder and nowhere else.
+fn check_sink_path(path: &str, axes: &[Axis<'_>]) -> Result<(), &'static str> {
+    use std::path::Component;
+    if path.is_empty() || path.ends_with('/') {
+        return Err("it names no file");
+    }
+    let mut plain = path.replace("{view}", "");
+    for axis in axes {
+        plain = plain.replace(&format!("{{{}}}", axis.name), "");
+    }
+    if plain.contains(['{', '}']) {
+        return Err("the only placeholders are `{view}`, the name of the view, and the names of axes");
+    }
+    // They would mean something else on another system.
+    if path.contains(['\\', ':']) || path.chars().any(char::is_control) {
+        return Err("write `/` between folders, and no `\\` or `:`");
+    }
+    for part in std::path::Path::new(path).components() {
+        match part {
+            Component::Normal(_) | Component::CurDir => {}
+            Component::ParentDir => return Err("`..` could lead out of the output folder"),
+            Component::RootDir | Component::Prefix(_) => {
+                return Err("it must be relative to the output folder");
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Graph {
+    /// Reads and checks a graph file, whose paths are relative to `folder`.
+    pub fn parse(source: Source, registry: &Registry, root: SourceRoot) -> Result<Self, Diagnostics> {
+        let joined = source.clone();
+        let mut diagnostics = Vec::new();
+        let document = parse_all(&joined, &root, &mut diagnostics);
+        let mut check = Check::new(&joined, registry, &root, &document, &mut diagnostics);
+        let scene = check.document(&document);
+        let (templates, mut wiring) = check.nodes(&document.nodes);
+        let mut order = order_of(&wiring);
+        if let Err(cycles) = &order {
+            cycles.iter().for_each(|cycle| check.report(describe_cycle(&document.nodes, &wiring, cycle)));
+        }
+        let plain = !check.is_multiple() && source.pieces().len() == 1 && document.scopes.len() == 1;
+        let nodes = match &order {
+            Ok(files_first) if check.is_multiple() && check.mistakes() == 0 => {
+                let nodes: Vec<_> =
+                    check.instances(&templates, files_first).into_iter().map(Arc::new).collect();
+                wiring = nodes.iter().map(wiring_of).collect();
+                order = order_of(&wiring);
+                nodes
+            }
+            _ => templates.into_iter().flatten().map(|template| Arc::new(template.node)).collect(),
+        };
+        let files = check.files;
+        match (scene, order) {
+            (Some(scene), Ok(order)) if diagnostics.is_empty() => {
+                let graph = Self::assemble(source, root, Parts { scene, nodes, order, plain });
+                match graph.check_between() {
+                    mistakes if mistakes.is_empty() => Ok(graph),
+                    mistakes => Err(Diagnostics { files, ..Diagnostics::new(graph.source, mistakes) }),
+                }
+            }
+            _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
+        }
+    }
+}
+
+fn wiring_of(node: &Arc<Node>) -> Vec<(usize, Range<usize>)> {
+    node.inputs.iter().flatten().map(|wire| (wire.node, 0..0)).collect()
+}

@@ -1,0 +1,295 @@
+//! Instances: a node for each point of the axes that it or its inputs read, and for no others.
+//!
+//! `Gather(input: "final", over: "frame")` is no node but a name for many wires: one to each instance of
+//! `final` along the axis. What reads a gather so depends on the axis no more.
+
+use crate::graph::checker::GATHER;
+use crate::graph::checker::Gather;
+use crate::graph::checker::Template;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use crate::graph::axis::Axis;
+use crate::graph::checker::{Check, at_each};
+use crate::graph::node::{Node, Wire};
+use crate::graph::wires::{End, wire_names};
+use crate::text::diag::{Diagnostic, shown};
+use crate::text::document::RawNode;
+use crate::text::include::parse_all;
+use crate::text::source::Source;
+use crate::text::values::parse_value;
+use crate::value::files::plain_name;
+use crate::value::root::SourceRoot;
+
+/// What all axes together may ask for.
+const MOST_INSTANCES: usize = 1_000_000;
+
+/// The points of some axes, the last axis running fastest.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Grid {
+    /// (axis, number of its values), ascending.
+    axes: Vec<(usize, usize)>,
+}
+
+impl Grid {
+    fn new(mut wanted: Vec<usize>, axes: &[Axis<'_>]) -> Self {
+        wanted.sort_unstable();
+        wanted.dedup();
+        Self { axes: wanted.into_iter().map(|axis| (axis, axes[axis].values.len())).collect() }
+    }
+
+    fn has(&self, axis: usize) -> bool {
+        self.axes.iter().any(|(known, _)| *known == axis)
+    }
+
+    /// How many points; `None` for more than can be counted.
+    fn len(&self) -> Option<usize> {
+        self.axes.iter().try_fold(1_usize, |product, (_, size)| product.checked_mul(*size))
+    }
+
+    /// The value of each axis at a point.
+    fn point(&self, mut index: usize) -> Vec<(usize, usize)> {
+        let mut point: Vec<(usize, usize)> = self.axes.clone();
+        for (_, value) in point.iter_mut().rev() {
+            let size = *value;
+            *value = index % size;
+            index /= size;
+        }
+        point
+    }
+
+    /// The point where each axis has the value that `at` gives.
+    fn index(&self, at: impl Fn(usize) -> usize) -> usize {
+        self.axes.iter().fold(0, |index, (axis, size)| index * size + at(*axis))
+    }
+}
+
+fn value_at(point: &[(usize, usize)], axis: usize) -> usize {
+    point.iter().find(|(known, _)| *known == axis).map_or(0, |(_, value)| *value)
+}
+
+impl Source {
+    /// What a `Gather` of this name gathers, as it is written; `None` where there is no such gather.
+    pub fn gathered(&self, name: &str) -> Option<String> {
+        let document = parse_all(self, &SourceRoot::new(""), &mut Vec::new());
+        let gather = document.nodes.iter().find(|node| node.kind == GATHER && node.id == name)?;
+        let input = gather.fields.iter().find(|field| field.name == "input")?;
+        parse_value(input.text).ok()
+    }
+}
+
+impl<'t> Check<'t, '_> {
+    /// Reads the one kind of node that is not in the table.
+    pub fn gather(&mut self, raw: &RawNode<'t>, all: &[RawNode<'t>]) -> Option<Gather> {
+        let before = self.mistakes();
+        for field in raw.fields.iter().filter(|field| !["input", "over"].contains(&field.name)) {
+            let what = format!("`{GATHER}` has no field `{}`", shown(field.name));
+            self.report(
+                Diagnostic::new(field.name_span.clone(), what).suggest(field.name, ["input", "over"]),
+            );
+        }
+        let mut named = |name: &str| match raw.fields.iter().find(|field| field.name == name) {
+            Some(field) => match wire_names(field, self.scopes) {
+                Ok(names) => names,
+                Err(mistake) => {
+                    self.report(mistake);
+                    Vec::new()
+                }
+            },
+            None => {
+                let what = format!("`{GATHER}` needs `{name}`");
+                let how = "write `Gather(input: \"final\", over: \"frame\")`";
+                self.report(Diagnostic::new(raw.kind_span.clone(), what).label(how));
+                Vec::new()
+            }
+        };
+        let (inputs, names) = (named("input"), named("over"));
+        let mut over = Vec::with_capacity(names.len());
+        for named in names {
+            let (name, span) = (named.name, named.span);
+            match self.axes.iter().position(|axis| axis.name == name) {
+                Some(axis) if !over.contains(&axis) => over.push(axis),
+                Some(_) => self.report(Diagnostic::new(span, format!("`{name}` is gathered twice"))),
+                None => {
+                    let mistake = Diagnostic::new(span, format!("the graph has no axis `{}`", shown(&name)));
+                    let axes = self.axes.clone();
+                    self.report(mistake.suggest(&name, axes.iter().map(|axis| axis.name)));
+                }
+            }
+        }
+        if over.is_empty() && self.mistakes() == before {
+            let what = "`over` names no axis, so there is nothing to gather";
+            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("read the node itself"));
+        }
+        if inputs.len() > 1 {
+            let what = format!("`input` takes one wire, not {}", inputs.len());
+            self.report(Diagnostic::new(raw.kind_span.clone(), what).hint("write a `Gather` for each"));
+        }
+        let named = inputs.into_iter().next()?;
+        let End { node, output } = self.end(&named)?;
+        if all[node].kind == GATHER {
+            let what = format!("`{}` is a gather itself", shown(&named.name));
+            self.report(
+                Diagnostic::new(named.span.clone(), what)
+                    .hint("gather along both at once: `over: [\"yaw\", \"frame\"]`"),
+            );
+        }
+        (self.mistakes() == before).then(|| Gather { node, output: output.map(str::to_owned), over })
+    }
+
+    /// The instances of all nodes, in the order of the file; none where one of them is wrong. `order` is that of the
+    /// templates, inputs first.
+    pub fn instances(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Node> {
+        let before = self.mistakes();
+        let grids = self.grids(templates, order);
+        let counts = || templates.iter().zip(&grids).filter(|(template, _)| template.is_some());
+        let total = counts().try_fold(0_usize, |sum, (_, grid)| sum.checked_add(grid.len()?));
+        if total.is_none_or(|total| total > MOST_INSTANCES) {
+            let widest = counts().max_by_key(|(_, grid)| grid.len().unwrap_or(usize::MAX));
+            let span = widest.and_then(|(template, _)| template.as_ref()).map(|t| t.raw.id_span.clone());
+            let what = format!("the axes make more than {MOST_INSTANCES} nodes of the graph");
+            self.report(Diagnostic::new(span.unwrap_or_default(), what).label("most of them of this one"));
+        }
+        if self.mistakes() > before {
+            return Vec::new();
+        }
+        let mut first = Vec::with_capacity(grids.len());
+        let mut next = 0;
+        for (template, grid) in templates.iter().zip(&grids) {
+            first.push(next);
+            next += if template.is_some() { grid.len().unwrap_or_default() } else { 0 };
+        }
+        let mut nodes = Vec::with_capacity(next);
+        for (template, grid) in templates.iter().zip(&grids) {
+            let Some(template) = template else { continue };
+            for index in 0..grid.len().unwrap_or_default() {
+                let (point, told) = (grid.point(index), self.mistakes());
+                let node = self.instance(template, &point).filter(|_| self.mistakes() == told);
+                // What is wrong at one value is told once, not for all that follow.
+                let Some(mut node) = node else { break };
+                node.inputs = wires(template, &point, &grids, &first);
+                nodes.push(node);
+            }
+        }
+        // Wires lead to where all instances are.
+        if self.mistakes() > before { Vec::new() } else { nodes }
+    }
+
+    /// The axes of each node: its own and those of its inputs, without those gathered on the way.
+    fn grids(&mut self, templates: &[Option<Template<'_, 't>>], order: &[usize]) -> Vec<Grid> {
+        let mut grids: Vec<Grid> = vec![Grid::default(); templates.len()];
+        for &index in order {
+            let Some(template) = &templates[index] else { continue };
+            let mut wanted = template.own.clone();
+            for (port, wires) in template.node.inputs.iter().enumerate() {
+                for (place, wire) in wires.iter().enumerate() {
+                    let gathered = template.gathers.get(&(port, place)).map_or(&[][..], Vec::as_slice);
+                    let above = &grids[wire.node];
+                    wanted.extend(
+                        above.axes.iter().map(|(axis, _)| *axis).filter(|axis| !gathered.contains(axis)),
+                    );
+                    if let Some(&axis) = gathered.iter().find(|axis| !above.has(**axis)) {
+                        let name = templates[wire.node].as_ref().map_or("", |t| &*t.raw.id);
+                        let what = format!("`{}` is the same along `{}`", shown(name), self.axes[axis].name);
+                        let span = template.node.place(Some(template.node.kind.inputs[port].name));
+                        self.report(Diagnostic::new(span, what).label("there is nothing to gather"));
+                    }
+                }
+            }
+            grids[index] = Grid::new(wanted, &self.axes);
+            self.sink_axes(template, &grids[index]);
+        }
+        grids
+    }
+
+    /// A sink writes a file for each point, so its path must tell the points apart.
+    fn sink_axes(&mut self, template: &Template<'_, 't>, grid: &Grid) {
+        let Some(path) = &template.node.sink_path else { return };
+        let span = || template.node.place(Some("path"));
+        for (index, axis) in self.axes.clone().iter().enumerate() {
+            let holder = format!("{{{}}}", axis.name);
+            let named = path.contains(&holder) || template.own.contains(&index);
+            if grid.has(index) && path.contains(&holder) {
+                self.file_names(axis, &span());
+            }
+            if grid.has(index) && !named {
+                let what = format!("`{path}` is one file, there is one for each value of `{}`", axis.name);
+                self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
+            } else if !grid.has(index) && path.contains(&holder) {
+                let what = format!("`{}` is the same along `{}`", template.node.id, axis.name);
+                self.report(Diagnostic::new(span(), what).hint(format!("leave `{holder}` out of the path")));
+            }
+        }
+    }
+
+    /// Values that would be one and the same in the name of a file.
+    fn file_names(&mut self, axis: &Axis<'_>, span: &Range<usize>) {
+        let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+        for value in 0..axis.values.len() {
+            if let Some(first) = seen.insert(file_text(axis, value), value) {
+                let (a, b) = (shown(&axis.values[first]), shown(&axis.values[value]));
+                let what = format!("the values {a} and {b} of `{}` would be one file", axis.name);
+                return self.report(Diagnostic::new(span.clone(), what).hint("name one of them otherwise"));
+            }
+        }
+    }
+
+    /// One node at one point, its wires still those of the template.
+    fn instance(&mut self, template: &Template<'_, 't>, point: &[(usize, usize)]) -> Option<Node> {
+        let mut node = template.node.clone();
+        if point.is_empty() {
+            return Some(node);
+        }
+        let axes = self.axes.clone();
+        if !template.own.is_empty() {
+            let fields = at_each(&template.fields, &axes, |axis| value_at(point, axis));
+            let (step, sink_path) = self.step(template.raw, &template.node.kind, &fields)?;
+            (node.step, node.sink_path) = (step.into(), sink_path);
+        }
+        for &(axis, value) in point {
+            let (name, text) = (axes[axis].name, axes[axis].values[value].trim_matches('"'));
+            node.id.push_str(&format!("/{name}={text}"));
+            let path = node.sink_path.take();
+            node.sink_path =
+                path.map(|path| path.replace(&format!("{{{name}}}"), &file_text(&axes[axis], value)));
+            node.point.push((name.to_owned(), text.to_owned()));
+        }
+        Some(node)
+    }
+}
+
+/// The wires of a node at a point: to the same point above, or along the axes that are gathered.
+fn wires(
+    template: &Template<'_, '_>,
+    point: &[(usize, usize)],
+    grids: &[Grid],
+    first: &[usize],
+) -> Vec<Vec<Wire>> {
+    let mut inputs = Vec::with_capacity(template.node.inputs.len());
+    for (port, wires) in template.node.inputs.iter().enumerate() {
+        let mut ends = Vec::with_capacity(wires.len());
+        for (place, wire) in wires.iter().enumerate() {
+            let above = &grids[wire.node];
+            let gathered = template.gathers.get(&(port, place)).map_or(&[][..], Vec::as_slice);
+            // In the order in which the gather names its axes, the last running fastest.
+            let size = |axis: &usize| above.axes.iter().find(|(known, _)| known == axis).copied();
+            let along = Grid { axes: gathered.iter().filter_map(size).collect() };
+            for step in 0..along.len().unwrap_or_default() {
+                let here = along.point(step);
+                let at = |axis| if along.has(axis) { value_at(&here, axis) } else { value_at(point, axis) };
+                ends.push(Wire { node: first[wire.node] + above.index(at), port: wire.port });
+            }
+        }
+        inputs.push(ends);
+    }
+    inputs
+}
+
+/// The value of an axis as part of a file name: whole numbers with zeros in front, so that names sort.
+fn file_text(axis: &Axis<'_>, value: usize) -> String {
+    let text = axis.values[value].trim_matches('"');
+    if let Some(digits) = axis.digits {
+        return format!("{text:0>digits$}");
+    }
+    plain_name(text.strip_suffix(".0").unwrap_or(text))
+}

@@ -1,0 +1,15 @@
+//! The checked graph: nodes, wires, axes, and everything that is checked before a run.
+
+pub(crate) mod axis;
+pub(crate) mod check;
+pub(crate) mod checker;
+pub(crate) mod compiled;
+pub(crate) mod expand;
+pub(crate) mod graph;
+pub(crate) mod knobs;
+pub(crate) mod lazy;
+pub(crate) mod node;
+pub(crate) mod order;
+pub(crate) mod reads;
+pub(crate) mod reparse;
+pub(crate) mod wires;

@@ -1,0 +1,299 @@
+//! Wires: from the names in an input to the outputs that they mean.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+use crate::graph::checker::Check;
+use crate::graph::node::Wire;
+use crate::kind::port::{Arity, PortSpec};
+use crate::kind::registry::KindEntry;
+use crate::text::diag::{Code, Diagnostic, nearest, shown};
+use crate::text::document::Scope;
+use crate::text::document::{RawField, RawNode};
+use crate::text::scan::Scanner;
+use crate::text::subgraph::value_of;
+use crate::text::values::{parse_value, sort_of};
+
+/// How many wires to nodes that do not exist get a suggestion.
+const MOST_SUGGESTIONS: usize = 20;
+/// Most wires of one input.
+const MOST_WIRES: usize = 1_000_000;
+
+/// One name of a wire, where it stands, and where it is looked for.
+pub(crate) struct Named<'t> {
+    pub name: Cow<'t, str>,
+    pub span: Range<usize>,
+    pub scope: usize,
+}
+
+/// What a name means.
+pub(crate) struct End<'n> {
+    pub node: usize,
+    /// The output, where it is named.
+    pub output: Option<&'n str>,
+}
+
+impl<'t, 'a> Check<'t, 'a> {
+    /// The wires of one input of a node. What they read goes to `reads`, and to `gathers` what they gather.
+    pub fn wires(
+        &mut self,
+        raw: &RawNode<'t>,
+        kind: &KindEntry,
+        (index, port): (usize, &PortSpec),
+        kinds: &[Option<Arc<KindEntry>>],
+        reads: &mut Vec<(usize, Range<usize>)>,
+        gathers: &mut BTreeMap<(usize, usize), Vec<usize>>,
+    ) -> Vec<Wire> {
+        let Some(field) = raw.fields.iter().find(|field| field.name == port.name) else {
+            if port.arity == Arity::One {
+                self.report(
+                    Diagnostic::of(
+                        Code::Missing,
+                        raw.kind_span.clone(),
+                        format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
+                    )
+                    .label(format!("wire it to an output of type `{}`", port.artifact.name)),
+                );
+            }
+            return Vec::new();
+        };
+        let names = match wire_names(field, self.scopes) {
+            Ok(names) => names,
+            Err(mistake) => {
+                self.report(mistake);
+                return Vec::new();
+            }
+        };
+        if port.arity != Arity::Many && names.len() != 1 {
+            self.report(Diagnostic::of(
+                Code::Wiring,
+                field.span.clone(),
+                format!("`{}` takes one wire, not {}", port.name, names.len()),
+            ));
+        }
+        let mut wires = Vec::with_capacity(names.len());
+        for named in names {
+            let span = &named.span;
+            let Some(End { node, output }) = self.end(&named) else { continue };
+            let Some(gather) = self.gathers.get(&node) else {
+                reads.push((node, span.clone()));
+                wires.extend(self.wire(&named.name, output, node, span, port, kinds));
+                continue;
+            };
+            let (node, from, over) = (gather.node, gather.output.clone(), gather.over.clone());
+            let name = &named.name;
+            let wrong = match (output, port.arity) {
+                (Some(output), _) => Some(format!("a gather has no output `{}`", shown(output))),
+                (None, Arity::One | Arity::Optional) => {
+                    Some(format!("`{}` takes one wire, and `{name}` gathers many", port.name))
+                }
+                (None, Arity::Many) => None,
+            };
+            if let Some(wrong) = wrong {
+                self.report(Diagnostic::new(span.clone(), wrong));
+            }
+            reads.push((node, span.clone()));
+            gathers.insert((index, wires.len()), over);
+            wires.extend(self.wire(name, from.as_deref(), node, span, port, kinds));
+        }
+        wires
+    }
+
+    /// What a name means, in its scope: a node, or a node and an output.
+    pub fn end<'n>(&mut self, named: &'n Named<'t>) -> Option<End<'n>> {
+        let Named { name, span, scope } = named;
+        let prefix = self.scopes[*scope].prefix.as_str();
+        let whole = |name: &'n str| -> Cow<'n, str> {
+            if prefix.is_empty() { name.into() } else { format!("{prefix}{name}").into() }
+        };
+        let find = |name: &'n str| self.ids.get(&*whole(name)).copied();
+        if let Some(node) = find(name) {
+            return Some(End { node, output: None });
+        }
+        let parts = name.rsplit_once('.');
+        if let Some((id, output)) = parts
+            && let Some(node) = find(id)
+        {
+            return Some(End { node, output: Some(output) });
+        }
+        let full = whole(name);
+        let is_broken = full.match_indices('.').map(|(at, _)| &full[..at]).chain([&*full]);
+        if is_broken.clone().any(|name| self.broken.contains(name)) {
+            return None;
+        }
+        // Within a subgraph that there is, it is the name of its node that is wrong.
+        let within = format!("{full}.");
+        let subgraph = self.scopes.iter().skip(1).filter(|scope| within.starts_with(&scope.prefix));
+        let id = match subgraph.max_by_key(|scope| scope.prefix.len()) {
+            Some(scope) if scope.prefix == within => {
+                let what = format!("`{}` is a subgraph", shown(name));
+                let inside = self.names.iter().filter_map(|id| id.strip_prefix(&*scope.prefix));
+                let nodes: Vec<&str> = inside.take(20).collect();
+                self.report(
+                    Diagnostic::of(Code::UnknownOutput, span.clone(), what)
+                        .label(format!("write \"{name}.{}\"", nodes.last().unwrap_or(&"node")))
+                        .hint(format!("its nodes are {}", nodes.join(", "))),
+                );
+                return None;
+            }
+            Some(scope) if scope.prefix.len() > prefix.len() => name,
+            _ => name.split_once('.').map_or(&**name, |(id, _)| id),
+        };
+        let mistake =
+            Diagnostic::of(Code::UnknownNode, span.clone(), format!("no node is named `{}`", shown(id)));
+        // One node that was renamed may be read by thousands, and each look through all names costs.
+        self.strangers += 1;
+        let near = (self.strangers <= MOST_SUGGESTIONS)
+            .then(|| nearest(id, self.names.iter().filter_map(|id| id.strip_prefix(prefix))));
+        self.report(match near.flatten() {
+            Some(near) => mistake.hint(format!("did you mean `{near}`?")),
+            None => mistake,
+        });
+        None
+    }
+
+    fn wire(
+        &mut self,
+        name: &str,
+        output: Option<&str>,
+        node: usize,
+        span: &Range<usize>,
+        port: &PortSpec,
+        kinds: &[Option<Arc<KindEntry>>],
+    ) -> Option<Wire> {
+        // A node of unknown kind was reported already.
+        let outputs = &kinds[node].as_ref()?.outputs;
+        let id = output.and_then(|output| name.strip_suffix(output)?.strip_suffix('.')).unwrap_or(name);
+        let wanted = port.artifact.name;
+        let found = match output {
+            Some(output) => outputs.iter().position(|known| known.name == output),
+            // The first output, or the first of the type that the input takes.
+            None => {
+                outputs.iter().position(|known| known.artifact.name == wanted).or(outputs.first().map(|_| 0))
+            }
+        };
+        let Some(index) = found else {
+            let names = || outputs.iter().map(|known| known.name);
+            let message = match output {
+                Some(output) => format!("`{id}` has no output `{output}`"),
+                None => format!("`{id}` has no output"),
+            };
+            let list: Vec<&str> = names().collect();
+            self.report(
+                Diagnostic::of(Code::UnknownOutput, span.clone(), message)
+                    .suggest(output.unwrap_or_default(), names())
+                    .hint(format!("its outputs are {}", list.join(", "))),
+            );
+            return None;
+        };
+        let given = outputs[index].artifact.name;
+        if given != wanted {
+            let fitting: Vec<String> = outputs
+                .iter()
+                .filter(|o| o.artifact.name == wanted)
+                .map(|o| format!("\"{id}.{}\"", o.name))
+                .collect();
+            let mut diagnostic = Diagnostic::of(
+                Code::WrongType,
+                span.clone(),
+                format!("`{}` takes values of type `{wanted}`", port.name),
+            )
+            .label(format!("this is of type `{given}`"));
+            if !fitting.is_empty() {
+                diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
+            }
+            self.report(diagnostic);
+            return None;
+        }
+        Some(Wire { node, port: index })
+    }
+}
+
+/// The names in a wire or a list of wires. Those that a parameter gives are looked for where it was given.
+pub(crate) fn wire_names<'t>(
+    field: &RawField<'t>,
+    scopes: &[Scope<'t>],
+) -> Result<Vec<Named<'t>>, Diagnostic> {
+    let mut names = Vec::new();
+    let mut steps = 0;
+    // What is left to read: a field, and how far.
+    let mut open = vec![(field.clone(), 0)];
+    'fields: while let Some((field, at)) = open.pop() {
+        let how = || "a wire is written \"node\" or \"node.port\"";
+        let mut scan = Scanner::new(field.text);
+        let list = scan.eat(b'[');
+        scan.at = scan.at.max(at);
+        loop {
+            scan.skip_space();
+            if list && scan.eat(b']') {
+                continue 'fields;
+            }
+            let start = scan.at;
+            let text = scan.value().map_or("", |span| &field.text[span]);
+            let span = field.span.start + start..field.span.start + scan.at.max(start + 1);
+            let value = match text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) {
+                _ if text.starts_with("Param") => {
+                    let value = value_of(scopes, field.scope, text, span.clone())?;
+                    if value.text.starts_with("Param")
+                        || value.text.starts_with('[')
+                        || value.text.starts_with('"')
+                    {
+                        Some(value.clone())
+                    } else {
+                        let what = format!("`{}` is not a wire", shown(value.text));
+                        return Err(Diagnostic::of(Code::Wiring, value.span.clone(), what)
+                            .label(how())
+                            .related(span, "it is read as one here"));
+                    }
+                }
+                Some(plain) if !plain.contains('\\') => {
+                    names.push(Named { name: Cow::Borrowed(plain), span: span.clone(), scope: field.scope });
+                    None
+                }
+                _ => {
+                    let name = parse_value::<String>(text).map(Cow::Owned).map_err(|_| {
+                        let mistake = Diagnostic::of(
+                            Code::Wiring,
+                            span.clone(),
+                            format!("`{}` is not a wire", shown(text)),
+                        );
+                        match sort_of(text) {
+                            _ if text.ends_with(')') => mistake
+                                .label("a node stands in `nodes`, under a name")
+                                .hint("write `name: Kind(..)` there and \"name\" here"),
+                            "a word" if !text.is_empty() => {
+                                mistake.label(format!("write \"{}\"", shown(text)))
+                            }
+                            _ => mistake.label(how()),
+                        }
+                    })?;
+                    names.push(Named { name, span: span.clone(), scope: field.scope });
+                    None
+                }
+            };
+            scan.skip_space();
+            if list && !scan.eat(b',') && scan.peek() != b']' {
+                let end = span.end;
+                return Err(Diagnostic::new(end..end + 1, "expected a comma here"));
+            }
+            steps += 1;
+            if steps > MOST_WIRES {
+                return Err(Diagnostic::new(field.span.clone(), "these are too many wires, or in a circle"));
+            }
+            match value {
+                Some(value) => {
+                    if list {
+                        open.push((field.clone(), scan.at));
+                    }
+                    open.push((value, 0));
+                    continue 'fields;
+                }
+                None if list => {}
+                None => continue 'fields,
+            }
+        }
+    }
+    Ok(names)
+}

@@ -1,0 +1,80 @@
+//! Knobs: parameters that trade work for accuracy, declared beside their meaning, and the presets over them.
+
+use serde::Serialize;
+
+/// What turning a knob changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KnobKind {
+    /// Random samples: the error is noise and falls with the root of the work.
+    Samples,
+    /// Pixels of what is in between, not of the final picture.
+    Resolution,
+    /// How far a series is followed, such as the bounces of light.
+    Depth,
+    /// Below which share a contribution is left out.
+    Cutoff,
+    /// Arithmetic.
+    Precision,
+    /// Smoothing, which takes noise away and truth with it.
+    Filter,
+    /// What a sample may bring at most, which takes noise away and truth with it; 0 is no limit.
+    Limit,
+}
+
+impl KnobKind {
+    /// As it is written in lists.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Samples => "samples",
+            Self::Resolution => "resolution",
+            Self::Depth => "depth",
+            Self::Cutoff => "cutoff",
+            Self::Precision => "precision",
+            Self::Filter => "filter",
+            Self::Limit => "limit",
+        }
+    }
+}
+
+/// A parameter as a knob. Each rung of its ladder is at least as exact as the one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Knob {
+    /// What turning it changes.
+    pub kind: KnobKind,
+    /// Its value in each of [`PRESETS`](crate::PRESETS), in RON; empty where the preset leaves it as the graph has it.
+    pub ladder: [&'static str; 4],
+}
+
+impl Knob {
+    /// The values to try, from the least work to the least error: the ladder, and whole numbers doubled from
+    /// one rung to the next.
+    pub fn values(&self) -> Vec<String> {
+        let mut values: Vec<String> = Vec::new();
+        for level in self.ladder.iter().filter(|level| !level.is_empty()) {
+            let last = values.last().and_then(|text| text.parse::<u64>().ok());
+            if let (Some(last @ 1..), Ok(next)) = (last, level.parse::<u64>()) {
+                let doubled = std::iter::successors(last.checked_mul(2), |n| n.checked_mul(2));
+                values.extend(doubled.take_while(|n| *n < next).map(|n| n.to_string()));
+            }
+            if values.last().is_none_or(|last| last != level) {
+                values.push((*level).to_owned());
+            }
+        }
+        values
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_double_between_rungs_and_do_not_repeat() {
+        let of = |ladder| Knob { kind: KnobKind::Samples, ladder }.values();
+        assert_eq!(of(["4", "16", "40", "64"]), ["4", "8", "16", "32", "40", "64"]);
+        assert_eq!(of(["F32", "F32", "F32", "F64"]), ["F32", "F64"]);
+        assert_eq!(of(["", "", "", "0.0"]), ["0.0"]);
+        assert_eq!(of(["0", "1", "4", "4"]), ["0", "1", "2", "4"], "nothing is doubled from 0");
+    }
+}

@@ -1,0 +1,226 @@
+//! Types that parameters may have, and their canonical text.
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::value::root::InputFile;
+
+/// A type that a parameter may have. Its RON form is its canonical form: equal values, equal text.
+pub trait ParamType:
+    Serialize + DeserializeOwned + Clone + PartialEq + std::fmt::Debug + Send + Sync
+{
+    /// What a person writes, as in `number` or `Hard | Ramp`.
+    fn describe() -> String;
+    /// What the parameter names outside of the graph.
+    const ROLE: Role = Role::Value;
+    /// True when every number in the value lies in the closed range.
+    fn within(&self, _low: f64, _high: f64) -> bool {
+        true
+    }
+    /// The text that enters the key; `None` when something else stands for it there.
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        canonical(self).map(Some)
+    }
+    /// The paths, for those that name files.
+    fn paths(&self) -> Vec<&str> {
+        Vec::new()
+    }
+}
+
+/// What a parameter names outside of the graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Nothing: a plain value.
+    Value,
+    /// A file to read, relative to the graph file.
+    Input,
+    /// A file to write, relative to the output folder. A kind with such a parameter is a sink.
+    Output,
+}
+
+/// A number that has no place in a key.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not a finite number")]
+pub struct NotCanonical(pub String);
+
+/// RON text that is equal for equal values: shortest floats, no layout, `-0` written `0`.
+pub fn canonical<T: Serialize>(value: &T) -> Result<String, NotCanonical> {
+    let text = ron::to_string(value).map_err(|e| NotCanonical(e.to_string()))?;
+    let mut out = String::with_capacity(text.len());
+    let mut token = String::new();
+    let mut quoted = false;
+    let mut escaped = false;
+    let flush = |token: &mut String, out: &mut String| -> Result<(), NotCanonical> {
+        match token.as_str() {
+            "-0.0" => out.push_str("0.0"),
+            "NaN" | "-NaN" | "inf" | "-inf" => return Err(NotCanonical(std::mem::take(token))),
+            other => out.push_str(other),
+        }
+        token.clear();
+        Ok(())
+    };
+    for c in text.chars() {
+        if quoted {
+            out.push(c);
+            quoted = escaped || c != '"';
+            escaped = !escaped && c == '\\';
+        } else if c == '"' {
+            flush(&mut token, &mut out)?;
+            out.push(c);
+            quoted = true;
+        } else if c.is_alphanumeric() || matches!(c, '-' | '+' | '.' | '_') {
+            token.push(c);
+        } else {
+            flush(&mut token, &mut out)?;
+            out.push(c);
+        }
+    }
+    flush(&mut token, &mut out)?;
+    Ok(out)
+}
+
+macro_rules! number_params {
+    ($($type:ty => $name:literal),*) => { $(
+        impl ParamType for $type {
+            fn describe() -> String { $name.to_owned() }
+            fn within(&self, low: f64, high: f64) -> bool { (low as Self..=high as Self).contains(self) }
+        }
+    )* };
+}
+
+number_params!(u32 => "whole number", u64 => "whole number", i32 => "integer", f32 => "number", f64 => "number");
+
+impl ParamType for bool {
+    fn describe() -> String {
+        "true | false".to_owned()
+    }
+}
+
+impl ParamType for String {
+    fn describe() -> String {
+        "text".to_owned()
+    }
+}
+
+macro_rules! array_params {
+    ($($n:literal),*) => { $(
+        impl ParamType for [f64; $n] {
+            fn describe() -> String { concat!($n, " numbers in ( )").to_owned() }
+            fn within(&self, low: f64, high: f64) -> bool { self.iter().all(|v| v.within(low, high)) }
+        }
+    )* };
+}
+
+array_params!(2, 3, 4, 16);
+
+impl<T: ParamType> ParamType for Vec<T> {
+    const ROLE: Role = T::ROLE;
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        let texts = self.iter().map(T::key_text).collect::<Result<Vec<_>, _>>()?;
+        // A list of files to read stands in the key as the list of their contents.
+        Ok((T::ROLE != Role::Input)
+            .then(|| format!("[{}]", texts.into_iter().flatten().collect::<Vec<_>>().join(","))))
+    }
+    fn paths(&self) -> Vec<&str> {
+        self.iter().flat_map(T::paths).collect()
+    }
+    fn describe() -> String {
+        format!("[{}, ..]", T::describe())
+    }
+    fn within(&self, low: f64, high: f64) -> bool {
+        self.iter().all(|v| v.within(low, high))
+    }
+}
+
+impl<T: ParamType> ParamType for Option<T> {
+    const ROLE: Role = T::ROLE;
+    fn describe() -> String {
+        format!("{} (optional)", T::describe())
+    }
+    fn within(&self, low: f64, high: f64) -> bool {
+        self.as_ref().is_none_or(|v| v.within(low, high))
+    }
+    fn paths(&self) -> Vec<&str> {
+        self.iter().flat_map(T::paths).collect()
+    }
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        match self {
+            Some(value) => value.key_text(),
+            None => Ok(Some("None".to_owned())),
+        }
+    }
+}
+
+impl ParamType for InputFile {
+    const ROLE: Role = Role::Input;
+    fn describe() -> String {
+        "path of a file to read".to_owned()
+    }
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        Ok(None)
+    }
+    fn paths(&self) -> Vec<&str> {
+        vec![&self.0]
+    }
+}
+
+/// A file that a sink writes: a path relative to the output folder. `{view}` stands for the name of
+/// each view. Only the ending, which names the format, is part of the key.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct OutputFile(pub String);
+
+impl OutputFile {
+    /// The ending in lower case, without the dot.
+    pub fn extension(&self) -> String {
+        std::path::Path::new(&self.0).extension().unwrap_or_default().to_string_lossy().to_lowercase()
+    }
+}
+
+impl ParamType for OutputFile {
+    const ROLE: Role = Role::Output;
+    fn describe() -> String {
+        "path of a file to write".to_owned()
+    }
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        Ok(Some(format!("*.{}", self.extension())))
+    }
+    fn paths(&self) -> Vec<&str> {
+        vec![&self.0]
+    }
+}
+
+/// A parameter of unknown type.
+pub trait ParamValue {
+    /// [`ParamType::key_text`].
+    fn key_text(&self) -> Result<Option<String>, NotCanonical>;
+    /// The canonical text of the whole value.
+    fn text(&self) -> Result<String, NotCanonical>;
+    /// [`ParamType::paths`].
+    fn paths(&self) -> Vec<&str>;
+}
+
+impl<T: ParamType> ParamValue for T {
+    fn key_text(&self) -> Result<Option<String>, NotCanonical> {
+        ParamType::key_text(self)
+    }
+    fn text(&self) -> Result<String, NotCanonical> {
+        canonical(self)
+    }
+    fn paths(&self) -> Vec<&str> {
+        ParamType::paths(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ParamType;
+
+    // Mutation: the bounds of f32 compared in f64.
+    #[test]
+    fn the_ends_of_a_range_are_in_it() {
+        assert!(0.999_f32.within(0.05, 0.999) && 0.05_f32.within(0.05, 0.999));
+        assert!(!0.9991_f32.within(0.05, 0.999) && !f32::NAN.within(0.05, 0.999));
+        assert!(3_u32.within(3.0, 4.0) && !5_u32.within(3.0, 4.0) && !(-1_i32).within(0.0, 4.0));
+    }
+}

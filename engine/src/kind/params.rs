@@ -1,0 +1,171 @@
+//! Parameters: typed values of a node, declared once with default, range, unit and doc.
+
+use crate::kind::param_type::ParamValue;
+use crate::kind::param_type::Role;
+
+use crate::kind::fields::Fields;
+use crate::kind::knob::Knob;
+
+/// A parameter as the reference page and the table-driven tests see it.
+#[derive(Debug, Clone)]
+pub struct ParamSpec {
+    /// Name in the graph file.
+    pub name: &'static str,
+    /// What it does.
+    pub doc: &'static str,
+    /// What a person writes.
+    pub describe: fn() -> String,
+    /// Canonical text of the default, made when asked for; `None` where the parameter must be given.
+    pub default: fn() -> Option<String>,
+    /// Closed range of every number in it.
+    pub range: Option<(f64, f64)>,
+    /// Unit, empty where there is none.
+    pub unit: &'static str,
+    /// Another valid value in RON, which the tests set in place of the default.
+    pub other: Option<&'static str>,
+    /// Why another value may leave the output as it is (a speed setting, say).
+    pub inert: Option<&'static str>,
+    /// How it trades work for accuracy, where it does.
+    pub knob: Option<Knob>,
+    /// What it names outside of the graph.
+    pub role: Role,
+}
+
+/// The parameters of a kind; written by [`params!`](crate::params).
+pub trait Params: Sized + std::fmt::Debug + Clone + PartialEq + Send + Sync + 'static {
+    /// The doc comment of the struct, which is the doc of the kind.
+    const DOC: &'static str;
+    /// One entry a parameter, in the order of declaration.
+    fn specs() -> Vec<ParamSpec>;
+    /// Reads the fields of a node; every mistake is reported to `fields`, and then there is no value.
+    fn read(fields: &mut Fields<'_, '_>) -> Option<Self>;
+    /// Visits (name, value) in the order of declaration.
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
+}
+
+/// A kind's own parameters, and those that it shares with others; the doc is that of its own.
+impl<Own: Params, Shared: Params> Params for (Own, Shared) {
+    const DOC: &'static str = Own::DOC;
+    fn specs() -> Vec<ParamSpec> {
+        [Own::specs(), Shared::specs()].concat()
+    }
+    fn read(fields: &mut Fields<'_, '_>) -> Option<Self> {
+        // Both, so that all mistakes are told.
+        let (own, shared) = (Own::read(fields), Shared::read(fields));
+        Some((own?, shared?))
+    }
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue)) {
+        self.0.visit(visit);
+        self.1.visit(visit);
+    }
+}
+
+/// Declares the parameters of a kind. Where every one has a default, so has the struct, for code that has no graph.
+///
+/// ```
+/// engine::params! {
+///     /// Resamples cube faces into a panorama.
+///     pub struct Stitch {
+///         /// Width of the panorama; the height is half of it.
+///         width_px: u32 = 2048, range(16, 16384), unit("px"), other("64"),
+///             knob(Resolution, "256", "512", "1024", "4096");
+///         /// Where to read from; has no default, so it must be given.
+///         path: engine::InputFile, other("\"b.ply\"");
+///     }
+/// }
+/// let specs = <Stitch as engine::Params>::specs();
+/// assert_eq!((specs[0].default)().as_deref(), Some("2048"));
+/// assert_eq!(specs[0].range, Some((16.0, 16384.0)));
+///
+/// engine::params! {
+///     /// Softens a shadow.
+///     pub struct Soften { /** Exponent. */ gamma: f64 = 0.8; /** Strength. */ lambda: f64 = 1.0; }
+/// }
+/// let half = Soften { lambda: 0.5, ..Soften::default() };
+/// assert_eq!(half, Soften { gamma: 0.8, lambda: 0.5 });
+/// ```
+#[macro_export]
+macro_rules! params {
+    ($(#[doc = $sdoc:literal])* $vis:vis struct $name:ident {
+        $($(#[doc = $doc:literal])* $field:ident: $type:ty $(= $default:expr)? $(, $attr:ident($($arg:tt)*))*;)*
+    }) => {
+        $(#[doc = $sdoc])*
+        #[derive(Debug, Clone, PartialEq)]
+        $vis struct $name { $($(#[doc = $doc])* pub $field: $type,)* }
+        $crate::params!(@defaults $name { $($field $(= $default)?;)* });
+        impl $crate::Params for $name {
+            const DOC: &'static str = concat!($($sdoc, "\n"),*);
+            fn specs() -> Vec<$crate::ParamSpec> {
+                vec![$({
+                    #[allow(unused_mut, reason = "not every parameter has attributes")]
+                    let mut spec = $crate::ParamSpec {
+                        name: stringify!($field), doc: concat!($($doc, "\n"),*).trim_ascii(),
+                        describe: <$type as $crate::ParamType>::describe,
+                        default: || $crate::params!(@default $type $(= $default)?)
+                            .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
+                        range: None, unit: "", other: None, inert: None, knob: None,
+                        role: <$type as $crate::ParamType>::ROLE,
+                    };
+                    $($crate::params!(@attr spec $attr($($arg)*));)*
+                    spec
+                }),*]
+            }
+            #[allow(unused_variables, reason = "a kind may have no parameters")]
+            fn read(fields: &mut $crate::Fields<'_, '_>) -> Option<Self> {
+                $(let $field: Option<$type> = fields.parameter(
+                    stringify!($field),
+                    $crate::params!(@default $type $(= $default)?),
+                    $crate::params!(@range $($attr($($arg)*))*),
+                );)*
+                Some(Self { $($field: $field?,)* })
+            }
+            #[allow(unused_variables, reason = "a kind may have no parameters")]
+            fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn $crate::ParamValue)) {
+                $(visit(stringify!($field), &self.$field);)*
+            }
+        }
+    };
+    (@defaults $name:ident { $($field:ident = $default:expr;)* }) => {
+        impl Default for $name {
+            fn default() -> Self { Self { $($field: $default,)* } }
+        }
+    };
+    (@defaults $name:ident { $($rest:tt)* }) => {};
+    (@default $type:ty) => { None::<$type> };
+    (@default $type:ty = $default:expr) => { Some::<$type>($default) };
+    (@attr $spec:ident range($low:expr, $high:expr)) => { $spec.range = Some(($low as f64, $high as f64)); };
+    (@attr $spec:ident unit($unit:expr)) => { $spec.unit = $unit; };
+    (@attr $spec:ident other($other:expr)) => { $spec.other = Some($other); };
+    (@attr $spec:ident inert($why:expr)) => { $spec.inert = Some($why); };
+    (@attr $spec:ident knob($kind:ident, $draft:expr, $preview:expr, $final:expr, $reference:expr)) => {
+        $spec.knob = Some($crate::Knob {
+            kind: $crate::KnobKind::$kind,
+            ladder: [$draft, $preview, $final, $reference],
+        });
+    };
+    (@range) => { None };
+    (@range range($low:expr, $high:expr) $($rest:tt)*) => { Some(($low as f64, $high as f64)) };
+    (@range $attr:ident($($arg:tt)*) $($rest:tt)*) => { $crate::params!(@range $($rest)*) };
+}
+
+/// Declares a parameter type that is one of several words, each documented.
+///
+/// ```
+/// engine::choices! {
+///     /// How the darker exposure replaces the brighter one.
+///     pub enum Blend { /** At the threshold, as the paper. */ Hard, /** Over a ramp. */ Ramp }
+/// }
+/// assert_eq!(<Blend as engine::ParamType>::describe(), "Hard | Ramp");
+/// ```
+#[macro_export]
+macro_rules! choices {
+    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])* $variant:ident),* $(,)? }) => {
+        $(#[doc = $sdoc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, $crate::serde::Serialize, $crate::serde::Deserialize)]
+        #[serde(crate = "engine::serde")]
+        $vis enum $name { $($(#[doc = $doc])* $variant,)* }
+        impl $crate::ParamType for $name {
+            fn describe() -> String { [$(stringify!($variant)),*].join(" | ") }
+        }
+    };
+}

@@ -1,0 +1,202 @@
+//! Kinds: what a node does, and the table that knows them all.
+
+use crate::kind::contract::Cost;
+use crate::kind::contract::Keep;
+use crate::kind::contract::Kind;
+use crate::kind::contract::Sizes;
+use crate::kind::contract::ViewCount;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::kind::context::{Context, ContextField};
+use crate::kind::fields::Fields;
+use crate::kind::param_type::{ParamValue, Role};
+use crate::kind::params::{ParamSpec, Params};
+use crate::kind::port::{Inputs, Outputs, PortSpec, Wired};
+use crate::value::artifact::AnyArtifact;
+use crate::value::error::NodeError;
+use crate::value::note::Notes;
+use crate::value::root::{FileHead, SourceFile, SourceRoot};
+
+/// Parameters of an unknown type, together with what can be done with them.
+pub(crate) trait Step: Send + Sync {
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue));
+    fn check(&self) -> Result<(), NodeError>;
+    fn check_wires(&self, wired: &Wired) -> Result<(), NodeError>;
+    fn views(&self, root: &SourceRoot) -> ViewCount;
+    fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError>;
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost;
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost;
+    fn work(&self, sizes: &Sizes) -> f64;
+    fn run(
+        &self,
+        inputs: Vec<Vec<AnyArtifact>>,
+        cx: &Context,
+    ) -> Result<(Vec<AnyArtifact>, Notes), NodeError>;
+}
+
+struct StepOf<K: Kind>(K::Params);
+
+impl<K: Kind> Step for StepOf<K> {
+    fn visit(&self, visit: &mut dyn FnMut(&'static str, &dyn ParamValue)) {
+        self.0.visit(visit);
+    }
+    fn check(&self) -> Result<(), NodeError> {
+        K::check(&self.0)
+    }
+    fn check_wires(&self, wired: &Wired) -> Result<(), NodeError> {
+        K::check_wires(&self.0, wired)
+    }
+    fn views(&self, root: &SourceRoot) -> ViewCount {
+        K::views(&self.0, root)
+    }
+    fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        K::sources(&self.0, root)
+    }
+    fn estimate(&self, inputs: Vec<Vec<AnyArtifact>>) -> Cost {
+        K::estimate(&self.0, &K::In::take(inputs))
+    }
+    fn estimate_files(&self, files: &[FileHead<'_>]) -> Cost {
+        K::estimate_files(&self.0, files)
+    }
+    fn work(&self, sizes: &Sizes) -> f64 {
+        K::work(&self.0, sizes)
+    }
+    fn run(
+        &self,
+        inputs: Vec<Vec<AnyArtifact>>,
+        cx: &Context,
+    ) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {
+        let (out, notes) = K::run(&self.0, K::In::take(inputs), cx)?;
+        Ok((out.give(), notes))
+    }
+}
+
+/// A kind as the engine sees it.
+pub struct KindEntry {
+    /// Kebab-case name.
+    pub name: &'static str,
+    /// [`Kind::VERSION`].
+    pub version: u32,
+    /// The doc comment of its parameters: first line is the summary.
+    pub doc: &'static str,
+    /// Parameters in order of declaration.
+    pub params: Vec<ParamSpec>,
+    /// Input ports in order of declaration.
+    pub inputs: Vec<PortSpec>,
+    /// Output ports; the first is the default one.
+    pub outputs: Vec<PortSpec>,
+    /// [`Kind::READS`].
+    pub reads: &'static [ContextField],
+    /// [`Kind::STORE`].
+    pub store: Keep,
+    /// [`Kind::PROFILE`].
+    pub profile: &'static str,
+    /// [`Kind::DATA`].
+    pub data: &'static [u8],
+    /// [`Kind::INSTANT`].
+    pub instant: bool,
+    /// [`Kind::REFINES`].
+    pub refines: Option<&'static str>,
+    /// [`Kind::LOOKS`].
+    pub looks: &'static [&'static str],
+    /// [`Kind::ROUGH`].
+    pub rough: &'static [(&'static str, &'static str)],
+    /// [`Kind::COARSE`].
+    pub coarse: Option<&'static str>,
+    /// [`Kind::FOLDERS`].
+    pub(crate) folders: bool,
+    /// [`Kind::SUPPLIED`].
+    pub(crate) supplied: Option<&'static str>,
+    /// Whether a parameter names a file to read.
+    pub(crate) reads_files: bool,
+    pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
+}
+
+impl KindEntry {
+    /// The entry of `K`.
+    pub fn of<K: Kind>() -> Self {
+        let params = K::Params::specs();
+        Self {
+            name: K::NAME,
+            version: K::VERSION,
+            doc: K::Params::DOC,
+            reads_files: params.iter().any(|param| param.role == Role::Input),
+            params,
+            inputs: K::In::ports(),
+            outputs: K::Out::ports(),
+            reads: K::READS,
+            store: K::STORE,
+            profile: K::PROFILE,
+            data: K::DATA,
+            instant: K::INSTANT,
+            refines: K::REFINES,
+            looks: K::LOOKS,
+            rough: K::ROUGH,
+            coarse: K::COARSE,
+            folders: K::FOLDERS,
+            supplied: K::SUPPLIED,
+            read: |fields| {
+                let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
+                Some(step)
+            },
+        }
+    }
+
+    /// The name in graph files: `SplatRender`.
+    pub fn camel_name(&self) -> String {
+        camel(self.name)
+    }
+
+    /// The first parameter that names a file to read.
+    pub(crate) fn source_param(&self) -> Option<&'static str> {
+        self.params.iter().find(|param| param.role == Role::Input).map(|param| param.name)
+    }
+
+    /// The parameter that names the file to write, for sinks.
+    pub fn sink_param(&self) -> Option<&ParamSpec> {
+        self.params.iter().find(|param| param.role == Role::Output)
+    }
+}
+
+/// `splat-render` to `SplatRender`.
+pub(crate) fn camel(kebab: &str) -> String {
+    let mut out = String::with_capacity(kebab.len());
+    for word in kebab.split('-') {
+        let mut letters = word.chars();
+        out.extend(letters.next().map(|c| c.to_ascii_uppercase()));
+        out.extend(letters);
+    }
+    out
+}
+
+/// The table of kinds. A user's own crate adds to it with [`Registry::with`].
+#[derive(Default)]
+pub struct Registry {
+    kinds: BTreeMap<String, Arc<KindEntry>>,
+}
+
+impl Registry {
+    /// A table of the given kinds. Two kinds of one name are our bug.
+    pub fn new(entries: Vec<KindEntry>) -> Self {
+        entries.into_iter().fold(Self::default(), Self::with)
+    }
+
+    /// Adds a kind.
+    pub fn with(mut self, entry: KindEntry) -> Self {
+        let name = entry.camel_name();
+        let earlier = self.kinds.insert(name.clone(), Arc::new(entry));
+        assert!(earlier.is_none(), "two kinds are named {name}");
+        self
+    }
+
+    /// The kind of a name in either spelling.
+    pub fn get(&self, name: &str) -> Option<&Arc<KindEntry>> {
+        self.kinds.get(name).or_else(|| self.kinds.get(&camel(name)))
+    }
+
+    /// Every kind, in order of name.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<KindEntry>> {
+        self.kinds.values()
+    }
+}

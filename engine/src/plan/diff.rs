@@ -1,0 +1,170 @@
+//! Differences between two graphs: in what they say, and in what came of them.
+
+use std::collections::{BTreeMap, HashMap};
+
+use cache::{Change, Digest};
+
+use crate::graph::graph::Graph;
+use crate::graph::node::Wire;
+use crate::plan::plan::{Fate, Outlook};
+use crate::run::engine::Engine;
+use crate::run::job::stored_value;
+use crate::value::artifact::{AnyArtifact, Difference};
+use crate::value::files::Files;
+
+/// How a node of one name differs between two graphs.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NodeDifference {
+    /// Only the first graph has it.
+    Gone,
+    /// Only the second graph has it.
+    New,
+    /// Parameters, wires, or the kind itself.
+    Changed(Vec<Change>),
+}
+
+/// What two graphs say otherwise: `scene` and the nodes by name, in the order of the first graph, then
+/// what only the second has. Defaults that are written out, layout and comments are no difference.
+pub fn graph_differences(a: &Graph, b: &Graph) -> Vec<(String, NodeDifference)> {
+    let mut found = Vec::new();
+    let scene = |graph: &Graph| {
+        let scene = graph.scene;
+        let fields = [
+            ("up", scene.up.name().to_owned()),
+            ("metres_per_unit", format!("{:?}", scene.metres_per_unit)),
+            ("seed", scene.seed.to_string()),
+        ];
+        fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    };
+    let changes = changes(scene(a), scene(b));
+    if !changes.is_empty() {
+        found.push(("scene".to_owned(), NodeDifference::Changed(changes)));
+    }
+    let (in_a, in_b) = (by_name(a), by_name(b));
+    for (index, node) in a.nodes.iter().enumerate() {
+        let difference = match in_b.get(node.id.as_str()).copied() {
+            None => NodeDifference::Gone,
+            Some(other) => NodeDifference::Changed(self::changes(fields(a, index), fields(b, other))),
+        };
+        if difference != NodeDifference::Changed(Vec::new()) {
+            found.push((node.id.clone(), difference));
+        }
+    }
+    let new = b.nodes.iter().filter(|node| !in_a.contains_key(node.id.as_str()));
+    found.extend(new.map(|node| (node.id.clone(), NodeDifference::New)));
+    found
+}
+
+fn by_name(graph: &Graph) -> HashMap<&str, usize> {
+    graph.nodes.iter().enumerate().map(|(index, node)| (node.id.as_str(), index)).collect()
+}
+
+/// Kind, parameters with defaults filled in, and wires by name.
+fn fields(graph: &Graph, index: usize) -> Vec<(String, String)> {
+    let node = &graph.nodes[index];
+    let mut fields = vec![("kind".to_owned(), node.kind.name.to_owned())];
+    node.step.visit(&mut |name, value| fields.push((name.to_owned(), value.text().unwrap_or_default())));
+    let wire = |wire: &Wire| {
+        let above = &graph.nodes[wire.node];
+        format!("{}.{}", above.id, above.kind.outputs[wire.port].name)
+    };
+    for (port, wires) in node.kind.inputs.iter().zip(&node.inputs).filter(|(_, wires)| !wires.is_empty()) {
+        let wires: Vec<String> = wires.iter().map(wire).collect();
+        fields.push((port.name.to_owned(), wires.join(", ")));
+    }
+    fields
+}
+
+/// Fields that are gone, new or other.
+pub(crate) fn changes(old: Vec<(String, String)>, new: Vec<(String, String)>) -> Vec<Change> {
+    let before: BTreeMap<&String, &String> = old.iter().map(|(name, value)| (name, value)).collect();
+    let after: BTreeMap<&String, &String> = new.iter().map(|(name, value)| (name, value)).collect();
+    let gone = old.iter().filter(|(name, _)| !after.contains_key(name));
+    let gone = gone.map(|(name, value)| (name, Some(value.clone()), None));
+    let other = new.iter().filter(|(name, value)| before.get(name) != Some(&value));
+    let other =
+        other.map(|(name, value)| (name, before.get(name).map(|v| (*v).clone()), Some(value.clone())));
+    other.chain(gone).map(|(path, old, new)| Change { path: path.clone(), old, new }).collect()
+}
+
+/// A node whose results are known on both sides, and are not the same.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResultDifference {
+    /// Name of the node.
+    pub id: String,
+    /// The outputs that differ: name, and how far they lie apart where both values are kept.
+    pub outputs: Vec<(String, Option<Difference>)>,
+    /// True when nothing that it reads differs: here it begins.
+    pub first: bool,
+}
+
+/// What came of two graphs, node by node of one name and kind, what is read before what reads it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ResultDifferences {
+    /// How many nodes are known on both sides.
+    pub compared: usize,
+    /// Those of them that differ.
+    pub unequal: Vec<ResultDifference>,
+    /// Nodes of one name and kind whose result is not known in the first graph, and those in the second.
+    pub unknown: [Vec<String>; 2],
+}
+
+/// Compares the kept results of two graphs, each as its engine's store knows it. `of_files` says how files of sinks
+/// differ, which are no more than bytes here.
+pub fn result_differences(
+    a: (&Engine, &Graph),
+    b: (&Engine, &Graph),
+    of_files: impl Fn(&Files, &Files) -> Difference,
+) -> ResultDifferences {
+    let known = |(engine, graph): (&Engine, &Graph)| {
+        let mut outlook = Outlook::new(engine, graph);
+        let mut known = vec![false; graph.nodes.len()];
+        for &index in graph.order() {
+            known[index] = matches!(outlook.fate(index), Fate::Known | Fate::Lost);
+        }
+        (outlook.records, known)
+    };
+    let ((records_a, known_a), (records_b, known_b)) = (known(a), known(b));
+    let (mut found, in_b) = (ResultDifferences::default(), by_name(b.1));
+    let mut differs = vec![false; a.1.nodes.len()];
+    for &index in a.1.order() {
+        let node = &a.1.nodes[index];
+        let Some(other) = in_b.get(node.id.as_str()).copied() else { continue };
+        if node.kind.name != b.1.nodes[other].kind.name {
+            continue;
+        }
+        for (unknown, known) in found.unknown.iter_mut().zip([known_a[index], known_b[other]]) {
+            if !known {
+                unknown.push(node.id.clone());
+            }
+        }
+        let (true, true, Some(then), Some(now)) =
+            (known_a[index], known_b[other], &records_a[index], &records_b[other])
+        else {
+            continue;
+        };
+        found.compared += 1;
+        let mut outputs = Vec::new();
+        for (port, (then, now)) in node.kind.outputs.iter().zip(then.outputs.iter().zip(&now.outputs)) {
+            if then.digest != now.digest {
+                let value =
+                    |engine: &Engine, digest: &Digest| stored_value(engine.store(), &port.artifact, digest);
+                let pair = value(a.0, &then.digest).zip(value(b.0, &now.digest));
+                let difference = |(a, b): (AnyArtifact, AnyArtifact)| match a
+                    .downcast_ref::<Files>()
+                    .zip(b.downcast_ref::<Files>())
+                {
+                    Some((a, b)) => of_files(a, b),
+                    None => port.artifact.difference(&a, &b),
+                };
+                outputs.push((port.name.to_owned(), pair.map(difference)));
+            }
+        }
+        if !outputs.is_empty() {
+            differs[index] = true;
+            let first = !a.1.reads(index).iter().any(|&above| differs[above]);
+            found.unequal.push(ResultDifference { id: node.id.clone(), outputs, first });
+        }
+    }
+    found
+}

@@ -1,0 +1,69 @@
+//! The values that the last run of a graph had, after the run: out of the store, or made once more.
+
+use crate::run::job::context_of;
+use std::collections::BTreeMap;
+
+use cache::Digest;
+
+use crate::graph::graph::Graph;
+use crate::graph::node::Wire;
+use crate::kind::contract::Keep;
+use crate::record::action::{Action, last_outputs, read_sources};
+use crate::record::record::Output;
+use crate::run::engine::Engine;
+use crate::run::job::stored_value;
+use crate::value::artifact::{AnyArtifact, Artifact, decode_all};
+use crate::value::error::guarded;
+
+impl Engine {
+    /// The value of an output that the last run of a graph had: from the store or, where only its digest was kept, by
+    /// the code of its node and of such nodes above it. `None` where neither gives what the run had. For tests and
+    /// viewers.
+    pub fn value<A: Artifact>(&self, graph: &Graph, wire: Wire) -> Option<A> {
+        let output = self.last_output(graph, wire)?;
+        let bytes = match output.stored {
+            true => self.store.get_blob(&output.digest).ok()??,
+            false => {
+                let value = self.made_again(graph, wire)?;
+                let bytes = (graph.nodes[wire.node].kind.outputs[wire.port].artifact.encode)(&value);
+                Some(bytes).filter(|bytes| Digest::of(bytes) == output.digest)?
+            }
+        };
+        decode_all(&bytes).ok()
+    }
+
+    fn last_output(&self, graph: &Graph, wire: Wire) -> Option<Output> {
+        let record = last_outputs(&self.store, graph, &graph.nodes[wire.node])?;
+        record.outputs.get(wire.port).cloned()
+    }
+
+    fn made_again(&self, graph: &Graph, wire: Wire) -> Option<AnyArtifact> {
+        let kept = |node: usize| graph.nodes[node].kind.store == Keep::Always;
+        // The way up ends at nodes that keep their values.
+        let mut runs = vec![false; graph.nodes.len()];
+        runs[wire.node] = true;
+        for &node in graph.order().iter().rev() {
+            if runs[node] {
+                graph.reads(node).iter().for_each(|&above| runs[above] |= !kept(above));
+            }
+        }
+        let mut made: BTreeMap<usize, Vec<AnyArtifact>> = BTreeMap::new();
+        for &index in graph.order().iter().filter(|&&index| runs[index]) {
+            let node = &graph.nodes[index];
+            let input = |from: &Wire| match made.get(&from.node) {
+                Some(values) => values.get(from.port).cloned(),
+                None => {
+                    let artifact = &graph.nodes[from.node].kind.outputs[from.port].artifact;
+                    stored_value(&self.store, artifact, &self.last_output(graph, *from)?.digest)
+                }
+            };
+            let port = |wires: &Vec<Wire>| wires.iter().map(input).collect::<Option<Vec<_>>>();
+            let inputs = node.inputs.iter().map(port).collect::<Option<Vec<_>>>()?;
+            let sources = read_sources(graph, index, &self.store).ok()?;
+            let context = context_of(graph, index, &Action { sources, ..Action::default() });
+            let (values, _) = guarded(|| node.step.run(inputs, &context)).ok()?;
+            made.insert(index, values);
+        }
+        made.remove(&wire.node)?.into_iter().nth(wire.port)
+    }
+}

@@ -1,0 +1,150 @@
+//! Locks: what a graph is made of, by digest, so that it can be told whether another run is the same.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::graph::graph::Graph;
+use crate::plan::plan::{Fate, Outlook};
+use crate::run::engine::Engine;
+use crate::text::source::Source;
+use crate::value::error::NodeError;
+
+/// Raised when the fields of a lock change.
+const FORMAT: u32 = 1;
+
+/// The inputs, the kinds and the results of a graph. Its text is RON, in order, the same for the same graph.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lock {
+    /// Format of the lock.
+    pub format: u32,
+    /// Version and numeric profile of every kind in the graph.
+    pub kinds: BTreeMap<String, (u32, String)>,
+    /// Digest of every file that is read, by its name in the graph.
+    pub inputs: BTreeMap<String, String>,
+    /// Digests of the outputs of every node that is known, by node and output.
+    pub results: BTreeMap<String, BTreeMap<String, String>>,
+}
+
+/// Why a text is no lock.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// It does not read as one.
+    #[error("{name}: this is no lock: {why}")]
+    Form {
+        /// The file.
+        name: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// Another format.
+    #[error("{name}: the lock is of format {format}, and this program reads {FORMAT}")]
+    Format {
+        /// The file.
+        name: String,
+        /// Its format.
+        format: u32,
+    },
+}
+
+/// What differs between a lock and what is found now; one line each.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct LockDifferences {
+    /// Kinds and inputs: a run would not be the same.
+    pub before: Vec<String>,
+    /// Results: the runs were not the same.
+    pub results: Vec<String>,
+}
+
+impl Engine {
+    /// The lock of what the targets of a graph need. Results that are not known are left out.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub fn lock(&self, graph: &Graph, only: &[usize]) -> Result<Lock, NodeError> {
+        let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
+        let wanted = graph.above(&targets);
+        let mut outlook = Outlook::new(self, graph);
+        let mut lock = Lock { format: FORMAT, ..Lock::default() };
+        for &index in graph.order().iter().filter(|&&index| wanted[index]) {
+            let node = &graph.nodes[index];
+            let kind = (node.kind.version, node.kind.profile.to_owned());
+            lock.kinds.insert(node.kind.name.to_owned(), kind);
+            let fate = outlook.fate(index);
+            // Inputs are locked even where what stands above a reader is not known.
+            let sources = match fate {
+                Fate::Follows(_) | Fate::Fails(_) => {
+                    crate::record::action::read_sources(graph, index, self.store())?
+                }
+                _ => outlook.actions[index].sources.clone(),
+            };
+            for source in sources {
+                lock.inputs.insert(source.file.name, source.digest.to_string());
+            }
+            if let (Fate::Known | Fate::Lost, Some(record)) = (fate, &outlook.records[index]) {
+                let outputs = node.kind.outputs.iter().zip(&record.outputs);
+                let digests = outputs.map(|(port, output)| (port.name.to_owned(), output.digest.to_string()));
+                lock.results.insert(node.id.clone(), digests.collect());
+            }
+        }
+        Ok(lock)
+    }
+}
+
+impl Lock {
+    /// The text of the lock.
+    pub fn text(&self) -> String {
+        let pretty = ron::ser::PrettyConfig::new().struct_names(true).new_line("\n").compact_arrays(true);
+        // Strings, numbers and maps always serialise.
+        ron::ser::to_string_pretty(self, pretty).unwrap_or_default() + "\n"
+    }
+
+    /// Reads the text of a lock.
+    ///
+    /// # Errors
+    /// Where it is none, with the place.
+    pub fn parse(source: &Source) -> Result<Self, LockError> {
+        let name = source.name.clone();
+        let lock: Self = ron::from_str(&source.text)
+            .map_err(|error| LockError::Form { name: name.clone(), why: error.to_string() })?;
+        if lock.format == FORMAT { Ok(lock) } else { Err(LockError::Format { name, format: lock.format }) }
+    }
+
+    /// How `now` differs from this lock. Results are compared where both know them.
+    pub fn differences(&self, now: &Lock) -> LockDifferences {
+        let short = |digest: &str| digest.chars().take(12).collect::<String>();
+        let mut found = LockDifferences::default();
+        for (kind, (version, profile)) in &now.kinds {
+            match self.kinds.get(kind) {
+                None => found.before.push(format!("the lock has no kind `{kind}`")),
+                Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
+                    "`{kind}` is version {version} ({profile}), and the lock has {} ({})",
+                    known.0, known.1
+                )),
+                _ => {}
+            }
+        }
+        for (name, digest) in &now.inputs {
+            match self.inputs.get(name) {
+                None => found.before.push(format!("the lock has no input `{name}`")),
+                Some(known) if known != digest => found.before.push(format!(
+                    "`{name}` has other content: {}, and the lock has {}",
+                    short(digest),
+                    short(known)
+                )),
+                _ => {}
+            }
+        }
+        for (node, outputs) in &now.results {
+            let Some(known) = self.results.get(node) else { continue };
+            for (port, digest) in outputs {
+                if let Some(known) = known.get(port).filter(|known| *known != digest) {
+                    let (now, then) = (short(digest), short(known));
+                    found.results.push(format!("`{node}.{port}` came out as {now}, and the lock has {then}"));
+                }
+            }
+        }
+        found
+    }
+}

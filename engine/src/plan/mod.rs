@@ -1,0 +1,6 @@
+//! What a run would do, and what runs gave: plans, last values, locks, differences.
+
+pub(crate) mod diff;
+pub(crate) mod last_values;
+pub(crate) mod lock;
+pub(crate) mod plan;

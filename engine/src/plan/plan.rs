@@ -1,0 +1,346 @@
+//! Plans: what a run would do and why, without running anything that takes time.
+//!
+//! A node is known when its key is in the store. Where it is not, what follows depends on what it would
+//! give; for kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig) the plan finds out, so it
+//! tells exactly where an edit stops.
+
+use crate::run::event::Forecast;
+use crate::run::job::context_of;
+use std::path::Path;
+
+use cache::{Change, Digest, Manifest};
+
+use crate::graph::graph::Graph;
+use crate::graph::node::Wire;
+use crate::record::action::{
+    Action, last_keys, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
+};
+use crate::record::pace::Pace;
+use crate::record::record::{Output, Record, Spent};
+use crate::run::engine::Engine;
+use crate::run::job::{encode, stored_value};
+use crate::run::remembered::lookups::LookupMemo;
+use crate::run::remembered::previous::Cone;
+use crate::text::values::parse_value;
+use crate::value::artifact::AnyArtifact;
+use crate::value::error::NodeError;
+use crate::value::error::guarded;
+
+/// What a run would do with a node.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fate {
+    /// No target stands below it.
+    Unwanted,
+    /// Its result is known.
+    Known,
+    /// Its result is known but no longer kept; its code runs again if a reader needs it.
+    Lost,
+    /// Its code would run.
+    Runs(Why),
+    /// Whether it runs depends on what the named node above it gives; that one would run.
+    Follows(String),
+    /// Its sources cannot be read.
+    Fails(String),
+}
+
+/// Why a node would run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Why {
+    /// A node of this name never ran in this graph file, or nothing of it is kept.
+    New,
+    /// What its key is made of differs from the last run.
+    Changed(Vec<Change>),
+}
+
+/// What a run would do with one node.
+#[derive(Debug, Clone)]
+pub struct Planned {
+    /// Name of the node.
+    pub id: String,
+    /// Its kind.
+    pub kind: &'static str,
+    /// What would happen.
+    pub fate: Fate,
+    /// Seconds that its code would take, by earlier runs of its kind; `None` where there is none, or where
+    /// nothing would run. Parts that are kept make it less.
+    pub forecast: Option<f64>,
+    /// What its key is made of, where it is known: (path, value).
+    pub manifest: Option<Manifest>,
+}
+
+/// What is remembered of a node by its name and the name of its graph file.
+#[derive(Debug, Clone, Default)]
+pub struct Past {
+    /// What its code took when it last ran.
+    pub spent: Option<Spent>,
+    /// How its key differs from the one it had before.
+    pub changes: Vec<Change>,
+}
+
+impl Forecast {
+    /// Sums a plan up.
+    pub fn of(plan: &[Planned]) -> Self {
+        let wanted = || plan.iter().filter(|node| node.fate != Fate::Unwanted);
+        let open = || wanted().filter(|node| node.fate != Fate::Known);
+        Self {
+            open: open().count(),
+            wanted: wanted().count(),
+            // Not `sum`, which is -0 where there is nothing.
+            seconds: open().filter_map(|node| node.forecast).fold(0.0, |sum, seconds| sum + seconds),
+            untimed: open().filter(|node| node.forecast.is_none()).count(),
+        }
+    }
+}
+
+impl Engine {
+    /// What [`Engine::run`] would do, node by node in the order of the file.
+    pub fn plan(&self, graph: &Graph, only: &[usize]) -> Vec<Planned> {
+        self.plan_of(graph, only, Outlook::new(self, graph), |_| true)
+    }
+
+    /// The same for a run into `out` that the last one of this process left the rest of: what that knows is known.
+    pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
+        let wanted = graph.wanted(only);
+        let previous_run = self.previous_run();
+        let cone = previous_run
+            .as_ref()
+            .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));
+        let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
+            return self.plan(graph, only);
+        };
+        let mut outlook = Outlook::empty(self, graph, LookupMemo::default());
+        for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
+            if graph.nodes[index].kind.reads_files {
+                outlook.actions[index].sources.clone_from(&slot.action.sources);
+            }
+            if graph.consumers(index).iter().any(|&below| of[below]) {
+                outlook.records[index].clone_from(&slot.record);
+            }
+        }
+        self.plan_of(graph, only, outlook, |index| of[index])
+    }
+
+    fn plan_of(
+        &self,
+        graph: &Graph,
+        only: &[usize],
+        mut outlook: Outlook<'_>,
+        open: impl Fn(usize) -> bool,
+    ) -> Vec<Planned> {
+        let wanted = graph.wanted(only);
+        let mut planned: Vec<Option<Planned>> = graph.nodes.iter().map(|_| None).collect();
+        for &index in graph.order() {
+            let fate = match (wanted[index], open(index)) {
+                (false, _) => Fate::Unwanted,
+                (true, false) => Fate::Known,
+                (true, true) => outlook.fate(index),
+            };
+            planned[index] = Some(outlook.planned(index, fate));
+        }
+        planned.into_iter().flatten().collect()
+    }
+
+    /// What is remembered of a node that was planned.
+    pub fn past(&self, graph: &Graph, node: usize, planned: &Planned) -> Past {
+        let (store, node) = (self.store(), &graph.nodes[node]);
+        let spent = last_run(store, graph, node).map(|(spent, _)| spent);
+        let change = |now: &Manifest| {
+            // The key is the digest of its manifest.
+            let before = manifest_before(store, graph, node, &Digest::of(now.as_bytes()))?;
+            Some(written(&before, now))
+        };
+        Past { spent, changes: planned.manifest.as_ref().and_then(change).unwrap_or_default() }
+    }
+
+    /// What a node's code takes from nothing, as of the last run of a node of this name in this graph file,
+    /// whether it ran then or was known.
+    pub fn spent(&self, graph: &Graph, node: usize) -> Option<Spent> {
+        last_outputs(self.store(), graph, &graph.nodes[node]).map(|record| record.spent)
+    }
+
+    /// The content digests of a node's outputs as of its last run, in the order of its ports.
+    pub fn digests(&self, graph: &Graph, node: usize) -> Option<Vec<Digest>> {
+        let record = last_outputs(self.store(), graph, &graph.nodes[node])?;
+        Some(record.outputs.iter().map(|output| output.digest).collect())
+    }
+}
+
+/// What is known of the nodes of a graph without running it. Nodes are asked about in the order of the graph.
+pub(crate) struct Outlook<'a> {
+    engine: &'a Engine,
+    graph: &'a Graph,
+    /// Of nodes whose outputs are known by digest, whether they were made or only found out.
+    pub records: Vec<Option<Record>>,
+    pub actions: Vec<Action>,
+    /// What the last run looked up.
+    known: LookupMemo,
+    /// Values of instant nodes that were found out.
+    values: Vec<Option<Vec<AnyArtifact>>>,
+}
+
+impl<'a> Outlook<'a> {
+    pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
+        Self::empty(engine, graph, LookupMemo::read(engine.store(), &last_keys(graph), graph.nodes.len()))
+    }
+
+    fn empty(engine: &'a Engine, graph: &'a Graph, known: LookupMemo) -> Self {
+        Self {
+            engine,
+            graph,
+            records: graph.nodes.iter().map(|_| None).collect(),
+            actions: graph.nodes.iter().map(|_| Action::default()).collect(),
+            known,
+            values: graph.nodes.iter().map(|_| None).collect(),
+        }
+    }
+
+    /// What would happen to a node that is wanted.
+    pub fn fate(&mut self, index: usize) -> Fate {
+        let (graph, store) = (self.graph, self.engine.store());
+        let node = &graph.nodes[index];
+        if let Some(wire) = node.inputs.iter().flatten().find(|wire| self.records[wire.node].is_none()) {
+            return Fate::Follows(graph.nodes[wire.node].id.clone());
+        }
+        let action = match self.action(index) {
+            Ok(action) => action,
+            Err(error) => return Fate::Fails(error.to_string()),
+        };
+        let key = action.digest();
+        let record = self.known.record(graph, index, &key).or_else(|| look_up(store, node, &key));
+        self.actions[index] = action;
+        if let Some(record) = record {
+            let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);
+            let lost = record.outputs.iter().any(gone);
+            self.records[index] = Some(record);
+            return if lost { Fate::Lost } else { Fate::Known };
+        }
+        if node.kind.instant {
+            self.find_out(index);
+        }
+        let manifest = self.actions[index].key.as_ref().map(|key| &key.manifest);
+        match (manifest, last_run(store, graph, node)) {
+            (Some(new), Some((_, last))) => Fate::Runs(Why::Changed(written(&last, new))),
+            _ => Fate::Runs(Why::New),
+        }
+    }
+
+    fn planned(&self, index: usize, fate: Fate) -> Planned {
+        let (graph, store) = (self.graph, self.engine.store());
+        let node = &graph.nodes[index];
+        let key = self.actions[index].key.as_ref();
+        let last = || last_run(store, graph, node).map(|(spent, _)| spent.work);
+        let runs = matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
+        let forecast = runs
+            .then(|| self.work(index).or_else(last))
+            .flatten()
+            .and_then(|work| Pace::of(store, &node.kind).seconds(work))
+            .map(|seconds| seconds * new_share(&fate, node.kind.refines));
+        let manifest = key.map(|key| key.manifest.clone());
+        Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
+    }
+
+    /// The work of a node, where its inputs are as large as they are known to be or were in the last run.
+    fn work(&self, index: usize) -> Option<f64> {
+        let node = &self.graph.nodes[index];
+        let reads = self.graph.reads(index).iter();
+        let known = reads.map(|&above| {
+            let last = || last_outputs(self.engine.store(), self.graph, &self.graph.nodes[above]);
+            Some((above, self.records[above].clone().or_else(last)?))
+        });
+        let known: Vec<(usize, Record)> = known.collect::<Option<_>>()?;
+        let output = |wire: Wire| -> &Output {
+            let (_, record) =
+                known.iter().find(|(above, _)| *above == wire.node).expect("it reads this node");
+            &record.outputs[wire.port]
+        };
+        let sizes = sizes(node, &self.actions[index].sources, output);
+        guarded(|| Ok(node.step.work(&sizes))).ok()
+    }
+
+    /// The action of a node whose inputs are known.
+    fn action(&self, index: usize) -> Result<Action, NodeError> {
+        let output = |wire: Wire| -> &Output {
+            &self.records[wire.node].as_ref().expect("only nodes with known inputs are looked up").outputs
+                [wire.port]
+        };
+        let sources = read_sources(self.graph, index, self.engine.store())?;
+        prepare(
+            self.graph,
+            index,
+            sources,
+            output,
+            |above| self.actions[above].sources.as_slice(),
+            Vec::new(),
+        )
+    }
+
+    /// Runs an instant node and what instant nodes it takes its inputs from, in memory only.
+    fn find_out(&mut self, index: usize) {
+        let mut open = vec![index];
+        while let Some(&node) = open.last() {
+            let reads = self.graph.reads(node);
+            let missing: Vec<usize> =
+                reads.iter().copied().filter(|&above| self.values[above].is_none()).collect();
+            if self.values[node].is_some() || self.load(node) {
+                open.pop();
+            } else if !self.graph.nodes[node].kind.instant {
+                return;
+            } else if !missing.is_empty() {
+                open.extend(missing);
+            } else if self.run(node).is_some() {
+                open.pop();
+            } else {
+                return;
+            }
+        }
+    }
+
+    /// Takes the values of a node from the store, where all of them are there.
+    fn load(&mut self, index: usize) -> bool {
+        let Some(record) = &self.records[index] else { return false };
+        let ports = self.graph.nodes[index].kind.outputs.iter().zip(&record.outputs);
+        let values = ports.map(|(port, output)| {
+            let kept = Some(&output.digest).filter(|_| output.stored);
+            stored_value(self.engine.store(), &port.artifact, kept?)
+        });
+        self.values[index] = values.collect();
+        self.values[index].is_some()
+    }
+
+    fn run(&mut self, index: usize) -> Option<()> {
+        let (graph, node) = (self.graph, &self.graph.nodes[index]);
+        let value = |wire: &Wire| self.values[wire.node].as_ref()?.get(wire.port).cloned();
+        let inputs =
+            node.inputs.iter().map(|wires| wires.iter().map(value).collect()).collect::<Option<_>>()?;
+        let context = context_of(graph, index, &self.actions[index]);
+        let (values, notes) = guarded(|| node.step.run(inputs, &context)).ok()?;
+        let (outputs, _) = encode(node, &values);
+        self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
+        self.values[index] = Some(values);
+        Some(())
+    }
+}
+
+/// How much of the work is new, where all that changed is the parameter in whose steps it is kept.
+fn new_share(fate: &Fate, refines: Option<&str>) -> f64 {
+    let Fate::Runs(Why::Changed(changes)) = fate else { return 1.0 };
+    let ([Change { path, old: Some(old), new: Some(new) }], Some(refines)) = (changes.as_slice(), refines)
+    else {
+        return 1.0;
+    };
+    match (old.parse::<f64>(), new.parse::<f64>()) {
+        (Ok(old), Ok(new)) if path == refines && new > 0.0 => ((new - old) / new).clamp(0.0, 1.0),
+        _ => 1.0,
+    }
+}
+
+/// What changed, as it would be written in a graph file.
+fn written(old: &Manifest, new: &Manifest) -> Vec<Change> {
+    Manifest::difference(old, new).into_iter().map(as_written).collect()
+}
+
+/// Keys hold parameters as text in RON; shown as they would be written in a graph file.
+fn as_written(change: Change) -> Change {
+    let plain = |value: String| parse_value::<String>(&value).unwrap_or(value);
+    Change { path: change.path, old: change.old.map(plain), new: change.new.map(plain) }
+}

@@ -1,0 +1,153 @@
+//! Actions: one node with known inputs, its key, and what the store knows of it.
+
+use std::sync::Arc;
+
+use cache::{Digest, Key, Manifest, Store};
+
+use crate::graph::graph::Graph;
+use crate::graph::node::{Node, Wire};
+use crate::kind::context::{ContextField, ReadSource};
+use crate::kind::contract::Sizes;
+use crate::record::key::node_key;
+use crate::record::recipe::recipe;
+use crate::record::record::{Output, Record, Spent};
+use crate::text::source::Source;
+use crate::value::error::NodeError;
+use crate::value::root::{SourceFile, SourceRoot};
+
+/// A node whose inputs are known by digest.
+#[derive(Default)]
+pub(crate) struct Action {
+    pub sources: Vec<ReadSource>,
+    pub recipe: Option<Arc<str>>,
+    pub key: Option<Key>,
+}
+
+impl Action {
+    /// The digest of the key.
+    pub fn digest(&self) -> Digest {
+        self.key.as_ref().expect("a prepared action has a key").digest
+    }
+
+    /// Gives up what its key was made of, for the memory in which the next one is written.
+    pub fn take_memory(&mut self) -> Vec<u8> {
+        self.key.take().map(|key| key.manifest.into_bytes()).unwrap_or_default()
+    }
+}
+
+/// Finds the files that a node reads and digests them.
+pub(crate) fn read_sources(graph: &Graph, index: usize, store: &Store) -> Result<Vec<ReadSource>, NodeError> {
+    let node = &graph.nodes[index];
+    digest_sources(node, node.step.sources(&graph.root)?, store)
+}
+
+/// Digests the files that a node reads.
+pub(crate) fn digest_sources(
+    node: &Node,
+    files: Vec<SourceFile>,
+    store: &Store,
+) -> Result<Vec<ReadSource>, NodeError> {
+    files.into_iter().map(|file| digest_source(store, node, file)).collect()
+}
+
+/// The same without reading them; `None` unless the digest of each is remembered.
+pub(crate) fn known_sources(files: &[SourceFile], store: &Store) -> Option<Vec<ReadSource>> {
+    let known = |file: &SourceFile| {
+        let (digest, bytes) = store.known_digest(&file.path)?;
+        Some(ReadSource { file: file.clone(), digest, bytes })
+    };
+    files.iter().map(known).collect()
+}
+
+/// Makes the key of a node, in `memory`. `output` gives what a wire carries, `sources_above` the sources of the
+/// nodes above.
+pub(crate) fn prepare<'s>(
+    graph: &Graph,
+    index: usize,
+    sources: Vec<ReadSource>,
+    output: impl Fn(Wire) -> &'s Output,
+    sources_above: impl Fn(usize) -> &'s [ReadSource],
+    memory: Vec<u8>,
+) -> Result<Action, NodeError> {
+    let node = &graph.nodes[index];
+    let recipe = node.kind.reads.contains(&ContextField::Recipe).then(|| {
+        let sources_of = |node: usize| if node == index { sources.as_slice() } else { sources_above(node) };
+        Arc::from(recipe(graph, index, sources_of))
+    });
+    let key = node_key(graph, index, output, &sources, recipe.as_deref(), memory)?;
+    Ok(Action { sources, recipe, key: Some(key) })
+}
+
+fn digest_source(store: &Store, node: &Node, file: SourceFile) -> Result<ReadSource, NodeError> {
+    match store.digest_file(&file.path) {
+        Ok((digest, bytes)) => Ok(ReadSource { file, digest, bytes }),
+        Err(error) => {
+            let field =
+                node.kind.params.iter().find(|param| param.role == crate::kind::param_type::Role::Input);
+            let error = NodeError::new(format!("cannot read `{}`: {error}", file.path.display()));
+            Err(match field {
+                Some(field) => error.at(field.name),
+                None => error,
+            })
+        }
+    }
+}
+
+/// What the store knows of a key. A record that does not decode is no record.
+pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record> {
+    Record::decode(&store.get_record(key)?, node).ok()
+}
+
+/// The book of history in which the last keys of a graph's nodes are kept, by name.
+pub(crate) fn last_keys(graph: &Graph) -> String {
+    book(&graph.source, &graph.root)
+}
+
+/// The same of a graph that is not read yet.
+pub(crate) fn book(source: &Source, root: &SourceRoot) -> String {
+    let file = source.name.rsplit('/').next().unwrap_or_default();
+    format!("last key\n{}\n{file}\n", root.folder().display())
+}
+
+/// How large the inputs of a node are. `output` gives what a wire carries.
+pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wire) -> &'s Output) -> Sizes {
+    let ports = node.kind.inputs.iter().zip(&node.inputs);
+    let size = |wires: &[Wire]| wires.iter().fold(0, |sum: u64, wire| sum.saturating_add(output(*wire).size));
+    Sizes {
+        ports: ports.map(|(port, wires)| (port.name, size(wires))).collect(),
+        files: sources.iter().fold(0, |sum, source| sum.saturating_add(source.bytes)),
+    }
+}
+
+/// The keys that a node of this name in a graph file of this name had last and before that.
+fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
+    let bytes = store.history_get(&last_keys(graph), &node.id).unwrap_or_default();
+    bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
+}
+
+/// What the last run of a node of this name gave.
+pub(crate) fn last_outputs(store: &Store, graph: &Graph, node: &Node) -> Option<Record> {
+    look_up(store, node, keys_of(store, graph, node).first()?)
+}
+
+/// What the last run of a node of this name took, and what its key was made of.
+pub(crate) fn last_run(store: &Store, graph: &Graph, node: &Node) -> Option<(Spent, Manifest)> {
+    let bytes = store.get_record(keys_of(store, graph, node).first()?)?;
+    Some((Record::decode(&bytes, node).ok()?.spent, Record::manifest(&bytes)?))
+}
+
+/// What the key of a node of this name was made of before it was `now`.
+pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &Digest) -> Option<Manifest> {
+    let before = keys_of(store, graph, node).into_iter().find(|key| key != now)?;
+    Record::manifest(&store.get_record(&before)?)
+}
+
+/// Remembers the key of a node and the one before it in the book of its graph.
+pub(crate) fn remember(store: &Store, book: &str, node: &Node, key: &Digest) {
+    let known = store.history_get(book, &node.id).unwrap_or_default();
+    if !known.starts_with(key.as_bytes()) {
+        let mut keys = key.as_bytes().to_vec();
+        keys.extend(known.iter().take(32));
+        store.history_put(book, &node.id, &keys);
+    }
+}

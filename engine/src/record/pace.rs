@@ -1,0 +1,71 @@
+//! Forecasts: how long earlier runs of a kind took for how much work.
+//!
+//! Work is in units of the kind's own ([`Kind::work`](crate::Kind::work)), so the last runs of a kind tell
+//! about any node of it: another name, another graph, more samples, a larger picture.
+
+use cache::Store;
+
+use crate::kind::registry::KindEntry;
+
+/// The book of history for them.
+const BOOK: &str = "pace";
+/// As many runs of a kind are remembered.
+const KEPT: usize = 16;
+/// Bytes of one of them.
+const RUN: usize = 16;
+
+/// (work, seconds) of the last runs of a kind, newest first.
+pub(crate) struct Pace(Vec<(f64, f64)>);
+
+impl Pace {
+    /// What the store remembers of a kind in its present version.
+    pub fn of(store: &Store, kind: &KindEntry) -> Self {
+        let bytes = store.history_get(BOOK, &name(kind)).unwrap_or_default();
+        let number = |bytes: &[u8]| bytes.first_chunk().map_or(0.0, |raw| f64::from_le_bytes(*raw));
+        let runs = bytes.as_chunks::<RUN>().0.iter().map(|run| (number(&run[..8]), number(&run[8..])));
+        let sound = |(work, seconds): &(f64, f64)| *work > 0.0 && work.is_finite() && *seconds >= 0.0;
+        Self(runs.filter(sound).collect())
+    }
+
+    /// Remembers one more run.
+    pub fn learn(store: &Store, kind: &KindEntry, work: f64, seconds: f64) {
+        let mut runs = Self::of(store, kind).0;
+        runs.insert(0, (work.max(1.0), seconds));
+        runs.truncate(KEPT);
+        let bytes: Vec<u8> = runs
+            .iter()
+            .flat_map(|(work, seconds)| [work.to_le_bytes(), seconds.to_le_bytes()])
+            .flatten()
+            .collect();
+        store.history_put(BOOK, &name(kind), &bytes);
+    }
+
+    /// Seconds for so much work: those of the run whose work was nearest by ratio, the newest of such, in
+    /// proportion. `None` where the kind never ran.
+    pub fn seconds(&self, work: f64) -> Option<f64> {
+        let work = work.max(1.0);
+        // The larger of the two ratios orders as the distance of logarithms does.
+        let apart = |known: f64| (work / known).max(known / work);
+        let nearest = self.0.iter().reduce(|best, run| if apart(run.0) < apart(best.0) { run } else { best });
+        nearest.map(|(known, seconds)| seconds * (work / known)).filter(|seconds| seconds.is_finite())
+    }
+}
+
+fn name(kind: &KindEntry) -> String {
+    format!("{}\n{}\n{}", kind.name, kind.version, kind.profile)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_is_in_proportion_to_the_nearest_run() {
+        let pace = Pace(vec![(100.0, 2.0), (100.0, 1.0), (10.0, 1.0), (1e6, 500.0)]);
+        assert_eq!(pace.seconds(100.0), Some(2.0), "the newest of equal ones");
+        assert_eq!(pace.seconds(400.0), Some(8.0));
+        assert_eq!(pace.seconds(5.0), Some(0.5), "small work has a pace of its own");
+        assert_eq!(pace.seconds(0.0), Some(0.1));
+        assert_eq!(Pace(Vec::new()).seconds(1.0), None);
+    }
+}

@@ -1,0 +1,131 @@
+//! Recipes: the canonical text of what stands above a node, for the metadata of written pictures.
+//!
+//! Nodes are renamed in the order in which they are first read, every parameter is written, since defaults
+//! may change, and the kinds are named with their versions. Paths are cut to the name of the file; the digest
+//! of its content follows at the end. So renaming, reordering and comments in the graph file leave the recipe
+//! as it is.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use crate::graph::graph::Graph;
+use crate::kind::context::{ReadSource, Scene};
+use crate::kind::param_type::Role;
+use crate::kind::port::Arity;
+use crate::kind::registry::KindEntry;
+use crate::text::edit::replace_strings;
+
+/// How a recipe begins; the kinds follow.
+pub(crate) const HEAD: &str = "// lightharmony recipe 2: ";
+/// Between a node and a file that it reads.
+pub(crate) const READS: &str = " reads ";
+
+/// The recipe of `target`. `sources` gives the sources of a node, digests known.
+pub(crate) fn recipe<'s>(
+    graph: &Graph,
+    target: usize,
+    sources: impl Fn(usize) -> &'s [ReadSource],
+) -> String {
+    let order = reading_order(graph, target);
+    let mut number = vec![usize::MAX; graph.nodes.len()];
+    for (index, &node) in order.iter().enumerate() {
+        number[node] = index;
+    }
+    let Scene { up, metres_per_unit, seed } = graph.scene;
+    let kinds: BTreeMap<&str, &KindEntry> =
+        order.iter().map(|&node| &graph.nodes[node].kind).map(|kind| (kind.name, &**kind)).collect();
+    let kinds: Vec<String> =
+        kinds.values().map(|kind| format!("{} {} {}", kind.name, kind.version, kind.profile)).collect();
+    let mut text = format!(
+        "{HEAD}{}\nGraph(version:1,scene:(up:\"{}\",metres_per_unit:{metres_per_unit:?},seed:{seed}),nodes:(\n",
+        kinds.join(", "),
+        up.name()
+    );
+    let mut files = String::new();
+    // Writing to a string cannot fail. A large graph has many fields, so each is written where it belongs at once.
+    for &index in &order {
+        let node = &graph.nodes[index];
+        let _ = write!(text, "n{}:{}(", number[index], node.kind.camel_name());
+        let start = text.len();
+        node.step.texts(&node.kind, &mut |index, value| {
+            let Some(spec) = node.kind.params.get(index) else { return };
+            let _ = match spec.role {
+                Role::Value => write!(text, "{}:{value},", spec.name),
+                Role::Input => {
+                    write!(text, "{}:{},", spec.name, replace_strings(value, |path| last(path).to_owned()))
+                }
+                Role::Output => write!(text, "{}:{},", spec.name, replace_strings(value, output_name)),
+            };
+        });
+        for (port, wires) in node.kind.inputs.iter().zip(&node.inputs).filter(|(_, wires)| !wires.is_empty())
+        {
+            let many = port.arity == Arity::Many;
+            let _ = write!(text, "{}:{}", port.name, if many { "[" } else { "" });
+            for wire in wires {
+                let output = graph.nodes[wire.node].kind.outputs[wire.port].name;
+                let _ = write!(text, "\"n{}.{output}\",", number[wire.node]);
+            }
+            if many {
+                text.truncate(text.len() - 1);
+                text.push_str("],");
+            }
+        }
+        // The comma behind the last field.
+        text.truncate(text.len().saturating_sub(1).max(start));
+        text.push_str("),\n");
+        for source in sources(index) {
+            let _ = writeln!(
+                files,
+                "// n{}{READS}{} {}",
+                number[index],
+                told_name(&source.file.name),
+                source.digest
+            );
+        }
+    }
+    text.push_str("))\n");
+    text + &files
+}
+
+/// The name of a file or folder without the folders around it. What a folder is called that a graph names by `.` or
+/// `..` depends on where the graph lies, so that is `.` ([`HERE`]): some folder.
+pub(crate) fn last(path: &str) -> &str {
+    let path = path.trim_end_matches('/');
+    match path.rsplit('/').next().unwrap_or(path) {
+        ".." => HERE,
+        name => name,
+    }
+}
+
+/// A folder by any name.
+pub(crate) const HERE: &str = ".";
+
+/// The name of a file as a recipe tells it at its end, in one line.
+pub(crate) fn told_name(path: &str) -> String {
+    last(path).replace(char::is_control, "_")
+}
+
+/// What a picture was called is no part of how it was made, but for the ending and whether views stand apart.
+fn output_name(path: &str) -> String {
+    let ending = last(path)
+        .rsplit_once('.')
+        .map_or_else(String::new, |(_, ending)| format!(".{}", ending.to_lowercase()));
+    format!("{}{ending}", if path.contains("{view}") { "{view}" } else { "out" })
+}
+
+/// Nodes above `target` and itself, inputs first, in the order in which the ports name them.
+fn reading_order(graph: &Graph, target: usize) -> Vec<usize> {
+    let mut order = Vec::new();
+    let mut seen = vec![false; graph.nodes.len()];
+    let mut stack = vec![(target, false)];
+    while let Some((node, inputs_done)) = stack.pop() {
+        if inputs_done {
+            order.push(node);
+        } else if !std::mem::replace(&mut seen[node], true) {
+            stack.push((node, true));
+            let above: Vec<usize> = graph.nodes[node].inputs.iter().flatten().map(|wire| wire.node).collect();
+            stack.extend(above.into_iter().rev().map(|node| (node, false)));
+        }
+    }
+    order
+}

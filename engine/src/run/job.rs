@@ -1,0 +1,307 @@
+//! Running one node on the shared threads.
+
+use crate::kind::context::ContextField;
+use crate::run::message::Finished;
+use crate::run::message::Message;
+use crate::value::error::guarded;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use cache::{Digest, Lease, LeaseState, Store};
+
+use crate::graph::graph::Graph;
+use crate::graph::node::{Node, Wire};
+use crate::kind::context::{Context, Part, PartStore};
+use crate::kind::contract::Keep;
+use crate::kind::port::PortSpec;
+use crate::record::action::{Action, look_up};
+use crate::record::key::part_key;
+use crate::record::pace::Pace;
+use crate::record::record::{FileRecord, Output, PartRecord, Record, Spent};
+use crate::run::event::{Event, State};
+use crate::run::remembered::values::{Name, ValueCache};
+use crate::run::trace::Tracer;
+use crate::value::artifact::{AnyArtifact, ArtifactType};
+use crate::value::counts::Effort;
+use crate::value::error::{NodeError, NodeErrorKind};
+use crate::value::files::Files;
+
+/// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
+/// it lies in memory.
+const BYTES_READ: &str = "bytes_read";
+const BYTES_MADE: &str = "bytes_made";
+
+/// One node whose code is to run, on one of the threads.
+pub(crate) struct Job<'a> {
+    pub store: &'a Arc<Store>,
+    pub prepared: &'a Arc<ValueCache>,
+    pub graph: &'a Graph,
+    pub node: usize,
+    pub inputs: Vec<Vec<AnyArtifact>>,
+    pub input_digests: Vec<(&'static str, Vec<Digest>)>,
+    pub key: Digest,
+    /// Its key is absent where only values are wanted, since there is a record then.
+    pub action: Action,
+    /// Only the values are wanted.
+    pub remake: bool,
+    pub work: f64,
+    /// Bytes that it was admitted with.
+    pub memory: u64,
+    pub tracer: Tracer,
+    pub cancel: Arc<AtomicBool>,
+    pub tell: Sender<Message>,
+}
+
+impl Job<'_> {
+    fn node(&self) -> &Node {
+        &self.graph.nodes[self.node]
+    }
+
+    /// Runs the node, tells its values, then stores them.
+    pub fn run(self) {
+        // The scheduler outlives every job, so telling it cannot fail.
+        let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
+        let finish = |outcome: Result<Finished, NodeError>| {
+            let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
+        };
+        let LeaseState::Acquired(lease) = store.lease(&key) else {
+            let _ = tell.send(Message::Busy { node: index, key, spent: Effort::default() });
+            return;
+        };
+        let mut error = None;
+        // Another process may have had the lease before, and left its result.
+        match look_up(store, self.node(), &key).filter(|_| !self.remake) {
+            Some(record) => {
+                let (values, effort) = (Vec::new(), Effort::default());
+                finish(Ok(Finished { record, values, effort, ran: false }));
+            }
+            None => {
+                if !self.remake {
+                    let forecast = Pace::of(store, &self.node().kind).seconds(self.work);
+                    let (id, kind) = (self.node().id.clone(), self.node().kind.name);
+                    let _ = tell.send(Message::Event(Event::Start { id, kind, forecast }));
+                }
+                let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
+                let (work, graph, tracer) = (self.work, self.graph, self.tracer.clone());
+                let mut spent = Effort::default();
+                match guarded(|| self.compute(&mut spent)) {
+                    Err(NodeError { kind: NodeErrorKind::Busy(key), .. }) => {
+                        let _ = tell.send(Message::Busy { node: index, key, spent });
+                        return;
+                    }
+                    Err(error) => finish(Err(error)),
+                    Ok((finished, encoded)) => {
+                        let kind = &graph.nodes[index].kind;
+                        Pace::learn(store, kind, work, finished.record.spent.seconds);
+                        let outputs = finished.record.outputs.clone();
+                        let record = manifest.map(|manifest| finished.record.encode(&manifest));
+                        finish(Ok(finished));
+                        let put = || {
+                            encoded
+                                .iter()
+                                .zip(&outputs)
+                                .filter(|(_, output)| output.stored)
+                                .try_for_each(|(bytes, output)| store.put_blob_as(&output.digest, bytes))
+                                .and_then(|()| {
+                                    record.map_or(Ok(()), |record| store.put_record(&key, &record))
+                                })
+                        };
+                        let stored = tracer.span(&graph.nodes[index].id, "store", put);
+                        error = stored.err().map(|error| NodeError::from(error).to_string());
+                    }
+                }
+            }
+        }
+        drop(lease);
+        let _ = tell.send(Message::Stored { node: index, error });
+    }
+
+    /// The result of the code. `spent` is what it took, be it not the end.
+    fn compute(self, spent: &mut Effort) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
+        let graph = self.graph;
+        let node = &graph.nodes[self.node];
+        let (id, tell) = (node.id.clone(), Mutex::new(self.tell.clone()));
+        let last = Mutex::new(Instant::now());
+        let progress = move |fraction: f32| {
+            // A bar needs no more than twenty steps a second.
+            let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            if fraction >= 1.0 || last.elapsed() > Duration::from_millis(50) {
+                *last = Instant::now();
+                let tell = tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let _ = tell.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
+            }
+        };
+        let context = Context {
+            cancel: self.cancel,
+            progress: Box::new(progress),
+            parts: Some(Box::new(StoredParts {
+                store: self.store.clone(),
+                prepared: self.prepared.clone(),
+                id: node.id.clone(),
+                kind: node.kind.name,
+                profile: node.kind.profile,
+                inputs: self.input_digests,
+                tell: Mutex::new(self.tell),
+                tracer: self.tracer.clone(),
+            })),
+            ..context_of(graph, self.node, &self.action)
+        };
+        let ports = node.kind.inputs.iter().zip(&self.inputs);
+        let of_values =
+            bytes_of(ports.flat_map(|(port, values)| values.iter().map(|value| (port.artifact, value))));
+        let of_files = context.sources.iter().fold(0, |sum, source| sum + source.bytes);
+        let start = Instant::now();
+        let outcome = context.on_cpu(|| node.step.run(self.inputs, &context));
+        let seconds = start.elapsed().as_secs_f64();
+        self.tracer.tell(&node.id, "code", seconds);
+        // What a codec says of bytes that ended because of the stop is no failure either.
+        if context.told.load(Ordering::Relaxed) {
+            return Err(NodeError::cancelled());
+        }
+        let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
+        *spent = Effort { seconds, cpu_seconds: context.cpu_seconds(), counts };
+        let (values, notes) = outcome?;
+        let (outputs, encoded) = encode(node, &values);
+        let files =
+            values.iter().filter_map(|value| value.downcast_ref::<Files>()).flat_map(|files| &files.0);
+        let files = files
+            .map(|file| FileRecord { view: file.view.clone(), digest: Digest::of(&file.bytes) })
+            .collect();
+        let mut effort = spent.clone();
+        let made = bytes_of(node.kind.outputs.iter().map(|port| port.artifact).zip(&values));
+        let memory = self.memory.max(made);
+        let mut whole = context.known.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // Not those of parts that were known, which are no inputs.
+        effort.counts.insert(BYTES_READ.to_owned(), of_values + of_files);
+        effort.counts.insert(BYTES_MADE.to_owned(), made);
+        whole.add(&effort);
+        let Effort { seconds, cpu_seconds, counts } = whole;
+        let spent = Spent { seconds, cpu_seconds, work: self.work, memory, counts };
+        let record = Record { outputs, files, notes, spent };
+        Ok((Finished { record, values, effort, ran: true }, encoded))
+    }
+}
+
+/// Bytes of values in memory.
+fn bytes_of<'v>(values: impl Iterator<Item = (ArtifactType, &'v AnyArtifact)>) -> u64 {
+    values.fold(0, |sum, (artifact, value)| sum + (artifact.bytes)(value) as u64)
+}
+
+/// The outputs of a node by digest, and the canonical bytes of those that are stored.
+pub(crate) fn encode(node: &Node, values: &[AnyArtifact]) -> (Vec<Output>, Vec<Vec<u8>>) {
+    let one = |(port, value): (&PortSpec, &AnyArtifact)| {
+        let stored = node.kind.store == Keep::Always;
+        let (digest, bytes) = if stored {
+            let bytes = (port.artifact.encode)(value);
+            (Digest::of(&bytes), bytes)
+        } else {
+            ((port.artifact.digest)(value), Vec::new())
+        };
+        let artifact = port.artifact;
+        let (type_name, format, size) = (artifact.name, artifact.format, (artifact.size)(value));
+        (Output { type_name, format, digest, size, stored }, bytes)
+    };
+    node.kind.outputs.iter().zip(values).map(one).unzip()
+}
+
+/// Parts in the store, each a record that names the digest and a blob, and those in memory.
+struct StoredParts {
+    store: Arc<Store>,
+    prepared: Arc<ValueCache>,
+    id: String,
+    kind: &'static str,
+    profile: &'static str,
+    inputs: Vec<(&'static str, Vec<Digest>)>,
+    tell: Mutex<Sender<Message>>,
+    tracer: Tracer,
+}
+
+impl StoredParts {
+    fn key(&self, part: Part<'_>, extra: &str) -> Option<Digest> {
+        part_key(self.kind, self.profile, part, &self.inputs, extra).ok().map(|key| key.digest)
+    }
+
+    fn tell(&self, part: Part<'_>, state: State, key: Digest, seconds: f64) {
+        let event = Event::Part { id: self.id.clone(), part: part.name.to_owned(), state, key, seconds };
+        let tell = self.tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let _ = tell.send(Message::Event(event));
+    }
+}
+
+impl PartStore for StoredParts {
+    fn load(&self, part: Part<'_>, extra: &str) -> Option<(Vec<u8>, Effort)> {
+        let (key, begin) = (self.key(part, extra)?, Instant::now());
+        let record = PartRecord::decode(&self.store.get_record(&key)?).ok()?;
+        let bytes = self.store.get_blob(&record.blob).ok()??;
+        self.tracer.tell(&self.id, part.name, begin.elapsed().as_secs_f64());
+        self.tell(part, State::Cached, key, 0.0);
+        Some((bytes, record.spent))
+    }
+
+    fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError> {
+        let Some(key) = self.key(part, extra) else { return Ok(None) };
+        match self.store.lease(&key) {
+            LeaseState::Acquired(lease) => Ok(Some(lease)),
+            LeaseState::Busy => Err(NodeError::busy(key)),
+        }
+    }
+
+    fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError> {
+        let seconds = spent.seconds;
+        self.tracer.tell(&self.id, part.name, seconds);
+        let Some(key) = self.key(part, extra) else { return Ok(()) };
+        // A part that cannot be stored is only computed again; the node's own result says what is wrong.
+        if let Ok(blob) = self.store.put_blob(encoded) {
+            let _ = self.store.put_record(&key, &PartRecord { blob, spent }.encode());
+        }
+        self.tell(part, State::Ran, key, seconds);
+        Ok(())
+    }
+
+    fn recall(&self, part: Part<'_>, extra: &str) -> Option<AnyArtifact> {
+        self.prepared.get(&of_part(self.key(part, extra)?, part))
+    }
+
+    fn keep(&self, part: Part<'_>, extra: &str, value: AnyArtifact, bytes: u64) {
+        if let Some(key) = self.key(part, extra) {
+            self.prepared.put(&of_part(key, part), &value, bytes);
+        }
+    }
+}
+
+/// A part that stays in memory goes by its key.
+fn of_part(key: Digest, part: Part<'_>) -> Name {
+    (key, "part", part.version)
+}
+
+/// A value out of the store; `None` when it is missing, damaged or of another form.
+pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
+    let bytes = store.get_blob(digest).ok()??;
+    guarded(|| Ok((artifact.decode)(&bytes)?)).ok()
+}
+
+/// Reads one stored output, and tells `None` when it is missing or damaged.
+pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
+    let Wire { node, port } = wire;
+    let value = stored_value(store, &graph.nodes[node].kind.outputs[port].artifact, &output.digest);
+    let _ = tell.send(Message::Loaded { node, port, value });
+}
+
+/// What the code of a node may ask for: no parts and no cancellation yet.
+pub(crate) fn context_of(graph: &Graph, index: usize, action: &Action) -> Context {
+    Context {
+        reads: graph.nodes[index].kind.reads,
+        recipe: action.recipe.clone(),
+        wired: graph.wired(index),
+        points: if graph.nodes[index].kind.reads.contains(&ContextField::Points) {
+            graph.points(index)
+        } else {
+            Vec::new()
+        },
+        root: graph.root.clone(),
+        sources: action.sources.clone(),
+        ..Context::detached(graph.scene, "")
+    }
+}

@@ -1,0 +1,178 @@
+//! Starting code: what is queued runs where a thread is free and memory lasts.
+
+use std::time::{Duration, Instant};
+
+use cache::{Digest, LeaseState};
+
+use crate::graph::node::Wire;
+use crate::record::action::{Action, sizes};
+use crate::record::record::Output;
+use crate::run::event::Event;
+use crate::run::job::Job;
+use crate::run::scheduler::{Parked, Run};
+use crate::run::slot::Life;
+use crate::value::artifact::AnyArtifact;
+use crate::value::error::NodeError;
+use crate::value::error::guarded;
+use crate::value::root::FileHead;
+use crate::value::units::bytes_text;
+
+/// How long a node waits before it asks again for a key that another computes, at first and at most.
+const FIRST_PAUSE: Duration = Duration::from_millis(5);
+const LONGEST_PAUSE: Duration = Duration::from_millis(80);
+/// After how long it is told that a node waits for that.
+const TOLD_AFTER: Duration = Duration::from_secs(2);
+
+impl<'a> Run<'a> {
+    /// Starts queued code while threads and memory last. One node always runs, however large it is
+    /// within the budget as a whole.
+    pub fn launch(&mut self) {
+        while let Some(&(rank, index)) = self.queue.first()
+            && self.running < self.engine.limits().jobs
+        {
+            let bytes = match self.cost(index) {
+                Ok(bytes) => bytes,
+                Err(error) => {
+                    self.stumble(index, &error);
+                    continue;
+                }
+            };
+            if self.running > 0 && self.held + self.reserved + bytes > self.engine.limits().memory {
+                return;
+            }
+            self.queue.remove(&(rank, index));
+            self.start(index, bytes);
+        }
+    }
+
+    fn inputs(&self, index: usize) -> Vec<Vec<AnyArtifact>> {
+        let value = |wire: &Wire| {
+            let value = self.slots[wire.node].value(wire.port);
+            value.expect("inputs stay in memory while a reader is queued").clone()
+        };
+        self.graph.nodes[index].inputs.iter().map(|wires| wires.iter().map(value).collect()).collect()
+    }
+
+    fn cost(&mut self, index: usize) -> Result<u64, NodeError> {
+        if let Some(bytes) = self.slots[index].cost {
+            return Ok(bytes);
+        }
+        let (node, inputs) = (&self.graph.nodes[index], self.inputs(index));
+        let sources = &self.slots[index].action.sources;
+        let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
+        let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
+        let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
+        let (held, budget) = (self.input_bytes(index), self.engine.limits().memory);
+        if bytes.saturating_add(held) > budget {
+            let beside = if bytes > budget || held < budget / 16 {
+                String::new()
+            } else {
+                format!(" beside the {} of its inputs", bytes_text(held))
+            };
+            let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
+            return Err(NodeError::new(format!(
+                "needs about {needs} of memory{beside}, the budget is {budget}"
+            ))
+            .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
+        }
+        self.slots[index].cost = Some(bytes);
+        Ok(bytes)
+    }
+
+    /// What the values that a node reads take, each counted once.
+    fn input_bytes(&self, index: usize) -> u64 {
+        let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
+        wires.sort_unstable_by_key(|wire| (wire.node, wire.port));
+        wires.dedup();
+        wires
+            .iter()
+            .filter_map(|wire| self.slots[wire.node].sized_value(wire.port))
+            .map(|(_, bytes)| bytes)
+            .sum()
+    }
+
+    fn start(&mut self, index: usize, bytes: u64) {
+        let (graph, engine) = (self.graph, self.engine);
+        let node = &graph.nodes[index];
+        let digest = |w: &Wire| self.slots[w.node].record.as_ref().map(|r| r.outputs[w.port].digest);
+        let ports = node.kind.inputs.iter().zip(&node.inputs);
+        let input_digests =
+            ports.map(|(port, wires)| (port.name, wires.iter().filter_map(digest).collect())).collect();
+        let inputs = self.inputs(index);
+        let output = |wire: Wire| -> &Output {
+            &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
+        };
+        let work = node.step.work(&sizes(node, &self.slots[index].action.sources, output));
+        let slot = &mut self.slots[index];
+        if slot.remaking.is_none() {
+            self.supplied -= 1;
+        }
+        slot.life = Life::Running;
+        slot.reserved = bytes;
+        slot.storing = true;
+        let job = Job {
+            store: &engine.store,
+            prepared: engine.prepared(),
+            graph,
+            node: index,
+            inputs,
+            input_digests,
+            key: slot.key.expect("a queued node has a key"),
+            action: Action {
+                sources: slot.action.sources.clone(),
+                recipe: slot.action.recipe.clone(),
+                key: slot.action.key.clone(),
+            },
+            remake: slot.remaking.is_some(),
+            work,
+            memory: bytes,
+            tracer: self.tracer.clone(),
+            cancel: self.options.cancel.clone(),
+            tell: self.sender.clone(),
+        };
+        self.reserved += bytes;
+        self.running += 1;
+        self.send(index, move || job.run());
+    }
+
+    /// Another computes the key of this node or of a part of it; its thread is free for others meanwhile.
+    pub fn park(&mut self, node: usize, key: Digest) {
+        let slot = &mut self.slots[node];
+        slot.storing = false;
+        slot.life = Life::Parked;
+        let now = Instant::now();
+        let (since, when) = (Some(now), now + FIRST_PAUSE);
+        self.parked.push(Parked { node, key, since, when, pause: FIRST_PAUSE });
+    }
+
+    /// Queues parked nodes whose key is free.
+    pub fn unpark(&mut self) {
+        let now = Instant::now();
+        let store = &self.engine.store;
+        let (free, rest): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.parked).into_iter().partition(|parked| {
+                parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
+            });
+        self.parked = rest;
+        // Where code of this run is at work it may be that which is waited for.
+        let idle = self.running == 0;
+        for parked in self.parked.iter_mut().filter(|parked| parked.when <= now) {
+            parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
+            parked.when = now + parked.pause;
+            if idle && parked.since.is_some_and(|since| now - since >= TOLD_AFTER) {
+                parked.since = None;
+                let id = &self.graph.nodes[parked.node].id;
+                let text = format!(
+                    "`{id}` waits for another process that computes it in the same cache; should that be stopped, end it"
+                );
+                (self.tell)(Event::Warning { id: "waits", text });
+            }
+        }
+        for Parked { node, .. } in free {
+            if self.slots[node].remaking.is_none() {
+                self.supplied += 1;
+            }
+            self.enqueue(node);
+        }
+    }
+}

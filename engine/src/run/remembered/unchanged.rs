@@ -1,0 +1,212 @@
+//! What a run that found nothing to do was of, and what it told: where all of that is as it was, the next run tells
+//! the same, and neither reads the graph nor makes a key.
+//!
+//! What a run comes to is a function of the text of its graph, the kinds in it, the files that its nodes read, and
+//! what lies where its sinks write. Text and kinds are compared by digest; which files are read is found out anew, and
+//! files are compared as memos do, by a stamp that any later change shows in. Whatever is another one, or cannot be
+//! told, makes the run an ordinary one.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use cache::{Digest, FileStamp, Store};
+
+use crate::graph::compiled::shape;
+use crate::graph::graph::Graph;
+use crate::kind::registry::{KindEntry, Registry};
+use crate::record::action::book;
+use crate::record::record::{self, Record};
+use crate::run::event::{Event, State, Totals};
+use crate::run::options::Outcome;
+use crate::run::sink;
+use crate::run::slot::{Life, Slot};
+use crate::text::source::Source;
+use crate::value::artifact::{Corrupt, Decoder, Encoder};
+use crate::value::cpu;
+use crate::value::root::SourceRoot;
+
+/// Raised when the bytes change their form.
+const FORMAT: &str = "lightharmony unchanged 1";
+
+/// Tells what a run of all sinks of a graph would tell, where it would find nothing to do and everything that it
+/// depends on is as an earlier one left it in the cache in `folder`. Else tells nothing: the graph is to be run.
+pub fn run_unchanged(
+    folder: &Path,
+    source: &Source,
+    registry: &Registry,
+    root: &SourceRoot,
+    out: &Path,
+    mut tell: impl FnMut(Event),
+) -> Option<Outcome> {
+    let bytes = cache::last_run(folder, &name(source, root))?;
+    let (events, totals) = read(&bytes, source, registry, root, out).ok().flatten()?;
+    events.into_iter().for_each(&mut tell);
+    tell(Event::Done(totals.clone()));
+    Some(Outcome { totals, failures: None })
+}
+
+/// Keeps what a run found that had nothing to do. Nothing is kept where the graph is a stranger's, whose links have to
+/// be looked at each time, or where a file is so young that it may change without showing it.
+pub(crate) fn keep(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) {
+    if let Some(bytes) = written(store, graph, out, slots) {
+        store.last_run_put(&name(&graph.source, &graph.root), &bytes);
+    }
+}
+
+fn name(source: &Source, root: &SourceRoot) -> String {
+    format!("unchanged\n{}", book(source, root))
+}
+
+/// Everything that a run depends on, but for kinds and files.
+fn premise(source: &Source, root: &SourceRoot, out: &Path) -> Option<Digest> {
+    let mut of = Encoder::default();
+    of.str(FORMAT);
+    of.str(env!("CARGO_PKG_VERSION"));
+    of.str(crate::record::key::FORMAT);
+    of.str(crate::record::recipe::HEAD);
+    // That results were used is noted once a day, by an ordinary run.
+    of.u64(cache::today());
+    of.u8s(Digest::of(source.text.as_bytes()).as_bytes());
+    of.u8s(root.folder().as_os_str().as_encoded_bytes());
+    of.u8s(out.as_os_str().as_encoded_bytes());
+    of.u8s(std::path::absolute(out).ok()?.as_os_str().as_encoded_bytes());
+    (!root.is_confined()).then(|| Digest::of(&of.finish()))
+}
+
+/// What a kind is, with what is compiled into it.
+fn kind_digest(kind: &KindEntry) -> Digest {
+    let mut of = Encoder::default();
+    of.raw(shape(kind).as_bytes());
+    of.raw(Digest::of(kind.data).as_bytes());
+    Digest::of(&of.finish())
+}
+
+/// The stamp of a file that is known to have had this digest ever since it had this stamp.
+fn trusted(store: &Store, path: &Path, digest: &Digest) -> Option<[u8; 40]> {
+    let stamp = FileStamp::of(path).ok()?;
+    (store.memo_get(path, &stamp)? == *digest).then(|| stamp.to_bytes())
+}
+
+fn written(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) -> Option<Vec<u8>> {
+    let mut to = Encoder::default();
+    to.raw(premise(&graph.source, &graph.root, out)?.as_bytes());
+    let done: Vec<usize> =
+        graph.order().iter().copied().filter(|&node| slots[node].life == Life::Done).collect();
+    let kinds: BTreeMap<&str, &KindEntry> =
+        done.iter().map(|&node| &*graph.nodes[node].kind).map(|kind| (kind.name, kind)).collect();
+    to.u32(kinds.len() as u32);
+    for (name, kind) in &kinds {
+        to.str(name);
+        to.raw(kind_digest(kind).as_bytes());
+    }
+    let numbers: BTreeMap<&str, u32> = kinds.keys().copied().zip(0..).collect();
+    let reading: Vec<usize> =
+        done.iter().copied().filter(|&node| graph.nodes[node].kind.reads_files).collect();
+    to.u32(reading.len() as u32);
+    for index in reading {
+        let node = &graph.nodes[index];
+        to.u32(numbers[node.kind.name]);
+        to.u8s(&node.texts());
+        let sources = &slots[index].action.sources;
+        to.u32(sources.len() as u32);
+        for source in sources {
+            to.str(&source.file.name);
+            to.raw(&trusted(store, &source.file.path, &source.digest)?);
+        }
+    }
+    to.u32(done.len() as u32);
+    for index in done {
+        let (node, slot) = (&graph.nodes[index], &slots[index]);
+        let Record { files, notes, .. } = slot.record.as_ref()?;
+        to.str(&node.id);
+        to.u32(numbers[node.kind.name]);
+        to.raw(slot.key?.as_bytes());
+        to.bool(slot.degraded);
+        record::write_notes(&mut to, notes);
+        let targets = match &node.sink_path {
+            Some(template) => sink::targets(out, template, files).ok()?,
+            None => Vec::new(),
+        };
+        to.u32(targets.len() as u32);
+        for (path, digest) in targets {
+            to.str(path.to_str()?);
+            to.raw(&trusted(store, &path, &digest)?);
+        }
+    }
+    Some(to.finish())
+}
+
+/// What is to be told, but for the end; `None` where something is not as it was.
+fn read(
+    bytes: &[u8],
+    source: &Source,
+    registry: &Registry,
+    root: &SourceRoot,
+    out: &Path,
+) -> Result<Option<(Vec<Event>, Totals)>, Corrupt> {
+    let (start, start_cpu) = (std::time::Instant::now(), cpu::of_process());
+    let mut from = Decoder::new(bytes);
+    let was = Digest::from_bytes(from.array()?);
+    if premise(source, root, out) != Some(was) {
+        return Ok(None);
+    }
+    let mut kinds = Vec::new();
+    for _ in 0..from.count(8 + 32)? {
+        match registry.get(&from.str()?) {
+            Some(kind) if from.array()? == *kind_digest(kind).as_bytes() => kinds.push(kind),
+            _ => return Ok(None),
+        }
+    }
+    let unknown = || Corrupt("a kind is not known".to_owned());
+    let unmoved = |path: &Path, was: [u8; 40]| FileStamp::of(path).is_ok_and(|is| is.to_bytes() == was);
+    for _ in 0..from.count(4 + 8 + 4)? {
+        let kind = kinds.get(from.u32()? as usize).ok_or_else(unknown)?;
+        let Some(step) = kind.step_of(from.raw()?) else { return Ok(None) };
+        let Ok(sources) = step.sources(root) else { return Ok(None) };
+        if from.count(8 + 40)? != sources.len() {
+            return Ok(None);
+        }
+        for source in sources {
+            if from.raw()? != source.name.as_bytes() || !unmoved(&source.path, from.array()?) {
+                return Ok(None);
+            }
+        }
+    }
+    let mut totals = Totals::default();
+    let count = from.count(8 + 4 + 32 + 1 + 8 + 4)?;
+    let mut events = Vec::with_capacity(count + 1);
+    for _ in 0..count {
+        let id = from.str()?;
+        let kind = kinds.get(from.u32()? as usize).ok_or_else(unknown)?.name;
+        let key = Some(Digest::from_bytes(from.array()?));
+        let degraded = from.bool()?;
+        let notes = record::read_notes(&mut from)?.iter().cloned().collect();
+        for _ in 0..from.count(8 + 40)? {
+            let path = PathBuf::from(from.str()?);
+            if !unmoved(&path, from.array()?) {
+                return Ok(None);
+            }
+            events.push(Event::File { id: id.clone(), path, written: false, preview: false });
+        }
+        totals.add(State::Cached);
+        totals.degraded += usize::from(degraded);
+        let (state, counts, error) = (State::Cached, BTreeMap::new(), None);
+        let (seconds, cpu_seconds) = (0.0, 0.0);
+        events.push(Event::Node {
+            id,
+            kind,
+            state,
+            key,
+            seconds,
+            cpu_seconds,
+            counts,
+            notes,
+            degraded,
+            error,
+        });
+    }
+    from.end()?;
+    totals.seconds = start.elapsed().as_secs_f64();
+    totals.cpu_seconds = (cpu::of_process() - start_cpu).as_secs_f64();
+    Ok(Some((events, totals)))
+}

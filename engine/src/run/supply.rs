@@ -1,0 +1,237 @@
+//! Values in memory: bringing them there for code that is to run, and letting go.
+//!
+//! A value comes from the store, or by running its node once more where only its digest was kept or the
+//! stored bytes are gone. It stays while somebody may read it: see [`Slot::readers`].
+//!
+//! [`Slot::readers`]: crate::run::slot::Slot::readers
+
+use cache::Digest;
+
+use crate::graph::node::Wire;
+use crate::record::record::Output;
+use crate::run::event::Event;
+use crate::run::job::load;
+use crate::run::message::Finished;
+use crate::run::scheduler::{Run, Task};
+use crate::run::slot::{Life, Waiter};
+use crate::value::artifact::AnyArtifact;
+use crate::value::error::NodeError;
+
+impl<'a> Run<'a> {
+    /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
+    /// memory is full, so that a wide graph does not come to memory all at once.
+    pub fn supply(&mut self) {
+        while let Some(&first @ (_, index)) = self.ready.first()
+            && self.supplied < self.engine.limits().jobs
+            && (self.held + self.reserved < self.engine.limits().memory || self.supplied + self.running == 0)
+        {
+            self.ready.remove(&first);
+            self.slots[index].life = Life::Gathering;
+            self.supplied += 1;
+            self.gather(index);
+        }
+    }
+
+    /// Asks for every input value of a node whose code is to run.
+    pub fn gather(&mut self, index: usize) {
+        let graph = self.graph;
+        self.slots[index].missing = 0;
+        for &wire in graph.nodes[index].inputs.iter().flatten() {
+            if self.slots[wire.node].value(wire.port).is_none() {
+                self.slots[index].missing += 1;
+                self.request(wire, Waiter::Code(index));
+            }
+        }
+        if self.slots[index].missing == 0 {
+            self.enqueue(index);
+        }
+    }
+
+    /// Its input values are there.
+    pub fn enqueue(&mut self, index: usize) {
+        self.slots[index].life = Life::Queued;
+        self.queue.insert((self.rank[index], index));
+    }
+
+    /// Has an output brought to memory for `waiter`.
+    pub fn request(&mut self, wire: Wire, waiter: Waiter) {
+        self.slots[wire.node].waiters.push((wire.port, waiter));
+        self.todo.push_back(Task::Bring(wire));
+    }
+
+    /// Loads an output, or has it made once more.
+    pub fn bring(&mut self, wire: Wire) {
+        let Wire { node, port } = wire;
+        let slot = &mut self.slots[node];
+        if slot.lost {
+            return self.lose(node, None);
+        }
+        if slot.value(port).is_some() {
+            return self.wake(node, port);
+        }
+        let Some(record) = slot.record.as_ref().filter(|_| slot.remaking.is_none()) else { return };
+        let output = record.outputs[port].clone();
+        if let Some(value) = self.engine.kept.get(&output.name()) {
+            return self.arrive(node, port, value);
+        }
+        if !output.stored {
+            return self.remake(node, "only its digest was kept");
+        }
+        if slot.begin_loading(port) {
+            let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
+            let tracer = self.tracer.clone();
+            self.send(node, move || {
+                let read = || load(&engine.store, graph, wire, &output, &sender);
+                tracer.span(&graph.nodes[node].id, "load", read);
+            });
+        }
+    }
+
+    /// A value is not in the store although its record says so.
+    pub fn missing(&mut self, index: usize, port: usize) {
+        let node = &self.graph.nodes[index];
+        let slot = &mut self.slots[index];
+        slot.end_loading(port);
+        let digest = slot.record.as_ref().map(|record| record.outputs[port].digest);
+        let mut told = false;
+        for incident in self.engine.store.take_incidents() {
+            let ours = incident.digest.is_some() && incident.digest == digest;
+            told |= ours;
+            let text = if ours { format!("`{}`: {incident}", node.id) } else { incident.to_string() };
+            (self.tell)(Event::Warning { id: "cache-damage", text });
+        }
+        if let (false, Some(digest)) = (told, digest) {
+            let text = format!("`{}`: its stored value {} is gone", node.id, digest.short());
+            (self.tell)(Event::Warning { id: "cache-damage", text });
+        }
+        self.remake(index, "its stored bytes were missing or damaged");
+    }
+
+    fn remake(&mut self, index: usize, reason: &str) {
+        let slot = &mut self.slots[index];
+        if slot.remaking.is_some() {
+            return;
+        }
+        slot.remaking = Some(slot.life);
+        slot.life = Life::Gathering;
+        for &above in self.graph.reads(index) {
+            self.slots[above].readers += 1;
+        }
+        let id = self.graph.nodes[index].id.clone();
+        (self.tell)(Event::Remake { id, reason: reason.to_owned() });
+        self.todo.push_back(Task::Gather(index));
+    }
+
+    /// A remake is over, whatever came of it.
+    pub fn end_remake(&mut self, index: usize) {
+        let Some(life) = self.slots[index].remaking.take() else { return };
+        self.queue.remove(&(self.rank[index], index));
+        self.slots[index].life = life;
+        self.release_inputs(index);
+    }
+
+    /// The code of a node ran once more.
+    pub fn remade(&mut self, index: usize, finished: Finished) {
+        let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
+        let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
+        if known != Some(digests(&finished.record.outputs)) {
+            let error = NodeError::new("made once more, it gave another result for the same inputs").hint(
+                "its kind is not deterministic, or a file changed while the graph ran; please report the former",
+            );
+            return self.lose(index, Some(&error));
+        }
+        self.end_remake(index);
+        self.totals.remade += 1;
+        for (name, n) in &finished.effort.counts {
+            *self.totals.counts.entry(name.clone()).or_default() += n;
+        }
+        for (port, value) in finished.values.into_iter().enumerate() {
+            self.arrive(index, port, value);
+        }
+    }
+
+    /// Keeps the values that a node's code gave.
+    pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
+        for (port, value) in values.iter().enumerate() {
+            self.take_in(index, port, value.clone());
+        }
+    }
+
+    fn take_in(&mut self, index: usize, port: usize, value: AnyArtifact) {
+        let bytes = (self.graph.nodes[index].kind.outputs[port].artifact.bytes)(&value) as u64;
+        if self.slots[index].keep(port, value, bytes) {
+            self.held += bytes;
+            self.totals.peak_bytes = self.totals.peak_bytes.max(self.held);
+        }
+        self.keep_for_later(index);
+    }
+
+    /// Offers the values of a node whose outputs are known to the memory that outlives the run.
+    pub fn keep_for_later(&self, index: usize) {
+        let slot = &self.slots[index];
+        for (port, output) in slot.record.iter().flat_map(|record| &record.outputs).enumerate() {
+            if let Some((value, bytes)) = slot.sized_value(port) {
+                self.engine.kept.put(&output.name(), value, bytes);
+            }
+        }
+    }
+
+    /// A value came to memory.
+    pub fn arrive(&mut self, index: usize, port: usize, value: AnyArtifact) {
+        self.take_in(index, port, value);
+        self.wake(index, port);
+        self.drop_unread(index);
+    }
+
+    /// Whoever waited for a value goes on.
+    fn wake(&mut self, index: usize, port: usize) {
+        let waiters = std::mem::take(&mut self.slots[index].waiters);
+        let (woken, rest): (Vec<_>, Vec<_>) = waiters.into_iter().partition(|(wanted, _)| *wanted == port);
+        self.slots[index].waiters = rest;
+        for (_, waiter) in woken {
+            match waiter {
+                Waiter::Files(node) => self.todo.push_back(Task::Files(node)),
+                Waiter::Code(node) if self.slots[node].life == Life::Gathering => {
+                    self.slots[node].missing -= 1;
+                    if self.slots[node].missing == 0 {
+                        self.enqueue(node);
+                    }
+                }
+                // It was skipped in the meantime.
+                Waiter::Code(_) => {}
+            }
+        }
+    }
+
+    /// A result could not be stored: its values are only in memory.
+    pub fn unstored(&mut self, index: usize, error: String) {
+        if let Some(record) = &mut self.slots[index].record {
+            record.outputs.iter_mut().for_each(|output| output.stored = false);
+        }
+        self.warn_unstored("cache-write", error);
+    }
+
+    /// Says once that not everything is kept.
+    pub fn warn_unstored(&mut self, id: &'static str, why: String) {
+        if !std::mem::replace(&mut self.store_failed, true) {
+            let text = format!("results of this run are not all kept: {why}");
+            (self.tell)(Event::Warning { id, text });
+        }
+    }
+
+    /// The node reads its inputs no more.
+    pub fn release_inputs(&mut self, index: usize) {
+        let graph = self.graph;
+        for &above in graph.reads(index) {
+            self.slots[above].readers -= 1;
+            self.drop_unread(above);
+        }
+    }
+
+    /// Lets go of values that nobody will ask for.
+    pub fn drop_unread(&mut self, index: usize) {
+        if self.slots[index].is_unread() {
+            self.held -= self.slots[index].drop_values();
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Traces: what each thread did when, for those who ask for it.
+
+use std::sync::mpsc::Sender;
+use std::time::Instant;
+
+use crate::run::event::Event;
+use crate::run::message::Message;
+
+/// Times code on the shared threads and tells each span as an [`Event::Span`]; does nothing where no
+/// trace is wanted.
+#[derive(Clone)]
+pub(crate) struct Tracer {
+    start: Instant,
+    sender: Option<Sender<Message>>,
+}
+
+impl Tracer {
+    /// Times are told from `start` on.
+    pub fn new(start: Instant, sender: Option<Sender<Message>>) -> Self {
+        Self { start, sender }
+    }
+
+    /// Runs `code` on behalf of a node.
+    pub fn span<T>(&self, id: &str, what: &str, code: impl FnOnce() -> T) -> T {
+        if self.sender.is_none() {
+            return code();
+        }
+        let begin = Instant::now();
+        let result = code();
+        self.tell(id, what, begin.elapsed().as_secs_f64());
+        result
+    }
+
+    /// Tells of something that took so many seconds and ends now.
+    pub fn tell(&self, id: &str, what: &str, seconds: f64) {
+        let Some(sender) = &self.sender else { return };
+        let event = Event::Span {
+            id: id.to_owned(),
+            what: what.to_owned(),
+            thread: rayon::current_thread_index().unwrap_or_default(),
+            start: (self.start.elapsed().as_secs_f64() - seconds).max(0.0),
+            seconds,
+        };
+        // The scheduler outlives every job, so telling it cannot fail.
+        let _ = sender.send(Message::Event(event));
+    }
+}

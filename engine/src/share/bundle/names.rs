@@ -1,0 +1,115 @@
+//! Names of files inside a bundle: what every system can write, and nothing that leads elsewhere.
+
+use std::collections::BTreeSet;
+
+use crate::value::root::BUNDLE_MARK;
+
+/// The graph file in a bundle.
+pub(crate) const GRAPH: &str = "graph.ron";
+/// Its lock.
+pub(crate) const LOCK: &str = "graph.lock";
+
+/// Longest name, in bytes.
+const LONGEST: usize = 1024;
+/// Longest part between slashes, in bytes; what file systems allow.
+const LONGEST_PART: usize = 240;
+/// Names that some systems keep for devices.
+const DEVICES: [&str; 4] = ["con", "prn", "aux", "nul"];
+
+/// Why a name cannot stand in a bundle; `None` for one that can.
+pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
+    if name.is_empty() || name.len() > LONGEST {
+        return Some("it is empty or very long");
+    }
+    // They would mean something else on another system.
+    if name.contains(['\\', ':', '*', '?', '"', '<', '>', '|']) || name.chars().any(char::is_control) {
+        return Some("it holds a character that some systems do not allow");
+    }
+    name.split('/').find_map(|part| {
+        let stem = part.split('.').next().unwrap_or_default().to_lowercase();
+        let numbered = stem.strip_prefix("com").or(stem.strip_prefix("lpt"));
+        let device = DEVICES.contains(&stem.as_str())
+            || numbered.is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| c.is_ascii_digit()));
+        match part {
+            "" => Some("it begins or ends with `/`, or holds two together"),
+            BUNDLE_MARK => Some("a folder with it counts as unpacked from a bundle"),
+            "." | ".." => Some("`.` and `..` could lead elsewhere"),
+            _ if part.len() > LONGEST_PART => Some("a part of it is very long"),
+            _ if part.ends_with(['.', ' ']) => Some("a part of it ends with a dot or a space"),
+            _ if device => Some("some systems keep this name for a device"),
+            _ => None,
+        }
+    })
+}
+
+/// The first name that cannot stand beside the others: equal to one where case does not count, or a folder
+/// of one.
+pub(crate) fn clash<'n>(names: impl Iterator<Item = &'n str>) -> Option<String> {
+    let (mut files, mut folders) = (BTreeSet::new(), BTreeSet::new());
+    for name in names {
+        let plain = name.to_lowercase();
+        let parents = plain.char_indices().filter(|(_, c)| *c == '/').map(|(at, _)| plain[..at].to_owned());
+        let parents: Vec<String> = parents.collect();
+        if parents.iter().any(|folder| files.contains(folder)) || folders.contains(&plain) {
+            return Some(name.to_owned());
+        }
+        folders.extend(parents);
+        if !files.insert(plain) {
+            return Some(name.to_owned());
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_could_do_harm_are_refused() {
+        for name in
+            ["a", "inputs/0/garden scan.ply", "ä/ö.png", "console.txt", "com/lpt", "a.b.c", "..a", "com10"]
+        {
+            assert_eq!(wrong_name(name), None, "{name}");
+        }
+        let long = "a".repeat(241);
+        for name in [
+            "",
+            "/",
+            "/etc/passwd",
+            "a/",
+            "a//b",
+            "..",
+            "a/../b",
+            "./a",
+            "a/.",
+            "a\\b",
+            "C:a",
+            "c:\\x",
+            "a\0b",
+            "a\nb",
+            "nul",
+            "a/CON.txt",
+            "com1",
+            ".lightharmony-bundle",
+            "a/LPT9.x",
+            "a.",
+            "a /b",
+            "x*",
+            "~\u{7f}",
+            &long,
+        ] {
+            assert!(wrong_name(name).is_some(), "{name:?}");
+        }
+    }
+
+    #[test]
+    fn names_that_would_be_one_file_clash() {
+        let clash = |names: &[&str]| clash(names.iter().copied());
+        assert_eq!(clash(&["a", "b", "c/a", "c/b"]), None);
+        assert_eq!(clash(&["a", "b", "A"]).as_deref(), Some("A"));
+        assert_eq!(clash(&["a", "a/b"]).as_deref(), Some("a/b"));
+        assert_eq!(clash(&["x/y/z", "X/y"]).as_deref(), Some("X/y"));
+        assert_eq!(clash(&["ä/b", "Ä/B"]).as_deref(), Some("Ä/B"));
+    }
+}

@@ -1,0 +1,241 @@
+//! Packing: a graph, the files it reads, its lock and chosen results become one file.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use crate::graph::graph::Graph;
+use crate::kind::context::ReadSource;
+use crate::kind::param_type::Role;
+use crate::plan::plan::{Fate, Outlook};
+use crate::record::action::prepare;
+use crate::record::record::{Record, Spent};
+use crate::run::engine::Engine;
+use crate::share::bundle::container::{BundleError, Parts};
+use crate::share::bundle::names::wrong_name;
+use crate::share::bundle::names::{GRAPH, LOCK};
+use crate::text::edit::replace_strings;
+use crate::text::source::folder_of;
+use crate::value::error::NodeError;
+
+/// Of which nodes a bundle holds the values, beside what every known node gave by digest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Results {
+    /// Of none: digests only.
+    Digests,
+    /// Of the nodes that are wanted, which are the sinks if nothing else is said.
+    Targets,
+    /// Of every node whose values are kept.
+    All,
+}
+
+/// What was packed.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub struct Packed {
+    /// How many files the graph reads.
+    pub inputs: usize,
+    /// Nodes whose results are told by digest.
+    pub known: usize,
+    /// Nodes whose values are in the bundle.
+    pub values: usize,
+    /// Nodes that have no result yet.
+    pub unknown: Vec<String>,
+    /// Nodes whose values were asked for but are not kept.
+    pub gone: Vec<String>,
+}
+
+impl Engine {
+    /// Writes a graph and what it needs as one bundle. The same graph, inputs and results give the same
+    /// bytes: no times, no folders, no machine.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or lies where a bundle cannot hold it.
+    pub fn pack(
+        &self,
+        graph: &Graph,
+        only: &[usize],
+        results: Results,
+        to: &mut impl std::io::Write,
+    ) -> Result<Packed, BundleError> {
+        let refused = |error: NodeError| BundleError::Refused(error.to_string());
+        let targets = if only.is_empty() { graph.targets() } else { only.to_vec() };
+        let wanted = graph.above(&targets);
+        let mut outlook = Outlook::new(self, graph);
+        let places = Places::new(graph);
+        let mut parts = Parts::default();
+        let mut packed = Packed::default();
+        // The sources by the names that they have in the bundle: names are in keys.
+        let mut sources: Vec<Vec<ReadSource>> = vec![Vec::new(); graph.nodes.len()];
+        let mut lock = self.lock(graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(refused)?;
+        lock.inputs.clear();
+        for &index in graph.order() {
+            let node = &graph.nodes[index];
+            let fate = outlook.fate(index);
+            let own = crate::record::action::read_sources(graph, index, self.store()).map_err(refused)?;
+            for source in own {
+                let mut moved = source.clone();
+                moved.file.name = places.name(index, &source.file.name);
+                // A folder named by `.` stays one, so that recipes are the same; its files lie in it without the dot.
+                let plain = moved.file.name.replace("/./", "/");
+                if let Some(why) = wrong_name(&plain) {
+                    let (file, node) = (&source.file.name, &node.id);
+                    let what =
+                        format!("`{file}`, which `{node}` reads, cannot lie in a bundle: {why}; rename it");
+                    return Err(BundleError::Refused(what));
+                }
+                parts.source(&plain, source.file.path, source.digest, source.bytes);
+                lock.inputs.insert(moved.file.name.clone(), source.digest.to_string());
+                sources[index].push(moved);
+            }
+            let (Fate::Known | Fate::Lost, Some(record)) = (&fate, &outlook.records[index]) else {
+                if wanted[index] {
+                    packed.unknown.push(node.id.clone());
+                }
+                continue;
+            };
+            let output = |wire: crate::graph::node::Wire| {
+                let above = outlook.records[wire.node].as_ref().expect("a known node has known inputs");
+                &above.outputs[wire.port]
+            };
+            let above = |above: usize| sources[above].as_slice();
+            let action =
+                prepare(graph, index, sources[index].clone(), output, above, Vec::new()).map_err(refused)?;
+            let manifest = action.key.as_ref().map(|key| &key.manifest).expect("a prepared action has a key");
+            // How long it took is nobody else's.
+            let told = Record { spent: Spent::default(), ..record.clone() };
+            parts.record(action.digest(), told.encode(manifest));
+            packed.known += 1;
+            let chosen = match results {
+                Results::Digests => false,
+                Results::Targets => targets.contains(&index),
+                Results::All => true,
+            };
+            let stored = record.outputs.iter().filter(|output| output.stored);
+            let values: Option<Vec<Vec<u8>>> =
+                stored.map(|output| self.store().get_blob(&output.digest).ok().flatten()).collect();
+            match values.filter(|_| chosen) {
+                Some(values) if !values.is_empty() => {
+                    values.into_iter().for_each(|value| parts.value(value));
+                    packed.values += 1;
+                }
+                None if chosen => packed.gone.push(node.id.clone()),
+                _ => {}
+            }
+        }
+        packed.inputs = lock.inputs.len();
+        parts.file(GRAPH, places.text(graph)?.into_bytes());
+        parts.file(LOCK, lock.text().into_bytes());
+        parts.write(to)?;
+        Ok(packed)
+    }
+}
+
+/// Where the files of a graph lie in its bundle: where they are if that is beside the graph, and in
+/// `inputs/N/` otherwise, one folder for each folder that the graph names.
+struct Places {
+    /// For each node, the folders that are moved: from, to.
+    moved: Vec<BTreeMap<String, String>>,
+}
+
+impl Places {
+    fn new(graph: &Graph) -> Self {
+        let named = |index: usize| -> Vec<String> {
+            let mut paths = Vec::new();
+            let mut params = graph.nodes[index].kind.params.iter();
+            graph.nodes[index].step.visit(&mut |_, value| {
+                if params.next().is_some_and(|spec| spec.role == Role::Input) {
+                    paths.extend(value.paths().into_iter().map(str::to_owned));
+                }
+            });
+            paths
+        };
+        let all: Vec<Vec<String>> = (0..graph.nodes.len()).map(named).collect();
+        let stays = |path: &str| {
+            wrong_name(path).is_none() && !path.starts_with("inputs/") && ![GRAPH, LOCK].contains(&path)
+        };
+        let away: BTreeSet<&str> =
+            all.iter().flatten().filter(|path| !stays(path)).map(|path| folder(path)).collect();
+        let number: BTreeMap<&str, usize> = away.into_iter().zip(0..).collect();
+        let moved = all.iter().map(|paths| {
+            let away = paths.iter().map(|path| folder(path));
+            let target = |from: &str| {
+                let here =
+                    if paths.iter().any(|path| is_dots(path) && folder(path) == from) { "/." } else { "" };
+                number.get(from).map(|n| (from.to_owned(), format!("inputs/{n}{here}")))
+            };
+            away.filter_map(target).collect()
+        });
+        Self { moved: moved.collect() }
+    }
+
+    /// The name of a source, which stands in or below a folder that the node names.
+    fn name(&self, node: usize, name: &str) -> String {
+        let moved = self.moved[node].iter().filter_map(|(from, to)| {
+            if is_dots(name) && folder(name) == from {
+                return Some((from.len(), to.clone()));
+            }
+            let rest = match from.as_str() {
+                "" => name,
+                "/" => name.strip_prefix('/')?,
+                from => name.strip_prefix(from)?.strip_prefix('/')?,
+            };
+            Some((from.len(), format!("{to}/{rest}")))
+        });
+        // The innermost folder is the one that was meant.
+        moved.max().map_or_else(|| name.to_owned(), |(_, name)| name)
+    }
+
+    /// The text of the graph with these names in it.
+    fn text(&self, graph: &Graph) -> Result<String, BundleError> {
+        let mut edits = Vec::new();
+        for (index, node) in
+            graph.nodes.iter().enumerate().filter(|(index, _)| !self.moved[*index].is_empty())
+        {
+            let mut params = node.kind.params.iter();
+            node.step.visit(&mut |name, value| {
+                let is_input = params.next().is_some_and(|spec| spec.role == Role::Input);
+                let span = node.places.of(&node.kind, name);
+                if let (true, Some(span), Ok(text)) = (is_input, span, value.text()) {
+                    edits.push((span, replace_strings(&text, |path| self.name(index, path))));
+                }
+            });
+        }
+        // Paths in an included file are relative to it, and where that lies nothing can lead to `inputs`.
+        let below = |span: &Range<usize>| !folder_of(&graph.source.piece(span.start)).is_empty();
+        if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
+            let (field, file) = (&graph.source.text[span.clone()], graph.source.piece(span.start).name);
+            let what =
+                format!("`{field}` in `{file}` lies where a bundle cannot hold it; put it beside the graph");
+            return Err(BundleError::Refused(what));
+        }
+        // A field stands once in the text, however many nodes axes make of it.
+        edits.sort_by_key(|(span, _)| std::cmp::Reverse(span.start));
+        edits.dedup();
+        if let Some(pair) = edits.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            let field = &graph.source.text[pair[0].0.clone()];
+            let what = format!("`{field}` names files that lie elsewhere; put them beside the graph");
+            return Err(BundleError::Refused(what));
+        }
+        let mut text = graph.source.text.to_string();
+        for (span, with) in edits {
+            text.replace_range(span, &with);
+        }
+        Ok(text)
+    }
+}
+
+/// Whether a path names a folder by `.` or `..`.
+fn is_dots(path: &str) -> bool {
+    matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
+}
+
+/// The folder of a path as written, without the slash; of a file in the root the slash itself. A folder that is named
+/// by `.` or `..` is its own, since nothing says what it is called.
+fn folder(path: &str) -> &str {
+    let path = path.trim_end_matches('/');
+    match path.rsplit_once('/') {
+        _ if is_dots(path) => path,
+        Some(("", _)) => "/",
+        Some((folder, _)) => folder,
+        None => "",
+    }
+}

@@ -1,0 +1,137 @@
+//! Unpacking: a folder with the files of a bundle, or nothing.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Seek, Write};
+use std::path::Path;
+
+use cache::{Digest, Store, TempFolder};
+
+use crate::record::record::Record;
+use crate::share::bundle::container::{Bundle, BundleError};
+use crate::share::bundle::names::{GRAPH, LOCK};
+use crate::value::root::BUNDLE_MARK;
+
+impl<R: Read + Seek> Bundle<R> {
+    /// Makes the folder `target` with the graph, its lock and its inputs. All of it is written beside the
+    /// target and verified, and then renamed; where anything is wrong nothing stays. Links are never made.
+    ///
+    /// # Errors
+    /// When the bundle is not sound, the target is there and not empty, or the disk is full.
+    pub fn unpack(&mut self, target: &Path) -> Result<(), BundleError> {
+        let failed = |what: &str, path: &Path| {
+            let what = format!("cannot {what} `{}`", path.display());
+            move |source| BundleError::Io { what, source }
+        };
+        if fs::symlink_metadata(target).is_ok() && !is_empty_folder(target) {
+            let what = format!("`{}` is there already; name a new folder", target.display());
+            return Err(BundleError::Refused(what));
+        }
+        for needed in [GRAPH, LOCK] {
+            if self.content_of(needed).is_none() {
+                return Err(BundleError::Damaged(format!("it holds no `{needed}`")));
+            }
+        }
+        let parent =
+            target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        fs::create_dir_all(parent).map_err(failed("create", parent))?;
+        let passing = TempFolder::create_in(parent).map_err(|error| BundleError::Refused(told(error)))?;
+        let files: Vec<String> = self.files().map(|(name, ..)| name.to_owned()).collect();
+        for name in files {
+            // Checked when the bundle was opened: relative, and no part of it leads up.
+            let path = passing.path().join(&name);
+            if let Some(folder) = path.parent() {
+                fs::create_dir_all(folder).map_err(failed("create", folder))?;
+            }
+            let mut file = OpenOptions::new()
+                .write(true)
+                .create_new(true)
+                .open(&path)
+                .map_err(failed("create", &path))?;
+            let content = self.content_of(&name).unwrap_or_default();
+            self.copy(content, &mut file).map_err(|error| match error {
+                BundleError::Io { source, .. } => failed("write", &path)(source),
+                other => other,
+            })?;
+        }
+        let mark = passing.path().join(BUNDLE_MARK);
+        let text = format!(
+            "{}\nThis folder came from a bundle. Its graph reads only what lies here and what `--inputs` names.\n\
+             Remove this file to make the graph your own.\n",
+            self.digest()
+        );
+        File::create_new(&mark)
+            .and_then(|mut file| file.write_all(text.as_bytes()))
+            .map_err(failed("create", &mark))?;
+        if is_empty_folder(target) {
+            fs::remove_dir(target).map_err(failed("replace", target))?;
+        }
+        fs::rename(passing.path(), target).map_err(failed("rename to", target))?;
+        Ok(())
+    }
+
+    /// Puts records and values into a store, which then knows what they claim. Only for a store that is
+    /// thrown away, or for somebody who trusts the packer.
+    ///
+    /// # Errors
+    /// When the bundle is not sound or the store cannot be written.
+    pub fn fill(&mut self, store: &Store) -> Result<(), BundleError> {
+        let failed = |error: cache::Error| BundleError::Refused(error.to_string());
+        for (digest, content) in self.values() {
+            let bytes = self.read(content)?;
+            store.put_blob_as(&digest, &bytes).map_err(failed)?;
+        }
+        let kept = self.values().into_iter().map(|(digest, _)| digest).collect();
+        for (key, content) in self.records() {
+            self.put_record(store, &key, content, &kept)?;
+        }
+        Ok(())
+    }
+
+    /// Puts a record into a store, with no value named as kept that is not in `kept`: its absence is no damage.
+    pub(super) fn put_record(
+        &mut self,
+        store: &Store,
+        key: &Digest,
+        content: usize,
+        kept: &BTreeSet<Digest>,
+    ) -> Result<(), BundleError> {
+        let bytes = self.read(content)?;
+        // What is no record is refused by whoever looks it up.
+        let record = Record::keeping(&bytes, |digest| kept.contains(digest)).unwrap_or(bytes);
+        store.put_record(key, &record).map_err(|error| BundleError::Refused(error.to_string()))
+    }
+
+    /// The text of the graph.
+    ///
+    /// # Errors
+    /// When there is none, or it is not text.
+    pub fn graph_text(&mut self) -> Result<String, BundleError> {
+        self.text(GRAPH)
+    }
+
+    /// The text of its lock.
+    ///
+    /// # Errors
+    /// When there is none, or it is not text.
+    pub fn lock_text(&mut self) -> Result<String, BundleError> {
+        self.text(LOCK)
+    }
+
+    fn text(&mut self, name: &str) -> Result<String, BundleError> {
+        let content = self.content_of(name);
+        let content = content.ok_or_else(|| BundleError::Damaged(format!("it holds no `{name}`")))?;
+        String::from_utf8(self.read(content)?)
+            .map_err(|_| BundleError::Damaged(format!("`{name}` is not text")))
+    }
+}
+
+/// What was tried on which path, and what the system said.
+pub(super) fn told(error: cache::Error) -> String {
+    crate::value::error::NodeError::from(error).to_string()
+}
+
+fn is_empty_folder(path: &Path) -> bool {
+    let is_folder = fs::symlink_metadata(path).is_ok_and(|found| found.is_dir());
+    is_folder && fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
+}

@@ -1,0 +1,189 @@
+//! Verifying: some nodes of a bundle are computed anew and compared.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{Read, Seek};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use cache::{Digest, Options, Store, TempFolder};
+
+use crate::graph::graph::Graph;
+use crate::kind::registry::Registry;
+use crate::plan::lock::Lock;
+use crate::plan::plan::{Fate, Outlook};
+use crate::record::record::Record;
+use crate::run::engine::Engine;
+use crate::run::event::Event;
+use crate::run::job::stored_value;
+use crate::run::options::RunOptions;
+use crate::share::bundle::container::{Bundle, BundleError};
+use crate::share::bundle::names::{GRAPH, LOCK};
+use crate::share::bundle::unpack::told as cause;
+use crate::text::diag::Diagnostics;
+use crate::text::source::Source;
+use crate::value::artifact::Difference;
+use crate::value::root::SourceRoot;
+
+/// How much of a bundle is computed anew, with what.
+pub struct VerifyOptions<'a> {
+    /// How many nodes; all of them where there are no more.
+    pub sample: usize,
+    /// Chooses them.
+    pub seed: u64,
+    /// Threads and bytes of memory.
+    pub jobs: usize,
+    /// See `jobs`.
+    pub memory: u64,
+    /// Where the files are while it is verified; removed afterwards.
+    pub folder: &'a Path,
+    /// Set from outside to stop.
+    pub cancel: Arc<AtomicBool>,
+}
+
+/// What became of one node that was computed anew.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Verdict {
+    /// Every output has the bytes that the bundle tells of.
+    Equal,
+    /// An output has other bytes.
+    Differs {
+        /// Name of the output.
+        output: String,
+        /// In the terms of its type, where the bundle holds the value.
+        difference: Option<Difference>,
+    },
+    /// What it is made from came out otherwise, so it cannot be compared.
+    OtherInputs,
+    /// It did not run.
+    Failed,
+}
+
+/// What verifying a bundle came to.
+#[derive(Debug)]
+pub struct Verified {
+    /// The nodes that were computed anew, in the order of the graph.
+    pub nodes: Vec<(String, Verdict)>,
+    /// How many nodes could have been.
+    pub known: usize,
+    /// Kinds and inputs that are not what the lock says.
+    pub differences: Vec<String>,
+    /// What failed.
+    pub failures: Option<Diagnostics>,
+}
+
+impl Verified {
+    /// Whether everything that was asked is as the bundle says.
+    pub fn is_good(&self) -> bool {
+        self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| *verdict == Verdict::Equal)
+    }
+}
+
+/// Reads a whole bundle, computes some of its nodes anew from what it holds, and compares. Nothing in it is
+/// believed but what the other nodes gave, and that only where it was not chosen.
+///
+/// # Errors
+/// When the bundle is not sound, or its graph cannot run.
+pub fn verify<R: Read + Seek>(
+    bundle: &mut Bundle<R>,
+    registry: &Registry,
+    options: &VerifyOptions<'_>,
+    mut tell: impl FnMut(Event),
+) -> Result<Verified, BundleError> {
+    let refused = |error: &dyn std::fmt::Display| BundleError::Refused(error.to_string());
+    bundle.check()?;
+    let failed = |source| BundleError::Io { what: "cannot make a folder to verify in".to_owned(), source };
+    let place = TempFolder::create_in(options.folder).map_err(|error| BundleError::Refused(cause(error)))?;
+    let folder = place.path().join("graph");
+    bundle.unpack(&folder)?;
+    let root = SourceRoot::confined(&folder, &[]).map_err(failed)?;
+    let graph =
+        Graph::parse(Source::new(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
+    let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
+    let open = |name: &str| -> Result<Engine, BundleError> {
+        let store = Store::open(&place.path().join(name), Options::default()).map_err(|e| refused(&e))?;
+        Ok(Engine::new(store, options.jobs, options.memory))
+    };
+
+    // What the bundle tells of each node, by the keys that this program makes.
+    let told = open("told")?;
+    bundle.fill(told.store())?;
+    let mut outlook = Outlook::new(&told, &graph);
+    let mut known: BTreeMap<usize, (Digest, Record)> = BTreeMap::new();
+    for &index in graph.order() {
+        let fate = outlook.fate(index);
+        let is_known = matches!(fate, Fate::Known | Fate::Lost);
+        if let (true, Some(record)) = (is_known, &outlook.records[index]) {
+            known.insert(index, (outlook.actions[index].digest(), record.clone()));
+        }
+    }
+    let now = told.lock(&graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(|e| refused(&e))?;
+    let mut differences = lock.differences(&now).before;
+    // The same kinds and inputs, and yet the lock tells of a result that no record of the bundle has.
+    if differences.is_empty() {
+        let missing = lock.results.keys().filter(|id| !now.results.contains_key(*id));
+        let text = |id| format!("the lock has a result of `{id}`, and the bundle has none that fits");
+        differences.extend(missing.map(text));
+    }
+    differences.extend(lock.differences(&now).results);
+
+    // The chosen ones are those that the seed ranks first.
+    let rank = |index: usize| {
+        *Digest::of(format!("{} {}", options.seed, graph.nodes[index].id).as_bytes()).as_bytes()
+    };
+    let mut chosen: Vec<usize> = known.keys().copied().collect();
+    chosen.sort_by_key(|&index| rank(index));
+    chosen.truncate(options.sample);
+    let chosen: BTreeSet<usize> = chosen.into_iter().collect();
+    let chosen_keys: BTreeSet<[u8; 32]> = chosen.iter().map(|index| *known[index].0.as_bytes()).collect();
+
+    // A store that knows everything but them. Values of theirs are left out too, in case they are wrong.
+    let anew = open("anew")?;
+    let kept = bundle.values().into_iter().map(|(digest, _)| digest).collect();
+    for (key, content) in bundle.records() {
+        if !chosen_keys.contains(key.as_bytes()) {
+            bundle.put_record(anew.store(), &key, content, &kept)?;
+        }
+    }
+    for (digest, content) in bundle.values() {
+        let bytes = bundle.read(content)?;
+        anew.store().put_blob_as(&digest, &bytes).map_err(|e| refused(&e))?;
+    }
+    if chosen.is_empty() {
+        return Ok(Verified { nodes: Vec::new(), known: known.len(), differences, failures: None });
+    }
+    let only: Vec<usize> = chosen.iter().copied().collect();
+    let (out, cancel) = (place.path().join("out"), options.cancel.clone());
+    let run = RunOptions { out, only, cancel, ..RunOptions::default() };
+    let outcome = anew.run(&graph, &run, &mut tell);
+
+    let mut made = Outlook::new(&anew, &graph);
+    let mut nodes = Vec::new();
+    for &index in graph.order() {
+        let fate = made.fate(index);
+        if !chosen.contains(&index) {
+            continue;
+        }
+        let (key, record) = &known[&index];
+        let node = &graph.nodes[index];
+        let same_key = made.actions[index].key.as_ref().is_some_and(|now| now.digest == *key);
+        let verdict = match (fate, &made.records[index]) {
+            (Fate::Known | Fate::Lost, Some(now)) if same_key => {
+                let ports = node.kind.outputs.iter().zip(record.outputs.iter().zip(&now.outputs));
+                let unequal = ports.into_iter().find(|(_, (then, now))| then.digest != now.digest);
+                unequal.map_or(Verdict::Equal, |(port, (then, now))| {
+                    let value = |engine: &Engine, digest: &Digest| {
+                        stored_value(engine.store(), &port.artifact, digest)
+                    };
+                    let pair = value(&told, &then.digest).zip(value(&anew, &now.digest));
+                    let difference = pair.map(|(then, now)| port.artifact.difference(&then, &now));
+                    Verdict::Differs { output: port.name.to_owned(), difference }
+                })
+            }
+            (Fate::Known | Fate::Lost, Some(_)) => Verdict::OtherInputs,
+            _ => Verdict::Failed,
+        };
+        nodes.push((node.id.clone(), verdict));
+    }
+    Ok(Verified { nodes, known: known.len(), differences, failures: outcome.failures })
+}

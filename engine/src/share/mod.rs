@@ -1,0 +1,7 @@
+//! Graphs that travel: bundles, and recipes in pictures.
+
+pub(crate) mod bundle;
+pub(crate) mod pairing;
+pub(crate) mod recipe_error;
+pub(crate) mod rerun;
+pub(crate) mod source_index;

@@ -1,0 +1,220 @@
+//! From the recipe in a picture back to a graph that can run.
+//!
+//! A recipe names the files that were read without their folders, each with its digest. They are looked for by
+//! name and digest in folders that the user names, so that what runs is what ran, or nothing does.
+
+use crate::share::recipe_error::RecipeError;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use cache::{Digest, Store};
+
+use crate::graph::graph::Graph;
+use crate::kind::param_type::Role;
+use crate::kind::registry::{Registry, camel};
+use crate::plan::diff::NodeDifference;
+use crate::record::action::read_sources;
+use crate::record::recipe::{HEAD, READS, told_name};
+use crate::share::pairing::{Said, said_otherwise};
+use crate::share::source_index::Shelf;
+use crate::text::diag::Diagnostics;
+use crate::text::document::{Document, RawField};
+use crate::text::edit::replace_strings;
+use crate::text::source::Source;
+use crate::text::syntax::{Sort, parse_part};
+use crate::value::error::NodeError;
+
+/// What a picture says about how it was made.
+#[derive(Debug, Clone)]
+pub struct Recipe {
+    text: String,
+    /// Kind, version and profile.
+    kinds: Vec<(String, u32, String)>,
+    /// Files by node: name and digest.
+    sources: BTreeMap<String, Vec<(String, Digest)>>,
+}
+
+impl Recipe {
+    /// Reads the text that a picture carries.
+    ///
+    /// # Errors
+    /// [`RecipeError::NoRecipe`] for any other text.
+    pub fn parse(text: &str) -> Result<Self, RecipeError> {
+        let rest = text.strip_prefix(HEAD).ok_or(RecipeError::NoRecipe)?;
+        let (head, _) = rest.split_once('\n').ok_or(RecipeError::NoRecipe)?;
+        let kind = |entry: &str| {
+            let mut words = entry.split(' ');
+            let (name, version) = (words.next()?.to_owned(), words.next()?.parse().ok()?);
+            Some((name, version, words.next()?.to_owned()))
+        };
+        let kinds = head.split(", ").map(|entry| kind(entry.trim())).collect::<Option<_>>();
+        let mut sources: BTreeMap<String, Vec<(String, Digest)>> = BTreeMap::new();
+        for line in text.lines().filter_map(|line| line.strip_prefix("// ")) {
+            let Some((node, rest)) = line.split_once(READS) else { continue };
+            let Some((name, digest)) = rest.rsplit_once(' ') else { continue };
+            let digest = Digest::from_hex(digest).ok_or(RecipeError::NoRecipe)?;
+            sources.entry(node.to_owned()).or_default().push((name.to_owned(), digest));
+        }
+        Ok(Self { text: text.to_owned(), kinds: kinds.ok_or(RecipeError::NoRecipe)?, sources })
+    }
+
+    /// The text as it was given.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Kinds that this program has not, or has in another version: what it made would be another picture.
+    pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
+        let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
+            None => Some(format!("there is no kind `{name}` here")),
+            Some(kind) if kind.version != *version || kind.profile != profile => Some(format!(
+                "the picture was made by `{name}` {version} ({profile}), and this is {} ({})",
+                kind.version, kind.profile
+            )),
+            Some(_) => None,
+        };
+        self.kinds.iter().filter_map(other).collect()
+    }
+
+    /// What two recipes say otherwise, node by node: kinds with their versions, fields, and the content of the files
+    /// that were read. Numbers of nodes say nothing: `pairing.rs` tells which nodes are each other's.
+    /// They are called as in the first recipe; what only the second has is called `b.n3`. What the picture was called
+    /// is in neither.
+    ///
+    /// # Errors
+    /// When one of the graphs cannot be read.
+    pub fn differences(&self, other: &Recipe) -> Result<Vec<(String, NodeDifference)>, RecipeError> {
+        let (a, b) = (self.nodes()?, other.nodes()?);
+        Ok(said_otherwise(&a, &b))
+    }
+
+    /// What it says of the scene and of each node, what is read before what reads it.
+    fn nodes(&self) -> Result<Vec<Said>, RecipeError> {
+        let document = self.document("recipe")?;
+        let field = |field: &RawField<'_>| (field.name.to_owned(), field.text.to_owned());
+        let scene = document.scene.iter().flat_map(|scene| &scene.fields).map(field).collect();
+        let mut nodes = vec![Said::new("scene".to_owned(), String::new(), scene)];
+        for node in &document.nodes {
+            let kind = self.kinds.iter().find(|(name, ..)| camel(name) == node.kind);
+            let version =
+                kind.map_or_else(|| node.kind.to_owned(), |(name, n, how)| format!("{name} {n} {how}"));
+            let mut fields = vec![("kind".to_owned(), version)];
+            fields.extend(node.fields.iter().map(field));
+            // Of files of one name the second is called so.
+            let mut count: BTreeMap<&str, usize> = BTreeMap::new();
+            for (file, digest) in self.sources.get(&*node.id).into_iter().flatten() {
+                let n = count.entry(file).or_default();
+                *n += 1;
+                let which = if *n > 1 { format!(" ({n})") } else { String::new() };
+                fields.push((format!("the content of {file}{which}"), digest.short()));
+            }
+            let kind = kind.map_or(node.kind, |(name, ..)| name).to_owned();
+            nodes.push(Said::new(node.id.to_string(), kind, fields));
+        }
+        Ok(nodes)
+    }
+
+    fn document(&self, name: &str) -> Result<Document<'_>, RecipeError> {
+        let mut diagnostics = Vec::new();
+        let document = parse_part(&self.text, 0..self.text.len(), Sort::Graph, &mut diagnostics);
+        if diagnostics.is_empty() {
+            return Ok(document);
+        }
+        Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
+    }
+
+    /// The graph with the path of each file as it lies in one of `folders`: of a node that reads several files of one
+    /// name, the second that it names is the second that was read. `file` becomes the name of what it writes, where
+    /// that is one file. `store` remembers digests.
+    ///
+    /// # Errors
+    /// When the graph cannot be read, or a file is not found or not told apart from others: all such, at once.
+    pub fn settle(
+        &self,
+        name: &str,
+        file: &str,
+        registry: &Registry,
+        folders: &[PathBuf],
+        store: &Store,
+    ) -> Result<Source, RecipeError> {
+        let document = self.document(name)?;
+        let shelf = if self.sources.is_empty() { Shelf::default() } else { Shelf::of(folders)? };
+        let mut missing = Vec::new();
+        let mut edits = Vec::new();
+        for node in &document.nodes {
+            let Some(kind) = registry.get(node.kind) else { continue };
+            let role = |field: &RawField<'_>| {
+                kind.params.iter().find(|spec| spec.name == field.name).map(|spec| spec.role)
+            };
+            let inputs = || node.fields.iter().filter(|field| role(field) == Some(Role::Input));
+            let mut wanted = Vec::new();
+            for field in inputs() {
+                replace_strings(field.text, |path| {
+                    wanted.push(told_name(path));
+                    String::new()
+                });
+            }
+            let sources = self.sources.get(&*node.id).map_or(&[][..], Vec::as_slice);
+            match shelf.settle(&wanted, sources, store) {
+                Ok(paths) => {
+                    let mut paths = paths.into_iter();
+                    for field in inputs() {
+                        let with = replace_strings(field.text, |_| paths.next().unwrap_or_default());
+                        edits.push((field.span.clone(), with));
+                    }
+                }
+                Err(lines) => missing.extend(lines.into_iter().map(|line| format!("`{}`: {line}", node.id))),
+            }
+            let outputs = node.fields.iter().filter(|field| role(field) == Some(Role::Output));
+            let one = outputs.filter(|field| !field.text.contains("{view}"));
+            edits.extend(one.map(|field| (field.span.clone(), format!("{file:?}"))));
+        }
+        if !missing.is_empty() {
+            missing.extend(shelf.is_cut().then(|| CUT.to_owned()));
+            return Err(RecipeError::Missing(missing));
+        }
+        let mut text = self.text.clone();
+        edits.sort_by_key(|(span, _)| span.start);
+        for (span, with) in edits.into_iter().rev() {
+            text.replace_range(span, &with);
+        }
+        Ok(Source::new(name, text))
+    }
+
+    /// Files that a graph made from this recipe reads and that are not those of the recipe, such as a texture
+    /// beside a model, and nodes that read more of them, fewer, or in another order.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub fn other_sources(&self, graph: &Graph, store: &Store) -> Result<Vec<String>, NodeError> {
+        let mut other = Vec::new();
+        for (index, node) in graph.nodes.iter().enumerate() {
+            let known = self.sources.get(&node.id).map_or(&[][..], Vec::as_slice);
+            let found = read_sources(graph, index, store)?;
+            for (place, source) in found.iter().enumerate() {
+                let now = (told_name(&source.file.name), source.digest);
+                if known.get(place) != Some(&now) {
+                    let path = source.file.path.display();
+                    let what = if known.contains(&now) {
+                        format!(
+                            "`{path}`, which `{}` reads, is not in the place where the picture had it",
+                            node.id
+                        )
+                    } else {
+                        format!("`{path}` is not the file that the picture was made from")
+                    };
+                    other.push(what);
+                }
+            }
+            for (name, digest) in known.iter().skip(found.len()) {
+                let digest = digest.short();
+                other
+                    .push(format!("`{}` does not read `{name}` with the content {digest} any more", node.id));
+            }
+        }
+        Ok(other)
+    }
+}
+
+/// Said where not all files could be looked at.
+const CUT: &str = "(the folders of `--inputs` hold more files than are looked through; name smaller ones)";

@@ -1,0 +1,226 @@
+//! The files in the folders of `--inputs`, and which of them a node of a recipe read.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+use cache::{Digest, Store};
+
+use crate::record::recipe::{HERE, told_name};
+use crate::share::recipe_error::RecipeError;
+
+/// Most files that are looked at in the folders of the user.
+const MOST_FILES: usize = 200_000;
+
+/// A file that was read: name and digest.
+type Read = (String, Digest);
+
+/// The folders of the user, and all files below them by their last name.
+#[derive(Default)]
+pub(crate) struct Shelf {
+    roots: Vec<PathBuf>,
+    files: BTreeMap<String, Vec<PathBuf>>,
+    digests: RefCell<HashMap<PathBuf, Option<Digest>>>,
+    cut: bool,
+}
+
+impl Shelf {
+    /// Looks through folders in order of their names. Links are not followed.
+    ///
+    /// # Errors
+    /// When a folder cannot be read.
+    pub fn of(folders: &[PathBuf]) -> Result<Self, RecipeError> {
+        let mut shelf = Self::default();
+        let mut count = 0;
+        for folder in folders {
+            let failed = |folder: &Path| {
+                let folder = folder.to_owned();
+                move |source| RecipeError::Folder { folder, source }
+            };
+            let first = folder.canonicalize().map_err(failed(folder))?;
+            shelf.roots.push(first.clone());
+            let mut open = vec![first];
+            while let Some(folder) = open.pop() {
+                let entries = std::fs::read_dir(&folder).map_err(failed(&folder))?;
+                let mut entries: Vec<_> = entries.flatten().collect();
+                entries.sort_by_key(std::fs::DirEntry::file_name);
+                for entry in entries {
+                    count += 1;
+                    let Ok(kind) = entry.file_type() else { continue };
+                    let Ok(name) = entry.file_name().into_string() else { continue };
+                    if count > MOST_FILES {
+                        shelf.cut = true;
+                        return Ok(shelf);
+                    }
+                    if kind.is_dir() {
+                        open.push(entry.path());
+                    } else if kind.is_file() {
+                        shelf.files.entry(told_name(&name)).or_default().push(entry.path());
+                    }
+                }
+            }
+        }
+        Ok(shelf)
+    }
+
+    /// Whether there are more files than are looked at.
+    pub fn is_cut(&self) -> bool {
+        self.cut
+    }
+
+    /// Where the files and folders lie that a node names, in its order: `sources` are all that it read, in order, and
+    /// each of `wanted` stands for a run of them. A file begins its run, and what it names follows. The node may still
+    /// read other files there, which [`Recipe::other_sources`](crate::Recipe::other_sources) finds.
+    ///
+    /// # Errors
+    /// A line for each that is not found, or not told apart from the others.
+    pub fn settle(
+        &self,
+        wanted: &[String],
+        sources: &[Read],
+        store: &Store,
+    ) -> Result<Vec<String>, Vec<String>> {
+        let named = |name: &String| sources.iter().any(|(source, _)| source == name);
+        // The last place where the run of each can begin, so that those behind it have theirs.
+        let mut latest = vec![sources.len(); wanted.len() + 1];
+        for (which, name) in wanted.iter().enumerate().rev() {
+            let before = &sources[..latest[which + 1]];
+            let place = match named(name) {
+                true => before.iter().rposition(|(source, _)| source == name),
+                false => before.len().checked_sub(1),
+            };
+            let Some(place) = place else { return Err(vec![untold(name, wanted, sources)]) };
+            latest[which] = place;
+        }
+        let (mut paths, mut missing, mut at) = (Vec::new(), Vec::new(), 0);
+        // A folder before, which must hold all that stands before the next.
+        let mut folder: Option<&String> = None;
+        for (which, name) in wanted.iter().enumerate() {
+            let is_file = named(name);
+            // What stands before it belongs to the one before: a file may name others anywhere.
+            let begin = match is_file {
+                true => sources[at..].iter().position(|(source, _)| source == name).map(|n| at + n),
+                false => Some(at),
+            };
+            let Some(begin) = begin.filter(|begin| *begin <= latest[which]) else {
+                missing.push(untold(name, wanted, sources));
+                break;
+            };
+            missing.extend(folder.take().filter(|_| begin != at).map(|folder| absent(folder, None)));
+            let mut end = latest[which + 1];
+            // Of files by name each begins where its name stands next.
+            if let (true, Some(next)) = (is_file, wanted.get(which + 1).filter(|next| named(next))) {
+                let place = sources[begin + 1..end].iter().position(|(source, _)| source == next);
+                end = place.map_or(end, |n| begin + 1 + n);
+            }
+            let found = if is_file {
+                self.file(&sources[begin..end], store)
+            } else {
+                self.folder(name, &sources[begin..end], store)
+            };
+            match found {
+                Some((path, count)) => {
+                    at = begin + count;
+                    folder = (!is_file).then_some(name);
+                    // What had no name of its own gets none, so that the recipe stays the same.
+                    paths.push(if name == HERE { format!("{path}/{HERE}") } else { path });
+                }
+                None => {
+                    missing.push(absent(name, is_file.then(|| &sources[begin].1)));
+                    at = if is_file { begin + 1 } else { end };
+                }
+            }
+        }
+        missing.extend(folder.filter(|_| at < sources.len()).map(|folder| absent(folder, None)));
+        if missing.is_empty() { Ok(paths) } else { Err(missing) }
+    }
+
+    /// The file that begins `run`, and how many of the run lie in its folder.
+    fn file(&self, run: &[Read], store: &Store) -> Option<(String, usize)> {
+        self.best(run.len(), self.first_of(run, store), |path| {
+            path.parent().map_or(1, |folder| 1 + self.held(folder, &run[1..], store))
+        })
+    }
+
+    /// The folder of this name that holds `run` from its beginning, and how many of it: of several that hold as
+    /// many, the innermost.
+    fn folder(&self, name: &str, run: &[Read], store: &Store) -> Option<(String, usize)> {
+        let inside = |path: &&Path| self.roots.iter().any(|root| path.starts_with(root));
+        let is_meant = |path: &&Path| {
+            let own = || path.file_name().and_then(|own| own.to_str()).map(told_name);
+            name == HERE || own().as_deref() == Some(name)
+        };
+        let around = self.first_of(run, store).flat_map(|path| path.ancestors().skip(1));
+        let all = around.filter(inside).filter(is_meant);
+        self.best(run.len(), all, |folder| self.held(folder, run, store))
+    }
+
+    /// The files that may be the first of `run`.
+    fn first_of<'s>(&'s self, run: &'s [Read], store: &'s Store) -> impl Iterator<Item = &'s Path> {
+        let all = run.first().and_then(|(name, digest)| Some((self.files.get(name)?, digest)));
+        let all = all.into_iter().flat_map(|(paths, digest)| paths.iter().map(move |path| (path, digest)));
+        all.filter(|(path, digest)| self.has(path, digest, store)).map(|(path, _)| path.as_path())
+    }
+
+    /// The first of those that hold most, and how much; none is asked once one holds `all`.
+    fn best<'s>(
+        &self,
+        all: usize,
+        candidates: impl Iterator<Item = &'s Path>,
+        held: impl Fn(&Path) -> usize,
+    ) -> Option<(String, usize)> {
+        let mut best: Option<(String, usize)> = None;
+        for path in candidates {
+            let Some(text) = path.to_str() else { continue };
+            let count = held(path);
+            if best.as_ref().is_none_or(|(_, most)| count > *most) {
+                best = Some((text.to_owned(), count));
+            }
+            if count == all {
+                break;
+            }
+        }
+        best
+    }
+
+    /// How many of `run`, from its beginning, lie below a folder.
+    fn held(&self, folder: &Path, run: &[Read], store: &Store) -> usize {
+        let lies = |(name, digest): &&Read| {
+            let mut all = self.files.get(name).into_iter().flatten();
+            all.any(|path| path.starts_with(folder) && self.has(path, digest, store))
+        };
+        run.iter().take_while(lies).count()
+    }
+
+    fn has(&self, path: &Path, digest: &Digest, store: &Store) -> bool {
+        let mut digests = self.digests.borrow_mut();
+        let read = || store.digest_file(path).ok().map(|(digest, _)| digest);
+        let found = digests.entry(path.to_owned()).or_insert_with(read);
+        found.as_ref() == Some(digest)
+    }
+}
+
+fn absent(name: &str, digest: Option<&Digest>) -> String {
+    match digest {
+        Some(digest) => {
+            format!("`{name}` with the content {} is in none of the folders of `--inputs`", digest.short())
+        }
+        None if name == HERE => {
+            "none of the folders of `--inputs`, nor one in them, holds what it read".to_owned()
+        }
+        None => format!(
+            "`{name}`, with the files that were read, is none of the folders of `--inputs` and in none of them"
+        ),
+    }
+}
+
+/// What is said where the names of a recipe fit more than one file, or none.
+fn untold(name: &str, wanted: &[String], sources: &[Read]) -> String {
+    let times = wanted.iter().filter(|other| *other == name).count();
+    let read = sources.iter().filter(|(source, _)| source == name).count();
+    format!(
+        "the recipe does not tell which file `{name}` is: it stands {times} times in the fields of the node, and of its \
+         {} files {read} have that name; use the graph itself, or a bundle of it",
+        sources.len()
+    )
+}

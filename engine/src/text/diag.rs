@@ -1,0 +1,317 @@
+//! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
+
+use crate::text::source::Source;
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use serde::Serialize;
+
+use crate::text::source::Piece;
+
+/// What sort of mistake it is; a stable name in JSON.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Code {
+    /// The text is no RON, or not what a graph file is made of.
+    Syntax,
+    /// The file is of a version that this program does not read.
+    Version,
+    /// Something must be given.
+    Missing,
+    /// Something is given twice.
+    Duplicate,
+    /// No kind has this name.
+    UnknownKind,
+    /// Nothing of this name can be set there.
+    UnknownField,
+    /// No node has this name.
+    UnknownNode,
+    /// The node has no such output.
+    UnknownOutput,
+    /// The input takes another type.
+    WrongType,
+    /// The parameter takes other values.
+    WrongValue,
+    /// The number lies outside of its range.
+    OutOfRange,
+    /// Parameters that do not go together.
+    Parameters,
+    /// Wires that do not go together.
+    Wiring,
+    /// Nodes that read each other.
+    Cycle,
+    /// A file to read is missing, or is none.
+    MissingFile,
+    /// A file cannot be written under this name.
+    OutputPath,
+    /// `--set` was given something that is no setting.
+    Setting,
+    /// The node failed when it ran.
+    Failed,
+}
+
+/// One mistake.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnostic {
+    /// Its sort, for programs.
+    pub code: Code,
+    /// Bytes of the text that are underlined.
+    pub span: Range<usize>,
+    /// What is wrong.
+    pub message: String,
+    /// What stands under the underline.
+    pub label: String,
+    /// Other places that belong to it, each with its words.
+    pub related: Vec<(Range<usize>, String)>,
+    /// What to do.
+    pub hints: Vec<String>,
+}
+
+impl Diagnostic {
+    /// A mistake of the notation at `span`.
+    pub fn new(span: Range<usize>, message: impl Into<String>) -> Self {
+        Self::of(Code::Syntax, span, message)
+    }
+
+    /// A mistake of a sort that has a name.
+    pub fn of(code: Code, span: Range<usize>, message: impl Into<String>) -> Self {
+        let message = bounded(message.into());
+        Self { code, span, message, label: String::new(), related: Vec::new(), hints: Vec::new() }
+    }
+
+    /// Adds the text under the underline.
+    pub fn label(mut self, label: impl Into<String>) -> Self {
+        self.label = bounded(label.into());
+        self
+    }
+
+    /// Adds another place that belongs to it.
+    pub fn related(mut self, span: Range<usize>, label: impl Into<String>) -> Self {
+        self.related.push((span, label.into()));
+        self
+    }
+
+    /// Adds advice.
+    pub fn hint(mut self, hint: impl Into<String>) -> Self {
+        self.hints.push(bounded(hint.into()));
+        self
+    }
+
+    /// Adds "did you mean" where one of `known` is near to `found`.
+    pub fn suggest<'k>(self, found: &str, known: impl IntoIterator<Item = &'k str>) -> Self {
+        match nearest(found, known) {
+            Some(near) => self.hint(format!("did you mean `{near}`?")),
+            None => self,
+        }
+    }
+}
+
+/// Nobody reads more than this at once, and each is laid out on its own.
+const MOST_SHOWN: usize = 100;
+
+/// The mistakes of one text, in the order of their places.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnostics {
+    /// The text they are about.
+    pub source: Source,
+    /// At least one mistake.
+    pub list: Vec<Diagnostic>,
+    /// The files that the text names: what is wrong may lie in one of them.
+    pub files: Vec<PathBuf>,
+}
+
+impl Diagnostics {
+    /// Sorted by place; two at one place keep their order. One that several uses of a subgraph meet is told once.
+    pub fn new(source: Source, mut list: Vec<Diagnostic>) -> Self {
+        list.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        let mut seen = BTreeSet::new();
+        list.retain(|one| seen.insert((one.span.start, one.span.end, one.message.clone())));
+        Self { source, list, files: Vec::new() }
+    }
+
+    /// The mistakes for a program that shows them in its own way.
+    pub fn mistakes(&self) -> Vec<Mistake> {
+        let mistake = |one: &Diagnostic| {
+            let (line, column) = self.source.position(one.span.start);
+            let text = self.source.text.get(one.span.clone()).unwrap_or_default();
+            let length = text.lines().next().unwrap_or_default().chars().count();
+            let file = self.source.piece(one.span.start).name.to_owned();
+            let (message, label) = (one.message.clone(), one.label.clone());
+            let (span, code, hints) = ([one.span.start, one.span.end], one.code, one.hints.clone());
+            Mistake { file, line, column, length, span, code, message, label, hints }
+        };
+        self.list.iter().map(mistake).collect()
+    }
+
+    /// The mistakes as a person reads them, with the text underlined.
+    pub fn render(&self, colour: bool) -> String {
+        let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
+        let shown = self.list.iter().take(MOST_SHOWN);
+        let mut rendered: Vec<String> = shown.map(|one| self.render_one(&renderer, one)).collect();
+        if let Some(more) = self.list.len().checked_sub(MOST_SHOWN).filter(|more| *more > 0) {
+            rendered.push(format!("and {more} more"));
+        }
+        rendered.join("\n\n")
+    }
+
+    fn render_one(&self, renderer: &Renderer, one: &Diagnostic) -> String {
+        let pieces = self.source.pieces();
+        let piece_of = |offset: usize| {
+            let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+            &pieces[index]
+        };
+        let own = piece_of(one.span.start);
+        let place = |span: &Range<usize>| place(&self.source.text, &piece_of(span.start).span, span);
+        let mut primary = AnnotationKind::Primary.span(place(&one.span));
+        if !one.label.is_empty() {
+            primary = primary.label(one.label.as_str());
+        }
+        let near = |span: &Range<usize>| {
+            // A line of megabytes would be shown whole.
+            let (low, high) = (span.start.min(one.span.start), span.start.max(one.span.start));
+            let between = self.source.text.get(low..high).unwrap_or_default();
+            between.len() < 1000 || between.contains('\n')
+        };
+        let snippet = |piece: &Piece<'_>| {
+            Snippet::source(&self.source.text[piece.span.clone()]).path(piece.name.to_owned())
+        };
+        let beside = |(span, label): &'_ (Range<usize>, String)| {
+            AnnotationKind::Context.span(place(span)).label(label.clone())
+        };
+        let here = |span: &Range<usize>| piece_of(span.start) == own;
+        let related = one.related.iter().filter(|(span, _)| here(span) && near(span)).map(beside);
+        let mut group = Level::ERROR
+            .primary_title(one.message.as_str())
+            .element(snippet(own).annotation(primary).annotations(related));
+        for other in one.related.iter().filter(|(span, _)| !here(span)) {
+            group = group.element(snippet(piece_of(other.0.start)).annotation(beside(other)));
+        }
+        for hint in &one.hints {
+            group = group.element(Level::HELP.message(hint.as_str()));
+        }
+        renderer.render(&[group])
+    }
+}
+
+/// A span within its piece of the text, cut to its first line, which is enough to find a node of many.
+fn place(text: &str, piece: &Range<usize>, span: &Range<usize>) -> Range<usize> {
+    let start = text.floor_char_boundary(span.start.clamp(piece.start, piece.end));
+    let end = text.ceil_char_boundary(span.end.clamp(start, piece.end));
+    let line_end = text[start..end].find('\n').map_or(end, |length| start + length);
+    start - piece.start..line_end - piece.start
+}
+
+impl std::fmt::Display for Diagnostics {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.render(false))
+    }
+}
+
+impl std::error::Error for Diagnostics {}
+
+/// A text as part of a message: long ones are cut.
+pub(crate) fn shown(text: &str) -> std::borrow::Cow<'_, str> {
+    match text.char_indices().nth(60) {
+        None => text.into(),
+        Some((end, _)) => format!("{}..", &text[..end]).into(),
+    }
+}
+
+/// A sentence that a name of a megabyte got into is cut, too.
+fn bounded(mut text: String) -> String {
+    const MOST: usize = 2000;
+    if text.len() > MOST {
+        text.truncate(text.floor_char_boundary(MOST));
+        text.push_str("..");
+    }
+    text
+}
+
+/// The candidate nearest in spelling, when it is near enough to be a slip.
+pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    let limit = (found.chars().count() / 3).clamp(1, 3);
+    known
+        .into_iter()
+        .map(|candidate| (distance(&found.to_lowercase(), &candidate.to_lowercase()), candidate))
+        .filter(|(distance, _)| *distance <= limit)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, candidate)| candidate)
+}
+
+/// Edits (insert, delete, replace, swap of neighbours) between two words: Damerau and Levenshtein's
+/// optimal string alignment.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().take(64).collect(), b.chars().take(64).collect());
+    let mut before = vec![0; b.len() + 1];
+    let mut last: Vec<usize> = (0..=b.len()).collect();
+    for i in 1..=a.len() {
+        let mut row = vec![i; b.len() + 1];
+        for j in 1..=b.len() {
+            let replaced = last[j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            row[j] = replaced.min(last[j] + 1).min(row[j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                row[j] = row[j].min(before[j - 2] + 1);
+            }
+        }
+        (before, last) = (last, row);
+    }
+    last[b.len()]
+}
+
+/// A mistake in a graph, for programs that show it in their own way.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Mistake {
+    /// The file, as it was named.
+    pub file: String,
+    /// From 1.
+    pub line: usize,
+    /// In characters, from 1.
+    pub column: usize,
+    /// How many characters of the line it is about.
+    pub length: usize,
+    /// First byte in the file and the one behind the last.
+    pub span: [usize; 2],
+    /// What sort of mistake it is.
+    pub code: Code,
+    /// What is wrong.
+    pub message: String,
+    /// More about the place.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub label: String,
+    /// What to do.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub hints: Vec<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slips_are_found_and_strangers_are_not() {
+        let known = ["width_px", "height_px", "samples"];
+        assert_eq!(nearest("widht_px", known), Some("width_px"));
+        assert_eq!(nearest("sample", known), Some("samples"));
+        assert_eq!(nearest("gamma", known), None);
+        assert_eq!(distance("ab", "ba"), 1);
+    }
+
+    #[test]
+    fn positions_count_lines_and_characters_from_one() {
+        let source = Source::new("a.ron", "ü1\n  x");
+        assert_eq!(source.position(0), (1, 1));
+        assert_eq!(source.position(3), (1, 3));
+        assert_eq!(source.position(6), (2, 3));
+    }
+
+    #[test]
+    fn a_rendered_mistake_names_file_line_and_advice() {
+        let source = Source::new("a.ron", "Graph(\n  nod: 1,\n)");
+        let one = Diagnostic::new(9..12, "no field `nod`").label("here").suggest("nod", ["nodes", "scene"]);
+        let text = Diagnostics::new(source, vec![one]).render(false);
+        assert!(text.contains("a.ron:2:3") && text.contains("^^^ here"), "{text}");
+        assert!(text.contains("did you mean `nodes`?") || text.contains("no field"), "{text}");
+    }
+}

@@ -1,0 +1,274 @@
+//! One text of several files: a graph, what it includes, its subgraphs, and what is laid over it.
+//!
+//! The files are joined, each behind a line `//@@ role name`, which is a comment in RON. So whatever knows
+//! a graph by its text (its place in diagnostics, its digest, a bundle) knows all of it.
+
+use crate::text::source::Piece;
+use crate::text::source::PieceRole;
+use crate::text::source::folder_of;
+use crate::text::source::plain;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use crate::text::diag::{Code, Diagnostic, shown};
+use crate::text::document::{Document, RawField};
+use crate::text::overlay::Overlays;
+use crate::text::overlay::PRESETS;
+use crate::text::source::Source;
+use crate::text::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
+use crate::text::syntax::{Sort, parse_part, parse_preset, parse_setting};
+use crate::text::values::parse_value;
+use crate::value::root::InputFile;
+use crate::value::root::SourceRoot;
+
+/// A graph includes no more files than this, and no more bytes.
+const MOST_FILES: usize = 1000;
+const MOST_BYTES: usize = 256 << 20;
+
+impl Source {
+    /// Reads the files that the graph includes or uses as subgraphs, and those that these name, each once; those
+    /// that a bundle has joined already stay. What cannot be read, or may not be, is a mistake of the graph when
+    /// it is parsed. Gives the paths of the files as well, found or not.
+    pub fn including(mut self, root: &SourceRoot) -> (Self, Vec<PathBuf>) {
+        let mut paths = Vec::new();
+        let known = |piece: Piece<'_>| {
+            matches!(piece.role, PieceRole::Include | PieceRole::Subgraph)
+                .then(|| (piece.role, piece.name.to_owned()))
+        };
+        let mut seen: BTreeSet<(PieceRole, String)> = self.pieces().into_iter().filter_map(known).collect();
+        let own = Path::new(&self.name).canonicalize().ok();
+        let mut bytes = 0;
+        loop {
+            let wanted: Vec<(PieceRole, String)> =
+                named(&self).into_iter().filter(|name| seen.insert(name.clone())).collect();
+            if wanted.is_empty() || seen.len() > MOST_FILES {
+                return (self, paths);
+            }
+            for (role, name) in wanted {
+                let file = root.file(&InputFile(name));
+                // Around a circle back to the graph itself, whose nodes are there already.
+                if role == PieceRole::Include && own.is_some() && file.path.canonicalize().ok() == own {
+                    self = self.joined("include", &file.name, "Graph()");
+                    continue;
+                }
+                let may = !root.is_outside(&file) && !root.is_strange(&file.path);
+                if may && let Ok(text) = std::fs::read_to_string(&file.path) {
+                    bytes += text.len();
+                    if bytes > MOST_BYTES {
+                        return (self, paths);
+                    }
+                    let role = if role == PieceRole::Include { "include" } else { "subgraph" };
+                    self = self.joined(role, &file.name, &text);
+                }
+                paths.push(file.path);
+            }
+        }
+    }
+}
+
+/// The names of the files that the pieces name, relative to the folder of the graph.
+fn named(source: &Source) -> BTreeSet<(PieceRole, String)> {
+    let mut names = BTreeSet::new();
+    // Most graphs are one file, and a large one takes long to look through.
+    if !["include", SUBGRAPH, FILE].iter().any(|word| source.text.contains(word)) {
+        return names;
+    }
+    for piece in source.pieces() {
+        let document = read(source, &piece, &mut Vec::new());
+        names.extend(
+            document
+                .include
+                .iter()
+                .flat_map(|field| files(field, &piece))
+                .map(|(name, _)| (PieceRole::Include, name)),
+        );
+        let laid_over = matches!(piece.role, PieceRole::Overlay | PieceRole::Setting);
+        let uses = document.nodes.iter().filter(|node| node.kind == SUBGRAPH || laid_over);
+        let fields = uses.flat_map(|node| &node.fields).filter(|field| field.name == FILE);
+        let paths = fields.filter_map(|field| parse_value::<String>(field.text).ok());
+        names.extend(paths.map(|path| (PieceRole::Subgraph, plain(folder_of(&piece), &path))));
+    }
+    names
+}
+
+/// The document in one piece of the text; none for a preset, which is a name.
+fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
+    match piece.role {
+        PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {
+            parse_part(&source.text, piece.span.clone(), Sort::Graph, diagnostics)
+        }
+        PieceRole::Overlay => parse_part(&source.text, piece.span.clone(), Sort::Overlay, diagnostics),
+        PieceRole::Setting => parse_setting(&source.text, piece.span.clone(), diagnostics),
+        PieceRole::Preset => Document::default(),
+    }
+}
+
+/// What an `include` names, relative to the folder of the graph, each with its place.
+fn files(field: &RawField<'_>, piece: &Piece<'_>) -> Vec<(String, Range<usize>)> {
+    let list =
+        parse_value::<Vec<String>>(field.text).or_else(|_| parse_value(field.text).map(|one| vec![one]));
+    let folder = folder_of(piece);
+    let place = |name: &str| {
+        let quoted = format!("\"{name}\"");
+        let found = field.text.find(&quoted).map(|at| field.span.start + at);
+        found.map_or(field.span.clone(), |start| start..start + quoted.len())
+    };
+    list.unwrap_or_default().into_iter().map(|name| (plain(folder, &name), place(&name))).collect()
+}
+
+/// Reads all pieces as one document.
+pub(crate) fn parse_all<'t>(
+    source: &'t Source,
+    root: &SourceRoot,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Document<'t> {
+    let pieces = source.pieces();
+    let mut documents: Vec<Document<'t>> =
+        pieces.iter().map(|piece| read(source, piece, diagnostics)).collect();
+    for (piece, document) in pieces.iter().zip(&documents) {
+        let Some(field) = &document.include else { continue };
+        let names = files(field, piece);
+        if names.is_empty() && field.text.trim() != "[]" {
+            diagnostics.push(
+                Diagnostic::new(field.span.clone(), "`include` takes paths of graph files")
+                    .label("write [\"light.ron\"]"),
+            );
+        }
+        for (name, place) in names {
+            if !pieces.iter().any(|known| known.role == PieceRole::Include && known.name == name) {
+                diagnostics.push(not_joined(root, &name, place));
+            }
+        }
+    }
+    let others = pieces
+        .iter()
+        .zip(&documents)
+        .filter(|(piece, _)| matches!(piece.role, PieceRole::Include | PieceRole::Subgraph));
+    let others = others.map(|(_, other)| (other.version.clone(), other.scene.clone())).collect();
+    let included = |role| pieces.iter().enumerate().filter(move |(_, piece)| piece.role == role);
+    let includes: BTreeMap<&str, usize> =
+        included(PieceRole::Include).map(|(at, piece)| (piece.name, at)).collect();
+    let subgraphs: SubgraphFiles<'t> = included(PieceRole::Subgraph)
+        .map(|(at, piece)| (piece.name, with_includes(at, &pieces, &includes, &mut documents)))
+        .collect();
+    let mut document = with_includes(0, &pieces, &includes, &mut documents);
+    document.others = others;
+    document.whole &= subgraphs.values().all(|subgraph| subgraph.whole);
+    let mut overlays = Overlays::default();
+    for (piece, other) in pieces.iter().zip(documents) {
+        match piece.role {
+            PieceRole::Preset => {
+                for over in preset(&document, source, piece, diagnostics) {
+                    overlays.push(over, diagnostics);
+                }
+            }
+            PieceRole::Overlay | PieceRole::Setting => overlays.push(other, diagnostics),
+            PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {}
+        }
+    }
+    let folder_at = |offset: usize| {
+        let index = pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
+        folder_of(&pieces[index])
+    };
+    let lost = |name: &str, place| not_joined(root, name, place);
+    expand(&mut document, &subgraphs, overlays, &folder_at, &lost, diagnostics);
+    document
+}
+
+/// Why a file of the graph is not in its text.
+fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic {
+    let file = root.file(&InputFile(name.to_owned()));
+    if root.is_outside(&file) {
+        outside(name, place)
+    } else if root.is_strange(&file.path) {
+        Diagnostic::new(place, format!("`{}` came out of a bundle", shown(name)))
+            .label("it would read whatever this graph may")
+            .hint("remove `.lightharmony-bundle` from its folder to make it your own, or run it by itself")
+    } else {
+        let why = match std::fs::read_to_string(&file.path) {
+            Err(error) => error.to_string(),
+            Ok(_) => "too many files, or too long".to_owned(),
+        };
+        Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read: {why}", shown(name)))
+            .hint("paths are relative to the folder of the file that names them")
+    }
+}
+
+/// What a stranger's graph is told of a file that it may not read.
+pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
+    Diagnostic::new(place, format!("`{}` may not be read", shown(name)))
+        .label("outside of the bundle")
+        .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`")
+}
+
+/// One document together with those it includes, and those that these include. Its own scene wins, then that of
+/// the first file that has one.
+fn with_includes<'t>(
+    at: usize,
+    pieces: &[Piece<'t>],
+    includes: &BTreeMap<&str, usize>,
+    documents: &mut [Document<'t>],
+) -> Document<'t> {
+    let mut seen = BTreeSet::from([at]);
+    let mut open = vec![at];
+    let mut whole = Document::default();
+    // In the order in which they were found, which is that of the pieces.
+    let mut found = Vec::new();
+    while let Some(index) = open.pop() {
+        let names = documents[index].include.iter().flat_map(|field| files(field, &pieces[index]));
+        let above = names.filter_map(|(name, _)| includes.get(name.as_str()).copied());
+        open.extend(above.filter(|&above| seen.insert(above)).collect::<Vec<_>>());
+        found.push(index);
+    }
+    found.sort_unstable_by_key(|&index| (index != at, index));
+    for index in found {
+        if index == at {
+            whole = std::mem::take(&mut documents[index]);
+            continue;
+        }
+        let other = documents[index].clone();
+        whole.nodes.extend(other.nodes);
+        whole.broken.extend(other.broken);
+        whole.axes.extend(other.axes);
+        whole.parameters.extend(other.parameters);
+        whole.presets.extend(other.presets);
+        whole.scene = whole.scene.take().or(other.scene);
+        whole.whole &= other.whole;
+    }
+    whole
+}
+
+/// The chosen preset of a graph: that of each file that has one, its own last, so that it goes over those of what it
+/// includes.
+fn preset<'t>(
+    document: &Document<'t>,
+    source: &'t Source,
+    piece: &Piece<'_>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Vec<Document<'t>> {
+    let name = &source.text[piece.span.clone()];
+    let of_name = document.presets.iter().rev().filter(|field| field.name == name);
+    let laid: Vec<_> =
+        of_name.map(|field| parse_preset(&source.text, field.span.clone(), diagnostics)).collect();
+    if !laid.is_empty() {
+        return laid;
+    }
+    let known = || document.presets.iter().map(|field| field.name);
+    let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
+    diagnostics.push(match known().next() {
+        None => mistake.suggest(name, PRESETS).hint(format!(
+            "every graph has {}; its own stand beside `nodes`: `presets: (dark: (trace: (samples: 4)))`",
+            PRESETS.join(", ")
+        )),
+        Some(_) => {
+            let list: Vec<&str> = known().collect();
+            mistake.suggest(name, known().chain(PRESETS)).hint(format!(
+                "it has {}, and every graph {}",
+                list.join(", "),
+                PRESETS.join(", ")
+            ))
+        }
+    });
+    Vec::new()
+}

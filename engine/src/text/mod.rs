@@ -1,0 +1,12 @@
+//! Graph files as text: parsing, the files that make up a graph, and mistakes with their places.
+
+pub(crate) mod diag;
+pub(crate) mod document;
+pub(crate) mod edit;
+pub(crate) mod include;
+pub(crate) mod overlay;
+pub(crate) mod scan;
+pub(crate) mod source;
+pub(crate) mod subgraph;
+pub(crate) mod syntax;
+pub(crate) mod values;

@@ -1,0 +1,158 @@
+//! Overlays: values that take the place of those written, by node and field.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::ops::Range;
+
+use crate::text::diag::{Code, Diagnostic, nearest, shown};
+use crate::text::document::{Document, RawField, RawNode, RawScene};
+use crate::text::syntax::twice;
+
+/// What is laid over the nodes of a graph, by name of node; those of one name in their order.
+#[derive(Debug, Default)]
+pub(crate) struct Overlays<'t> {
+    nodes: BTreeMap<Cow<'t, str>, Vec<RawNode<'t>>>,
+    /// Axes that the graph did not have, and where they stand.
+    axes: Vec<(&'t str, Range<usize>)>,
+}
+
+impl<'t> Overlays<'t> {
+    /// Lays one more over those before.
+    pub fn push(&mut self, overlay: Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        let mut seen = BTreeMap::new();
+        for node in overlay.nodes {
+            if let Some(first) = seen.insert(node.id.clone(), node.id_span.clone()) {
+                diagnostics.push(twice(&node.id, node.id_span.clone(), first));
+            }
+            self.nodes.entry(node.id.clone()).or_default().push(node);
+        }
+    }
+
+    /// Lays what is meant for `scene`, `axes` and `parameters` over them.
+    pub fn lay_on_blocks(&mut self, document: &mut Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        let known: Vec<&str> = document.parameters.iter().map(|parameter| parameter.name).collect();
+        for name in ["scene", "axes", "parameters"] {
+            let own = document.nodes.iter().find(|node| node.id == name).map(|node| &node.fields);
+            // A node may be called `scene`, too; what only the block can have is the block's.
+            let is_nodes = |over: &RawNode<'t>| {
+                own.is_some_and(|own| {
+                    over.fields.iter().all(|field| own.iter().any(|o| o.name == field.name))
+                })
+            };
+            let (nodes, block): (Vec<_>, Vec<_>) =
+                self.nodes.remove(name).unwrap_or_default().into_iter().partition(is_nodes);
+            if name == "parameters" {
+                let strangers = block.iter().flat_map(|over| &over.fields);
+                diagnostics.extend(strangers.filter(|field| !known.contains(&field.name)).map(|field| {
+                    let what = format!("the graph has no parameter `{}`", shown(field.name));
+                    Diagnostic::of(Code::UnknownField, field.name_span.clone(), what)
+                        .suggest(field.name, known.iter().copied())
+                }));
+            }
+            if name == "axes" {
+                let own: Vec<&str> = document.axes.iter().map(|axis| axis.name).collect();
+                let added =
+                    block.iter().flat_map(|over| &over.fields).filter(|axis| !own.contains(&axis.name));
+                self.axes.extend(added.map(|axis| (axis.name, axis.name_span.clone())));
+            }
+            if name == "scene" && document.scene.is_none() {
+                let span = block.first().map(|over| over.span.clone());
+                document.scene = span.map(|span| RawScene { span, fields: Vec::new() });
+            }
+            let fields = match name {
+                "axes" => Some(&mut document.axes),
+                "parameters" => Some(&mut document.parameters),
+                _ => document.scene.as_mut().map(|scene: &mut RawScene<'t>| &mut scene.fields),
+            };
+            match fields {
+                Some(fields) => block.into_iter().for_each(|over| lay(fields, over.fields)),
+                None => drop(self.nodes.insert(name.into(), block)),
+            }
+            if !nodes.is_empty() {
+                self.nodes.insert(name.into(), nodes);
+            }
+        }
+    }
+
+    /// Lays what is meant for a node over it.
+    pub fn lay_on(&mut self, node: &mut RawNode<'t>) {
+        if !self.nodes.is_empty()
+            && let Some(over) = self.nodes.remove(&node.id)
+        {
+            over.into_iter().for_each(|over| lay(&mut node.fields, over.fields));
+        }
+    }
+
+    /// Reports what is meant for nodes that are not there, and axes that nothing reads.
+    pub fn strangers(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+        let given = || document.scopes.iter().flat_map(|scope| &scope.values);
+        let fields = || document.nodes.iter().flat_map(|node| &node.fields).chain(given());
+        for (axis, span) in self.axes {
+            let quoted = format!("\"{axis}\"");
+            if !fields().any(|field| field.text.contains(&quoted)) {
+                let what = format!("the graph has no axis `{}`, and nothing reads one", shown(axis));
+                let others = document.axes.iter().map(|known| known.name).filter(|known| *known != axis);
+                diagnostics.push(Diagnostic::of(Code::UnknownField, span, what).suggest(axis, others));
+            }
+        }
+        for node in self.nodes.into_values().flatten() {
+            let what = format!("no node is named `{}`", shown(&node.id));
+            let mistake = Diagnostic::of(Code::UnknownNode, node.id_span, what);
+            let near = nearest(&node.id, document.nodes.iter().map(|known| &*known.id));
+            let known = |id: &str| document.nodes.iter().any(|known| known.id == id);
+            diagnostics.push(match (near, node.id.split_once('.')) {
+                (Some(near), _) => mistake.hint(format!("did you mean `{near}`?")),
+                (None, Some((id, rest))) if known(id) => {
+                    let parameter = rest.split('.').next().unwrap_or(rest);
+                    mistake.hint(format!(
+                        "a parameter is set whole, with all that is in it: `{id}.{parameter}=..`"
+                    ))
+                }
+                (None, _) => mistake,
+            });
+        }
+    }
+}
+
+fn lay<'t>(fields: &mut Vec<RawField<'t>>, over: Vec<RawField<'t>>) {
+    for field in over {
+        match fields.iter_mut().find(|known| known.name == field.name) {
+            Some(known) => *known = field,
+            None => fields.push(field),
+        }
+    }
+}
+
+/// The presets that every graph has, from the least work to the least error. A graph's own preset of the same
+/// name takes the place of one.
+pub const PRESETS: [&str; 4] = ["draft", "preview", "final", "reference"];
+
+/// The text of an overlay that sets fields: (node, parameter, value in RON), nodes in the order of their first.
+pub fn overlay_text<'s>(fields: impl IntoIterator<Item = (&'s str, &'s str, &'s str)>) -> String {
+    let mut nodes: Vec<(&str, String)> = Vec::new();
+    for (node, parameter, value) in fields {
+        let field = format!("{parameter}: {value}");
+        match nodes.iter_mut().find(|(name, _)| *name == node) {
+            Some((_, fields)) => {
+                // Writing to a string cannot fail.
+                let _ = write!(fields, ", {field}");
+            }
+            None => nodes.push((node, field)),
+        }
+    }
+    let lines: String = nodes.iter().map(|(node, fields)| format!("        {node}: ({fields}),\n")).collect();
+    format!("Overlay(\n    nodes: (\n{lines}    ),\n)\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_overlay_names_each_node_once() {
+        let text = overlay_text([("a", "x", "1"), ("b", "y", "2"), ("a", "z", "Hard")]);
+        let plain: String = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(plain, "Overlay( nodes: ( a: (x: 1, z: Hard), b: (y: 2), ), )");
+    }
+}

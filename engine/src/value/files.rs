@@ -1,0 +1,57 @@
+//! What a sink makes: the bytes of files, before they have a path.
+
+use crate::value::artifact::{Artifact, Corrupt, Decoder, Difference, Encoder};
+
+/// One file of a sink.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FileBytes {
+    /// Name of the view the file shows; stands for `{view}` in the path. Empty for a file about all.
+    pub view: String,
+    /// The whole file.
+    pub bytes: Vec<u8>,
+}
+
+/// The output of a sink: one file a view. The engine writes them under the path of the node.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Files(pub Vec<FileBytes>);
+
+impl Artifact for Files {
+    const TYPE: &'static str = "files";
+    const FORMAT: u32 = 1;
+
+    fn encode(&self, to: &mut Encoder) {
+        to.u64(self.0.len() as u64);
+        for file in &self.0 {
+            to.str(&file.view);
+            to.u8s(&file.bytes);
+        }
+    }
+
+    fn decode(from: &mut Decoder<'_>) -> Result<Self, Corrupt> {
+        let count = from.length(16)?;
+        (0..count)
+            .map(|_| Ok(FileBytes { view: from.str()?, bytes: from.u8s()? }))
+            .collect::<Result<_, _>>()
+            .map(Files)
+    }
+
+    fn bytes(&self) -> usize {
+        self.0.iter().map(|file| file.bytes.len() + file.view.len() + 32).sum()
+    }
+
+    fn difference(&self, other: &Self) -> Difference {
+        if self == other {
+            return Difference::none();
+        }
+        let unequal = self.0.iter().zip(&other.0).filter(|(a, b)| a != b).count();
+        Difference::of(format!("{} files against {}, {unequal} unequal", self.0.len(), other.0.len()))
+    }
+}
+
+/// A view's name as part of a file name: what could lead elsewhere becomes `_`.
+pub(crate) fn plain_name(view: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
+    let name: String = view.chars().map(plain).collect();
+    // Dots alone would name a folder.
+    if name.chars().all(|c| c == '.') { "_".repeat(name.len()) } else { name }
+}

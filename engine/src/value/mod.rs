@@ -1,0 +1,10 @@
+//! Values, errors and notes, and where files are: what every other room uses.
+
+pub(crate) mod artifact;
+pub(crate) mod counts;
+pub(crate) mod cpu;
+pub(crate) mod error;
+pub(crate) mod files;
+pub(crate) mod note;
+pub(crate) mod root;
+pub(crate) mod units;

@@ -1,0 +1,185 @@
+//! Where the files are that a graph reads: anywhere for one's own graph, in a few folders for a stranger's.
+
+use serde::Deserialize;
+use serde::Serialize;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+/// A file that a node reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SourceFile {
+    /// As written in the graph or in another source; enters the key beside the digest of the content.
+    pub name: String,
+    /// Where it lies on this machine.
+    pub path: PathBuf,
+}
+
+/// A file that a node is about to read, for [`crate::Kind::estimate_files`].
+#[derive(Debug, Clone, Copy)]
+pub struct FileHead<'a> {
+    /// As written in the graph.
+    pub name: &'a str,
+    /// Its length.
+    pub bytes: u64,
+    path: &'a Path,
+}
+
+impl<'a> FileHead<'a> {
+    /// The head of a file of so many bytes.
+    pub fn new(file: &'a SourceFile, bytes: u64) -> Self {
+        Self { name: &file.name, bytes, path: &file.path }
+    }
+
+    /// Reads it from its start; `None` of what is no file that can be read.
+    pub fn open(&self) -> Option<BufReader<File>> {
+        let file = File::open(self.path).ok()?;
+        file.metadata().ok()?.is_file().then(|| BufReader::new(file))
+    }
+}
+
+/// Resolves the paths in a graph file.
+#[derive(Debug, Clone)]
+pub struct SourceRoot {
+    folder: PathBuf,
+    /// The folders that may be read, without links in them; `None` where all may.
+    confined: Option<Arc<[PathBuf]>>,
+}
+
+impl SourceRoot {
+    /// Paths are relative to `folder`, the folder of the graph file.
+    pub fn new(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into(), confined: None }
+    }
+
+    /// The same for a graph that somebody else made: nothing is read outside of `folder` and the folders
+    /// of `also`, whatever names and links say, and links below the output folder are not followed.
+    ///
+    /// # Errors
+    /// When one of the folders is not there.
+    pub fn confined(folder: &Path, also: &[PathBuf]) -> std::io::Result<Self> {
+        let folder = folder.canonicalize()?;
+        let mut allowed = vec![folder.clone()];
+        for other in also {
+            allowed.push(other.canonicalize()?);
+        }
+        Ok(Self { folder, confined: Some(allowed.into()) })
+    }
+
+    /// The same rights for paths that are relative to another folder.
+    pub fn at(self, folder: impl Into<PathBuf>) -> Self {
+        Self { folder: folder.into(), ..self }
+    }
+
+    /// The folder itself.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Whether the graph is somebody else's.
+    pub fn is_confined(&self) -> bool {
+        self.confined.is_some()
+    }
+
+    /// The source that a parameter names.
+    pub fn file(&self, file: &InputFile) -> SourceFile {
+        SourceFile { name: file.0.clone(), path: self.resolve(&self.folder, &file.0) }
+    }
+
+    /// A source beside another one, such as a buffer that a glTF file names.
+    pub fn beside(&self, other: &SourceFile, name: &str) -> SourceFile {
+        let path = self.resolve(other.path.parent().unwrap_or(&self.folder), name);
+        let name = match other.name.rsplit_once('/') {
+            Some((folder, _)) => format!("{folder}/{name}"),
+            None => name.to_owned(),
+        };
+        SourceFile { name, path }
+    }
+
+    fn resolve(&self, folder: &Path, name: &str) -> PathBuf {
+        let path = folder.join(name);
+        let Some(allowed) = &self.confined else { return path };
+        match path.canonicalize() {
+            // What is opened is the path without links, so that what was checked is what is read.
+            Ok(real) if allowed.iter().any(|folder| real.starts_with(folder)) => real,
+            // Not there, as the reader will find.
+            Err(_) if Path::new(name).components().all(|part| matches!(part, Component::Normal(_))) => path,
+            _ => Path::new(OUTSIDE).join(name.replace(['/', '\\'], "_")),
+        }
+    }
+
+    /// Whether what a file says belongs to a bundle that was unpacked, and the graph does not: joined to it, it could
+    /// read whatever the graph may.
+    pub fn is_strange(&self, path: &Path) -> bool {
+        // Through links, to where the text itself lies.
+        let folder = || path.canonicalize().ok()?.parent().and_then(bundle_around);
+        !self.is_confined() && folder().is_some()
+    }
+
+    /// Whether a path of [`SourceRoot::file`] stands for one that may not be read.
+    pub fn is_outside(&self, file: &SourceFile) -> bool {
+        file.path.starts_with(OUTSIDE)
+    }
+}
+
+/// Below what is no folder nothing can be opened; the rest of the name tells the reader why.
+const OUTSIDE: &str = "/dev/null/outside of what this graph may read";
+
+/// A file that a node reads: a path relative to the graph file, or absolute. In keys the digest of its
+/// content stands for it, so the kind must list it in its sources.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct InputFile(pub String);
+
+/// In an unpacked folder: tells that the graph is somebody else's.
+pub(crate) const BUNDLE_MARK: &str = ".lightharmony-bundle";
+
+/// The folder that [`Bundle::unpack`](crate::Bundle::unpack) made, which is `folder` or lies above it: what is in it is somebody else's.
+/// Links in `folder` are followed.
+pub fn bundle_around(folder: &Path) -> Option<PathBuf> {
+    let folder = folder.canonicalize().ok()?;
+    folder
+        .ancestors()
+        .find(|above| std::fs::symlink_metadata(above.join(BUNDLE_MARK)).is_ok())
+        .map(Path::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn nothing_leads_out_of_a_confined_root() {
+        let place = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| place.path().join(name);
+        for folder in ["in/sub", "also", "secret"] {
+            std::fs::create_dir_all(at(folder)).expect("a folder");
+            std::fs::write(at(folder).join("a.txt"), folder).expect("a file");
+        }
+        std::os::unix::fs::symlink(at("secret"), at("in/link")).expect("a link");
+        std::os::unix::fs::symlink(at("secret/a.txt"), at("in/sub/link.txt")).expect("a link");
+        std::os::unix::fs::symlink(at("in/sub/a.txt"), at("in/fine.txt")).expect("a link");
+        let root = SourceRoot::confined(&at("in"), &[at("also")]).expect("folders that exist");
+        let read = |file: &SourceFile| std::fs::read_to_string(&file.path).ok();
+        let file = |name: &str| root.file(&InputFile(name.to_owned()));
+        let absolute = |name: &str| at(name).to_string_lossy().into_owned();
+
+        assert_eq!(read(&file("sub/a.txt")).as_deref(), Some("in/sub"));
+        assert_eq!(read(&file("fine.txt")).as_deref(), Some("in/sub"), "a link that stays inside");
+        assert_eq!(read(&file(&absolute("also/a.txt"))).as_deref(), Some("also"));
+        assert_eq!(file("sub/a.txt").name, "sub/a.txt", "names, which enter keys, stay");
+        for name in ["../secret/a.txt", "link/a.txt", "sub/link.txt", "sub/../../secret/a.txt", "/etc/passwd"]
+        {
+            assert!(root.is_outside(&file(name)) && read(&file(name)).is_none(), "{name}");
+        }
+        let main = file("sub/a.txt");
+        for name in ["../../secret/a.txt", "link.txt", "/etc/passwd"] {
+            assert_eq!(read(&root.beside(&main, name)), None, "{name}");
+        }
+        assert!(!root.is_outside(&file("gone.txt")) && read(&file("gone.txt")).is_none());
+        let free = SourceRoot::new(at("in"));
+        assert!(read(&free.file(&InputFile("../secret/a.txt".to_owned()))).is_some());
+    }
+}

@@ -1,0 +1,38 @@
+//! What the system tells of folders, by way of the `notify` crate.
+
+use std::path::Path;
+
+use notify::event::{AccessKind, AccessMode, EventKind};
+use notify::{RecommendedWatcher, RecursiveMode, Watcher};
+
+use crate::watch::files::Ears;
+use crate::watch::handle::Handle;
+
+struct Listener(RecommendedWatcher);
+
+/// Tells `handle` what happens in folders; or why that cannot be had.
+pub(crate) fn listen(handle: Handle) -> Result<Box<dyn Ears>, String> {
+    let heard = move |event: notify::Result<notify::Event>| match event {
+        // Everybody reads files, we first of all.
+        Ok(event) if matches!(event.kind, EventKind::Access(kind) if kind != AccessKind::Close(AccessMode::Write)) =>
+            {}
+        Ok(event) if !event.need_rescan() => handle.hint(event.paths),
+        // Events were lost, or something is wrong with the listening itself: look.
+        Ok(_) | Err(_) => handle.hint(Vec::new()),
+    };
+    match notify::recommended_watcher(heard) {
+        Ok(watcher) => Ok(Box::new(Listener(watcher))),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+impl Ears for Listener {
+    fn listen(&mut self, folder: &Path) -> Result<(), String> {
+        self.0.watch(folder, RecursiveMode::NonRecursive).map_err(|error| error.to_string())
+    }
+
+    fn ignore(&mut self, folder: &Path) {
+        // A folder that is gone is no longer listened to anyhow.
+        let _ = self.0.unwatch(folder);
+    }
+}

@@ -1,0 +1,231 @@
+use super::*;
+use engine::{Scene, Up};
+
+const BODY: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+
+fn load(bytes: &[u8], p: &LoadMesh) -> Result<(Arc<Mesh>, Notes), NodeError> {
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    std::fs::write(folder.path().join(&p.path.0), bytes).unwrap_or_else(|e| panic!("{e}"));
+    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0 }, folder.path());
+    LoadMesh::run(p, In {}, &cx).map(|(out, notes)| (out.mesh, notes))
+}
+fn plain() -> LoadMesh {
+    LoadMesh { path: InputFile("a.ply".into()), colours: ColourEncoding::Auto, frame: MeshFrame::World }
+}
+fn good(bytes: &[u8]) -> (Arc<Mesh>, Notes) {
+    load(bytes, &plain()).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn ascii() -> Vec<u8> {
+    let rows = "0 0 0 0 128 255\n1 0 0 255 255 255\r\n1 1 0 0 0 0\n0 1 0.25 12 13 14\n4 0 1 2 3\n";
+    format!("ply\nformat ascii 1.0\ncomment made here\n{BODY}{rows}").into_bytes()
+}
+fn binary(big: bool) -> Vec<u8> {
+    let order = if big { "big" } else { "little" };
+    let mut bytes = format!("ply\nformat binary_{order}_endian 1.0\n{BODY}").into_bytes();
+    let rows = [
+        ([0.0_f32, 0.0, 0.0], [0, 128, 255_u8]),
+        ([1.0, 0.0, 0.0], [255; 3]),
+        ([1.0, 1.0, 0.0], [0; 3]),
+        ([0.0, 1.0, 0.25], [12, 13, 14]),
+    ];
+    for (position, colour) in rows {
+        bytes.extend(position.iter().flat_map(|c| if big { c.to_be_bytes() } else { c.to_le_bytes() }));
+        bytes.extend(colour);
+    }
+    bytes.push(4);
+    bytes.extend([0_i32, 1, 2, 3].iter().flat_map(|c| if big { c.to_be_bytes() } else { c.to_le_bytes() }));
+    bytes
+}
+
+/// A triangle with this material, and with vertex colours where there are any.
+fn triangle(material: &str, colours: Option<[f32; 3]>) -> Vec<u8> {
+    let mut floats = vec![0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    floats.extend(colours.iter().flat_map(|c| [*c; 3]).flatten());
+    let bytes: Vec<u8> = floats.iter().flat_map(|v| v.to_le_bytes()).collect();
+    let accessor =
+        |at| format!(r#"{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC3"}}"#);
+    let (second, name) = match colours {
+        Some(_) => (format!(",{}", accessor(36)), r#","COLOR_0":1"#),
+        None => (String::new(), ""),
+    };
+    let length = bytes.len();
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],"materials":[{material}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0{name}}},"material":0}}]}}],"accessors":[{}{second}],"bufferViews":[{{"buffer":0,"byteLength":{length}}}],"buffers":[{{"byteLength":{length}}}]}}"#,
+        accessor(0)
+    );
+    let json = format!("{json}{}", " ".repeat(json.len().next_multiple_of(4) - json.len()));
+    let mut glb = b"glTF".to_vec();
+    for (word, chunk) in [(b"JSON", json.as_bytes()), (b"BIN\0", &bytes)] {
+        if glb.len() == 4 {
+            glb.extend(2_u32.to_le_bytes());
+            glb.extend((12 + 8 + json.len() as u32 + 8 + length as u32).to_le_bytes());
+        }
+        glb.extend((chunk.len() as u32).to_le_bytes());
+        glb.extend(word);
+        glb.extend(chunk);
+    }
+    glb
+}
+
+// Whole numbers of 32 bits hold codes of 8, as programs write them that have no other type; of 16 bits, the largest is 1.
+// Mutation: the largest of 32 bits taken for 1, so that all is black.
+#[test]
+fn colours_of_wide_numbers_are_codes() {
+    let text = String::from_utf8(ascii()).unwrap_or_default();
+    let (bytes, _) = good(text.as_bytes());
+    for wide in ["int", "uint", "int32", "uint32"] {
+        let (mesh, notes) = good(text.replace("property uchar", &format!("property {wide}")).as_bytes());
+        assert_eq!(mesh.colours, bytes.colours, "{wide}");
+        assert!(notes.iter().all(|note| note.id != "colours-clamped"), "{wide}");
+    }
+    let (mesh, _) =
+        good(text.replace("property uchar", "property ushort").replace("255", "65535").as_bytes());
+    assert_eq!(mesh.colours[1], [1.0; 3]);
+}
+
+// glTF's factor is linear and multiplies; alone it is the colour, and white is no statement.
+// Mutation: `raw.tints` left empty; the tint decoded as sRGB.
+#[test]
+fn the_factor_of_a_gltf_material_colours_its_vertices() {
+    let factor = r#"{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.25,1.0,1.0]}}"#;
+    let colours = |material: &str, vertex: Option<[f32; 3]>, colours: ColourEncoding| {
+        let p = LoadMesh { path: InputFile("a.glb".into()), colours, frame: MeshFrame::World };
+        load(&triangle(material, vertex), &p).unwrap_or_else(|e| panic!("{e}")).0.colours.clone()
+    };
+    let auto = ColourEncoding::Auto;
+    assert_eq!(colours(factor, Some([0.2, 0.4, 0.6]), auto), [[0.1, 0.1, 0.6]; 3]);
+    assert_eq!(colours(factor, None, auto), [[0.5, 0.25, 1.0]; 3]);
+    assert_eq!(colours("{}", None, auto), [[0.0; 3]; 0]);
+    let half = linear_from_srgb(0.5);
+    assert_eq!(colours(factor, Some([0.5; 3]), ColourEncoding::Srgb), [[0.5 * half, 0.25 * half, half]; 3]);
+}
+
+/// Faces with colours of their own have them to their edges; vertices that have colours keep those.
+#[test]
+fn colours_of_faces_are_those_of_their_corners() {
+    let text = String::from_utf8(ascii()).unwrap_or_default();
+    let faces = "element face 3\nproperty list uchar int vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
+    let both = text.replace("element face 1\nproperty list uchar int vertex_indices\n", faces);
+    let both = both.replace("4 0 1 2 3\n", "4 0 1 2 3 255 0 0\n3 0 3 2 0 255 0\n3 1 2 3 0 255 0\n");
+    let alone = both.replacen("property uchar red\nproperty uchar green\nproperty uchar blue\n", "", 1);
+    let alone = alone.replace(" 0 128 255\n", "\n").replace(" 255 255 255\r\n", "\n");
+    let alone = alone.replace("1 1 0 0 0 0\n", "1 1 0\n").replace(" 12 13 14\n", "\n");
+    let (mesh, notes) = good(alone.as_bytes());
+    assert!(
+        notes.iter().any(|note| note.id == "face-colours")
+            && notes.iter().all(|note| note.id != "no-vertex-colours")
+    );
+    assert_eq!(mesh.positions.len(), 8, "each of the four is there in two colours");
+    let places = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.25]];
+    let expected = [[0, 1, 2], [0, 2, 3], [0, 3, 2], [1, 2, 3]];
+    for (number, (triangle, corners)) in mesh.triangles.iter().zip(expected).enumerate() {
+        for (&vertex, corner) in triangle.iter().zip(corners) {
+            assert_eq!(mesh.positions[vertex as usize], places[corner]);
+            let colour = if number < 2 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+            assert_eq!(mesh.colours[vertex as usize], colour, "{number}");
+        }
+    }
+    let (mesh, notes) = good(both.as_bytes());
+    assert!(mesh.positions.len() == 4 && notes.iter().all(|note| note.id != "face-colours"));
+}
+
+/// A glTF file is y up by its specification, and as a rule a mesh of a capture is in axes of the world: it is told which.
+#[test]
+fn axes_of_gltf_are_told() {
+    for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
+        let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
+        let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
+        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), told);
+    }
+    assert!(good(&ascii()).1.iter().all(|note| note.id != "mesh-frame"));
+}
+
+#[test]
+fn three_ways_to_write_one_mesh() {
+    let (mesh, notes) = good(&ascii());
+    assert_eq!(mesh, good(&binary(false)).0);
+    assert_eq!(mesh, good(&binary(true)).0);
+    assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]], "a fan");
+    assert_eq!(mesh.positions[3], [0.0, 1.0, 0.25]);
+    assert_eq!(mesh.colours[0], [0.0, linear_from_srgb(128.0 / 255.0), 1.0]);
+    assert!(notes.iter().any(|n| n.id == "colour-encoding") && notes.iter().any(|n| n.id == "faces-fanned"));
+}
+
+// A surveyed frame: millimetres at a distance of a thousand kilometres, which f32 rounds to sixteenths of a metre.
+// Seen red with `area_is_zero` of the rounded corners, and without the low parts.
+#[test]
+fn doubles_far_from_the_origin_keep_their_millimetres() {
+    let at = [1_048_576.001, -524_288.5, 262_144.004];
+    let text = String::from_utf8(ascii()).unwrap_or_default().replace("property float", "property double");
+    let (head, body) = text.split_once("end_header\n").unwrap_or_default();
+    let moved = body.lines().map(|line| {
+        let words: Vec<&str> = line.split(' ').collect();
+        let [x, y, z, rest @ ..] = words.as_slice() else { panic!("{line}") };
+        if rest.len() != 3 {
+            return line.to_owned();
+        }
+        let place =
+            [x, y, z].into_iter().zip(at).map(|(word, at)| word.parse::<f64>().unwrap_or(0.0) / 1e3 + at);
+        let place: Vec<String> = place.map(|c| format!("{c:?}")).collect();
+        format!("{} {}", place.join(" "), rest.join(" "))
+    });
+    let moved = format!("{head}end_header\n{}\n", moved.collect::<Vec<_>>().join("\n"));
+    let ((mesh, notes), (near, _)) = (good(moved.as_bytes()), good(&ascii()));
+    assert!(notes.iter().all(|note| note.id != "triangles-without-area"));
+    assert_eq!(mesh.triangles, near.triangles);
+    for vertex in 0..4 {
+        let off = mesh.position(vertex) - DVec3::from(at) - near.position(vertex) / 1e3;
+        assert!(off.abs().max_element() < 1e-9, "{off}");
+    }
+    assert!(near.positions_low.is_empty());
+}
+
+#[test]
+fn parameters_change_what_they_say() {
+    let linear = load(&ascii(), &LoadMesh { colours: ColourEncoding::Linear, ..plain() });
+    assert_eq!(linear.map(|m| m.0.colours[0][1]).ok(), Some((128.0 / 255.0) as f32));
+    let turned = load(&ascii(), &LoadMesh { frame: MeshFrame::Gltf, ..plain() });
+    assert_eq!(turned.map(|m| m.0.positions[3]).ok(), Some([0.0, -0.5, 2.0]), "(x, -z, y) / 0.5");
+}
+
+/// Unusable vertices and faces go, and are counted.
+#[test]
+fn unusable_parts_are_dropped_and_counted() {
+    let text = String::from_utf8(ascii()).unwrap_or_default();
+    let text = text.replace("1 0 0 255", "nan 0 0 255").replace("element face 1", "element face 4");
+    let (mesh, notes) = good(format!("{text}3 2 2 3\n3 0 2 3\n3 0 1 3\n").as_bytes());
+    assert_eq!(mesh.positions.len(), 3);
+    assert_eq!(mesh.triangles, [[0, 1, 2], [0, 1, 2]]);
+    let count = |id: &str| notes.iter().find(|n| n.id == id).map(|n| n.text.clone());
+    assert!(count("vertices-not-finite").is_some_and(|t| t.starts_with("1 ")));
+    assert!(count("faces-of-dropped-vertices").is_some_and(|t| t.starts_with("2 ")));
+    assert!(count("triangles-without-area").is_some_and(|t| t.starts_with("1 ")));
+}
+
+#[test]
+fn no_cut_or_flip_panics_and_every_cut_is_an_error() {
+    let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+    let read = |bytes: &[u8]| {
+        from_ply("a.ply", bytes, &cx, &mut Notes::none())
+            .and_then(|raw| clean("a.ply", raw, true, &cx, &mut Notes::none()))
+    };
+    for bytes in [ascii(), binary(false), binary(true)] {
+        // The last bytes of ASCII are a digit and a line end, which may go.
+        for end in 0..bytes.len() - 3 {
+            assert!(read(&bytes[..end]).is_err(), "cut at {end}");
+        }
+        for at in 0..bytes.len() {
+            let mut hurt = bytes.clone();
+            hurt[at] ^= 1 << (at % 8);
+            drop(read(&hurt));
+        }
+    }
+    let bomb =
+        String::from_utf8(ascii()).unwrap_or_default().replace("vertex 4", "vertex 18446744073709551615");
+    assert!(load(bomb.as_bytes(), &plain()).is_err());
+    let points = String::from_utf8(ascii()).unwrap_or_default().replace("element face 1", "element face 0");
+    assert!(load(points.as_bytes(), &plain()).is_err());
+    let far = String::from_utf8(ascii()).unwrap_or_default().replace("4 0 1 2 3", "4 0 1 2 4");
+    assert!(load(far.as_bytes(), &plain()).is_err());
+}

@@ -1,0 +1,4 @@
+//! Renderers that kinds share: Gaussian splats, and light transport.
+
+pub mod splat;
+pub mod transport;
