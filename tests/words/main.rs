@@ -1,4 +1,5 @@
-//! Plain English in comments, messages and pages: fails on the words of `words.tsv`, which has what to write instead.
+//! Plain English in comments, messages and pages: fails on the words of `words.tsv`, which lists a replacement for
+//! each.
 //!
 //! A pattern is a sequence of words and punctuation; `*` stands for any word, and `^` for the start of a doc comment.
 //! `allowed.txt` has longer phrases in which a pattern is right. Code between backticks or in a fence does not count.

@@ -297,7 +297,7 @@ mod tests {
     // Whatever the light is far for, a solid receiver under it is told from no light. Mutation: `near_field` or `env_block`
     // not asked.
     #[test]
-    fn a_solid_receiver_under_far_light_is_told_from_no_light() {
+    fn a_solid_receiver_under_far_light_is_reported_from_no_light() {
         let row = |near: &str, block: &str, why: &str| {
             let mut trace = node("trace", "path-trace");
             trace.notes.push(note("near-field", why));
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_probe_that_was_fitted_is_told_beside_advice() {
+    fn a_probe_that_was_fitted_is_reported_beside_advice() {
         let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
         let text = "views of 64 px in place of 512 do: the objects are matte";
         fit.notes.push(note("probe-size", text));

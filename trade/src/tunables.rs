@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reference_that_is_coarser_than_what_it_judges_is_told() {
+    fn a_reference_that_is_coarser_than_what_it_judges_is_reported() {
         let values: Vec<String> = ["64", "128", "256"].map(str::to_owned).to_vec();
         let of = |now, presets, knob| Tunable {
             node: "pano".to_owned(),

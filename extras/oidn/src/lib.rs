@@ -87,14 +87,14 @@ mod tests {
     }
 
     #[test]
-    fn where_it_is_installed_it_stops_when_told() {
-        let Some(library) = installed("where_it_is_installed_it_stops_when_told") else { return };
+    fn where_it_is_installed_it_stops_when_reported() {
+        let Some(library) = installed("where_it_is_installed_it_stops_when_reported") else { return };
         let stopped = library.denoise(SIZE, &noisy(), None, &|| false);
         assert_eq!(stopped, Err(Error::Stopped));
     }
 
     #[test]
-    fn what_is_not_the_library_is_told() {
+    fn what_is_not_the_library_is_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("libOpenImageDenoise.so.2");
         std::fs::write(&path, b"\0libOpenImageDenoise_core.so.2.3.3\0").expect("is written");

@@ -317,7 +317,7 @@ mod tests {
 
     // Mutation: `fill_holes` not called.
     #[test]
-    fn holes_of_a_file_are_filled_and_told() {
+    fn holes_of_a_file_are_filled_and_reported() {
         let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);
         let raster = Raster { width: 4, height: 2, channels: 4, largest: 255, codes, ignored: Vec::new() };
         let (out, notes) = load(&png::write(&raster, false, &[]).expect("writes"), None).expect("loads");
@@ -333,7 +333,7 @@ mod tests {
 
     // Light that adds, with no alpha of its own, is no hole without a word. Mutation: `lost > 0` to `false`.
     #[test]
-    fn light_of_transparent_pixels_is_told() {
+    fn light_of_transparent_pixels_is_reported() {
         let file = |glow: f32| {
             let plane = |name: &str, other: f32, at: f32| {
                 let samples = (0..8).map(|i| if i == 3 { at } else { other }).collect();

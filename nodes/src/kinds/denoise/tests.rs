@@ -101,7 +101,7 @@ fn noise_goes_and_the_edge_stays() {
 /// The light of a lamp in a dark place, many times what is there without it, keeps its slope, and noise in it goes.
 /// Before, all above 8 looked alike, so that a pool of light became a plateau with a rim.
 #[test]
-fn bright_ratios_are_told_apart() {
+fn bright_ratios_are_distinguished() {
     let lit = |x: usize| crate::math::num::f32::exp(x as f32 * 0.15 - 1.0);
     let mut inputs = noisy(5);
     let before = samples(&inputs.without).to_vec();
@@ -313,7 +313,7 @@ fn light_of_any_strength_is_filtered_alike() {
 
 // Without a variance nothing is filtered, which is told; with nothing inserted there is nothing to tell.
 #[test]
-fn a_variance_of_nothing_is_told() {
+fn a_variance_of_nothing_is_reported() {
     let mut input = noisy(1);
     let Picture::Data(variance) = &mut Arc::make_mut(&mut input.variance).0[0].picture else {
         panic!("is data")

@@ -31,7 +31,7 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
 
 /// A difference has no use for what shapes a ratio, and says so of what is set.
 #[test]
-fn what_shapes_no_difference_is_told() {
+fn what_shapes_no_difference_is_reported() {
     let difference = || ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
     let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference() };
     let lambda = ShadowRatio { lambda: 0.5, ..difference() };
@@ -50,7 +50,7 @@ fn what_shapes_no_difference_is_told() {
 
 /// A few samples on black do not rule how much brighter the others are.
 #[test]
-fn how_much_brighter_is_told_by_sums() {
+fn how_much_brighter_is_reported_by_sums() {
     let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
     (r0[0], r1[0]) = (0.002, 1.0);
     let inputs = In { without: image(&r0), with: image(&r1) };
@@ -64,7 +64,7 @@ fn how_much_brighter_is_told_by_sums() {
 /// it, noise and a firefly are none.
 /// Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
-fn light_that_is_kept_from_the_picture_is_told() {
+fn light_that_is_kept_from_the_picture_is_reported() {
     let told = |s_max: f64, bright: &[f32]| {
         let mut r1 = vec![1.002; 1000];
         r1[..bright.len()].copy_from_slice(bright);
@@ -85,7 +85,7 @@ fn light_that_is_kept_from_the_picture_is_told() {
 
 // `Hybrid` adds what is brighter, so that nothing is clipped.
 #[test]
-fn what_is_added_is_not_told_as_clipped() {
+fn what_is_added_is_not_reported_as_clipped() {
     let clipped = |form, s_max| {
         let p = ShadowRatio { form, s_max, ..ShadowRatio::default() };
         let run = ShadowRatio::run(&p, In { without: image(&[1.0]), with: image(&[2.0]) }, &context());
@@ -98,7 +98,7 @@ fn what_is_added_is_not_told_as_clipped() {
 /// A shadow that is one grey everywhere is refused, and a picture that is darkened everywhere is told.
 /// Mutation: `powered` left out of `check`.
 #[test]
-fn bounds_that_leave_no_shadow_are_told() {
+fn bounds_that_leave_no_shadow_are_reported() {
     let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };
     for (s_min, s_max, gamma, good) in
         [(0.9, 0.5, 1.0, false), (0.6, 0.5, 0.5, true), (0.8, 0.5, 0.5, false), (1.0, 1.0, 1.0, true)]

@@ -180,7 +180,7 @@ fn linear_light_has_no_ceiling() {
 /// Files that were exchanged, or taken elsewhere, are found by what the panorama shows too.
 /// Mutation: `middle` taken for 0, `apart` for 0, or `short` for 0.
 #[test]
-fn photographs_that_contradict_the_panorama_are_told() {
+fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
     let found = told(&notes, "photograph-disagrees");

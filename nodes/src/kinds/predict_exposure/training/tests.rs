@@ -42,7 +42,7 @@ fn a_training_repeats_and_resumes() {
 // Where a part of the places is all there is, the others leave nothing to learn from, which is said before anything is
 // trained. Mutation: `chosen.is_empty()` not asked (candle then ends in a message of its own).
 #[test]
-fn too_few_places_to_part_are_told() {
+fn too_few_places_to_part_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let recipe = Recipe { steps: 1, batch: 1, ..Recipe::default() };
     let plan = Plan { seed: 3, members: 1, folds: 2, procedural: 0, recipe };
