@@ -5,19 +5,14 @@
 //! themselves are text, read when the node's code is wanted. A graph is checked anew when its text, its
 //! folder, a kind of its nodes, the program, or a file that it names is another one.
 
-use crate::graph::graph::Parts;
-use crate::graph::lazy::LazyStep;
-use crate::graph::lazy::Places;
-use crate::graph::lazy::Stored;
-use crate::graph::lazy::span;
-use crate::graph::lazy::walk;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use cache::{Digest, FileStamp, KeyWriter, Store};
 
-use crate::graph::graph::Graph;
+use crate::graph::graph::{Graph, Parts};
+use crate::graph::lazy::{LazyStep, Places, Stored, span, walk};
 use crate::graph::node::{Node, Wire};
 use crate::kind::context::{Scene, Up};
 use crate::kind::param_type::Role;
@@ -26,8 +21,7 @@ use crate::kind::registry::{KindEntry, Registry, Step};
 use crate::text::diag::Diagnostics;
 use crate::text::source::Source;
 use crate::value::artifact::{Corrupt, Decoder, Encoder};
-use crate::value::root::InputFile;
-use crate::value::root::{SourceFile, SourceRoot};
+use crate::value::root::{InputFile, SourceFile, SourceRoot};
 
 /// Raised when the bytes change their form.
 const FORMAT: &str = "lightharmony compiled graph 3";

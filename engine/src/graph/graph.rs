@@ -1,11 +1,10 @@
 //! The checked graph, ready to run.
 
-use crate::graph::node::Node;
-use crate::graph::node::Wire;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::graph::node::{Node, Wire};
 use crate::kind::context::{Point, Scene};
 use crate::kind::contract::ViewCount;
 use crate::kind::port::Wired;

@@ -1,23 +1,21 @@
 //! What a running node may ask of the engine.
 
-use crate::value::counts::Effort;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::{Digest, Lease};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::kind::param_type::{ParamType, canonical};
 use crate::kind::port::Wired;
+use crate::kind::tiles::{Threads, run_tiles};
 use crate::value::artifact::{AnyArtifact, Artifact, decode_all, encode_to_vec};
-use crate::value::counts::Counts;
+use crate::value::counts::{Counts, Effort};
 use crate::value::cpu;
 use crate::value::error::NodeError;
-use crate::value::root::InputFile;
-use crate::value::root::{SourceFile, SourceRoot};
+use crate::value::root::{InputFile, SourceFile, SourceRoot};
 
 /// Which axis of the world points up. Worlds are right-handed. Written `"+y"`, `"-y"` or `"+z"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -147,6 +145,8 @@ pub struct Context {
     pub(crate) told: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
+    /// Those of the run; without, tiles run on the rayon pool around the caller.
+    pub(crate) threads: Option<Arc<Threads>>,
     pub(crate) counts: Mutex<BTreeMap<&'static str, u64>>,
     /// Nanoseconds that threads spent on it.
     pub(crate) cpu: AtomicU64,
@@ -170,6 +170,7 @@ impl Context {
             told: AtomicBool::new(false),
             progress: Box::new(|_| {}),
             parts: None,
+            threads: None,
             counts: Mutex::default(),
             cpu: AtomicU64::default(),
             known: Mutex::default(),
@@ -273,12 +274,7 @@ impl Context {
     }
 
     fn each(&self, n: usize, tile: &(dyn Fn(usize) + Sync)) -> Result<(), NodeError> {
-        // One by one: tiles may differ much in work, and a thread that is done takes over half of what another has left.
-        (0..n).into_par_iter().with_max_len(1).try_for_each(|index| {
-            self.check()?;
-            self.on_cpu(|| tile(index));
-            Ok(())
-        })
+        run_tiles(self.threads.as_deref(), n, &|| self.cancelled(), &|index| self.on_cpu(|| tile(index)))
     }
 
     /// Runs code of the node, and counts the CPU time that this thread spends on it.

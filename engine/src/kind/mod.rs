@@ -8,3 +8,4 @@ pub(crate) mod param_type;
 pub(crate) mod params;
 pub(crate) mod port;
 pub(crate) mod registry;
+pub(crate) mod tiles;

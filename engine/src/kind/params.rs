@@ -1,10 +1,8 @@
 //! Parameters: typed values of a node, declared once with default, range, unit and doc.
 
-use crate::kind::param_type::ParamValue;
-use crate::kind::param_type::Role;
-
 use crate::kind::fields::Fields;
 use crate::kind::knob::Knob;
+use crate::kind::param_type::{ParamValue, Role};
 
 /// A parameter as the reference page and the table-driven tests see it.
 #[derive(Debug, Clone)]

@@ -1,14 +1,10 @@
 //! Kinds: what a node does, and the table that knows them all.
 
-use crate::kind::contract::Cost;
-use crate::kind::contract::Keep;
-use crate::kind::contract::Kind;
-use crate::kind::contract::Sizes;
-use crate::kind::contract::ViewCount;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::kind::context::{Context, ContextField};
+use crate::kind::contract::{Cost, Keep, Kind, Sizes, ViewCount};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::{ParamValue, Role};
 use crate::kind::params::{ParamSpec, Params};

@@ -1,6 +1,5 @@
 //! The values that the last run of a graph had, after the run: out of the store, or made once more.
 
-use crate::run::job::context_of;
 use std::collections::BTreeMap;
 
 use cache::Digest;
@@ -11,7 +10,7 @@ use crate::kind::contract::Keep;
 use crate::record::action::{Action, last_outputs, read_sources};
 use crate::record::record::Output;
 use crate::run::engine::Engine;
-use crate::run::job::stored_value;
+use crate::run::job::{context_of, stored_value};
 use crate::value::artifact::{AnyArtifact, Artifact, decode_all};
 use crate::value::error::guarded;
 

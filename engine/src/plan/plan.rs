@@ -4,8 +4,6 @@
 //! give; for kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig) the plan finds out, so it
 //! tells exactly where an edit stops.
 
-use crate::run::event::Forecast;
-use crate::run::job::context_of;
 use std::path::Path;
 
 use cache::{Change, Digest, Manifest};
@@ -18,13 +16,13 @@ use crate::record::action::{
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
 use crate::run::engine::Engine;
-use crate::run::job::{encode, stored_value};
+use crate::run::event::Forecast;
+use crate::run::job::{context_of, encode, stored_value};
 use crate::run::remembered::lookups::LookupMemo;
 use crate::run::remembered::previous::Cone;
 use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 /// What a run would do with a node.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,11 +1,9 @@
 //! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
 
-use crate::run::options::Outcome;
 use std::cell::OnceCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::Sender;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use crate::graph::graph::Graph;
@@ -13,7 +11,8 @@ use crate::record::action::last_keys;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
 use crate::run::message::Message;
-use crate::run::options::RunOptions;
+use crate::run::options::{Outcome, RunOptions};
+use crate::run::queue::Queue;
 use crate::run::remembered::lookups::LookupMemo;
 use crate::run::remembered::previous::{Cone, PreviousRun};
 use crate::run::scheduler::{Run, Task};
@@ -91,12 +90,10 @@ impl<'a> Run<'a> {
             sender,
             tell,
             slots,
-            rank,
             todo,
             errands: Vec::new(),
-            ready: BTreeSet::new(),
-            queue: BTreeSet::new(),
-            parked: Vec::new(),
+            queue: Queue::new(engine.limits().jobs, rank),
+            paces: BTreeMap::new(),
             in_flight: HashMap::new(),
             made: HashMap::new(),
             last_keys,
@@ -105,8 +102,6 @@ impl<'a> Run<'a> {
             scratch: Vec::new(),
             claims: BTreeMap::new(),
             read: OnceCell::new(),
-            supplied: 0,
-            running: 0,
             busy: 0,
             held: 0,
             reserved: 0,

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use cache::Store;
 
+use crate::kind::tiles::Threads;
 use crate::run::remembered::previous::PreviousRun;
 use crate::run::remembered::values::{ValueCache, free_memory};
 
@@ -14,7 +15,7 @@ pub struct Engine {
     jobs: usize,
     memory: u64,
     limits: OnceLock<Limits>,
-    pool: OnceLock<rayon::ThreadPool>,
+    threads: OnceLock<Arc<Threads>>,
     pub(crate) kept: ValueCache,
     prepared: OnceLock<Arc<ValueCache>>,
     /// How the last run ended, where [`keeping`](Self::keeping).
@@ -31,27 +32,19 @@ pub(crate) struct Limits {
     pub memory: u64,
 }
 
-/// Why there are no threads.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot start {jobs} threads")]
-pub(crate) struct EngineError {
-    jobs: usize,
-    source: rayon::ThreadPoolBuildError,
-}
-
 impl Engine {
     /// An engine of `jobs` threads (0: one for each core) that keeps at most about `memory` bytes of values
     /// (0: three quarters of what is free). Threads are started, and the machine is asked, when a run first
     /// has something to do.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
-        let (limits, pool) = (OnceLock::new(), OnceLock::new());
+        let (limits, threads) = (OnceLock::new(), OnceLock::new());
         let previous_run = Mutex::new(None);
         Self {
             store: Arc::new(store),
             jobs,
             memory,
             limits,
-            pool,
+            threads,
             kept: ValueCache::new(0),
             prepared: OnceLock::new(),
             previous_run,
@@ -75,16 +68,9 @@ impl Engine {
         self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 12)))
     }
 
-    /// The threads.
-    pub(crate) fn pool(&self) -> Result<&rayon::ThreadPool, EngineError> {
-        if let Some(pool) = self.pool.get() {
-            return Ok(pool);
-        }
-        let jobs = self.limits().jobs;
-        let builder = rayon::ThreadPoolBuilder::new().num_threads(jobs);
-        let pool = builder.thread_name(|index| format!("node-{index}")).build();
-        let pool = pool.map_err(|source| EngineError { jobs, source })?;
-        Ok(self.pool.get_or_init(|| pool))
+    /// How many threads may compute at once, and the helpers among them.
+    pub(crate) fn threads(&self) -> &Arc<Threads> {
+        self.threads.get_or_init(|| Arc::new(Threads::new(self.limits().jobs)))
     }
 
     /// Keeps values in memory from one run to the next, in a third of what it may take: for a process that

@@ -46,19 +46,11 @@ impl Run<'_> {
     }
 
     fn leave(&mut self, index: usize, life: Life) {
-        let place = (self.rank[index], index);
         let settled = self.slots[index].record.is_some();
-        match self.slots[index].life {
-            Life::Ready => drop(self.ready.remove(&place)),
-            Life::Gathering => self.supplied -= 1,
-            Life::Queued => {
-                self.supplied -= 1;
-                self.queue.remove(&place);
-            }
-            Life::Placing => self.slots[index].readers -= 1,
-            _ => {}
-        }
-        self.slots[index].life = life;
+        let slot = &mut self.slots[index];
+        self.queue.leave(index, slot);
+        slot.readers -= usize::from(slot.life == Life::Placing);
+        slot.life = life;
         if settled {
             self.drop_unread(index);
         } else {

@@ -1,9 +1,5 @@
 //! Running one node on the shared threads.
 
-use crate::kind::context::ContextField;
-use crate::run::message::Finished;
-use crate::run::message::Message;
-use crate::value::error::guarded;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
@@ -13,19 +9,21 @@ use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::{Node, Wire};
-use crate::kind::context::{Context, Part, PartStore};
+use crate::kind::context::{Context, ContextField, Part, PartStore};
 use crate::kind::contract::Keep;
 use crate::kind::port::PortSpec;
+use crate::kind::tiles::Threads;
 use crate::record::action::{Action, look_up};
 use crate::record::key::part_key;
 use crate::record::pace::Pace;
 use crate::record::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::run::event::{Event, State};
+use crate::run::message::{Finished, Message};
 use crate::run::remembered::values::{Name, ValueCache};
 use crate::run::trace::Tracer;
 use crate::value::artifact::{AnyArtifact, ArtifactType};
 use crate::value::counts::Effort;
-use crate::value::error::{NodeError, NodeErrorKind};
+use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
 /// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
@@ -37,6 +35,7 @@ const BYTES_MADE: &str = "bytes_made";
 pub(crate) struct Job<'a> {
     pub store: &'a Arc<Store>,
     pub prepared: &'a Arc<ValueCache>,
+    pub threads: &'a Arc<Threads>,
     pub graph: &'a Graph,
     pub node: usize,
     pub inputs: Vec<Vec<AnyArtifact>>,
@@ -135,6 +134,7 @@ impl Job<'_> {
         };
         let context = Context {
             cancel: self.cancel,
+            threads: Some(self.threads.clone()),
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),

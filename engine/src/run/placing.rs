@@ -7,8 +7,7 @@ use crate::run::message::{Message, Placed};
 use crate::run::scheduler::Run;
 use crate::run::sink;
 use crate::run::slot::{Life, Waiter};
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 impl Run<'_> {
     /// Compares the files of a sink with what lies there, and writes those that differ.

@@ -5,7 +5,7 @@
 //! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
 
 use std::cell::OnceCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
@@ -18,21 +18,23 @@ use crate::graph::node::Wire;
 use crate::graph::reads::ReadFiles;
 use crate::kind::context::ReadSource;
 use crate::record::action::{digest_sources, known_sources, look_up, prepare, remember};
+use crate::record::pace::Pace;
 use crate::record::record::{Output, Record};
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
 use crate::run::message::{Finished, Message};
 use crate::run::options::{Outcome, RunOptions};
+use crate::run::queue::Queue;
 use crate::run::remembered::lookups::LookupMemo;
 use crate::run::remembered::unchanged as noop_check;
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
+use crate::run::workers::{Work, Workers};
 use crate::text::diag::{Diagnostic, Diagnostics};
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::cpu;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 /// What the deciding thread has yet to do.
 pub(crate) enum Task {
@@ -43,21 +45,11 @@ pub(crate) enum Task {
     Files(usize),
 }
 
-/// What a thread is to do for a node; it tells what came of it.
+/// Work for a node that no thread has been given yet.
 pub(crate) struct Errand<'a> {
     node: usize,
-    act: Box<dyn FnOnce() + Send + 'a>,
-}
-
-/// A node that waits for a key that another computes.
-pub(crate) struct Parked {
-    pub node: usize,
-    pub key: Digest,
-    /// Since when it waits, until that was told.
-    pub since: Option<Instant>,
-    /// When to ask.
-    pub when: Instant,
-    pub pause: Duration,
+    is_code: bool,
+    work: Work<'a>,
 }
 
 pub(crate) struct Run<'a> {
@@ -67,15 +59,13 @@ pub(crate) struct Run<'a> {
     pub sender: Sender<Message>,
     pub tell: &'a mut dyn FnMut(Event),
     pub slots: Vec<Slot>,
-    /// Position of each node in the order of the graph: what comes first there runs first.
-    pub rank: Vec<usize>,
     pub todo: VecDeque<Task>,
     /// What threads are to do and were not given yet.
     pub errands: Vec<Errand<'a>>,
-    /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
-    pub ready: BTreeSet<(usize, usize)>,
-    pub queue: BTreeSet<(usize, usize)>,
-    pub parked: Vec<Parked>,
+    /// The nodes whose code is to run.
+    pub queue: Queue,
+    /// How long each kind took before, as far as that was asked.
+    pub paces: BTreeMap<&'static str, Pace>,
     /// Nodes being computed, by key, each with those of the same key.
     pub in_flight: HashMap<Digest, Vec<usize>>,
     /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
@@ -93,9 +83,6 @@ pub(crate) struct Run<'a> {
     pub claims: BTreeMap<PathBuf, usize>,
     /// What no sink may write over.
     pub read: OnceCell<ReadFiles>,
-    /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
-    pub supplied: usize,
-    pub running: usize,
     /// Messages that threads still owe.
     pub busy: usize,
     /// Bytes of values in memory, and bytes that running code was admitted with.
@@ -121,17 +108,25 @@ impl<'a> Run<'a> {
         if self.errands.is_empty() {
             return;
         }
-        match self.engine.pool() {
-            Ok(pool) => pool.in_place_scope(|scope| self.coordinate(scope, receiver)),
-            Err(error) => {
-                let error = NodeError::from(error).hint("ask for fewer threads with `--jobs`");
-                for Errand { node, .. } in std::mem::take(&mut self.errands) {
-                    match self.slots[node].life {
-                        Life::Done => self.lose(node, Some(&error)),
-                        _ => self.stumble(node, &error),
-                    }
-                }
-            }
+        let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
+        std::thread::scope(|scope| {
+            let _closing = workers.closing();
+            self.coordinate(scope, &workers, receiver);
+        });
+    }
+
+    /// Not even one thread could be started for a node.
+    fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
+        let error = NodeError::new(format!("cannot start a thread: {error}"))
+            .hint("ask for fewer threads with `--jobs`");
+        self.busy -= 1;
+        if is_code {
+            self.end_running(node);
+            self.slots[node].storing = false;
+        }
+        match self.slots[node].life {
+            Life::Done => self.lose(node, Some(&error)),
+            _ => self.stumble(node, &error),
         }
     }
 
@@ -159,25 +154,35 @@ impl<'a> Run<'a> {
     /// Has a thread do something for a node, of which it tells in a message.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.busy += 1;
-        self.errands.push(Errand { node, act: Box::new(act) });
+        self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
+    }
+
+    /// The same for the code of a node.
+    pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+        self.busy += 1;
+        self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
     }
 
     /// Decides until nothing is left to do, or the run is stopped and the threads are idle.
-    fn coordinate<'s>(&mut self, scope: &rayon::Scope<'s>, receiver: &Receiver<Message>)
-    where
-        'a: 's,
-    {
+    fn coordinate<'s>(
+        &mut self,
+        scope: &'s std::thread::Scope<'s, '_>,
+        workers: &'s Workers<'a>,
+        receiver: &Receiver<Message>,
+    ) {
         loop {
             self.decide();
-            for Errand { act, .. } in self.errands.drain(..) {
-                scope.spawn(move |_| act());
+            for Errand { node, is_code, work } in std::mem::take(&mut self.errands) {
+                if let Err(error) = workers.hand(scope, is_code, work) {
+                    self.without_thread(node, is_code, &error);
+                }
             }
-            let idle = self.todo.is_empty() && self.queue.is_empty() && self.parked.is_empty();
+            let idle = self.todo.is_empty() && self.queue.nothing_waits();
             if self.busy == 0 && (self.stopped() || idle) {
                 return;
             }
             // Short enough to notice that the run was stopped.
-            let patience = if self.parked.is_empty() { 100 } else { 5 };
+            let patience = if self.queue.has_parked() { 5 } else { 100 };
             match receiver.recv_timeout(Duration::from_millis(patience)) {
                 Ok(message) => self.receive(message),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -189,7 +194,20 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Compares the counters with what they count.
+    fn check(&self) {
+        self.queue.check(&self.slots);
+    }
+
     fn receive(&mut self, message: Message) {
+        self.act_on(message);
+        // A large graph would be counted for as long as it runs.
+        if cfg!(debug_assertions) && self.slots.len() < 1000 {
+            self.check();
+        }
+    }
+
+    fn act_on(&mut self, message: Message) {
         match message {
             Message::Event(event) => (self.tell)(event),
             Message::Sources { node, sources } => {
@@ -236,7 +254,7 @@ impl<'a> Run<'a> {
     }
 
     fn end_running(&mut self, index: usize) {
-        self.running -= 1;
+        self.queue.end(&self.slots[index]);
         self.reserved -= std::mem::take(&mut self.slots[index].reserved);
     }
 
@@ -297,9 +315,11 @@ impl<'a> Run<'a> {
         if let Some(record) = look_up(&self.engine.store, node, &key) {
             return self.settle(index, record, State::Cached, Effort::default());
         }
+        if let Err(error) = self.forecast(index) {
+            return self.fail(index, &error);
+        }
         self.in_flight.insert(key, Vec::new());
-        self.slots[index].life = Life::Ready;
-        self.ready.insert((self.rank[index], index));
+        self.queue.make_ready(index, &mut self.slots[index]);
     }
 
     fn finished(&mut self, index: usize, finished: Finished) {

@@ -73,6 +73,10 @@ pub(crate) struct Slot {
     pub degraded: bool,
     /// It does less than the graph file says, or is made from what does.
     pub rough: bool,
+    /// How much its code has to do, in units of its kind.
+    pub work: f64,
+    /// Whether that takes little time, by forecast.
+    pub short: bool,
     /// Memory that its code was admitted with.
     pub reserved: u64,
     /// What its code will take, once asked for.
@@ -107,6 +111,8 @@ impl Slot {
             storing: false,
             degraded: false,
             rough: false,
+            work: 0.0,
+            short: false,
             reserved: 0,
             cost: None,
             end: None,

@@ -21,13 +21,10 @@ impl<'a> Run<'a> {
     /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
     /// memory is full, so that a wide graph does not come to memory all at once.
     pub fn supply(&mut self) {
-        while let Some(&first @ (_, index)) = self.ready.first()
-            && self.supplied < self.engine.limits().jobs
-            && (self.held + self.reserved < self.engine.limits().memory || self.supplied + self.running == 0)
+        while let Some(index) = self.queue.next_ready()
+            && (self.held + self.reserved < self.engine.limits().memory || self.queue.is_idle())
         {
-            self.ready.remove(&first);
-            self.slots[index].life = Life::Gathering;
-            self.supplied += 1;
+            self.queue.supply(index, &mut self.slots[index]);
             self.gather(index);
         }
     }
@@ -49,8 +46,7 @@ impl<'a> Run<'a> {
 
     /// Its input values are there.
     pub fn enqueue(&mut self, index: usize) {
-        self.slots[index].life = Life::Queued;
-        self.queue.insert((self.rank[index], index));
+        self.queue.enqueue(index, &mut self.slots[index]);
     }
 
     /// Has an output brought to memory for `waiter`.
@@ -119,14 +115,20 @@ impl<'a> Run<'a> {
         }
         let id = self.graph.nodes[index].id.clone();
         (self.tell)(Event::Remake { id, reason: reason.to_owned() });
-        self.todo.push_back(Task::Gather(index));
+        match self.forecast(index) {
+            Ok(()) => self.todo.push_back(Task::Gather(index)),
+            Err(error) => self.lose(index, Some(&error)),
+        }
     }
 
     /// A remake is over, whatever came of it.
     pub fn end_remake(&mut self, index: usize) {
-        let Some(life) = self.slots[index].remaking.take() else { return };
-        self.queue.remove(&(self.rank[index], index));
-        self.slots[index].life = life;
+        let slot = &mut self.slots[index];
+        if slot.remaking.is_none() {
+            return;
+        }
+        self.queue.leave(index, slot);
+        slot.life = slot.remaking.take().unwrap_or(slot.life);
         self.release_inputs(index);
     }
 

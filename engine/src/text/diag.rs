@@ -1,6 +1,5 @@
 //! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
 
-use crate::text::source::Source;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -8,7 +7,7 @@ use std::path::PathBuf;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use serde::Serialize;
 
-use crate::text::source::Piece;
+use crate::text::source::{Piece, Source};
 
 /// What sort of mistake it is; a stable name in JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -1,11 +1,11 @@
 //! Where the files are that a graph reads: anywhere for one's own graph, in a few folders for a stranger's.
 
-use serde::Deserialize;
-use serde::Serialize;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 
 /// A file that a node reads.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -58,6 +58,7 @@ fn entries() -> Vec<KindEntry> {
         KindEntry::of::<Refuse>(),
         KindEntry::of::<Remark>(),
         KindEntry::of::<Slow>(),
+        KindEntry::of::<Tiled>(),
         KindEntry::of::<Heavy>(),
         KindEntry::of::<Panic>(),
         KindEntry::of::<Drift>(),
@@ -470,6 +471,28 @@ simple!(
     },
     fn work(params: &Self, _sizes: &Sizes) -> f64 {
         params.millis.into()
+    }
+);
+
+engine::params! {
+    /// Passes a number on by way of tiles that take their time.
+    pub struct Tiled {
+        /// How many.
+        tiles: u32 = 4, range(1, 100000), inert("only the time differs");
+        /// How long each takes.
+        millis: u32 = 1, unit("ms"), inert("only the time differs");
+    }
+}
+simple!(
+    Tiled = "tiled",
+    One,
+    |params, inputs, cx| {
+        let pause = std::time::Duration::from_millis(params.millis.into());
+        cx.for_each_tile(params.tiles as usize, |_| std::thread::sleep(pause))?;
+        give(inputs.value.0)
+    },
+    fn work(params: &Self, _sizes: &Sizes) -> f64 {
+        f64::from(params.tiles) * f64::from(params.millis)
     }
 );
 

@@ -21,6 +21,7 @@ mod plans;
 mod previous_run;
 mod reparse;
 mod running;
+mod scheduling;
 mod shapes;
 mod subgraphs;
 mod watching;
