@@ -70,6 +70,8 @@ pub(crate) struct Slot {
     pub lost: bool,
     /// Its values are being written to the store.
     pub storing: bool,
+    /// Messages that threads owe for it.
+    pub owed: usize,
     pub degraded: bool,
     /// It does less than the graph file says, or is made from what does.
     pub rough: bool,
@@ -109,6 +111,7 @@ impl Slot {
             remaking: None,
             lost: false,
             storing: false,
+            owed: 0,
             degraded: false,
             rough: false,
             work: 0.0,
@@ -174,6 +177,11 @@ impl Slot {
     /// Whether nobody will ask for the values any more.
     pub fn is_unread(&self) -> bool {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()
+    }
+
+    /// Bytes of its values in memory.
+    pub fn bytes(&self) -> u64 {
+        self.values.iter().map(|value| value.bytes).sum()
     }
 
     /// Gives the values up and says how many bytes they held.

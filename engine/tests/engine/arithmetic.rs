@@ -487,7 +487,7 @@ simple!(
     Tiled = "tiled",
     One,
     |params, inputs, cx| {
-        let pause = std::time::Duration::from_millis(params.millis.into());
+        let pause = Duration::from_millis(params.millis.into());
         cx.for_each_tile(params.tiles as usize, |_| std::thread::sleep(pause))?;
         give(inputs.value.0)
     },

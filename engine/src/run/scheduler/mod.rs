@@ -4,28 +4,30 @@
 //! known by digest is *resolved* by looking its key up; where nothing is found its input values are
 //! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
 
-use std::cell::OnceCell;
-use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::path::PathBuf;
+mod begin;
+mod failure;
+mod launch;
+mod placing;
+mod supply;
+
+use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use cache::Digest;
-
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
-use crate::graph::reads::ReadFiles;
 use crate::kind::context::ReadSource;
 use crate::record::action::{digest_sources, known_sources, look_up, prepare, remember};
-use crate::record::pace::Pace;
 use crate::record::record::{Output, Record};
+use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
 use crate::run::message::{Finished, Message};
 use crate::run::options::{Outcome, RunOptions};
 use crate::run::queue::Queue;
-use crate::run::remembered::lookups::LookupMemo;
 use crate::run::remembered::unchanged as noop_check;
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
@@ -37,7 +39,7 @@ use crate::value::cpu;
 use crate::value::error::{NodeError, guarded};
 
 /// What the deciding thread has yet to do.
-pub(crate) enum Task {
+enum Task {
     Resolve(usize),
     Gather(usize),
     /// Bring an output of a node to memory.
@@ -46,54 +48,41 @@ pub(crate) enum Task {
 }
 
 /// Work for a node that no thread has been given yet.
-pub(crate) struct Errand<'a> {
+struct Errand<'a> {
     node: usize,
     is_code: bool,
     work: Work<'a>,
 }
 
+/// One run of a graph. Its parts keep their numbers themselves; the methods here and in the files below decide.
 pub(crate) struct Run<'a> {
-    pub engine: &'a Engine,
-    pub graph: &'a Graph,
-    pub options: &'a RunOptions,
-    pub sender: Sender<Message>,
-    pub tell: &'a mut dyn FnMut(Event),
-    pub slots: Vec<Slot>,
-    pub todo: VecDeque<Task>,
+    engine: &'a Engine,
+    graph: &'a Graph,
+    options: &'a RunOptions,
+    sender: Sender<Message>,
+    tell: &'a mut dyn FnMut(Event),
+    slots: Vec<Slot>,
+    todo: VecDeque<Task>,
     /// What threads are to do and were not given yet.
-    pub errands: Vec<Errand<'a>>,
+    errands: Vec<Errand<'a>>,
     /// The nodes whose code is to run.
-    pub queue: Queue,
-    /// How long each kind took before, as far as that was asked.
-    pub paces: BTreeMap<&'static str, Pace>,
-    /// Nodes being computed, by key, each with those of the same key.
-    pub in_flight: HashMap<Digest, Vec<usize>>,
-    /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
-    pub made: HashMap<Digest, usize>,
-    /// Name of the book in which keys are remembered.
-    pub last_keys: String,
-    /// What the last run looked up, and whether this one comes to something else.
-    pub known: LookupMemo,
-    pub news: bool,
-    /// Whether every node is looked at, and not only what changed since the last run of this process.
-    pub whole: bool,
-    /// Memory in which keys are written.
-    pub scratch: Vec<u8>,
-    /// Which sink writes a file.
-    pub claims: BTreeMap<PathBuf, usize>,
-    /// What no sink may write over.
-    pub read: OnceCell<ReadFiles>,
+    queue: Queue,
+    /// Bytes of values and of running code.
+    memory: Memory,
+    /// What is known of keys.
+    known: Known,
+    /// Where keys are written.
+    scratch: Vec<u8>,
+    /// The files of sinks.
+    claims: Claims,
     /// Messages that threads still owe.
-    pub busy: usize,
-    /// Bytes of values in memory, and bytes that running code was admitted with.
-    pub held: u64,
-    pub reserved: u64,
-    pub store_failed: bool,
-    pub failures: Vec<Diagnostic>,
-    pub totals: Totals,
-    pub tracer: Tracer,
-    pub start: Instant,
-    pub start_cpu: Duration,
+    owed: usize,
+    store_failed: bool,
+    failures: Vec<Diagnostic>,
+    totals: Totals,
+    tracer: Tracer,
+    start: Instant,
+    start_cpu: Duration,
 }
 
 impl<'a> Run<'a> {
@@ -119,7 +108,7 @@ impl<'a> Run<'a> {
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error = NodeError::new(format!("cannot start a thread: {error}"))
             .hint("ask for fewer threads with `--jobs`");
-        self.busy -= 1;
+        self.settle_debt(node);
         if is_code {
             self.end_running(node);
             self.slots[node].storing = false;
@@ -153,13 +142,15 @@ impl<'a> Run<'a> {
 
     /// Has a thread do something for a node, of which it tells in a message.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
-        self.busy += 1;
+        self.owed += 1;
+        self.slots[node].owed += 1;
         self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
     }
 
     /// The same for the code of a node.
     pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
-        self.busy += 1;
+        self.owed += 1;
+        self.slots[node].owed += 1;
         self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
     }
 
@@ -178,7 +169,7 @@ impl<'a> Run<'a> {
                 }
             }
             let idle = self.todo.is_empty() && self.queue.nothing_waits();
-            if self.busy == 0 && (self.stopped() || idle) {
+            if self.owed == 0 && (self.stopped() || idle) {
                 return;
             }
             // Short enough to notice that the run was stopped.
@@ -197,6 +188,17 @@ impl<'a> Run<'a> {
     /// Compares the counters with what they count.
     fn check(&self) {
         self.queue.check(&self.slots);
+        self.memory.check(self.graph, &self.slots);
+        self.known.check(&self.slots);
+        assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
+        let unstarted = self.errands.len();
+        assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
+    }
+
+    /// A message that a thread owed for a node has come.
+    fn settle_debt(&mut self, node: usize) {
+        self.owed -= 1;
+        self.slots[node].owed -= 1;
     }
 
     fn receive(&mut self, message: Message) {
@@ -211,21 +213,21 @@ impl<'a> Run<'a> {
         match message {
             Message::Event(event) => (self.tell)(event),
             Message::Sources { node, sources } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 match sources {
                     Ok(sources) => self.look_up(node, sources),
                     Err(error) => self.fail(node, &error),
                 }
             }
             Message::Loaded { node, port, value } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 match value {
                     Some(value) => self.arrive(node, port, value),
                     None => self.missing(node, port),
                 }
             }
             Message::Busy { node, key, spent } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.end_running(node);
                 self.slots[node].effort.add(&spent);
                 self.park(node, key);
@@ -239,15 +241,15 @@ impl<'a> Run<'a> {
                 }
             }
             Message::Stored { node, error } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.slots[node].storing = false;
                 if let Some(error) = error {
                     self.unstored(node, error);
                 }
-                self.drop_unread(node);
+                self.memory.drop_unread(&mut self.slots[node]);
             }
             Message::Placed { node, placed } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.placed(node, placed);
             }
         }
@@ -255,7 +257,7 @@ impl<'a> Run<'a> {
 
     fn end_running(&mut self, index: usize) {
         self.queue.end(&self.slots[index]);
-        self.reserved -= std::mem::take(&mut self.slots[index].reserved);
+        self.memory.release(&mut self.slots[index]);
     }
 
     /// All inputs of a node are known by digest: so is its key, once the files it reads are.
@@ -295,20 +297,18 @@ impl<'a> Run<'a> {
         };
         let key = action.digest();
         self.slots[index].key = Some(key);
-        if let Some(record) = self.known.record(self.graph, index, &key) {
+        if let Some(record) = self.known.looked_up(self.graph, index, &key) {
             self.scratch = action.take_memory();
             self.slots[index].action = action;
             return self.settle_known(index, record);
         }
-        self.news = true;
         self.slots[index].action = action;
-        if let Some(&twin) = self.made.get(&key) {
+        if let Some(twin) = self.known.made_by(&key) {
             let record = self.slots[twin].record.clone().expect("what was made has a record");
             self.copy_values(twin, index);
             return self.settle(index, record, State::Cached, Effort::default());
         }
-        if let Some(followers) = self.in_flight.get_mut(&key) {
-            followers.push(index);
+        if self.known.follow(&key, index) {
             self.slots[index].life = Life::Following;
             return;
         }
@@ -318,7 +318,7 @@ impl<'a> Run<'a> {
         if let Err(error) = self.forecast(index) {
             return self.fail(index, &error);
         }
-        self.in_flight.insert(key, Vec::new());
+        self.known.begin(key);
         self.queue.make_ready(index, &mut self.slots[index]);
     }
 
@@ -328,7 +328,7 @@ impl<'a> Run<'a> {
         effort.add(&std::mem::take(&mut self.slots[index].effort));
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
-            self.made.insert(key, index);
+            self.known.set_made(key, index);
             if let Some(why) = self.engine.store.why_read_only() {
                 record.outputs.iter_mut().for_each(|output| output.stored = false);
                 self.warn_unstored("cache-read-only", format!("the cache cannot be written ({why})"));
@@ -347,7 +347,7 @@ impl<'a> Run<'a> {
     fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let rough = self.graph.reads(index).iter().any(|&above| self.slots[above].rough);
         if let Some(key) = self.slots[index].key.filter(|_| !rough && !self.slots[index].rough) {
-            remember(&self.engine.store, &self.last_keys, &self.graph.nodes[index], &key);
+            remember(&self.engine.store, self.known.history(), &self.graph.nodes[index], &key);
         }
         self.settle_as(index, record, state, effort);
     }
@@ -412,7 +412,7 @@ impl<'a> Run<'a> {
                 self.todo.push_back(Task::Resolve(below));
             }
         }
-        self.drop_unread(index);
+        self.memory.drop_unread(&mut self.slots[index]);
     }
 
     /// Ends the run. Gives what became of each node as well.
@@ -426,10 +426,10 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
-        if self.whole && self.news && !self.store_failed {
-            self.known.write(store, &self.last_keys, &self.slots);
+        if !self.store_failed {
+            self.known.write(store, &self.slots);
         }
-        let mut quiet = self.whole && !self.news;
+        let mut quiet = self.known.is_unchanged();
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
             (self.tell)(Event::Warning { id: "cache-write", text });
@@ -439,6 +439,7 @@ impl<'a> Run<'a> {
             (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
             quiet = false;
         }
+        self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();
         if quiet && self.all_is_known() {
             noop_check::keep(store, self.graph, &self.options.out, &self.slots);

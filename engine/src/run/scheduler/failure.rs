@@ -49,10 +49,12 @@ impl Run<'_> {
         let settled = self.slots[index].record.is_some();
         let slot = &mut self.slots[index];
         self.queue.leave(index, slot);
-        slot.readers -= usize::from(slot.life == Life::Placing);
+        // Its files are not put in place any more.
+        let is_sink = self.graph.nodes[index].sink_path.is_some();
+        slot.readers -= usize::from(is_sink && slot.life != Life::Done);
         slot.life = life;
         if settled {
-            self.drop_unread(index);
+            self.memory.drop_unread(&mut self.slots[index]);
         } else {
             self.release_inputs(index);
         }
@@ -128,7 +130,7 @@ impl Run<'_> {
                     self.skip(reader);
                 }
             }
-            self.drop_unread(node);
+            self.memory.drop_unread(&mut self.slots[node]);
         }
     }
 
@@ -145,6 +147,6 @@ impl Run<'_> {
     pub fn take_followers(&mut self, index: usize) -> Vec<usize> {
         let slot = &self.slots[index];
         let key = slot.key.filter(|_| slot.leads());
-        key.and_then(|key| self.in_flight.remove(&key)).unwrap_or_default()
+        key.map(|key| self.known.end(&key)).unwrap_or_default()
     }
 }

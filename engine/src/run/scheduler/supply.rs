@@ -22,7 +22,7 @@ impl<'a> Run<'a> {
     /// memory is full, so that a wide graph does not come to memory all at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
-            && (self.held + self.reserved < self.engine.limits().memory || self.queue.is_idle())
+            && (self.memory.has_room() || self.queue.is_idle())
         {
             self.queue.supply(index, &mut self.slots[index]);
             self.gather(index);
@@ -161,10 +161,7 @@ impl<'a> Run<'a> {
 
     fn take_in(&mut self, index: usize, port: usize, value: AnyArtifact) {
         let bytes = (self.graph.nodes[index].kind.outputs[port].artifact.bytes)(&value) as u64;
-        if self.slots[index].keep(port, value, bytes) {
-            self.held += bytes;
-            self.totals.peak_bytes = self.totals.peak_bytes.max(self.held);
-        }
+        self.memory.keep(&mut self.slots[index], port, value, bytes);
         self.keep_for_later(index);
     }
 
@@ -182,7 +179,7 @@ impl<'a> Run<'a> {
     pub fn arrive(&mut self, index: usize, port: usize, value: AnyArtifact) {
         self.take_in(index, port, value);
         self.wake(index, port);
-        self.drop_unread(index);
+        self.memory.drop_unread(&mut self.slots[index]);
     }
 
     /// Whoever waited for a value goes on.
@@ -225,15 +222,7 @@ impl<'a> Run<'a> {
     pub fn release_inputs(&mut self, index: usize) {
         let graph = self.graph;
         for &above in graph.reads(index) {
-            self.slots[above].readers -= 1;
-            self.drop_unread(above);
-        }
-    }
-
-    /// Lets go of values that nobody will ask for.
-    pub fn drop_unread(&mut self, index: usize) {
-        if self.slots[index].is_unread() {
-            self.held -= self.slots[index].drop_values();
+            self.memory.remove_reader(&mut self.slots[above]);
         }
     }
 }

@@ -6,7 +6,6 @@ use cache::{Digest, LeaseState};
 
 use crate::graph::node::Wire;
 use crate::record::action::{Action, sizes};
-use crate::record::pace::Pace;
 use crate::record::record::Output;
 use crate::run::event::Event;
 use crate::run::job::Job;
@@ -37,7 +36,7 @@ impl<'a> Run<'a> {
                     continue;
                 }
             };
-            if !self.queue.nothing_runs() && self.held + self.reserved + bytes > self.engine.limits().memory {
+            if !self.queue.nothing_runs() && !self.memory.fits(bytes) {
                 return;
             }
             self.start(index, bytes);
@@ -52,10 +51,10 @@ impl<'a> Run<'a> {
         };
         let sizes = sizes(node, &self.slots[index].action.sources, output);
         let work = guarded(|| Ok(node.step.work(&sizes)))?;
-        let pace = self.paces.entry(node.kind.name).or_insert_with(|| Pace::of(store, &node.kind));
+        let seconds = self.known.seconds(store, &node.kind, work);
         let slot = &mut self.slots[index];
         slot.work = work;
-        slot.short = node.kind.instant || pace.seconds(work).is_some_and(|seconds| seconds < SHORT);
+        slot.short = node.kind.instant || seconds.is_some_and(|seconds| seconds < SHORT);
         Ok(())
     }
 
@@ -76,7 +75,7 @@ impl<'a> Run<'a> {
         let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
         let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
         let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
-        let (held, budget) = (self.input_bytes(index), self.engine.limits().memory);
+        let (held, budget) = (self.input_bytes(index), self.memory.limit());
         if bytes.saturating_add(held) > budget {
             let beside = if bytes > budget || held < budget / 16 {
                 String::new()
@@ -115,7 +114,7 @@ impl<'a> Run<'a> {
         let inputs = self.inputs(index);
         let slot = &mut self.slots[index];
         self.queue.start(index, slot);
-        slot.reserved = bytes;
+        self.memory.reserve(slot, bytes);
         slot.storing = true;
         let job = Job {
             store: &engine.store,
@@ -138,7 +137,6 @@ impl<'a> Run<'a> {
             cancel: self.options.cancel.clone(),
             tell: self.sender.clone(),
         };
-        self.reserved += bytes;
         self.send_code(index, move || job.run());
     }
 

@@ -1,15 +1,16 @@
 //! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
 
-use std::cell::OnceCell;
-use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use crate::graph::graph::Graph;
 use crate::record::action::last_keys;
+use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
 use crate::run::message::Message;
 use crate::run::options::{Outcome, RunOptions};
 use crate::run::queue::Queue;
@@ -77,9 +78,9 @@ impl<'a> Run<'a> {
         }
         let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
-        let last_keys = last_keys(graph);
-        let known = if whole {
-            LookupMemo::read(&engine.store, &last_keys, graph.nodes.len())
+        let history = last_keys(graph);
+        let lookups = if whole {
+            LookupMemo::read(&engine.store, &history, graph.nodes.len())
         } else {
             LookupMemo::default()
         };
@@ -93,22 +94,14 @@ impl<'a> Run<'a> {
             todo,
             errands: Vec::new(),
             queue: Queue::new(engine.limits().jobs, rank),
-            paces: BTreeMap::new(),
-            in_flight: HashMap::new(),
-            made: HashMap::new(),
-            last_keys,
-            known,
-            news: false,
+            memory: Memory::new(engine.limits().memory),
+            known: Known::new(history, lookups, whole),
             scratch: Vec::new(),
-            claims: BTreeMap::new(),
-            read: OnceCell::new(),
-            busy: 0,
-            held: 0,
-            reserved: 0,
+            claims: Claims::default(),
+            owed: 0,
             store_failed: false,
             failures: Vec::new(),
             totals,
-            whole,
             tracer,
             start,
             start_cpu,

@@ -20,11 +20,7 @@ impl Run<'_> {
             Err(error) => return self.fail(index, &error),
         };
         for (path, _) in &targets {
-            let other = self.claims.insert(path.clone(), index);
-            let Some(other) = other.filter(|&other| other != index) else { continue };
-            // Whichever comes first while it runs, the later one in the file is in the wrong.
-            let (first, second) = (other.min(index), other.max(index));
-            self.claims.insert(path.clone(), first);
+            let Some([first, second]) = self.claims.claim(path, index) else { continue };
             let message = format!("`{}` writes to {} too", graph.nodes[first].id, path.display());
             self.fail(second, &NodeError::new(message).at("path").hint("give each its own path"));
             if second == index {
@@ -37,7 +33,7 @@ impl Run<'_> {
         }
         // Looked for only where something may be written, since it takes a look at every file.
         let texts = &self.options.texts;
-        let read = self.read.get_or_init(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
+        let read = self.claims.read(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
         if let Some((path, _)) = targets.iter().find(|(path, _)| read.has(path)) {
             return self.fail(index, &NodeError::new(over_text(path)).at("path").hint(OTHER_FILE));
         }
@@ -58,7 +54,9 @@ impl Run<'_> {
         match placed {
             Ok(Some(files)) => {
                 for (path, written) in files {
-                    self.news |= written;
+                    if written {
+                        self.known.set_news();
+                    }
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
                     (self.tell)(Event::File { id, path, written, preview });
                 }
