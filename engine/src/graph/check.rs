@@ -7,8 +7,7 @@ use std::sync::Arc;
 use crate::graph::axis::{Axis, axes_read};
 use crate::graph::checker::{Check, Field, GATHER, Template, at_each};
 use crate::graph::graph::{Graph, Parts};
-use crate::graph::lazy::{FieldPlaces, Places};
-use crate::graph::node::Node;
+use crate::graph::node::{FieldPlaces, Node};
 use crate::graph::order::{Wiring, describe_cycle, order_of};
 use crate::kind::context::{Scene, Up};
 use crate::kind::fields::Fields;
@@ -219,8 +218,8 @@ impl<'t, 'a> Check<'t, 'a> {
             sink_path,
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
-            places: Places::Read(places),
-            step: step.into(),
+            places,
+            step,
         };
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }

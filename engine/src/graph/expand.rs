@@ -241,7 +241,7 @@ impl<'t> Check<'t, '_> {
         if !template.own.is_empty() {
             let fields = at_each(&template.fields, &axes, |axis| value_at(point, axis));
             let (step, sink_path) = self.step(template.raw, &template.node.kind, &fields)?;
-            (node.step, node.sink_path) = (step.into(), sink_path);
+            (node.step, node.sink_path) = (step, sink_path);
         }
         for &(axis, value) in point {
             let (name, text) = (axes[axis].name, axes[axis].values[value].trim_matches('"'));

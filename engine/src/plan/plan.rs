@@ -11,14 +11,13 @@ use cache::{Change, Digest, Manifest};
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
 use crate::record::action::{
-    Action, last_keys, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
+    Action, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
 };
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
 use crate::run::engine::Engine;
 use crate::run::event::Forecast;
 use crate::run::job::{context_of, encode, stored_value};
-use crate::run::remembered::lookups::LookupMemo;
 use crate::run::remembered::previous::Cone;
 use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
@@ -106,7 +105,7 @@ impl Engine {
         let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
             return self.plan(graph, only);
         };
-        let mut outlook = Outlook::empty(self, graph, LookupMemo::default());
+        let mut outlook = Outlook::new(self, graph);
         for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
             if graph.nodes[index].kind.reads_files {
                 outlook.actions[index].sources.clone_from(&slot.action.sources);
@@ -170,24 +169,17 @@ pub(crate) struct Outlook<'a> {
     /// Of nodes whose outputs are known by digest, whether they were made or only found out.
     pub records: Vec<Option<Record>>,
     pub actions: Vec<Action>,
-    /// What the last run looked up.
-    known: LookupMemo,
     /// Values of instant nodes that were found out.
     values: Vec<Option<Vec<AnyArtifact>>>,
 }
 
 impl<'a> Outlook<'a> {
     pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
-        Self::empty(engine, graph, LookupMemo::read(engine.store(), &last_keys(graph), graph.nodes.len()))
-    }
-
-    fn empty(engine: &'a Engine, graph: &'a Graph, known: LookupMemo) -> Self {
         Self {
             engine,
             graph,
             records: graph.nodes.iter().map(|_| None).collect(),
             actions: graph.nodes.iter().map(|_| Action::default()).collect(),
-            known,
             values: graph.nodes.iter().map(|_| None).collect(),
         }
     }
@@ -204,7 +196,7 @@ impl<'a> Outlook<'a> {
             Err(error) => return Fate::Fails(error.to_string()),
         };
         let key = action.digest();
-        let record = self.known.record(graph, index, &key).or_else(|| look_up(store, node, &key));
+        let record = look_up(store, node, &key);
         self.actions[index] = action;
         if let Some(record) = record {
             let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);

@@ -1,25 +1,17 @@
-//! What is known of keys: what this run made and is making, what the last one looked up, how long kinds took.
+//! What is known of keys: what this run made and is making, and how long kinds took.
 
 use std::collections::{BTreeMap, HashMap};
 
 use cache::{Digest, Store};
 
-use crate::graph::graph::Graph;
 use crate::kind::registry::KindEntry;
 use crate::record::pace::Pace;
-use crate::record::record::Record;
-use crate::run::remembered::lookups::LookupMemo;
 use crate::run::slot::{Life, Slot};
 
 /// See the [module](self).
 pub(crate) struct Known {
     /// Name of the history in which the keys of the graph's nodes are remembered.
     history: String,
-    lookups: LookupMemo,
-    /// Whether something came out other than in the last run.
-    news: bool,
-    /// Whether every node is looked at, and not only what changed since the last run of this process.
-    whole: bool,
     /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
     made: HashMap<Digest, usize>,
     /// Keys that are being computed, each with the nodes that wait for it to follow.
@@ -28,39 +20,15 @@ pub(crate) struct Known {
 }
 
 impl Known {
-    /// `whole` says whether the run looks at every node.
-    pub fn new(history: String, lookups: LookupMemo, whole: bool) -> Self {
+    /// Nothing but the name of the history.
+    pub fn new(history: String) -> Self {
         let (made, in_flight, paces) = (HashMap::new(), HashMap::new(), BTreeMap::new());
-        Self { history, lookups, news: false, whole, made, in_flight, paces }
+        Self { history, made, in_flight, paces }
     }
 
     /// Name of the history in which the keys of the graph's nodes are remembered.
     pub fn history(&self) -> &str {
         &self.history
-    }
-
-    /// The record that the last run found for this key. Where there is none, something is new.
-    pub fn looked_up(&mut self, graph: &Graph, index: usize, key: &Digest) -> Option<Record> {
-        let record = self.lookups.record(graph, index, key);
-        self.news |= record.is_none();
-        record
-    }
-
-    /// Something is not as the last run left it.
-    pub fn set_news(&mut self) {
-        self.news = true;
-    }
-
-    /// Whether everything was looked at and is as the last run left it.
-    pub fn is_unchanged(&self) -> bool {
-        self.whole && !self.news
-    }
-
-    /// Keeps what this run looked up for the next one, where that is something else.
-    pub fn write(&self, store: &Store, slots: &[Slot]) {
-        if self.whole && self.news {
-            self.lookups.write(store, &self.history, slots);
-        }
     }
 
     /// The node of this run whose code made this key.

@@ -29,7 +29,7 @@ impl Graph {
                 settings.extend(costly.map(|(name, value)| (*name, (*value).to_owned())));
             }
             for (name, value) in &settings {
-                let step = graph.nodes[index].with(name, value)?.into();
+                let step = graph.nodes[index].with(name, value)?;
                 Arc::make_mut(&mut graph.nodes[index]).step = step;
             }
             changed.extend((!settings.is_empty()).then_some(index));

@@ -6,7 +6,6 @@ mod architecture;
 mod arithmetic;
 mod axes;
 mod bundles;
-mod compiled_graph;
 mod failures;
 mod faults;
 mod fuzz;

@@ -14,7 +14,6 @@ use crate::run::memory::Memory;
 use crate::run::message::Message;
 use crate::run::options::{Outcome, RunOptions};
 use crate::run::queue::Queue;
-use crate::run::remembered::lookups::LookupMemo;
 use crate::run::remembered::previous::{Cone, PreviousRun};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Slot};
@@ -79,11 +78,6 @@ impl<'a> Run<'a> {
         let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
         let history = last_keys(graph);
-        let lookups = if whole {
-            LookupMemo::read(&engine.store, &history, graph.nodes.len())
-        } else {
-            LookupMemo::default()
-        };
         Self {
             engine,
             graph,
@@ -95,9 +89,10 @@ impl<'a> Run<'a> {
             errands: Vec::new(),
             queue: Queue::new(engine.limits().jobs, rank),
             memory: Memory::new(engine.limits().memory),
-            known: Known::new(history, lookups, whole),
+            known: Known::new(history),
             scratch: Vec::new(),
             claims: Claims::default(),
+            unchanged: whole,
             owed: 0,
             store_failed: false,
             failures: Vec::new(),

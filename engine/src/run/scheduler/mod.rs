@@ -75,6 +75,8 @@ pub(crate) struct Run<'a> {
     scratch: Vec<u8>,
     /// The files of sinks.
     claims: Claims,
+    /// Whether every node was looked at, and no file had to be written.
+    unchanged: bool,
     /// Messages that threads still owe.
     owed: usize,
     store_failed: bool,
@@ -291,17 +293,12 @@ impl<'a> Run<'a> {
         };
         let sources_above = |above: usize| slots[above].action.sources.as_slice();
         let scratch = std::mem::take(&mut self.scratch);
-        let mut action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
+        let action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
             Ok(action) => action,
             Err(error) => return self.fail(index, &error),
         };
         let key = action.digest();
         self.slots[index].key = Some(key);
-        if let Some(record) = self.known.looked_up(self.graph, index, &key) {
-            self.scratch = action.take_memory();
-            self.slots[index].action = action;
-            return self.settle_known(index, record);
-        }
         self.slots[index].action = action;
         if let Some(twin) = self.known.made_by(&key) {
             let record = self.slots[twin].record.clone().expect("what was made has a record");
@@ -345,19 +342,6 @@ impl<'a> Run<'a> {
 
     /// The outputs of a node are known: what waited for that is resolved.
     fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
-        let rough = self.graph.reads(index).iter().any(|&above| self.slots[above].rough);
-        if let Some(key) = self.slots[index].key.filter(|_| !rough && !self.slots[index].rough) {
-            remember(&self.engine.store, self.known.history(), &self.graph.nodes[index], &key);
-        }
-        self.settle_as(index, record, state, effort);
-    }
-
-    /// Nothing about the node is new.
-    fn settle_known(&mut self, index: usize, record: Record) {
-        self.settle_as(index, record, State::Cached, Effort::default());
-    }
-
-    fn settle_as(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
@@ -365,10 +349,13 @@ impl<'a> Run<'a> {
         let slot = &mut self.slots[index];
         slot.degraded = inherited || record.notes.is_degraded();
         slot.rough |= rough;
+        if let Some(key) = slot.key.filter(|_| !slot.rough) {
+            remember(&self.engine.store, self.known.history(), node, &key);
+        }
         slot.record = Some(record);
         slot.end = Some(state);
         // What the key was made of is in the record, and a large graph would hold it all.
-        slot.action.key = None;
+        self.scratch = slot.action.take_memory();
         for (name, n) in &effort.counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
@@ -426,10 +413,7 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
-        if !self.store_failed {
-            self.known.write(store, &self.slots);
-        }
-        let mut quiet = self.known.is_unchanged();
+        let mut quiet = self.unchanged;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
             (self.tell)(Event::Warning { id: "cache-write", text });

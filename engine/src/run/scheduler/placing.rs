@@ -54,9 +54,7 @@ impl Run<'_> {
         match placed {
             Ok(Some(files)) => {
                 for (path, written) in files {
-                    if written {
-                        self.known.set_news();
-                    }
+                    self.unchanged &= !written;
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
                     (self.tell)(Event::File { id, path, written, preview });
                 }

@@ -192,7 +192,7 @@ impl Places {
             let mut params = node.kind.params.iter();
             node.step.visit(&mut |name, value| {
                 let is_input = params.next().is_some_and(|spec| spec.role == Role::Input);
-                let span = node.places.of(&node.kind, name);
+                let span = node.field_place(name);
                 if let (true, Some(span), Ok(text)) = (is_input, span, value.text()) {
                     edits.push((span, replace_strings(&text, |path| self.name(index, path))));
                 }
