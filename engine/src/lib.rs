@@ -117,7 +117,7 @@ pub use record::record::{Spent, blobs_of};
 pub use run::engine::Engine;
 pub use run::event::{Event, Forecast, State, Totals};
 pub use run::options::{Outcome, RunOptions};
-pub use run::remembered::unchanged::run_unchanged;
+pub use run::unchanged::run_unchanged;
 pub use serde;
 pub use share::bundle::container::{Bundle, BundleError};
 pub use share::bundle::pack::{Packed, Results};

@@ -18,7 +18,7 @@ use crate::record::record::{Output, Record, Spent};
 use crate::run::engine::Engine;
 use crate::run::event::Forecast;
 use crate::run::job::{context_of, encode, stored_value};
-use crate::run::remembered::previous::Cone;
+use crate::run::previous::Cone;
 use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::{NodeError, guarded};
@@ -98,7 +98,8 @@ impl Engine {
     /// The same for a run into `out` that the last one of this process left the rest of: what that knows is known.
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = graph.wanted(only);
-        let previous_run = self.previous_run();
+        let Some(warm) = &self.warm else { return self.plan(graph, only) };
+        let previous_run = warm.previous();
         let cone = previous_run
             .as_ref()
             .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));

@@ -1,13 +1,13 @@
 //! [`Engine`]: the threads, the memory and the store that runs of graphs share.
 
 use std::num::NonZero;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use cache::Store;
 
 use crate::kind::tiles::Threads;
-use crate::run::remembered::previous::PreviousRun;
-use crate::run::remembered::values::{ValueCache, free_memory};
+use crate::run::value_cache::{ValueCache, free_memory};
+use crate::run::warm::Warm;
 
 /// The threads, the memory and the store that runs share.
 pub struct Engine {
@@ -16,11 +16,9 @@ pub struct Engine {
     memory: u64,
     limits: OnceLock<Limits>,
     threads: OnceLock<Arc<Threads>>,
-    pub(crate) kept: ValueCache,
     prepared: OnceLock<Arc<ValueCache>>,
-    /// How the last run ended, where [`keeping`](Self::keeping).
-    pub(crate) previous_run: Mutex<Option<PreviousRun>>,
-    pub(crate) keeps: bool,
+    /// What is kept from one run to the next, where [`keeping`](Self::keeping).
+    pub(crate) warm: Option<Warm>,
 }
 
 /// What a run may take.
@@ -38,18 +36,7 @@ impl Engine {
     /// has something to do.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, threads) = (OnceLock::new(), OnceLock::new());
-        let previous_run = Mutex::new(None);
-        Self {
-            store: Arc::new(store),
-            jobs,
-            memory,
-            limits,
-            threads,
-            kept: ValueCache::new(0),
-            prepared: OnceLock::new(),
-            previous_run,
-            keeps: false,
-        }
+        Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
     }
 
     /// What runs may take.
@@ -80,16 +67,11 @@ impl Engine {
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
-        Self { kept: ValueCache::new(memory / 3), limits, keeps: true, ..self }
+        Self { warm: Some(Warm::new(memory / 3)), limits, ..self }
     }
 
     /// The store of this engine.
     pub fn store(&self) -> &Store {
         &self.store
-    }
-
-    /// How the last run ended.
-    pub(crate) fn previous_run(&self) -> MutexGuard<'_, Option<PreviousRun>> {
-        self.previous_run.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

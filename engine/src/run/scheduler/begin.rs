@@ -13,8 +13,8 @@ use crate::run::known::Known;
 use crate::run::memory::Memory;
 use crate::run::message::Message;
 use crate::run::options::{Outcome, RunOptions};
+use crate::run::previous::{Cone, PreviousRun};
 use crate::run::queue::Queue;
-use crate::run::remembered::previous::{Cone, PreviousRun};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
@@ -36,7 +36,7 @@ impl<'a> Run<'a> {
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let previous_run = engine.previous_run().take();
+        let previous_run = engine.warm.as_ref().and_then(|warm| warm.previous().take());
         let cone = previous_run.as_ref().and_then(|previous_run| {
             previous_run.cone(graph, &options.only, &wanted, &options.out, &engine.store)
         });
@@ -113,8 +113,8 @@ impl Engine {
         let mut run = Run::new(self, graph, options, sender, &mut tell);
         run.run(&receiver);
         let (outcome, slots) = run.finish();
-        if self.keeps {
-            *self.previous_run() = PreviousRun::of(graph, &options.only, slots);
+        if let Some(warm) = &self.warm {
+            *warm.previous() = PreviousRun::of(graph, &options.only, slots);
         }
         outcome
     }

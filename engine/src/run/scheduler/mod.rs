@@ -28,9 +28,9 @@ use crate::run::memory::Memory;
 use crate::run::message::{Finished, Message};
 use crate::run::options::{Outcome, RunOptions};
 use crate::run::queue::Queue;
-use crate::run::remembered::unchanged as noop_check;
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
+use crate::run::unchanged;
 use crate::run::workers::{Work, Workers};
 use crate::text::diag::{Diagnostic, Diagnostics};
 use crate::value::artifact::AnyArtifact;
@@ -426,7 +426,7 @@ impl<'a> Run<'a> {
         self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();
         if quiet && self.all_is_known() {
-            noop_check::keep(store, self.graph, &self.options.out, &self.slots);
+            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();

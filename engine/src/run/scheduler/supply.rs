@@ -67,7 +67,7 @@ impl<'a> Run<'a> {
         }
         let Some(record) = slot.record.as_ref().filter(|_| slot.remaking.is_none()) else { return };
         let output = record.outputs[port].clone();
-        if let Some(value) = self.engine.kept.get(&output.name()) {
+        if let Some(value) = self.engine.warm.as_ref().and_then(|warm| warm.values.get(&output.name())) {
             return self.arrive(node, port, value);
         }
         if !output.stored {
@@ -167,10 +167,11 @@ impl<'a> Run<'a> {
 
     /// Offers the values of a node whose outputs are known to the memory that outlives the run.
     pub fn keep_for_later(&self, index: usize) {
+        let Some(warm) = &self.engine.warm else { return };
         let slot = &self.slots[index];
         for (port, output) in slot.record.iter().flat_map(|record| &record.outputs).enumerate() {
             if let Some((value, bytes)) = slot.sized_value(port) {
-                self.engine.kept.put(&output.name(), value, bytes);
+                warm.values.put(&output.name(), value, bytes);
             }
         }
     }
