@@ -53,6 +53,26 @@ pub enum ViewCount {
     As(&'static [&'static str]),
 }
 
+/// How the work of a kind can be reduced: by previews while watching, by presets, and in forecasts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Preview {
+    /// A parameter (such as `samples`) whose work is cached in chunks: raising it computes only the added chunks, and a
+    /// forecast counts no more than these.
+    pub refines: Option<&'static str>,
+    /// The parameter by which a first preview computes one pixel per block of n by n pixels; 1 is every pixel.
+    pub coarse: Option<&'static str>,
+    /// Parameters that previews reduce, with their values there: a whole number is an upper limit, anything else replaces
+    /// the value.
+    pub rough: &'static [(&'static str, &'static str)],
+    /// Inputs used only to choose a resolution; presets do not raise knobs that feed nothing else.
+    pub looks: &'static [&'static str],
+}
+
+impl Preview {
+    /// Nothing is reduced.
+    pub const NONE: Self = Self { refines: None, coarse: None, rough: &[], looks: &[] };
+}
+
 /// One kind of node: its name, parameters, ports and code.
 pub trait Kind: 'static {
     /// Kebab-case name: `splat-render` is written `SplatRender` in graph files.
@@ -77,20 +97,8 @@ pub trait Kind: 'static {
     /// exactly what follows.
     const INSTANT: bool = false;
 
-    /// What a preview while watching sets, of what costs much and shows little: a whole number to at most so much,
-    /// anything else as it stands here.
-    const ROUGH: &'static [(&'static str, &'static str)] = &[];
-
-    /// The parameter by which a first preview computes one pixel for each block of so many by so many; 1 is each.
-    const COARSE: Option<&'static str> = None;
-
-    /// Inputs that only tell how fine others need be, such as a coarse look at the light. Knobs of what nothing else reads
-    /// stay as the graph has them: turned up they would cost what the look is to save.
-    const LOOKS: &'static [&'static str] = &[];
-
-    /// The parameter in whose steps the work is kept in parts: raising it pays only for what is new. A forecast
-    /// counts no more than that.
-    const REFINES: Option<&'static str> = None;
+    /// How `watch`, presets and forecasts reduce its work.
+    const PREVIEW: Preview = Preview::NONE;
 
     /// Parameters, by [`params!`](crate::params).
     type Params: Params;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::kind::context::{Context, ContextField};
-use crate::kind::contract::{Cost, Keep, Kind, Sizes, ViewCount};
+use crate::kind::contract::{Cost, Keep, Kind, Preview, Sizes, ViewCount};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::{ParamValue, Role};
 use crate::kind::params::{ParamSpec, Params};
@@ -92,14 +92,8 @@ pub struct KindEntry {
     pub data: &'static [u8],
     /// [`Kind::INSTANT`].
     pub instant: bool,
-    /// [`Kind::REFINES`].
-    pub refines: Option<&'static str>,
-    /// [`Kind::LOOKS`].
-    pub looks: &'static [&'static str],
-    /// [`Kind::ROUGH`].
-    pub rough: &'static [(&'static str, &'static str)],
-    /// [`Kind::COARSE`].
-    pub coarse: Option<&'static str>,
+    /// [`Kind::PREVIEW`].
+    pub preview: Preview,
     /// [`Kind::FOLDERS`].
     pub(crate) folders: bool,
     /// [`Kind::SUPPLIED`].
@@ -126,10 +120,7 @@ impl KindEntry {
             profile: K::PROFILE,
             data: K::DATA,
             instant: K::INSTANT,
-            refines: K::REFINES,
-            looks: K::LOOKS,
-            rough: K::ROUGH,
-            coarse: K::COARSE,
+            preview: K::PREVIEW,
             folders: K::FOLDERS,
             supplied: K::SUPPLIED,
             read: |fields| {

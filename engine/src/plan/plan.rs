@@ -225,7 +225,7 @@ impl<'a> Outlook<'a> {
             .then(|| self.work(index).or_else(last))
             .flatten()
             .and_then(|work| Pace::of(store, &node.kind).seconds(work))
-            .map(|seconds| seconds * new_share(&fate, node.kind.refines));
+            .map(|seconds| seconds * new_share(&fate, node.kind.preview.refines));
         let manifest = key.map(|key| key.manifest.clone());
         Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
     }

@@ -347,8 +347,8 @@ simple!(
         }
         give(sum / f64::from(params.samples) * params.gain + f64::from(params.coarse - 1))
     },
-    const REFINES: Option<&'static str> = Some("samples");,
-    const COARSE: Option<&'static str> = Some("coarse");
+    const PREVIEW: engine::Preview =
+        engine::Preview { refines: Some("samples"), coarse: Some("coarse"), ..engine::Preview::NONE };
 );
 
 engine::params! {
@@ -409,7 +409,7 @@ simple!(
     Sum = "sum",
     Listed,
     |params, inputs, _cx| give(inputs.numbers.0.iter().sum::<f64>() * f64::from(params.times)),
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("times", "1")];
+    const PREVIEW: engine::Preview = engine::Preview { rough: &[("times", "1")], ..engine::Preview::NONE };
 );
 
 engine::params! {
