@@ -1,14 +1,8 @@
 //! `lightharmony`: inserts 3D objects into captured Gaussian splat scenes with light and shadow that match.
 
-mod budget;
-mod causes;
 mod commands;
-mod origin;
-mod report;
 mod session;
-mod svg;
-mod trace;
-mod trade;
+mod terminal;
 
 use std::process::ExitCode;
 
@@ -17,11 +11,11 @@ fn main() -> ExitCode {
     let json = command.tells_json();
     match command.run() {
         Ok(code) => return ExitCode::from(code),
-        Err(session::Error::Graph(mistakes)) => report::mistakes(&mistakes, json),
+        Err(session::Error::Graph(mistakes)) => terminal::mistakes(&mistakes, json),
         Err(error) if json => {
-            report::json_line(&serde_json::json!({"event": "error", "message": error.to_string()}));
+            terminal::json_line(&serde_json::json!({"event": "error", "message": error.to_string()}));
         }
-        Err(error) => report::error(&error.to_string()),
+        Err(error) => terminal::error(&error.to_string()),
     }
     ExitCode::from(2)
 }

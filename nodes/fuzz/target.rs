@@ -1,7 +1,7 @@
 //! What every target does: reads, and holds the result against what a reader promises.
 
 use engine::{Context, Scene, Up};
-use nodes::load_splats::{Frame, from_bytes};
+use nodes::io::splats::{Frame, from_bytes};
 
 /// Reads `head` and `data` as one file: an error, or a scene of finite numbers that the bytes can hold.
 pub fn read(head: &[u8], data: &[u8]) {

@@ -6,62 +6,29 @@
 
 use engine::{KindEntry, Registry};
 
-pub mod alpha_shadow;
-pub mod bvh;
-pub mod camera;
-pub mod color;
-pub mod compare;
-pub mod composite;
-pub mod contact_sheet;
-pub mod crop_mesh;
-pub mod cube_rig;
-pub mod demo_scene;
-pub mod denoise;
-pub mod equirect;
 pub mod error;
-pub mod fit_probe;
-pub mod fuse_hdr;
-pub mod inspect;
+pub mod geometry;
 pub mod io;
-pub mod join_reports;
-pub mod layers;
+pub mod kinds;
 pub mod light;
-pub mod load_cameras;
-pub mod load_environment;
-pub mod load_image;
-pub mod load_mesh;
-pub mod load_object;
-pub mod load_panorama;
-pub mod load_splats;
-pub mod metrics;
-pub mod nn;
-pub mod num;
-pub mod override_material;
+pub mod math;
 pub mod path_trace;
-pub mod place;
-pub mod pose;
-pub mod predict_exposure;
-pub mod region_masks;
-pub mod resting;
-pub mod sampling;
-pub mod save_splats;
-pub mod score_env;
-pub mod shadow_ratio;
-pub mod snap;
-pub mod splat;
-pub mod splat_panorama;
-pub mod splat_render;
-pub mod stitch;
-pub mod support;
+pub mod render;
 pub mod types;
-mod whole_sphere;
-pub mod write_animation;
-pub mod write_exr;
-pub mod write_image;
-pub mod write_report;
 
 #[cfg(test)]
 mod testing;
+
+// The names of before the rooms, until all users name the rooms.
+#[doc(hidden)]
+pub use {
+    geometry::{bvh, inspect, resting, sampling, support},
+    io::splats::save as save_splats,
+    kinds::*,
+    math::{color, equirect, metrics, nn, num},
+    render::splat,
+    types::layers,
+};
 
 pub use error::Error;
 

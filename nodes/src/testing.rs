@@ -4,7 +4,7 @@ use engine::{Context, Scene, Up};
 use fearless_simd::Level;
 use glam::Vec3;
 
-use crate::sampling::circle;
+use crate::geometry::sampling::circle;
 use crate::types::{SplatEncoding, Splats};
 
 #[path = "../../tests/extremes/row.rs"]
@@ -75,7 +75,7 @@ pub fn chi_square(counts: &[f64], expected: &[f64]) -> f64 {
         add(rare[0], rare[1].max(1e-9));
     }
     let spread = 2.0 / (9.0 * bins);
-    (crate::num::pow(sum / bins, 1.0 / 3.0) - (1.0 - spread)) / spread.sqrt()
+    (crate::math::num::pow(sum / bins, 1.0 / 3.0) - (1.0 - spread)) / spread.sqrt()
 }
 
 /// Bins of equal solid angle over the sphere: rings by height, and sectors of each.
@@ -92,7 +92,7 @@ impl SphereBins {
 
     /// The bin of a unit direction.
     pub fn of(self, d: Vec3) -> usize {
-        let turns = 0.5 + crate::num::atan2(f64::from(d.y), f64::from(d.x)) / std::f64::consts::TAU;
+        let turns = 0.5 + crate::math::num::atan2(f64::from(d.y), f64::from(d.x)) / std::f64::consts::TAU;
         let [ring, sector] = [(0.5 * (f64::from(d.z) + 1.0), self.rings), (turns, self.sectors)]
             .map(|(at, count)| ((at * count as f64) as usize).min(count - 1));
         ring * self.sectors + sector

@@ -5,8 +5,8 @@ use std::path::Path;
 use clap::Args;
 use engine::{Diagnostics, Graph};
 
-use crate::report;
 use crate::session::{Error, GraphArgs};
+use crate::terminal;
 
 /// Reads a graph and reports every mistake in it.
 ///
@@ -32,14 +32,14 @@ impl Check {
         let sinks = graph.nodes.iter().filter(|node| node.sink_path.is_some()).count();
         let (name, nodes) = (&graph.source.name, graph.nodes.len());
         if self.json {
-            report::json_line(
+            terminal::json_line(
                 &serde_json::json!({"event": "checked", "file": name, "nodes": nodes, "sinks": sinks}),
             );
             return Ok(0);
         }
-        super::print(&format!("{name}: {nodes} nodes, {sinks} sinks, no mistakes\n"))?;
-        if let Some(remark) = report::no_file(graph, &loaded.only) {
-            super::print(&format!("{remark}\n"))?;
+        terminal::print(&format!("{name}: {nodes} nodes, {sinks} sinks, no mistakes\n"))?;
+        if let Some(remark) = terminal::no_file(graph, &loaded.only) {
+            terminal::print(&format!("{remark}\n"))?;
         }
         Ok(0)
     }

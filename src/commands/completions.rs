@@ -1,8 +1,9 @@
 //! `completions` and `manual`: made from the table of verbs.
 
-use clap::{Args, CommandFactory};
+use clap::{Args, Command};
 
 use crate::session::Error;
+use crate::terminal;
 
 /// Prints completions for a shell.
 #[derive(Debug, Args)]
@@ -13,10 +14,10 @@ pub struct Completions {
 
 impl Completions {
     /// Prints the script.
-    pub fn run(self) -> Result<u8, Error> {
+    pub fn run(self, mut command: Command) -> Result<u8, Error> {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut super::Command::command(), "lightharmony", &mut script);
-        super::print(&String::from_utf8_lossy(&script))?;
+        clap_complete::generate(self.shell, &mut command, "lightharmony", &mut script);
+        terminal::print(&String::from_utf8_lossy(&script))?;
         Ok(0)
     }
 }
@@ -31,8 +32,7 @@ pub struct Manual {
 
 impl Manual {
     /// Prints or writes the pages.
-    pub fn run(self) -> Result<u8, Error> {
-        let command = super::Command::command();
+    pub fn run(self, command: Command) -> Result<u8, Error> {
         match self.to {
             Some(folder) => {
                 let written = std::fs::create_dir_all(&folder);
@@ -43,7 +43,7 @@ impl Manual {
             None => {
                 let mut page = Vec::new();
                 clap_mangen::Man::new(command).render(&mut page)?;
-                super::print(&String::from_utf8_lossy(&page))?;
+                terminal::print(&String::from_utf8_lossy(&page))?;
             }
         }
         Ok(0)

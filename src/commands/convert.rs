@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use engine::{Context, NodeError, Notes, ReadFiles, Up};
-use nodes::load_splats::Frame;
-use nodes::save_splats::{SaveFormat, encode};
+use nodes::io::splats::Frame;
+use nodes::io::splats::save::{SaveFormat, encode};
 use nodes::types::Splats;
 
-use super::splats::{self, UpArg};
-use crate::report;
 use crate::session::Error;
+use crate::session::splats::{self, UpArg};
+use crate::terminal;
 
 /// Writes a scene of splats in another format.
 #[derive(Debug, Args)]
@@ -36,12 +36,12 @@ impl Convert {
     /// Exit code 0, or 1 where the file cannot be read or written.
     pub fn run(self) -> Result<u8, Error> {
         let Some(format) = SaveFormat::of_path(&self.output.to_string_lossy()) else {
-            report::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
+            terminal::error(&format!("`{}`: the ending must be .ply or .spz", self.output.display()));
             return Ok(2);
         };
         let format = match (format, self.spz4) {
             (SaveFormat::Ply, true) => {
-                report::error("`--spz4` is for files that end in .spz");
+                terminal::error("`--spz4` is for files that end in .spz");
                 return Ok(2);
             }
             (_, true) => SaveFormat::Spz4,
@@ -76,12 +76,12 @@ impl Convert {
             Err(error) => return Ok(splats::failed(&error)),
         };
         if let Err(error) = cache::publish_file(&self.output, &bytes) {
-            report::error(&error.to_string());
+            terminal::error(&error.to_string());
             return Ok(1);
         }
         let text = format!("{}{}", splats::lines(&notes), splats::lines(&lost));
         std::io::stderr().lock().write_all(text.as_bytes())?;
-        super::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
+        terminal::print(&format!("{}: {count} splats, {} bytes\n", self.output.display(), bytes.len()))?;
         Ok(0)
     }
 }
@@ -96,7 +96,7 @@ fn check_folder(output: &Path) -> Result<(), NodeError> {
 
 /// Warns where the floor of a scene says that another axis points up than the one that was taken for it.
 fn warn_of_floor(scene: &Splats, up: Up, notes: &mut Notes, cx: &Context) -> Result<(), NodeError> {
-    let floor = nodes::inspect::splats::inspect(scene, cx)?.floor;
+    let floor = nodes::geometry::inspect::splats::inspect(scene, cx)?.floor;
     if let Some(floor) = floor.filter(|floor| floor.is_clear() && floor.up != up.name()) {
         let text = format!(
             "{} was taken to be up, but the floor of the scene says {}; name the axis with `--up`",

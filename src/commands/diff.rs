@@ -11,11 +11,12 @@ use engine::{
     ResultDifferences, Scene, Up, graph_differences, result_differences,
 };
 use nodes::io::exr::{self, Channel, Planes};
-use nodes::load_image::{self, FileEncoding, LoadImage};
+use nodes::kinds::load_image::{self, FileEncoding, LoadImage};
 use nodes::types::{Data, Image, Images, NamedImage};
 
-use crate::origin::{OriginArgs, is_picture};
+use crate::session::origin::{OriginArgs, is_picture};
 use crate::session::{EngineArgs, Error, GraphArgs, Loaded};
+use crate::terminal;
 
 /// Tells how two graphs differ, in what they say and in what came of them.
 ///
@@ -75,7 +76,7 @@ fn files_difference(a: &Files, b: &Files) -> Difference {
     if views(a) != views(b) {
         return a.difference(b);
     }
-    let shown = |file: &FileBytes| match load_image::of_bytes(&file.view, &file.bytes) {
+    let shown = |file: &FileBytes| match nodes::io::picture::of_bytes(&file.view, &file.bytes) {
         Ok(picture) => Some(Images::single(file.view.clone(), picture)),
         Err(_) => layers(&file.view, &file.bytes),
     };
@@ -107,9 +108,9 @@ fn recipe(path: &Path) -> Result<Option<Recipe>, Error> {
     if !is_picture(path) {
         return Ok(None);
     }
-    let bytes = std::fs::read(path).map_err(|source| Error::Open { path: path.to_owned(), source })?;
+    let bytes = std::fs::read(path).map_err(|error| Error::unreadable("picture", path, &error))?;
     let text = nodes::io::recipe::recipe(&bytes);
-    let named = |source| Error::Recipe { path: path.to_owned(), source };
+    let named = |error: engine::RecipeError| Error::of_file(path, &error);
     text.map(|text| Recipe::parse(&text)).transpose().map_err(named)
 }
 
@@ -188,7 +189,7 @@ impl Diff {
             (Some((a, b)), _) => {
                 // What reads itself is not at fault.
                 let at_fault = || if a.differences(a).is_err() { &self.a } else { &self.b };
-                a.differences(b).map_err(|source| Error::Recipe { path: at_fault().clone(), source })?
+                a.differences(b).map_err(|error| Error::of_file(at_fault(), &error))?
             }
             (None, Some((a, b))) => graph_differences(&a.loaded.graph, &b.loaded.graph),
             (None, None) => Vec::new(),
@@ -242,7 +243,7 @@ impl Diff {
             equal &= came.unequal.is_empty();
             text.push_str(&self.told(&came));
         }
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(u8::from(!equal))
     }
 
@@ -292,7 +293,7 @@ impl Diff {
         // What a stranger's bundle claims stays out of the cache.
         let place = TempFolder::private()?;
         let store = Store::open(place.path(), cache::Options::default())?;
-        bundle.fill(&store).map_err(|source| Error::Bundle { path: path.to_owned(), source })?;
+        bundle.fill(&store).map_err(|error| Error::of_file(path, &error))?;
         let engine = Engine::new(store, self.engine.jobs(), self.engine.memory()?);
         Ok(Side { loaded, engine, _place: Some(place) })
     }

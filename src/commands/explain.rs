@@ -3,10 +3,10 @@
 use clap::Args;
 use engine::{Graph, bytes_text};
 
-use super::plan::{changes_json, planned_json};
-use crate::causes::trail;
-use crate::report::{self, counts_text, seconds_text};
 use crate::session::{EngineArgs, Error, GraphArgs, find};
+use crate::terminal::causes::trail;
+use crate::terminal::planned::{changes_json, planned_json};
+use crate::terminal::{self, counts_text, seconds_text};
 
 /// Tells why a node would run again, or did when it last ran, back to where it begins.
 #[derive(Debug, Args)]
@@ -45,7 +45,7 @@ impl Explain {
             if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
                 told["key"] = manifest.to_string().lines().map(str::to_owned).collect::<Vec<_>>().into();
             }
-            report::json_line(&told);
+            terminal::json_line(&told);
             return Ok(0);
         }
         let mut text = String::new();
@@ -76,7 +76,7 @@ impl Explain {
                 text.push_str(&format!("    {}\n", by_wire(graph, index, line)));
             }
         }
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(0)
     }
 }

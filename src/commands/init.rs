@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::report;
 use crate::session::Error;
+use crate::terminal;
 
 /// Makes a folder with a graph that runs as it is, and is made to be edited.
 #[derive(Debug, Args)]
@@ -45,16 +45,16 @@ impl Init {
         let path = |name: &str| self.folder.join(name);
         let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();
         if is_there(GRAPH) {
-            return Err(Error::Exists(path(GRAPH)));
+            return Err(Error::usage(format!("`{}` exists already", path(GRAPH).display())));
         }
         for (name, text) in FILES {
             if is_there(name) {
-                report::remark(&format!("{} is there already and stays as it is", path(name).display()));
+                terminal::remark(&format!("{} is there already and stays as it is", path(name).display()));
             } else {
                 cache::publish_file(&path(name), text.as_bytes())?;
             }
         }
-        super::print(&format!("{}\n", path(GRAPH).display()))?;
+        terminal::print(&format!("{}\n", path(GRAPH).display()))?;
         Ok(0)
     }
 }

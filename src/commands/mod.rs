@@ -6,7 +6,7 @@ mod completions;
 mod convert;
 mod diff;
 mod explain;
-pub mod graph;
+mod graph;
 mod init;
 mod inspect;
 mod knobs;
@@ -16,22 +16,17 @@ mod pack;
 mod plan;
 mod report;
 mod run;
-mod splats;
+#[cfg(feature = "learned")]
+mod train_exposure;
 #[cfg(not(feature = "learned"))]
-#[path = "train_absent.rs"]
+#[path = "train_exposure/absent.rs"]
 mod train_exposure;
-#[cfg(feature = "learned")]
-mod train_exposure;
-#[cfg(feature = "learned")]
-mod train_lora;
-#[cfg(feature = "learned")]
-mod training;
 mod tune;
 mod unpack;
 mod verify;
 mod watch;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::session::Error;
 
@@ -161,17 +156,8 @@ impl Command {
             Verb::Unpack(verb) => verb.run(),
             Verb::Verify(verb) => verb.run(),
             Verb::TrainExposure(verb) => verb.run(),
-            Verb::Completions(verb) => verb.run(),
-            Verb::Manual(verb) => verb.run(),
+            Verb::Completions(verb) => verb.run(Self::command()),
+            Verb::Manual(verb) => verb.run(Self::command()),
         }
-    }
-}
-
-/// Prints to standard output; a reader that went away is no error.
-fn print(text: &str) -> Result<(), Error> {
-    use std::io::{ErrorKind, Write};
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(error.into()),
-        _ => Ok(()),
     }
 }

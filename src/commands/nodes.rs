@@ -6,6 +6,7 @@ use clap::Args;
 use engine::{Arity, KindEntry, PortSpec, Role};
 
 use crate::session::Error;
+use crate::terminal;
 
 /// Lists the kinds of nodes, or describes one.
 #[derive(Debug, Args)]
@@ -27,7 +28,7 @@ impl Nodes {
                 None => {
                     let hint = engine::nearest(name, registry.iter().map(|kind| kind.name));
                     let hint = hint.map(|near| format!(", did you mean `{near}`?")).unwrap_or_default();
-                    return Err(Error::Kind { name: name.clone(), hint });
+                    return Err(Error::usage(format!("no kind is named `{name}`{hint}")));
                 }
             },
             None if self.markdown => {
@@ -43,7 +44,7 @@ impl Nodes {
                 })
                 .collect(),
         };
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(0)
     }
 }

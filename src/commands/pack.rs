@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use engine::{Results, bytes_text};
 
-use crate::report::remark;
 use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::terminal::{self, remark};
 
 /// Packs a graph, the files it reads, its lock and chosen results into one file, to hand on.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ impl Pack {
             Which::Sinks => Results::Targets,
             Which::All => Results::All,
         };
-        let named = |source| Error::Bundle { path: self.bundle.clone(), source };
+        let named = |error: engine::BundleError| Error::of_file(&self.bundle, &error);
         let mut packed = None;
         cache::publish_through(&self.bundle, |mut to| {
             packed = Some(engine.pack(&loaded.graph, &loaded.only, results, &mut to).map_err(named)?);
@@ -51,7 +51,7 @@ impl Pack {
         })?;
         let packed = packed.unwrap_or_default();
         let bytes = std::fs::metadata(&self.bundle)?.len();
-        super::print(&format!(
+        terminal::print(&format!(
             "{}: {}, {} inputs, results of {} nodes, values of {}\n",
             self.bundle.display(),
             bytes_text(bytes),

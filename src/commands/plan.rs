@@ -1,12 +1,12 @@
 //! `plan`: what a run would do and why.
 
 use clap::Args;
-use engine::{Change, Engine, Event, Fate, Forecast, Graph, Planned, Why, bytes_text};
-use serde_json::{Value, json};
+use engine::{Engine, Event, Fate, Forecast, Graph, Planned, bytes_text};
 
-use crate::causes::reason;
-use crate::report::{self, counts_text, forecast_text, seconds_text};
 use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::terminal::causes::reason;
+use crate::terminal::planned::planned_json;
+use crate::terminal::{self, counts_text, forecast_text, seconds_text};
 
 /// Tells what a run would compute, why, and about how long it takes.
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ impl Plan {
         }
         text.push_str(&forecast_text(&Forecast::of(&plan)));
         text.push('\n');
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(exit_code(&plan))
     }
 }
@@ -65,36 +65,8 @@ fn exit_code(plan: &[Planned]) -> u8 {
 
 fn tell_json(engine: &Engine, graph: &Graph, plan: &[Planned]) -> u8 {
     for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
-        report::json_line(&planned_json(engine, graph, index, node));
+        terminal::json_line(&planned_json(engine, graph, index, node));
     }
-    report::json_line(&Event::Plan(Forecast::of(plan)));
+    terminal::json_line(&Event::Plan(Forecast::of(plan)));
     exit_code(plan)
-}
-
-/// What would become of a node, and what it took when it last ran.
-pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned) -> Value {
-    let (fate, changes, after) = match &node.fate {
-        Fate::Unwanted => ("unwanted", &[][..], None),
-        Fate::Known => ("known", &[][..], None),
-        Fate::Lost => ("lost", &[][..], None),
-        Fate::Runs(Why::New) => ("runs", &[][..], None),
-        Fate::Runs(Why::Changed(changes)) => ("runs", changes.as_slice(), None),
-        Fate::Follows(above) => ("follows", &[][..], Some(above)),
-        Fate::Fails(_) => ("fails", &[][..], None),
-    };
-    let last = engine.past(graph, index, node).spent.map(|last| {
-        json!({"seconds": last.seconds, "cpu_seconds": last.cpu_seconds, "memory_bytes": last.memory,
-               "counts": last.counts})
-    });
-    json!({
-        "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after,
-        "forecast": node.forecast, "why": reason(graph, index, &node.fate),
-        "changes": changes_json(changes), "last": last,
-    })
-}
-
-/// What differs between two keys of a node.
-pub fn changes_json(changes: &[Change]) -> Vec<Value> {
-    let change = |change: &Change| json!({"path": change.path, "old": change.old, "new": change.new});
-    changes.iter().map(change).collect()
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use engine::{Bundle, bytes_text};
 
 use crate::session::{EngineArgs, Error};
+use crate::terminal;
 
 /// Unpacks a bundle into a new folder: all of it, or nothing where anything is wrong.
 #[derive(Debug, Args)]
@@ -28,9 +29,9 @@ pub struct Unpack {
 impl Unpack {
     /// Makes the folder, or lists what would be in it.
     pub fn run(self) -> Result<u8, Error> {
-        let named = |source| Error::Bundle { path: self.bundle.clone(), source };
-        let file =
-            File::open(&self.bundle).map_err(|source| Error::Open { path: self.bundle.clone(), source })?;
+        let named = |error: engine::BundleError| Error::of_file(&self.bundle, &error);
+        let file = File::open(&self.bundle);
+        let file = file.map_err(|error| Error::unreadable("bundle", &self.bundle, &error))?;
         let mut bundle = Bundle::open(file).map_err(named)?;
         let (records, values) = bundle.results();
         if self.list {
@@ -39,7 +40,7 @@ impl Unpack {
                 text.push_str(&format!("{} {:>10} {name}\n", digest.short(), bytes_text(length)));
             }
             text.push_str(&format!("{records} distinct results, {values} values\n"));
-            super::print(&text)?;
+            terminal::print(&text)?;
             return Ok(0);
         }
         let folder = self.folder.clone().unwrap_or_else(|| self.bundle.with_extension(""));
@@ -52,7 +53,7 @@ impl Unpack {
             engine.store().flush()?;
         }
         let graph = folder.join("graph.ron");
-        super::print(&format!("{}\n", graph.display()))?;
+        terminal::print(&format!("{}\n", graph.display()))?;
         Ok(0)
     }
 }

@@ -9,8 +9,8 @@ use cache::TempFolder;
 use clap::Args;
 use engine::{Bundle, Verdict, VerifyOptions, verify};
 
-use crate::report::{self, Report};
 use crate::session::{EngineArgs, Error, on_interrupt};
+use crate::terminal::{self, Report};
 
 /// Computes some nodes of a bundle anew, from what it holds, and says whether every bit is as it tells.
 #[derive(Debug, Args)]
@@ -36,9 +36,9 @@ pub struct Verify {
 impl Verify {
     /// Prints a line a node; exit code 1 where one is not as the bundle tells.
     pub fn run(self) -> Result<u8, Error> {
-        let named = |source| Error::Bundle { path: self.bundle.clone(), source };
-        let file =
-            File::open(&self.bundle).map_err(|source| Error::Open { path: self.bundle.clone(), source })?;
+        let named = |error: engine::BundleError| Error::of_file(&self.bundle, &error);
+        let file = File::open(&self.bundle);
+        let file = file.map_err(|error| Error::unreadable("bundle", &self.bundle, &error))?;
         let mut bundle = Bundle::open(file).map_err(named)?;
         let place = TempFolder::private()?;
         let options = VerifyOptions {
@@ -60,7 +60,7 @@ impl Verify {
         // What was stopped did not fail.
         let stopped = options.cancel.load(Ordering::Relaxed);
         if let Some(failures) = verified.failures.as_ref().filter(|_| !stopped) {
-            report::error(&failures.render(report::colours()));
+            terminal::error(&failures.render(terminal::colours()));
         }
         let mut text = String::new();
         for line in &verified.differences {
@@ -85,7 +85,7 @@ impl Verify {
         text.push_str(&format!(
             "{word}{equal} of {tried} computed anew are equal to the bit; it tells of {known} nodes\n"
         ));
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(if stopped { 130 } else { u8::from(!verified.is_good()) })
     }
 }

@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Args;
 use engine::{Graph, Load, Refusal, WatchOptions};
 
-use crate::origin::is_written_once;
-use crate::report::{self, Report};
+use crate::session::origin::is_written_once;
 use crate::session::{EngineArgs, Error, GraphArgs};
+use crate::terminal::{self, Report};
 
 /// Runs a graph again whenever it or a file it reads changes. Ctrl-C ends it.
 ///
@@ -49,12 +49,12 @@ impl Watch {
     /// Watches until it is interrupted.
     pub fn run(self) -> Result<u8, Error> {
         if self.graph.graph == Path::new("-") {
-            return Err(Error::Unwatchable(
+            return Err(Error::usage(
                 "only a file can be watched: `-` stands for standard input, which is read once",
             ));
         }
         if is_written_once(&self.graph.graph) {
-            return Err(Error::Unwatchable(STRANGE));
+            return Err(Error::usage(STRANGE));
         }
         let engine = self.engine.open()?.keeping();
         let out = self.out.clone();
@@ -72,7 +72,7 @@ impl Watch {
             handle.quit();
         })?;
         let mut report = if self.json { Report::json() } else { Report::lines(self.verbose) };
-        let (graph, colour) = (self.graph, report::colours() && !self.json);
+        let (graph, colour) = (self.graph, terminal::colours() && !self.json);
         let mut last: Option<(Arc<Graph>, Vec<usize>)> = None;
         let load = |same_files: bool| {
             let mut texts = Vec::new();
@@ -81,7 +81,7 @@ impl Watch {
             last = loaded.as_ref().ok().map(|loaded| (loaded.graph.clone(), loaded.only.clone()));
             let loaded = loaded.and_then(|loaded| match loaded.unpacked {
                 None => loaded.check_outputs(&out).map(|()| (loaded.graph, loaded.only)),
-                Some(_) => Err(Error::Unwatchable(STRANGE)),
+                Some(_) => Err(Error::usage(STRANGE)),
             });
             let refusal = |error| match error {
                 Error::Graph(mistakes) => Refusal::mistakes(&mistakes, colour),
@@ -92,7 +92,7 @@ impl Watch {
         let wrong = watch.run(&engine, load, |event| report.tell(&event));
         if !self.json {
             for path in wrong {
-                report::remark(&format!("{} does not show what the graph says now", path.display()));
+                terminal::remark(&format!("{} does not show what the graph says now", path.display()));
             }
         }
         Ok(130)

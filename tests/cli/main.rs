@@ -10,6 +10,7 @@ mod messages;
 mod share;
 mod splats;
 mod stop;
+mod structure;
 mod trade;
 mod turntable;
 mod watch;

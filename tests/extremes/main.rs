@@ -84,7 +84,7 @@ fn named_rows(line: &str) -> Option<(Vec<usize>, &str)> {
 /// Every test that is named after a row, by row and then by name.
 fn tests() -> BTreeMap<usize, Vec<Test>> {
     let mut files = Vec::new();
-    for folder in ["cache", "engine", "learned", "nodes", "src", "tests"] {
+    for folder in ["cache", "engine", "extras", "nodes", "src", "tests", "trade"] {
         sources(&workspace().join(folder), &mut files);
     }
     let mut rows: BTreeMap<usize, Vec<Test>> = BTreeMap::new();

@@ -1,6 +1,6 @@
 //! Every mode against the float64 references of `splat-refs`, and against our own truth.
 
-use nodes::splat::{Bounds, Precision, Settings, render};
+use nodes::render::splat::{Bounds, Precision, Settings, render};
 
 use crate::{Bench, compare, millions, timed};
 

@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use fearless_simd::Level;
 use glam::DVec3;
-use nodes::splat::{Clock, Settings, Work, render_at};
+use nodes::render::splat::{Clock, Settings, Work, render_at};
 use nodes::types::{Camera, Splats};
 
 use crate::{Bench, cpu_seconds, millions, thread_seconds};

@@ -1,6 +1,6 @@
 //! What each knob costs in decibels and saves in evaluations.
 
-use nodes::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
+use nodes::render::splat::{Bounds, DepthMode, Precision, Rendered, Settings, Sort, render};
 use nodes::types::{Camera, Splats};
 
 use crate::{Bench, compare, millions, timed};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use engine::{Context, InputFile, Kind, Scene, Up};
-use nodes::load_splats::{self, Frame, LoadSplats};
+use nodes::kinds::load_splats::{self, Frame, LoadSplats};
 use nodes::types::Splats;
 
 use crate::{Bench, cpu_seconds};

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use engine::{Artifact, Kind};
 use glam::DMat4;
-use nodes::cube_rig::{self, CubeRig, Turn};
-use nodes::splat::{Drawing, Sort};
-use nodes::splat_panorama::{self, SplatPanorama};
-use nodes::splat_render::{self, SplatRender};
-use nodes::stitch::Holes;
+use nodes::kinds::cube_rig::{self, CubeRig, Turn};
+use nodes::kinds::splat_panorama::{self, SplatPanorama};
+use nodes::kinds::splat_render::{self, SplatRender};
+use nodes::kinds::stitch::Holes;
+use nodes::render::splat::{Drawing, Sort};
 use nodes::types::{Pose, Rig};
 
 use crate::{Bench, EYE, load};

@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use engine::{Kind, Up};
 use glam::{DMat4, DVec3};
-use nodes::cube_rig::{self, CubeRig, Turn};
-use nodes::equirect;
-use nodes::num;
-use nodes::splat::{Drawing, Precision, Sort};
-use nodes::splat_panorama::{self, SplatPanorama};
-use nodes::splat_render::{self, SplatRender};
-use nodes::stitch::{self, Holes, Stitch};
+use nodes::kinds::cube_rig::{self, CubeRig, Turn};
+use nodes::kinds::splat_panorama::{self, SplatPanorama};
+use nodes::kinds::splat_render::{self, SplatRender};
+use nodes::kinds::stitch::{self, Holes, Stitch};
+use nodes::math::equirect;
+use nodes::math::num;
+use nodes::render::splat::{Drawing, Precision, Sort};
 use nodes::types::{Camera, Panorama, Pose, Rig, Splats};
 
 use crate::{Bench, EYE, look, timed};

@@ -2,7 +2,7 @@
 //! the blend's own arithmetic on one tile that stays in the first cache.
 
 use fearless_simd::Level;
-use nodes::splat::{Clock, Rendered, Settings, calibrate, render_at};
+use nodes::render::splat::{Clock, Rendered, Settings, calibrate, render_at};
 
 use crate::{Bench, millions, thread_seconds};
 

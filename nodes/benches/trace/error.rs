@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nodes::color::luminance;
+use nodes::math::color::luminance;
 use nodes::path_trace::visibility::{Bounce, EnvBlock};
 
 use super::case::{Case, Traced, relative_mse, rgb};

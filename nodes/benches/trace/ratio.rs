@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use engine::Kind;
-use nodes::denoise::{self, Denoise, Method};
+use nodes::kinds::denoise::{self, Denoise, Method};
 use nodes::path_trace::Out;
 use nodes::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::types::Images;

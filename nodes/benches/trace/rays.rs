@@ -6,9 +6,9 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 
 use engine::{InputFile, Kind};
 use glam::Vec3;
-use nodes::bvh::{Bvh, Ray};
-use nodes::load_object::{self, LoadObject};
-use nodes::sampling::{Points, circle};
+use nodes::geometry::bvh::{Bvh, Ray};
+use nodes::geometry::sampling::{Points, circle};
+use nodes::kinds::load_object::{self, LoadObject};
 
 use super::case::{Case, context};
 

@@ -13,7 +13,7 @@ use exr::prelude::{
 
 use super::png::believable;
 use super::stretch::{Fed, Stretch};
-use crate::Error;
+use crate::error::Error;
 
 /// One plane of numbers.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,7 +1,7 @@
 //! What part of a sphere a panorama shows, as cameras and stitchers write it into their pictures: the Photo Sphere XMP
 //! metadata of Google (namespace `http://ns.google.com/photos/1.0/panorama/`), which Hugin, PTGui and phones use.
 
-use crate::Error;
+use crate::error::Error;
 
 /// Where metadata lies in files that have any: before the picture.
 pub const HEAD: usize = 1 << 20;

@@ -2,7 +2,7 @@
 
 use super::png::believable;
 use super::stretch::Stretch;
-use crate::Error;
+use crate::error::Error;
 
 /// Linear RGB of a Radiance file, with `EXPOSURE` and `COLORCORR` already divided out, row 0 at the top.
 pub struct Radiance {
@@ -155,7 +155,7 @@ fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::num;
+    use crate::math::num;
     use crate::testing::row;
 
     fn file(header: &str, body: &[u8]) -> Vec<u8> {

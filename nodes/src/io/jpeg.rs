@@ -8,7 +8,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use super::icc;
 use super::png::{Raster, believable};
 use super::stretch::{Fed, Stretch, Sunk};
-use crate::Error;
+use crate::error::Error;
 
 /// Reads a JPEG as RGB codes; grey ones come as three equal channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {

@@ -1,6 +1,6 @@
 //! Any PLY file: the header, then rows of scalars and lists, ASCII or binary in either byte order.
 
-use crate::Error;
+use crate::error::Error;
 
 /// How the numbers of the body are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 use super::icc;
 use super::png_pack::pack;
 use super::stretch::{Fed, Stretch};
-use crate::Error;
+use crate::error::Error;
 
 /// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,7 +9,7 @@ use flate2::write::ZlibEncoder;
 
 use super::png::{Packing, Raster};
 use super::stretch::Stretch;
-use crate::Error;
+use crate::error::Error;
 
 /// Rows that are filtered at a time, which are held beside the picture: about so many bytes of them.
 const BATCH: usize = 1 << 18;

@@ -8,7 +8,7 @@ use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
 
 use engine::Context;
 
-use crate::Error;
+use crate::error::Error;
 
 /// Packed bytes between two questions. Deflate makes 4 MB of them at most, some 20 ms of work.
 const STEP: usize = 4096;

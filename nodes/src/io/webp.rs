@@ -6,7 +6,7 @@ use image_webp::{DecodingError, WebPDecoder};
 
 use super::icc;
 use super::png::{Raster, believable};
-use crate::Error;
+use crate::error::Error;
 
 /// Reads a still WebP, lossy or lossless, as RGB or RGBA codes.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {

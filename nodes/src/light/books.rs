@@ -6,9 +6,9 @@ use engine::{Context, NodeError, Up};
 use glam::DVec3;
 
 use super::{measure, regions};
-use crate::equirect::{axes, direction, pixel_solid_angle};
 use crate::light::energy::Energy;
-use crate::num;
+use crate::math::equirect::{axes, direction, pixel_solid_angle};
+use crate::math::num;
 use crate::types::{Cell, Table};
 
 /// Lights listed one by one: those with the most light.

@@ -2,7 +2,7 @@
 
 use engine::Up;
 
-use crate::equirect::{axes, direction, pixel_solid_angle};
+use crate::math::equirect::{axes, direction, pixel_solid_angle};
 
 /// The light of an equirectangular picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -1,6 +1,8 @@
 //! The exposure at which a panorama is judged.
 
-use crate::num;
+use super::linear::max3;
+use crate::math::color::luminance;
+use crate::math::num;
 use crate::types::{Image, Linear};
 
 /// Samples are raised to 1 / this before the median is taken.
@@ -9,6 +11,11 @@ const GAMMA: f64 = 2.4;
 const MIDDLE: f64 = 0.5;
 /// At most this share of the sphere is above white.
 const ABOVE_WHITE: f64 = 0.15;
+
+/// A channel of display colours above this, in linear light, is clipped as far as anybody can tell.
+pub(crate) const WHITE: f32 = 0.9;
+/// Codes of what is darker say little, so light is compared with no less than this.
+pub(crate) const DARKEST: f64 = 1e-4;
 
 /// What the light of a panorama is multiplied by to be at EV 0, as a photographer would meter it: the median of its
 /// positive samples becomes 0.5 once raised to 1 / 2.4, but at most 15 % of the sphere are above 1 in their brightest
@@ -39,6 +46,43 @@ pub fn ev0_scale(image: &Image<Linear>) -> Option<f64> {
         sum >= (1.0 - ABOVE_WHITE) * total
     });
     Some(limit.map_or(scale, |(peak, _)| scale.min(1.0 / f64::from(*peak))))
+}
+
+/// What a photograph shows of a pixel.
+#[derive(Clone, Copy)]
+pub(crate) struct Shown {
+    /// Its exposure.
+    pub ev: f64,
+    /// Linear light, as the photograph has it.
+    pub rgb: [f32; 3],
+    /// There is more light than it can hold.
+    pub clipped: bool,
+}
+
+impl Shown {
+    /// Of a picture that ends at white.
+    pub fn display(ev: f64, rgb: [f32; 3]) -> Self {
+        Self { ev, rgb, clipped: max3(rgb) > WHITE }
+    }
+
+    /// Luminance at EV 0.
+    pub(crate) fn light(&self) -> f64 {
+        f64::from(luminance(self.rgb)) * num::f64::exp2(-self.ev)
+    }
+}
+
+/// For a pixel the log2 of its luminance over that of the panorama, at least 0, as the first of `exposures` (brightest
+/// first) has it that shows it unclipped, else the last; and whether none shows it so. `None` without any.
+pub(crate) fn measured(own: [f32; 3], exposures: impl Iterator<Item = Shown>) -> Option<(f32, bool)> {
+    let own = f64::from(luminance(own)).max(DARKEST);
+    let mut last = None;
+    for shown in exposures {
+        last = Some((num::f64::log2((shown.light() / own).max(1.0)) as f32, shown.clipped));
+        if !shown.clipped {
+            break;
+        }
+    }
+    last
 }
 
 #[cfg(test)]

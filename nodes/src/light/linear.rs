@@ -1,7 +1,7 @@
 //! Linear light of a panorama of either encoding, with its broken samples counted.
 
-use crate::color::linear_from_srgb;
-use crate::num;
+use crate::math::color::linear_from_srgb;
+use crate::math::num;
 use crate::types::Picture;
 
 engine::choices! {

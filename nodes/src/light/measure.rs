@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use crate::equirect::{direction, pixel_solid_angle};
-use crate::num;
+use crate::math::equirect::{direction, pixel_solid_angle};
+use crate::math::num;
 use crate::types::Environment;
 
 /// One cell of an environment: a direction, its solid angle and the mean radiance in it.
@@ -26,7 +26,7 @@ impl Cell {
     }
 }
 
-/// Luminance of linear RGB in f64, with the weights of [`crate::color::LUMINANCE`].
+/// Luminance of linear RGB in f64, with the weights of [`crate::math::color::LUMINANCE`].
 pub fn luminance(rgb: [f64; 3]) -> f64 {
     0.21267 * rgb[0] + 0.71516 * rgb[1] + 0.07217 * rgb[2]
 }
@@ -169,7 +169,7 @@ pub fn contrast(cells: &[Cell], light: DVec3, up: DVec3) -> Option<f64> {
 /// (azimuth, elevation) of a direction in degrees: azimuth is 0 forward and grows to the right,
 /// clockwise seen from above.
 pub fn angles_deg(up: engine::Up, direction: DVec3) -> (f64, f64) {
-    let (u, v) = crate::equirect::uv(up, direction);
+    let (u, v) = crate::math::equirect::uv(up, direction);
     (360.0 * (u - 0.5), 90.0 - 180.0 * v)
 }
 

@@ -4,8 +4,11 @@
 pub mod books;
 pub mod energy;
 pub mod exposure;
+pub mod holes;
 pub mod level;
 pub mod linear;
 pub mod measure;
+pub mod panorama;
 pub mod regions;
 pub mod spheres;
+pub(crate) mod whole_sphere;

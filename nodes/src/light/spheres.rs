@@ -4,7 +4,7 @@ use engine::{Context, NodeError};
 use glam::DVec3;
 
 use super::measure::{Cell, irradiance};
-use crate::num;
+use crate::math::num;
 
 /// Pixels across a sphere.
 const SIZE: usize = 32;
@@ -103,8 +103,8 @@ fn shade(sphere: Sphere, cells: &[Cell], normal: DVec3, forward: DVec3) -> [f64;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::equirect::axes;
     use crate::light::measure::cells;
+    use crate::math::equirect::axes;
     use crate::types::{Environment, Image};
     use engine::Up;
 

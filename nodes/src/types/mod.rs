@@ -1,7 +1,9 @@
 //! The artifacts of rendering: what travels along the wires.
 
 mod environment;
+pub mod frame;
 mod image;
+pub mod layers;
 mod material;
 mod mesh;
 mod object;
@@ -10,6 +12,7 @@ mod pose;
 mod report;
 mod rig;
 mod splats;
+pub mod view;
 
 pub use environment::Environment;
 pub use image::{Data, Encoding, Image, Images, Linear, NamedImage, Picture, Srgb};

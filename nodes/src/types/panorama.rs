@@ -8,7 +8,7 @@ use super::report::Report;
 
 /// An equirectangular picture of everything seen from one point. `image` has 3 channels and
 /// `width = 2 * height`; row 0 is up, the centre column looks forward, u grows to the right, pixel
-/// centres at (i + 0.5) / N. See [`crate::equirect`] for directions.
+/// centres at (i + 0.5) / N. See [`crate::math::equirect`] for directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panorama {
     /// RGB, not premultiplied, holes already filled.

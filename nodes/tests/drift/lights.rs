@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use engine::Up;
 use glam::DVec3;
-use nodes::equirect;
-use nodes::num;
+use nodes::math::equirect;
+use nodes::math::num;
 use nodes::types::{Cell, Environment, Report};
 
 use super::references::luminance;

@@ -1,7 +1,7 @@
 //! Non-local means as `denoise` has it, in float64 and pixel by pixel (Rousselle, Knaus and Zwicker 2012).
 
 use glam::DVec3;
-use nodes::num;
+use nodes::math::num;
 
 use super::references::luminance;
 

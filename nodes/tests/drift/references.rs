@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use engine::Up;
 use glam::{DMat3, DVec3};
-use nodes::equirect;
-use nodes::num;
+use nodes::math::equirect;
+use nodes::math::num;
 use nodes::types::{Brackets, Cell, Panorama, Picture, Report, Views};
 
 /// sRGB to linear light, IEC 61966-2-1.

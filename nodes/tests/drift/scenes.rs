@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use engine::Up;
 use glam::{DMat3, DQuat, DVec3};
+use nodes::math::{equirect, num};
 use nodes::types::{Camera, Mesh, Placed, Splats};
-use nodes::{equirect, num};
 
 use super::references::{encoded, light};
 

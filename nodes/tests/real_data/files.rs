@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Notes, Scene, SourceRoot, Up};
 use nodes::io::{exr, hdr};
-use nodes::load_cameras::{self, LoadCameras};
-use nodes::load_environment::{self, LoadEnvironment};
-use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
-use nodes::load_object::{self, LoadObject};
+use nodes::kinds::load_cameras::{self, LoadCameras};
+use nodes::kinds::load_environment::{self, LoadEnvironment};
+use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
+use nodes::kinds::load_object::{self, LoadObject};
 use nodes::types::{Environment, Mesh, Object};
 
 use super::data;
@@ -54,9 +54,10 @@ fn radiance_files_match_their_statistics() {
         let (env, _) = environment(&format!("hdri/{name}_1k.hdr"));
         let (mut sum, mut largest) = (0.0_f64, 0.0_f64);
         for y in 0..512 {
-            let weight = nodes::equirect::pixel_solid_angle(1024, 512, y) / (4.0 * std::f64::consts::PI);
+            let weight =
+                nodes::math::equirect::pixel_solid_angle(1024, 512, y) / (4.0 * std::f64::consts::PI);
             for x in 0..1024 {
-                let l = f64::from(nodes::color::luminance(env.image.rgb(x, y)));
+                let l = f64::from(nodes::math::color::luminance(env.image.rgb(x, y)));
                 sum += l * weight;
                 largest = largest.max(l);
             }

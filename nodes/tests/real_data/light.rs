@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Scene, Up};
-use nodes::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
+use nodes::kinds::fuse_hdr::{self, Blend, FuseHdr, Gain, Hue};
+use nodes::kinds::load_panorama::{self, LoadPanorama};
+use nodes::kinds::predict_exposure::{self, Method, PredictExposure};
+use nodes::kinds::score_env::{self, ScoreEnv};
 use nodes::light::linear::Transfer;
-use nodes::load_panorama::{self, LoadPanorama};
-use nodes::predict_exposure::{self, Method, PredictExposure};
-use nodes::score_env::{self, ScoreEnv};
 use nodes::types::{Brackets, Cell, Image, Panorama, Srgb};
 
 fn cx() -> Context {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use glam::{DMat4, DVec3};
-use nodes::load_environment::{self, LoadEnvironment};
-use nodes::load_object::{self, LoadObject};
+use nodes::kinds::load_environment::{self, LoadEnvironment};
+use nodes::kinds::load_object::{self, LoadObject};
 use nodes::path_trace::visibility::{Bounce, EnvBlock, SpecularSees};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Mesh, Placed, Rig};
@@ -21,7 +21,7 @@ fn camera(eye: DVec3, target: DVec3, (width, height): (u32, u32), fov_y_deg: f64
         forward.extend(0.0),
         eye.extend(1.0),
     );
-    let f = f64::from(height) / 2.0 / nodes::num::f64::tan(fov_y_deg.to_radians() / 2.0);
+    let f = f64::from(height) / 2.0 / nodes::math::num::f64::tan(fov_y_deg.to_radians() / 2.0);
     let camera = Camera {
         name: "view".to_owned(),
         width_px: width,
@@ -100,7 +100,7 @@ fn every_object_of_the_shared_data_shows() {
 }
 
 // Mean of the object layer by Cycles 4.5 (128 samples, 192 x 144, its own reading of the file). See
-// `docs/materials.md`.
+// `docs/evidence/materials.md`.
 #[test]
 fn helmets_agree_with_cycles() {
     let helmet = camera(DVec3::new(0.7, 0.8, 1.7), DVec3::new(0.0, 0.48, 0.0), (96, 72), 36.0);

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use engine::{Context, InputFile, Kind, Scene, Up};
 use fearless_simd::Level;
 use glam::{DMat3, DMat4, DVec3};
-use nodes::load_splats::{self, LoadSplats};
-use nodes::splat::{
+use nodes::kinds::load_splats::{self, LoadSplats};
+use nodes::render::splat::{
     Blocks, Bounds, PanoramaCamera, Precision, Rendered, Settings, panorama, render, render_at, render_with,
 };
 use nodes::types::{Camera, Splats};
@@ -90,7 +90,7 @@ fn against(seen: &Rendered, reference: &[f32]) -> (f64, f64) {
         }
     }
     assert_eq!(colours.len() * 3, reference.len());
-    (-10.0 * nodes::num::f64::log10(squares / reference.len() as f64), largest)
+    (-10.0 * nodes::math::num::f64::log10(squares / reference.len() as f64), largest)
 }
 
 // The bars are those of `notes/splats.md`, section 4: rounding of the positions to f32 in a SOG file's
@@ -257,7 +257,7 @@ fn the_bench_case_looks_as_its_splatter_says() {
                 squares += off * off / (truth.len() / channels * 3) as f64;
             }
         }
-        let psnr = -10.0 * nodes::num::f64::log10(squares);
+        let psnr = -10.0 * nodes::math::num::f64::log10(squares);
         println!("view {i}: {psnr:.2} dB, README {bar}");
         assert!(psnr > bar - 0.5, "view {i}: {psnr:.2} dB");
     }

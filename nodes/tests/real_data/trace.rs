@@ -5,13 +5,13 @@ use std::time::Instant;
 
 use engine::{Context, InputFile, Kind, Scene, Up};
 use glam::DMat4;
-use nodes::color::luminance;
-use nodes::denoise::{self, Denoise, Method};
 use nodes::io::exr;
-use nodes::load_environment::{self, LoadEnvironment};
-use nodes::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
-use nodes::load_object::{self, LoadObject};
-use nodes::override_material::{self, OverrideMaterial, Surface};
+use nodes::kinds::denoise::{self, Denoise, Method};
+use nodes::kinds::load_environment::{self, LoadEnvironment};
+use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
+use nodes::kinds::load_object::{self, LoadObject};
+use nodes::kinds::override_material::{self, OverrideMaterial, Surface};
+use nodes::math::color::luminance;
 use nodes::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
@@ -313,8 +313,8 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
 #[test]
 fn row_45_ten_million_triangles_are_built_and_met() {
     use glam::Vec3;
-    use nodes::bvh::{Bvh, Ray};
-    use nodes::sampling::{mix, unit};
+    use nodes::geometry::bvh::{Bvh, Ray};
+    use nodes::geometry::sampling::{mix, unit};
 
     let down = |x: f32, y: f32| Ray::new(Vec3::new(x, y, 2.0), Vec3::NEG_Z);
     let crowd = Bvh::build(&vec![[Vec3::ZERO, Vec3::X, Vec3::Y]; 10_000_000]);

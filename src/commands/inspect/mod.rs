@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use engine::{Context, InputFile, Kind, NodeError, Notes, Up};
-use nodes::inspect::{mesh, splats::Inspection};
-use nodes::load_mesh::{self, LoadMesh};
-use nodes::load_splats::{Format, Frame};
+use nodes::geometry::inspect::{mesh, splats::Inspection};
+use nodes::io::splats::{Format, Frame};
+use nodes::kinds::load_mesh::{self, LoadMesh};
 use serde::Serialize;
 
-use super::splats;
 use crate::session::Error;
+use crate::session::splats;
+use crate::terminal;
 
 /// Tells what a scene of splats, or a mesh, is like.
 #[derive(Debug, Args)]
@@ -61,7 +62,7 @@ impl Inspect {
             notes: &Notes::none(),
         };
         let inspected = splats::load(&self.file, Frame::AsStored, &cx)
-            .and_then(|(scene, notes)| Ok((nodes::inspect::splats::inspect(&scene, &cx)?, notes)));
+            .and_then(|(scene, notes)| Ok((nodes::geometry::inspect::splats::inspect(&scene, &cx)?, notes)));
         let failed = match inspected {
             Ok((scene, notes)) => {
                 // That it is taken as stored is what `inspect` does, and no graph.
@@ -98,7 +99,7 @@ impl Inspect {
         } else {
             person::person(answer)
         };
-        super::print(&text)?;
+        terminal::print(&text)?;
         Ok(0)
     }
 }

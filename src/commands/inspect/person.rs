@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use nodes::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
+use nodes::geometry::inspect::{Extent, Finding, FloorGuess, mesh, splats::Inspection};
 
 use super::Answer;
-use crate::commands::splats;
+use crate::session::splats;
 
 /// Lengths of a scene, with as many digits as its size asks for.
 #[derive(Clone, Copy)]

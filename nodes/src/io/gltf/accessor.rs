@@ -4,7 +4,7 @@ use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions};
 
 use super::File;
-use crate::Error;
+use crate::error::Error;
 
 /// Numbers of an accessor, `width` to an element.
 pub struct Numbers {

@@ -1,6 +1,6 @@
 //! Addresses of buffers and pictures: data in the file itself, or paths beside it.
 
-use crate::Error;
+use crate::error::Error;
 use crate::io::base64;
 
 /// The bytes of a `data:` address, or `None` for another kind of address.

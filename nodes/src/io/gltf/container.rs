@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use crate::Error;
+use crate::error::Error;
 
 /// The JSON and binary chunks of a GLB.
 pub(super) fn split<'a>(name: &str, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>), Error> {

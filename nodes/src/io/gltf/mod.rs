@@ -1,9 +1,9 @@
-//! glTF and GLB: the container, its checked document, buffers, accessors and pictures. What they mean
-//! is the business of `load-object`.
+//! glTF and GLB: the container, its checked document, buffers, accessors, pictures, and objects made of them.
 
 mod accessor;
 mod address;
 mod container;
+pub(crate) mod object;
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::png::Raster;
 use super::{jpeg, png, webp};
-use crate::Error;
+use crate::error::Error;
 use address::{inline, path};
 use container::split;
 

@@ -6,9 +6,9 @@ use super::*;
 /// A blue sky over brown ground with a disc of light, 40 degrees up, of so many degrees.
 fn lit(width: usize, disc_deg: f64) -> Environment {
     let mut environment = constant(Up::PlusZ, [0.0; 3], width);
-    let (sin, cos) = crate::pose::sin_cos_deg(40.0);
+    let (sin, cos) = crate::num::sin_cos_deg(40.0);
     let towards = DVec3::new(0.5 * cos, 0.75_f64.sqrt() * cos, sin);
-    let edge = crate::pose::sin_cos_deg(disc_deg / 2.0).1;
+    let edge = crate::num::sin_cos_deg(disc_deg / 2.0).1;
     for y in 0..width / 2 {
         for x in 0..width {
             let (u, v) = ((x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / (width / 2) as f64);

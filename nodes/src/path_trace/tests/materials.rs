@@ -235,7 +235,7 @@ fn green_of_a_normal_map_points_up_the_picture() {
             ..Primitive::default()
         };
         if made {
-            crate::load_object::tangents::generate(&mut primitive, false);
+            crate::io::gltf::object::tangents::generate(&mut primitive, false);
         }
         let material = Material { normal: map, ..matte(0.8) };
         let textures = vec![Texture { width: 1, height: 1, rgba: rgba.clone() }];

@@ -1,0 +1,413 @@
+//! What a scene of splats is like: its size, which way is up, where the floor lies, and whether its numbers
+//! are those of a capture.
+
+use engine::{Context, NodeError};
+use serde::Serialize;
+
+use super::{Extent, Finding, FloorGuess, Patch, floor_of, percentile};
+use crate::math::num;
+use crate::types::{SplatEncoding, Splats};
+
+/// Sizes of splats: standard deviations, in world units.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Sizes {
+    /// Median of the longest axes.
+    pub median_longest: f64,
+    /// 99th percentile of the longest axes.
+    pub p99_longest: f64,
+    /// The longest axis of all.
+    pub longest: f64,
+    /// Share of needles: longest axis over 30 times the middle one.
+    pub needles: f64,
+    /// Share of flat ones: shortest axis under a third of the middle one.
+    pub flat: f64,
+}
+
+/// Opacities, 0 to 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Opacities {
+    /// Median.
+    pub median: f64,
+    /// Share below 1/255, which no renderer draws.
+    pub unseen: f64,
+    /// Share above 0.95.
+    pub opaque: f64,
+}
+
+/// How many splats meet at a pixel, were none hidden: an estimate from sizes and opacities, with the cut at an
+/// alpha of 1/255.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Overdraw {
+    /// Mean over a panorama from the median of the centres.
+    pub from_inside: f64,
+    /// Mean over the disc of the core seen from far away.
+    pub from_outside: f64,
+}
+
+/// What a scene is like.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Inspection {
+    /// Splats that can be drawn.
+    pub splats: usize,
+    /// Degree of the spherical harmonics.
+    pub sh_degree: u32,
+    /// `srgb` or `linear`.
+    pub encoding: &'static str,
+    /// True when trained with a screen-space filter.
+    pub antialiased: bool,
+    /// Box of all centres; `None` without splats, as what follows.
+    pub bounds: Option<Extent>,
+    /// Box of the middle 96 % of the centres along each axis.
+    pub core: Option<Extent>,
+    /// Median of the centres.
+    pub centre: Option<[f64; 3]>,
+    /// The floor.
+    pub floor: Option<FloorGuess>,
+    /// Sizes of splats.
+    pub sizes: Option<Sizes>,
+    /// Opacities.
+    pub opacities: Option<Opacities>,
+    /// Splats at a pixel.
+    pub overdraw: Option<Overdraw>,
+    /// What looks wrong.
+    pub findings: Vec<Finding>,
+}
+
+/// (shortest, middle, longest) standard deviation.
+fn sorted(scale: [f32; 3]) -> [f64; 3] {
+    let mut scale = scale.map(f64::from);
+    scale.sort_by(f64::total_cmp);
+    scale
+}
+
+/// Inspects a scene.
+pub fn inspect(splats: &Splats, cx: &Context) -> Result<Inspection, NodeError> {
+    let mut found = Inspection {
+        splats: splats.len(),
+        sh_degree: splats.sh_degree,
+        encoding: match splats.encoding {
+            SplatEncoding::Srgb => "srgb",
+            SplatEncoding::Linear => "linear",
+        },
+        antialiased: splats.antialiased,
+        bounds: None,
+        core: None,
+        centre: None,
+        floor: None,
+        sizes: None,
+        opacities: None,
+        overdraw: None,
+        findings: Vec::new(),
+    };
+    if splats.is_empty() {
+        found.findings.push(Finding { id: "no-splats", text: "nothing that can be drawn".to_owned() });
+        return Ok(found);
+    }
+    let columns = cx.for_each_tile(3, |axis| {
+        let mut column: Vec<f32> = splats.means.iter().map(|mean| mean[axis]).collect();
+        [0.0, 0.02, 0.5, 0.98, 1.0].map(|share| percentile(&mut column, share))
+    })?;
+    let along = |which: usize| [0, 1, 2].map(|axis| columns[axis][which]);
+    let (bounds, core) = (Extent { min: along(0), max: along(4) }, Extent { min: along(1), max: along(3) });
+    let centre = along(2);
+    let sizes = sizes(splats);
+    found.floor = floor(splats, &core);
+    found.overdraw = Some(overdraw(splats, centre, &core));
+    let share = |test: fn(&f32) -> bool| {
+        splats.opacities.iter().filter(|o| test(o)).count() as f64 / splats.len() as f64
+    };
+    let opacities = Opacities {
+        median: percentile(&mut splats.opacities.clone(), 0.5),
+        unseen: share(|o| *o < 1.0 / 255.0),
+        opaque: share(|o| *o > 0.95),
+    };
+    (found.bounds, found.core, found.centre) = (Some(bounds), Some(core), Some(centre));
+    (found.sizes, found.opacities) = (Some(sizes), Some(opacities));
+    found.findings = findings(&found, &bounds, &core, &sizes, &opacities);
+    Ok(found)
+}
+
+fn sizes(splats: &Splats) -> Sizes {
+    let mut longest: Vec<f32> = splats.scales.iter().map(|s| s[0].max(s[1]).max(s[2])).collect();
+    let share = |test: fn([f64; 3]) -> bool| {
+        splats.scales.iter().filter(|s| test(sorted(**s))).count() as f64 / splats.len() as f64
+    };
+    Sizes {
+        median_longest: percentile(&mut longest, 0.5),
+        p99_longest: percentile(&mut longest, 0.99),
+        longest: percentile(&mut longest, 1.0),
+        needles: share(|[_, middle, longest]| longest > 30.0 * middle),
+        flat: share(|[shortest, middle, _]| shortest * 3.0 < middle),
+    }
+}
+
+/// Where a splat is cut: its axes in standard deviations times this reach an alpha of 1/255.
+fn reach(opacity: f32) -> f64 {
+    let ratio = f64::from(opacity) * 255.0;
+    if ratio > 1.0 { (2.0 * num::f64::ln(ratio)).sqrt() } else { 0.0 }
+}
+
+fn overdraw(splats: &Splats, centre: [f64; 3], core: &Extent) -> Overdraw {
+    // Mean area of the shadows of an ellipsoid: a quarter of its surface (Cauchy), by Thomsen's formula.
+    const P: f64 = 1.6075;
+    let (mut inside, mut outside) = (0.0, 0.0);
+    for (i, scale) in splats.scales.iter().enumerate() {
+        let [a, b, c] = scale.map(|s| num::pow(f64::from(s) * reach(splats.opacities[i]), P));
+        let area = std::f64::consts::PI * num::pow((a * b + b * c + c * a) / 3.0, 1.0 / P);
+        let mean = splats.means[i].map(f64::from);
+        let distance: f64 = (0..3).map(|k| (mean[k] - centre[k]) * (mean[k] - centre[k])).sum();
+        // A splat around the eye covers half of what is seen.
+        let near = area / std::f64::consts::TAU;
+        inside += if area > 0.0 { area / (distance + near) } else { 0.0 };
+        let within = (0..3).all(|k| (core.min[k]..=core.max[k]).contains(&mean[k]));
+        outside += if within { area } else { 0.0 };
+    }
+    let radius = core.diagonal() / 2.0;
+    let disc = std::f64::consts::PI * radius * radius;
+    Overdraw {
+        from_inside: inside / (4.0 * std::f64::consts::PI),
+        from_outside: if disc > 0.0 { outside / disc } else { 0.0 },
+    }
+}
+
+/// Looks for the floor among the flat splats.
+fn floor(splats: &Splats, core: &Extent) -> Option<FloorGuess> {
+    let mut areas: Vec<f32> = splats.scales.iter().map(|s| area(*s) as f32).collect();
+    // A few splats of the sky would outweigh all others.
+    let largest = percentile(&mut areas, 0.95);
+    let patches = (0..splats.len()).map(|i| {
+        let weight = area(splats.scales[i]).min(largest) * f64::from(splats.opacities[i]);
+        Patch {
+            middle: splats.means[i].map(f64::from),
+            normal: normal(splats.scales[i], splats.quats[i]),
+            weight,
+            variance: weight * weight,
+        }
+    });
+    floor_of(patches, core)
+}
+
+/// Area of the flat side of a splat, up to a factor.
+fn area(scale: [f32; 3]) -> f64 {
+    let [_, middle, longest] = sorted(scale);
+    middle * longest
+}
+
+/// The direction of the shortest axis, where it is much shorter than the others.
+fn normal(scale: [f32; 3], [w, x, y, z]: [f32; 4]) -> Option<[f64; 3]> {
+    let [shortest, middle, _] = sorted(scale);
+    if shortest * 3.0 >= middle {
+        return None;
+    }
+    let axis = (1..3).fold(0, |best, i| if scale[i] < scale[best] { i } else { best });
+    let [w, x, y, z] = [w, x, y, z].map(f64::from);
+    Some(match axis {
+        0 => [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)],
+        1 => [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
+        _ => [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
+    })
+}
+
+fn findings(
+    found: &Inspection,
+    bounds: &Extent,
+    core: &Extent,
+    sizes: &Sizes,
+    opacities: &Opacities,
+) -> Vec<Finding> {
+    let (all, middle) = (bounds.diagonal(), core.diagonal());
+    let relative = sizes.median_longest / middle;
+    let overdraw = found.overdraw.map_or(0.0, |o| o.from_inside.min(o.from_outside));
+    let list = [
+        (
+            "scales-not-logarithms",
+            // Splats that all lie at one point say nothing of their size.
+            middle > 0.0 && relative > 0.05,
+            format!(
+                "half of the splats are larger than {:.0} % of the scene: scales activated twice?",
+                relative * 100.0
+            ),
+        ),
+        (
+            "scales-tiny",
+            middle > 0.0 && relative < 1e-6,
+            format!("half of the splats are smaller than {relative:.1e} of the scene: nothing would be seen"),
+        ),
+        (
+            "needles",
+            sizes.needles > 0.05,
+            format!("{:.0} % of the splats are needles, which show as streaks", sizes.needles * 100.0),
+        ),
+        (
+            "transparent",
+            opacities.median < 0.08,
+            format!(
+                "half of the splats have an opacity below {:.3}: a poor training, or logits",
+                opacities.median
+            ),
+        ),
+        (
+            "unseen",
+            opacities.unseen > 0.2,
+            format!("{:.0} % of the splats are never drawn (opacity below 1/255)", opacities.unseen * 100.0),
+        ),
+        (
+            "one-point",
+            all > 0.0 && middle == 0.0,
+            "nearly all splats lie at one point: broken centres?".to_owned(),
+        ),
+        (
+            "far-splats",
+            middle > 0.0 && all > 30.0 * middle,
+            format!("some splats lie {:.0} times as far out as the core is wide", all / middle),
+        ),
+        (
+            "heavy-overdraw",
+            overdraw > 1000.0,
+            format!("about {overdraw:.0} splats meet at a pixel: slow to render"),
+        ),
+        (
+            "floor-unclear",
+            found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
+            "which way is up cannot be told from the splats; look at a render".to_owned(),
+        ),
+    ];
+    list.into_iter().filter(|(_, holds, _)| *holds).map(|(id, _, text)| Finding { id, text }).collect()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests {
+    use super::*;
+    use crate::geometry::inspect::AXES;
+    use crate::testing::context;
+
+    /// A floor of flat splats at -1 along `up`, walls around it and some dust above.
+    fn room(axis: usize, sign: f32) -> Splats {
+        let mut splats = crate::testing::no_splats();
+        let unit = |i: usize, k: usize| ((i * 7919 + k * 104_729) % 1009) as f32 / 1008.0 * 2.0 - 1.0;
+        for i in 0..4000 {
+            let (mut mean, mut scale) = ([unit(i, 1) * 4.0, unit(i, 2) * 4.0, unit(i, 3) * 4.0], [0.05; 3]);
+            match i % 4 {
+                0 | 1 => (mean[axis], scale[axis]) = (-sign, 0.001),
+                2 => (mean[(axis + 1) % 3], scale[(axis + 1) % 3]) = (4.0 * unit(i, 9).signum(), 0.001),
+                _ => mean[axis] = sign * (unit(i, 4) + 1.0),
+            }
+            if i % 4 == 2 {
+                mean[axis] = sign * (unit(i, 5) * 1.5 + 0.5);
+            }
+            splats.means.push(mean);
+            splats.scales.push(scale);
+            splats.quats.push([1.0, 0.0, 0.0, 0.0]);
+            splats.opacities.push(0.9);
+            splats.sh.push([0.0; 3]);
+        }
+        splats
+    }
+
+    #[test]
+    fn floors_are_found_along_every_axis() {
+        for (axis, names) in AXES.iter().enumerate() {
+            for (sign, name) in [(-1.0, names[0]), (1.0, names[1])] {
+                let found = inspect(&room(axis, sign), &context()).unwrap();
+                let floor = found.floor.unwrap();
+                assert_eq!(floor.up, name);
+                assert!((floor.height + 1.0).abs() < 0.05, "{floor:?}");
+                assert!(floor.confidence > 0.3, "{floor:?}");
+            }
+        }
+    }
+
+    // However many splats: of noise nothing lies flat in one plane more than by chance, whatever its shape.
+    #[test]
+    fn no_floor_is_found_in_noise() {
+        let mut state = 1_u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1 << 24) as f32
+        };
+        for (count, tries) in [(3, 40), (30, 40), (300, 40), (3000, 40), (30_000, 8)] {
+            for attempt in 0..tries {
+                let mut splats = crate::testing::no_splats();
+                for _ in 0..count {
+                    // A box, or a ball that is denser in the middle.
+                    let mut sum = || (0..if attempt % 2 == 0 { 1 } else { 4 }).map(|_| next() - 0.5).sum();
+                    splats.means.push([sum(), sum(), sum()]);
+                    // Along the axes, or any way.
+                    let aligned = attempt % 4 < 2;
+                    splats.quats.push(if aligned { [1.0, 0.0, 0.0, 0.0] } else { [0; 4].map(|_| sum()) });
+                    splats.scales.push([0; 3].map(|_| num::f64::exp(f64::from(next() * 4.0 - 6.0)) as f32));
+                    splats.opacities.push(next());
+                    splats.sh.push([0.0; 3]);
+                }
+                for quat in &mut splats.quats {
+                    let length = quat.iter().map(|q| q * q).sum::<f32>().sqrt();
+                    *quat = quat.map(|q| q / length);
+                }
+                let found = inspect(&splats, &context()).unwrap();
+                assert_eq!(found.floor, None, "{count} splats, try {attempt}");
+                assert!(found.findings.iter().any(|finding| finding.id == "floor-unclear"));
+            }
+        }
+    }
+
+    #[test]
+    fn overdraw_of_equal_spheres_is_exact() {
+        // 100 spheres of radius r at distance d cover 100 pi r^2 / (4 pi d^2) of a panorama.
+        let mut splats = room(0, 1.0);
+        splats.means.iter_mut().enumerate().for_each(|(i, mean)| {
+            *mean = [[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, -3.0, 0.0]][i % 4];
+        });
+        splats.scales = vec![[0.01; 3]; 4000];
+        splats.opacities = vec![(num::f64::exp(0.5) / 255.0) as f32; 4000];
+        let overdraw = inspect(&splats, &context()).unwrap().overdraw.unwrap();
+        // Reach is 1 standard deviation.
+        let expected = 4000.0 * 0.01 * 0.01 / (4.0 * 9.0);
+        assert!((overdraw.from_inside / expected - 1.0).abs() < 1e-3, "{overdraw:?} {expected}");
+    }
+
+    /// No size is told in parts of a scene that has none.
+    /// Seen red without `middle > 0.0` before `relative > 0.05`.
+    #[test]
+    fn scenes_without_extent_give_no_infinite_figures() {
+        let told = |change: fn(&mut Splats)| {
+            let mut splats = room(2, 1.0);
+            change(&mut splats);
+            let found = inspect(&splats, &context()).unwrap();
+            found.findings.into_iter().map(|finding| finding.text).collect::<String>()
+        };
+        for text in [
+            told(|s| s.means.fill([1.0; 3])),
+            told(|s| s.means[10..].fill([1.0; 3])),
+            told(|s| {
+                s.means.truncate(1);
+                s.quats.truncate(1);
+                s.scales.truncate(1);
+                s.opacities.truncate(1);
+                s.sh.truncate(1);
+            }),
+            told(|s| s.scales.fill([0.0; 3])),
+        ] {
+            assert!(["inf", "NaN"].iter().all(|word| !text.contains(word)), "{text}");
+        }
+    }
+
+    #[test]
+    fn harm_is_found() {
+        let ids = |change: fn(&mut Splats)| {
+            let mut splats = room(2, 1.0);
+            change(&mut splats);
+            inspect(&splats, &context()).unwrap().findings.iter().map(|f| f.id).collect::<Vec<_>>()
+        };
+        assert!(ids(|_| {}).is_empty());
+        assert!(ids(|s| s.scales = vec![[2.0; 3]; 4000]).contains(&"scales-not-logarithms"));
+        assert!(ids(|s| s.scales = vec![[1e-7; 3]; 4000]).contains(&"scales-tiny"));
+        assert!(ids(|s| s.scales = vec![[0.5, 0.001, 0.001]; 4000]).contains(&"needles"));
+        assert!(ids(|s| s.opacities = vec![0.01; 4000]).contains(&"transparent"));
+        assert!(ids(|s| s.means[0] = [1e5, 0.0, 0.0]).contains(&"far-splats"));
+        assert!(ids(|s| s.means[10..].fill([1.0; 3])).contains(&"one-point"));
+        let mut none = room(0, 1.0);
+        none.means.clear();
+        assert_eq!(inspect(&none, &context()).unwrap().findings[0].id, "no-splats");
+    }
+}

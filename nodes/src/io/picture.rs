@@ -1,0 +1,262 @@
+//! Pictures of any format in memory: PNG, JPEG, OpenEXR or Radiance HDR, by their first bytes.
+
+use std::collections::BTreeSet;
+
+use engine::{FileHead, Notes};
+
+use super::head::Head;
+use super::png::Raster;
+use super::stretch::Stretch;
+use super::{exr, hdr, jpeg, png};
+use crate::error::Error;
+use crate::types::{Data, Image, Linear, Picture, Srgb};
+
+engine::choices! {
+    /// What the numbers of a file mean.
+    pub enum FileEncoding {
+        /// PNG and JPEG: display colours; OpenEXR and Radiance: linear light.
+        Auto,
+        /// Display colours with the sRGB curve.
+        Srgb,
+        /// Linear light.
+        Linear,
+        /// Not a colour: a mask, a depth, a ratio.
+        Data,
+    }
+}
+
+/// Most bytes that reading a picture takes with its file, and those of its floats.
+pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
+    let head = file.open().and_then(|mut reader| Head::read(&mut reader));
+    let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
+    [reading.saturating_add(file.bytes), floats]
+}
+
+/// The picture in the bytes of a file, as the kind `load-image` reads it with its other parameters at their defaults.
+///
+/// # Errors
+/// When they are no picture, or not a whole one.
+pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
+    decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Stretch::ALONE)
+}
+
+/// The picture that a file holds, in the given encoding; of an OpenEXR file, the given layer.
+pub(crate) fn decode(
+    encoding: FileEncoding,
+    of_layer: &str,
+    name: &str,
+    bytes: &[u8],
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+) -> Result<Picture, Error> {
+    let (width, height, channels, samples, linear) = match bytes {
+        [0x89, b'P', b'N', b'G', ..] => {
+            whole(png::read_for(name, bytes, stretch)?, encoding, notes, stretch)?
+        }
+        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, stretch)?, encoding, notes, stretch)?,
+        [b'#', b'?', ..] => {
+            let picture = hdr::read_for(name, bytes, stretch)?;
+            (picture.width, picture.height, 3, picture.rgb, true)
+        }
+        [0x76, 0x2f, 0x31, 0x01, ..] => {
+            let planes = exr::read_for(name, bytes, stretch)?;
+            tell(&planes, notes);
+            let found = layer(name, &planes, of_layer)?;
+            let samples = exr::interleaved(&found, stretch)?;
+            (planes.width, planes.height, found.len(), samples, true)
+        }
+        _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
+    };
+    let encoding = match encoding {
+        FileEncoding::Auto if linear => FileEncoding::Linear,
+        FileEncoding::Auto => FileEncoding::Srgb,
+        given => given,
+    };
+    let samples = finite(samples, encoding == FileEncoding::Data, notes, stretch)?;
+    Ok(match encoding {
+        FileEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
+        FileEncoding::Data => Image::<Data>::from_samples(width, height, channels, samples).into(),
+        _ => Image::<Srgb>::from_samples(width, height, channels, samples).into(),
+    })
+}
+
+type Decoded = (usize, usize, usize, Vec<f32>, bool);
+
+/// Codes to numbers. Colour comes as RGB or RGBA, data with as many channels as it has.
+fn whole(
+    raster: Raster,
+    encoding: FileEncoding,
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+) -> Result<Decoded, Error> {
+    for ignored in &raster.ignored {
+        notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
+    }
+    let (channels, samples) = match encoding {
+        FileEncoding::Data => (raster.channels, raster.samples()),
+        _ => raster.colours(stretch)?,
+    };
+    Ok((raster.width, raster.height, channels, samples, false))
+}
+
+/// Notes on what of an EXR file was passed over.
+fn tell(planes: &exr::Planes, notes: &mut Notes) {
+    if planes.parts > 1 {
+        notes.warning(
+            "first-part-only",
+            format!("the file has {} parts; only the first flat one is read", planes.parts),
+        );
+    }
+    if planes.other_primaries() {
+        let text = "the file has chromaticities of other colours than those of sRGB, which are not used; convert it to linear Rec. 709";
+        notes.warning("profile-ignored", text);
+    }
+    if planes.cropped {
+        notes.decision("data-window", "the data window is not its display window; the rest is 0");
+    }
+}
+
+/// The planes of a layer: its colour with alpha where it has one, a vector, or a single plane.
+fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a [f32]>, Error> {
+    let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
+    let all = |letters: &[&str]| {
+        letters.iter().map(|letter| planes.find(&format!("{prefix}{letter}"))).collect::<Option<Vec<_>>>()
+    };
+    // Its Y alone would be a grey picture.
+    let chroma = all(&["RY", "BY"]).is_some();
+    let single = || match layer {
+        "" if chroma => None,
+        "" => planes.find("Y").map(|plane| vec![plane]),
+        name => planes.find(name).map(|plane| vec![plane]),
+    };
+    let found = all(&["R", "G", "B", "A"])
+        .or_else(|| all(&["R", "G", "B"]))
+        .or_else(|| all(&["r", "g", "b", "a"]))
+        .or_else(|| all(&["r", "g", "b"]))
+        .or_else(|| all(&["X", "Y", "Z"]))
+        .or_else(|| if chroma { None } else { all(&["Y", "A"]) })
+        .or_else(single);
+    found.ok_or_else(|| no_layer(name, planes, layer, chroma))
+}
+
+/// That a file has no such layer, with those that it has.
+fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
+    let what = match layer {
+        _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
+        "" => "has no channels R, G and B, nor Y".to_owned(),
+        layer => format!("has no layer `{layer}`"),
+    };
+    let names = planes.channels.iter().map(|channel| channel.name.as_str());
+    let layers: BTreeSet<&str> =
+        names.map(|name| name.rsplit_once('.').map_or(name, |(layer, _)| layer)).collect();
+    let layers: Vec<String> = layers.into_iter().take(20).map(|layer| format!("`{layer}`")).collect();
+    let channels: Vec<&str> = planes.channels.iter().map(|channel| channel.name.as_str()).collect();
+    let text = format!("{what}; `layer` may be one of {}", layers.join(", "));
+    Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
+}
+
+/// Only data may be infinite, and nothing may be not a number.
+fn finite(
+    mut samples: Vec<f32>,
+    data: bool,
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+) -> Result<Vec<f32>, Error> {
+    let (mut lost, mut capped) = (0, 0);
+    for row in samples.chunks_mut(1 << 20) {
+        stretch.reach(1.0)?;
+        for v in row.iter_mut().filter(|v| !v.is_finite()) {
+            if v.is_nan() {
+                lost += 1;
+                *v = 0.0;
+            } else if !data {
+                capped += 1;
+                *v = 65_504.0_f32.copysign(*v);
+            }
+        }
+    }
+    notes.count("not-a-number", lost, "samples are not numbers and were set to 0");
+    notes.count("infinite", capped, "samples are infinite and were set to 65504, the largest half");
+    Ok(samples)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
+        let mut notes = Notes::none();
+        (
+            decode(encoding, layer, "a", bytes, &mut notes, Stretch::ALONE).unwrap_or_else(|e| panic!("{e}")),
+            notes,
+        )
+    }
+    fn png_of(channels: usize, largest: u16, codes: Vec<u16>) -> Vec<u8> {
+        let width = codes.len() / channels;
+        let raster = Raster { width, height: 1, channels, largest, codes, ignored: Vec::new() };
+        png::write(&raster, false, &[]).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// 8 and 16 bits, grey and alpha.
+    #[test]
+    fn row_64_pngs_are_premultiplied_colour_or_data() {
+        let rgba = png_of(4, 255, vec![255, 51, 0, 51]);
+        let (picture, _) = load(&rgba, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()), ("srgb", &[0.2, 0.2 * 0.2, 0.0, 0.2][..]));
+        assert_eq!(load(&rgba, FileEncoding::Data, "").0.samples(), [1.0, 0.2, 0.0, 0.2]);
+        let grey = png_of(1, 65_535, vec![0, 13_107]);
+        let (picture, _) = load(&grey, FileEncoding::Linear, "");
+        assert_eq!((picture.encoding(), picture.size()), ("linear", (2, 1, 3)));
+        assert_eq!(picture.samples()[3..], [0.2; 3]);
+        assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
+    }
+
+    #[test]
+    fn row_63_layers_of_an_exr_are_found_by_name_and_hold_numbers() {
+        let plane =
+            |name: &str, v: f32| (exr::Channel { name: name.into(), samples: vec![v] }, exr::Depth::Float);
+        let channels = vec![
+            plane("R", 1.0),
+            plane("G", f32::NAN),
+            plane("B", f32::INFINITY),
+            plane("R0.R", 4.0),
+            plane("R0.G", 5.0),
+            plane("R0.B", 6.0),
+            plane("R0.A", 1.0),
+            plane("Z", f32::INFINITY),
+            plane("N.X", 0.0),
+            plane("N.Y", 0.0),
+            plane("N.Z", 1.0),
+        ];
+        let (bytes, _) = exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}"));
+        let (picture, notes) = load(&bytes, FileEncoding::Auto, "");
+        assert_eq!((picture.encoding(), picture.samples()), ("linear", &[1.0, 0.0, 65_504.0][..]));
+        assert_eq!(notes.iter().count(), 2);
+        assert_eq!(load(&bytes, FileEncoding::Auto, "R0").0.samples(), [4.0, 5.0, 6.0, 1.0]);
+        assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
+        assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
+        let refused = |bytes: &[u8], layer: &str| {
+            let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Stretch::ALONE);
+            read.err().map(|error| error.to_string()).unwrap_or_default()
+        };
+        let told = refused(&bytes, "S");
+        assert!(
+            told.contains("no layer `S`") && told.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
+            "{told}"
+        );
+
+        // What is no colour is not taken for one, and what there is is named.
+        let of = |names: &[&str]| {
+            let channels = names.iter().map(|name| plane(name, 0.5)).collect();
+            exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}")).0
+        };
+        assert_eq!(load(&of(&["r", "g", "b"]), FileEncoding::Auto, "").0.size(), (1, 1, 3));
+        let told = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
+        assert!(told.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"), "{told}");
+        for more in [&["Y", "RY", "BY"][..], &["Y", "RY", "BY", "A"]] {
+            assert!(refused(&of(more), "").contains("luminance and chroma"));
+            assert_eq!(load(&of(more), FileEncoding::Auto, "Y").0.size(), (1, 1, 1));
+        }
+        assert!(refused(&of(&["R", "G"]), "").contains("its channels are G, R"));
+    }
+}

@@ -1,0 +1,113 @@
+//! Pictures as display codes: numbers rounded to whole ones, and what that loses.
+
+use engine::{Context, NodeError, Notes};
+
+use super::png::Raster;
+use crate::math::color::srgb_from_linear;
+use crate::types::Picture;
+
+engine::choices! {
+    /// What becomes of alpha.
+    pub enum AlphaOutput {
+        /// The picture stays on black, as it is premultiplied; the file has no alpha.
+        Drop,
+        /// The file has alpha, and colours are divided by it.
+        Straight,
+    }
+}
+
+/// Samples that a file of whole numbers cannot hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Lost {
+    above: u64,
+    below: u64,
+    not_a_number: u64,
+}
+
+impl Lost {
+    pub fn add(&mut self, other: Self) {
+        self.above += other.above;
+        self.below += other.below;
+        self.not_a_number += other.not_a_number;
+    }
+
+    pub fn tell(self, view: &str, notes: &mut Notes) {
+        if self.not_a_number > 0 {
+            notes.degraded(
+                "not-a-number",
+                format!("{} samples of `{view}` are not numbers and were written as 0", self.not_a_number),
+            );
+        }
+        for (id, count, what) in
+            [("clipped-above", self.above, "lie above 1"), ("clipped-below", self.below, "lie below 0")]
+        {
+            notes.count(id, count, format!("samples of `{view}` {what} and were cut off"));
+        }
+    }
+}
+
+/// Display codes of a picture, rounded to nearest.
+pub(crate) fn quantise(
+    picture: &Picture,
+    wide: bool,
+    alpha: AlphaOutput,
+    cx: &Context,
+) -> Result<(Raster, Lost), NodeError> {
+    let (width, height, channels) = picture.size();
+    let colours = if channels >= 3 { 3 } else { 1 };
+    let has_alpha = matches!(channels, 2 | 4);
+    if !matches!(channels, 1..=4) || width == 0 || height == 0 {
+        return Err(NodeError::new(format!(
+            "a {width}x{height} picture of {channels} channels cannot be shown"
+        ))
+        .at("image"));
+    }
+    let keep_alpha = has_alpha && alpha == AlphaOutput::Straight;
+    let largest = if wide { 65_535_u16 } else { 255 };
+    let linear = matches!(picture, Picture::Linear(_));
+    // Linear light is encoded after alpha is divided out, since the curve is not linear. Display and
+    // data samples on black stay as they are.
+    let row = |y: usize| {
+        let mut codes = Vec::with_capacity(width * (colours + usize::from(keep_alpha)));
+        let mut lost = Lost::default();
+        for x in 0..width {
+            let at = (y * width + x) * channels;
+            let pixel = &picture.samples()[at..at + channels];
+            let a = if has_alpha { pixel[channels - 1] } else { 1.0 };
+            for &value in &pixel[..colours] {
+                let value = if keep_alpha && a > 0.0 { value / a } else { value };
+                let shown = if linear { srgb_from_linear(value) } else { value };
+                codes.push(code(shown, largest, &mut lost));
+            }
+            if keep_alpha {
+                codes.push(code(a, largest, &mut lost));
+            }
+        }
+        (codes, lost)
+    };
+    let rows = cx.for_each_tile(height, row)?;
+    let mut lost = Lost::default();
+    let mut codes = Vec::with_capacity(width * height * (colours + usize::from(keep_alpha)));
+    for (row, row_lost) in rows {
+        codes.extend(row);
+        lost.add(row_lost);
+    }
+    let channels = colours + usize::from(keep_alpha);
+    Ok((Raster { width, height, channels, largest, codes, ignored: Vec::new() }, lost))
+}
+
+fn code(value: f32, largest: u16, lost: &mut Lost) -> u16 {
+    let scaled = f64::from(value) * f64::from(largest) + 0.5;
+    if value.is_nan() {
+        lost.not_a_number += 1;
+        0
+    } else if scaled >= f64::from(largest) + 1.0 {
+        lost.above += 1;
+        largest
+    } else if scaled < 0.0 {
+        lost.below += 1;
+        0
+    } else {
+        scaled as u16
+    }
+}

@@ -1,0 +1,264 @@
+//! Files of Gaussian splats, read and written: INRIA PLY, PlayCanvas compressed PLY, SOG, SPZ, `.splat`, `.ksplat` and
+//! glTF with `KHR_gaussian_splatting`.
+
+mod accessor;
+mod bytes;
+mod frame;
+mod gltf;
+mod inflate;
+mod ksplat;
+mod ply;
+mod ply_header;
+mod ply_packed;
+mod rows;
+pub mod save;
+mod sh_turn;
+pub(crate) mod size;
+mod sog;
+pub(crate) mod source;
+mod splat;
+mod spz;
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests;
+mod zip;
+
+use std::sync::{Mutex, PoisonError};
+
+use engine::{Context, NodeError, Notes, Up};
+use glam::{DMat3, DVec3};
+
+use crate::error::Error;
+use crate::types::{SplatEncoding, Splats};
+use rows::Part;
+
+pub(crate) use frame::Placing;
+pub use frame::{Frame, Turn, from_y_up};
+pub(crate) use rows::unit;
+pub use rows::{Row, RowFault, SH_C0, sh_rest};
+pub use sh_turn::ShTurn;
+pub use source::Format;
+pub(crate) use spz::{COLOUR_SCALE as SPZ_COLOUR_SCALE, rotation_10 as spz_rotation};
+
+/// Gives the bytes of a file beside the one that is read.
+pub(crate) type Fetch<'a> = dyn Fn(&str) -> Result<Vec<u8>, NodeError> + 'a;
+
+/// What every reader needs to know.
+pub(crate) struct Reading<'a> {
+    pub(crate) cx: &'a Context,
+    pub(crate) placing: Placing,
+    pub(crate) max_extent: f64,
+}
+
+impl Reading<'_> {
+    /// Rows of a file without sections; see [`rows::read_rows`].
+    fn rows(
+        &self,
+        count: usize,
+        turn: Option<&Turn>,
+        read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
+    ) -> Result<Vec<Part>, NodeError> {
+        rows::read_rows(0, count, turn, self.cx, read)
+    }
+
+    /// Rows of a section that begins at row `first` of the file.
+    fn rows_from(
+        &self,
+        first: usize,
+        count: usize,
+        turn: Option<&Turn>,
+        read: impl Fn(usize, &mut Vec<[f32; 3]>) -> Result<Row, RowFault> + Send + Sync,
+    ) -> Result<Vec<Part>, NodeError> {
+        rows::read_rows(first, count, turn, self.cx, read)
+    }
+
+    /// The turn and scale into the world, from what the format says; the decision is noted.
+    fn world(
+        &self,
+        file: &str,
+        declared: Option<Up>,
+        metres: bool,
+        notes: &mut Notes,
+    ) -> Option<(DMat3, f64)> {
+        let (turn, text) = self.placing.turn(declared, metres);
+        if let Some(text) = text {
+            notes.decision("frame", format!("`{file}` {text}"));
+        }
+        turn
+    }
+
+    /// The same, ready to be applied.
+    fn turn(&self, file: &str, declared: Option<Up>, metres: bool, notes: &mut Notes) -> Option<Turn> {
+        let (matrix, scale) = self.world(file, declared, metres, notes)?;
+        Some(Turn::new(matrix, scale, DVec3::ZERO))
+    }
+}
+
+/// One file: its rows and what they are.
+pub(crate) struct Loaded {
+    parts: Vec<Part>,
+    /// Rows of the file, also those that were dropped.
+    count: usize,
+    sh_degree: u32,
+    antialiased: bool,
+    encoding: SplatEncoding,
+}
+
+impl Loaded {
+    fn new(parts: Vec<Part>, count: usize, sh_degree: u32) -> Self {
+        Self { parts, count, sh_degree, antialiased: false, encoding: SplatEncoding::Srgb }
+    }
+
+    /// Appends another part of the same file.
+    fn join(mut self, file: &str, other: Self) -> Result<Self, NodeError> {
+        if self.antialiased != other.antialiased || self.encoding != other.encoding {
+            return Err(Error::format(file, "holds splats of different filters or colour spaces").into());
+        }
+        let degree = self.sh_degree.max(other.sh_degree);
+        self.widen(degree);
+        let mut other = other;
+        other.widen(degree);
+        self.count += other.count;
+        self.parts.append(&mut other.parts);
+        Ok(self)
+    }
+
+    /// Fills up with coefficients of 0 to a higher degree.
+    fn widen(&mut self, degree: u32) {
+        if self.sh_degree == degree {
+            return;
+        }
+        let (own, wide) = (sh_rest(self.sh_degree) + 1, sh_rest(degree) + 1);
+        for part in &mut self.parts {
+            let filled = part
+                .sh
+                .chunks_exact(own)
+                .flat_map(|one| one.iter().copied().chain(std::iter::repeat_n([0.0; 3], wide - own)));
+            part.sh = filled.collect();
+        }
+        self.sh_degree = degree;
+    }
+}
+
+/// Tells of bytes that the format has no place for.
+fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
+    if bytes > 0 {
+        let text = format!("`{file}` goes on for {bytes} bytes after its splats; they are passed over");
+        notes.warning("bytes-left-over", text);
+    }
+}
+
+pub(crate) fn load(
+    file: &str,
+    bytes: &[u8],
+    fetch: &Fetch<'_>,
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    match Format::of(file, bytes)? {
+        Format::Ply => {
+            let header = ply_header::Header::read(file, bytes)?;
+            let packed = ply_packed::is_packed(&header);
+            let read = if packed { ply_packed::load } else { ply::load };
+            let loaded = read(file, bytes, &header, reading, notes)?;
+            left_over(file, header.end.map_or(0, |end| bytes.len().saturating_sub(end)), notes);
+            Ok(loaded)
+        }
+        Format::Spz => spz::load(file, bytes, None, reading, notes),
+        Format::SogMeta => sog::load(file, &sog::Meta::read(file, bytes)?, fetch, reading, notes),
+        Format::SogBundle => sog::load_bundle(file, bytes, reading, notes),
+        Format::Glb | Format::Gltf => gltf::load(file, bytes, fetch, reading, notes),
+        Format::Ksplat => ksplat::load(file, bytes, reading, notes),
+        Format::Splat => splat::load(file, bytes, reading, notes),
+    }
+}
+
+/// Reads splats of any format from memory, as the kind `load-splats` does with its other parameters at their
+/// defaults. A format that needs files beside it is an error.
+pub fn from_bytes(
+    file: &str,
+    bytes: &[u8],
+    frame: Frame,
+    cx: &Context,
+) -> Result<(Splats, Notes), NodeError> {
+    let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
+    let reading = Reading { cx, placing, max_extent: 1e6 };
+    let mut notes = Notes::none();
+    let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` beside it")));
+    let loaded = load(file, bytes, &alone, &reading, &mut notes)?;
+    report(file, &loaded, false, &mut notes)?;
+    Ok((assemble(vec![loaded], cx)?, notes))
+}
+
+/// Joins the parts of files into one scene, in order.
+pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, NodeError> {
+    let sh_degree = files.iter().map(|file| file.sh_degree).max().unwrap_or(0);
+    let first = files.first().map(|file| (file.antialiased, file.encoding));
+    let (antialiased, encoding) = first.unwrap_or((false, SplatEncoding::Srgb));
+    for (what, differs) in [
+        ("were trained antialiased", files.iter().any(|file| file.antialiased != antialiased)),
+        ("hold linear colours", files.iter().any(|file| file.encoding != encoding)),
+    ] {
+        if differs {
+            let what = format!("some of the files say that they {what} and some do not");
+            return Err(NodeError::new(what).at("more").hint("load them as scenes of their own"));
+        }
+    }
+    files.iter_mut().for_each(|file| file.widen(sh_degree));
+    let total: usize = files.iter().flat_map(|file| &file.parts).map(|part| part.rows.len()).sum();
+    let finer = files.iter().flat_map(|file| &file.parts).any(|part| part.finer);
+    let mut splats = Splats {
+        means: Vec::with_capacity(total),
+        means_low: Vec::with_capacity(if finer { total } else { 0 }),
+        quats: Vec::with_capacity(total),
+        scales: Vec::with_capacity(total),
+        opacities: Vec::with_capacity(total),
+        sh_degree,
+        sh: vec![[0.0; 3]; total * (sh_rest(sh_degree) + 1)],
+        encoding,
+        antialiased,
+    };
+    // Colours are by far the most, so they are moved in parallel: each job has its own piece.
+    let mut pieces = Vec::new();
+    let mut left = splats.sh.as_mut_slice();
+    for part in files.into_iter().flat_map(|file| file.parts) {
+        splats.means.extend(part.rows.iter().map(|row| row.mean));
+        if finer {
+            splats.means_low.extend(part.rows.iter().map(|row| row.mean_low));
+        }
+        splats.quats.extend(part.rows.iter().map(|row| row.quat));
+        splats.scales.extend(part.rows.iter().map(|row| row.scale));
+        splats.opacities.extend(part.rows.iter().map(|row| row.opacity));
+        let (piece, rest) = std::mem::take(&mut left).split_at_mut(part.sh.len());
+        pieces.push(Mutex::new((piece, part.sh)));
+        left = rest;
+    }
+    cx.for_each_tile(pieces.len(), |i| {
+        let mut piece = pieces[i].lock().unwrap_or_else(PoisonError::into_inner);
+        let (to, from) = &mut *piece;
+        to.copy_from_slice(&std::mem::take(from));
+    })?;
+    drop(pieces);
+    Ok(splats)
+}
+
+/// Tells what was dropped, or stops at it.
+pub(crate) fn report(file: &str, loaded: &Loaded, strict: bool, notes: &mut Notes) -> Result<(), NodeError> {
+    if strict && let Some((row, fault)) = loaded.parts.iter().find_map(|part| part.first_fault) {
+        let what = format!("`{file}`: splat {row} is one {}", fault.words());
+        return Err(NodeError::new(what)
+            .at("path")
+            .hint("`strict: false` drops such splats and counts them"));
+    }
+    let mut all = 0;
+    for fault in RowFault::ALL {
+        let dropped: u64 = loaded.parts.iter().map(|part| part.dropped[fault as usize]).sum();
+        all += dropped;
+        notes.count(fault.id(), dropped, format!("splats of `{file}` {}; dropped", fault.words()));
+    }
+    if all * 2 > loaded.count as u64 {
+        let text = format!("{all} of {} splats of `{file}` were dropped; is the file whole?", loaded.count);
+        notes.warning("mostly-dropped", text);
+    }
+    Ok(())
+}

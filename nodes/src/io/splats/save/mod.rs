@@ -1,0 +1,132 @@
+//! Splats as files: INRIA PLY and SPZ.
+//!
+//! What a format cannot hold is told in notes, with counts; nothing is lost silently.
+
+mod ply;
+mod spz;
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests;
+
+use engine::{Context, NodeError, Notes, Up};
+use glam::DVec3;
+
+use crate::io::splats::{Row, Turn, from_y_up};
+use crate::types::{SplatEncoding, Splats};
+
+/// A format to write.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SaveFormat {
+    /// INRIA PLY: 32-bit floats, as stored by the optimiser (logarithms and logits).
+    Ply,
+    /// SPZ: about a tenth of the size, quantised. Version 3, which every reader knows; version 4 where the
+    /// harmonics are of degree 4, which no older one has.
+    Spz,
+    /// SPZ version 4 in any case.
+    Spz4,
+}
+
+impl SaveFormat {
+    /// The format that the ending of a path names.
+    pub fn of_path(path: &str) -> Option<Self> {
+        match path.rsplit_once('.')?.1.to_ascii_lowercase().as_str() {
+            "ply" => Some(Self::Ply),
+            "spz" => Some(Self::Spz),
+            _ => None,
+        }
+    }
+}
+
+/// The bytes of a file, and what it does not hold.
+///
+/// `up` is the axis of the world that points up. SPZ says that +y does, so the splats are turned for it;
+/// `None` writes them as they are. PLY says nothing and is never turned.
+pub fn encode(
+    splats: &Splats,
+    format: SaveFormat,
+    up: Option<Up>,
+    cx: &Context,
+) -> Result<(Vec<u8>, Notes), NodeError> {
+    let mut notes = Notes::none();
+    if splats.encoding == SplatEncoding::Linear {
+        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot say");
+    }
+    let bytes = match format {
+        SaveFormat::Ply => {
+            if splats.antialiased {
+                let text = "the splats were trained antialiased, which PLY cannot say";
+                notes.warning("antialiasing-not-stored", text);
+            }
+            ply::encode(splats, cx, &mut notes)?
+        }
+        SaveFormat::Spz | SaveFormat::Spz4 => {
+            let version = if format == SaveFormat::Spz4 || splats.sh_degree == 4 { 4 } else { 3 };
+            if version == 4 && format == SaveFormat::Spz {
+                let text = "written as SPZ version 4, since older ones hold no harmonics of degree 4";
+                notes.decision("spz-version", text);
+            }
+            let turn = up.map(|up| from_y_up(up).transpose()).filter(|m| *m != glam::DMat3::IDENTITY);
+            match turn {
+                Some(matrix) => {
+                    let from = up.map_or("", Up::name);
+                    let text = format!(
+                        "taken to have {from} up, and turned so that +y is, as SPZ says of its files"
+                    );
+                    notes.decision("frame", text);
+                    let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
+                    spz::encode(&turned(splats, &turn, cx)?, version, cx, &mut notes)?
+                }
+                None => spz::encode(splats, version, cx, &mut notes)?,
+            }
+        }
+    };
+    Ok((bytes, notes))
+}
+
+/// Splats a job.
+const CHUNK: usize = 16_384;
+
+/// Runs `f` over ranges of splats in parallel and joins what it gives.
+fn chunks<T: Send>(
+    count: usize,
+    cx: &Context,
+    f: impl Fn(std::ops::Range<usize>) -> T + Send + Sync,
+) -> Result<Vec<T>, NodeError> {
+    cx.for_each_tile(count.div_ceil(CHUNK), |chunk| f(chunk * CHUNK..((chunk + 1) * CHUNK).min(count)))
+}
+
+/// The same splats elsewhere.
+fn turned(splats: &Splats, turn: &Turn, cx: &Context) -> Result<Splats, NodeError> {
+    let width = splats.sh_len();
+    let parts = chunks(splats.len(), cx, |range| {
+        let mut sh = splats.sh[range.start * width..range.end * width].to_vec();
+        let rows: Vec<Row> = range
+            .zip(sh.chunks_exact_mut(width))
+            .map(|(i, sh)| {
+                let mut row = Row {
+                    mean: splats.means[i],
+                    mean_low: splats.means_low.get(i).copied().unwrap_or_default(),
+                    quat: splats.quats[i],
+                    scale: splats.scales[i],
+                    opacity: splats.opacities[i],
+                };
+                turn.apply(&mut row, sh);
+                row
+            })
+            .collect();
+        (rows, sh)
+    })?;
+    let rows = || parts.iter().flat_map(|(rows, _)| rows);
+    let finer = rows().any(|row| row.mean_low != [0.0; 3]);
+    Ok(Splats {
+        means: rows().map(|row| row.mean).collect(),
+        means_low: if finer { rows().map(|row| row.mean_low).collect() } else { Vec::new() },
+        quats: rows().map(|row| row.quat).collect(),
+        scales: rows().map(|row| row.scale).collect(),
+        opacities: splats.opacities.clone(),
+        sh_degree: splats.sh_degree,
+        sh: parts.iter().flat_map(|(_, sh)| sh).copied().collect(),
+        encoding: splats.encoding,
+        antialiased: splats.antialiased,
+    })
+}

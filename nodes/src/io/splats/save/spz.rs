@@ -1,0 +1,259 @@
+//! SPZ (nianticlabs/spz): version 3, one gzip stream, which every reader of the format knows, or version 4, a
+//! Zstandard stream for each attribute, which unpacks in parallel and alone knows harmonics of degree 4.
+//! Harmonics keep their 8 bits, where the reference rounds to 5 and 4.
+
+use std::io::Write;
+
+use engine::{Context, NodeError, Notes};
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
+
+use super::chunks;
+use crate::io::splats::{SH_C0, SPZ_COLOUR_SCALE, sh_rest, spz_rotation, unit};
+use crate::math::num;
+use crate::types::Splats;
+
+/// Bits behind the point where the scene allows: 1/65536 of a unit. The reference always writes 12.
+const FRACTION_BITS: u32 = 16;
+/// Bits for a scene of small splats: the smallest axis that the format holds, e^-10, is 24 steps then.
+const MOST_FRACTION_BITS: u32 = 19;
+/// What fits into 24 bits with sign.
+const LARGEST: f64 = 8_388_607.0;
+/// Length of the header, which version 4 extends by where its table begins.
+const HEADER: usize = 16;
+const HEADER_4: usize = 32;
+
+/// Numbers that were cut to the range of a byte: how many, and by how many steps at most.
+#[derive(Default, Clone, Copy)]
+struct Cut {
+    count: u64,
+    steps: f64,
+}
+
+impl Cut {
+    /// Rounds to a byte; counts what lies more than a step outside.
+    fn byte(&mut self, value: f64) -> u8 {
+        let rounded = (value + 0.5).floor();
+        let within = rounded.clamp(0.0, 255.0);
+        if (rounded - within).abs() > 1.0 {
+            self.count += 1;
+            self.steps = self.steps.max((value - within).abs());
+        }
+        within as u8
+    }
+}
+
+/// The attributes of some splats, each in its own stream, and what was cut of scales, colours and harmonics.
+#[derive(Default)]
+struct Part {
+    streams: [Vec<u8>; 6],
+    cut: [Cut; 3],
+}
+
+/// Median of the longest axes, in world units; 0 without splats.
+fn median_size(splats: &Splats) -> f64 {
+    let mut longest: Vec<f32> = splats.scales.iter().map(|s| s[0].max(s[1]).max(s[2])).collect();
+    let middle = longest.len() / 2;
+    if longest.is_empty() {
+        return 0.0;
+    }
+    f64::from(*longest.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Bits behind the point of the centres.
+fn fraction_bits(splats: &Splats, notes: &mut Notes) -> Result<u32, NodeError> {
+    let widest = splats.means.as_flattened().iter().fold(0.0_f64, |m, v| m.max(f64::from(v.abs())));
+    let step = |bits: u32| 1.0 / f64::from(1_u32 << bits);
+    let size = median_size(splats);
+    let fine = |bits: &u32| 16.0 * step(*bits) <= size;
+    let wanted = (FRACTION_BITS..MOST_FRACTION_BITS).find(fine).unwrap_or(MOST_FRACTION_BITS);
+    let fits = |bits: &u32| widest <= (LARGEST - 1.0) * step(*bits);
+    let bits = (0..=wanted).rev().find(fits).ok_or_else(|| {
+        NodeError::new(format!("SPZ holds no coordinate of {widest}; the largest is about 8 million"))
+    })?;
+    // Half a step is how far a centre moves.
+    if 4.0 * step(bits) > size && !splats.is_empty() {
+        let text = format!(
+            "centres are rounded to {:.1e} units, and half of the splats are smaller than {size:.1e}: the scene is \
+             too wide, or its splats are too small, for 24 bits",
+            step(bits)
+        );
+        notes.warning("coarse-centres", text);
+    }
+    Ok(bits)
+}
+
+/// The bytes of a file of version 3 or 4.
+pub(super) fn encode(
+    splats: &Splats,
+    version: u32,
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<Vec<u8>, NodeError> {
+    let count = u32::try_from(splats.len())
+        .map_err(|_| NodeError::new(format!("SPZ holds no {} splats", splats.len())))?;
+    let bits = fraction_bits(splats, notes)?;
+    // Scales begin at e^-10: what is smaller grows, and shows where the whole scene is small.
+    let smallest = num::f64::exp(-10.0);
+    let axes = splats.scales.as_flattened();
+    let grown = axes.iter().filter(|v| f64::from(**v) < 0.9 * smallest).count();
+    if grown > 0 {
+        let least = axes.iter().copied().fold(f32::INFINITY, f32::min);
+        let text = format!(
+            "{grown} of {} axes of splats are shorter than {smallest:.1e} units, the least that SPZ holds, and grow \
+             to it; the shortest is {least:.1e}. Scale the scene up where that is to be seen",
+            axes.len()
+        );
+        notes.warning("splats-grown", text);
+    }
+    let rest = sh_rest(splats.sh_degree);
+    let parts = chunks(splats.len(), cx, |range| {
+        let mut part = Part::default();
+        let [centres, opacities, colours, scales, rotations, harmonics] = &mut part.streams;
+        let [cut_scales, cut_colours, cut_harmonics] = &mut part.cut;
+        for i in range {
+            for value in splats.mean(i).to_array() {
+                let fixed = (value * f64::from(1_u32 << bits) + 0.5).floor().clamp(-LARGEST, LARGEST) as i32;
+                centres.extend_from_slice(&fixed.to_le_bytes()[..3]);
+            }
+            // Between 0 and 1: never cut.
+            opacities.push(Cut::default().byte(f64::from(splats.opacities[i]) * 255.0));
+            let sh = &splats.sh[i * (rest + 1)..(i + 1) * (rest + 1)];
+            for value in sh[0] {
+                let unit = f64::from(value) * SPZ_COLOUR_SCALE + 0.5;
+                colours.push(cut_colours.byte(unit * 255.0));
+            }
+            for scale in splats.scales[i] {
+                // What is smaller was told of above; only what is too large counts as cut.
+                let log = num::f64::ln(scale.into()).max(-10.0);
+                scales.push(cut_scales.byte((log + 10.0) * 16.0));
+            }
+            rotations.extend_from_slice(&rotation(splats.quats[i]).to_le_bytes());
+            for value in sh[1..].as_flattened() {
+                harmonics.push(cut_harmonics.byte(f64::from(*value) * 128.0 + 128.0));
+            }
+        }
+        part
+    })?;
+    let [scales, colours, harmonics] = [0, 1, 2].map(|which| {
+        parts.iter().map(|part| part.cut[which]).fold(Cut::default(), |sum, part| Cut {
+            count: sum.count + part.count,
+            steps: sum.steps.max(part.steps),
+        })
+    });
+    let width = 3 * splats.len() as u64;
+    let beyond = |which: &str, of: u64, cut: Cut, range: &str, loss: String| {
+        format!(
+            "{} of {of} {which} lie beyond {range}, the range of SPZ, and are cut to it: {loss}",
+            cut.count
+        )
+    };
+    // A step of a scale is a factor of e^(1/16); colours change by the coefficient times the constant function.
+    for (id, cut, text) in [
+        (
+            "scales-cut",
+            scales,
+            beyond("axes", width, scales, "e^5.94 (379 units)", {
+                format!("the longest shrinks {:.3} times", num::f64::exp(scales.steps / 16.0))
+            }),
+        ),
+        (
+            "colours-cut",
+            colours,
+            beyond("constant coefficients", width, colours, "-3.3 to 3.3", {
+                let off = colours.steps / 255.0 / SPZ_COLOUR_SCALE * SH_C0;
+                format!("colours change by up to {off:.3}, where white is 1")
+            }),
+        ),
+        (
+            "harmonics-cut",
+            harmonics,
+            beyond("other coefficients", width * rest as u64, harmonics, "-1 to 1", {
+                format!("by up to {:.3}", harmonics.steps / 128.0)
+            }),
+        ),
+    ] {
+        if cut.count > 0 {
+            notes.warning(id, text);
+        }
+    }
+    let mut header = b"NGSP".to_vec();
+    header.extend_from_slice(&version.to_le_bytes());
+    header.extend_from_slice(&count.to_le_bytes());
+    header.extend_from_slice(&[splats.sh_degree as u8, bits as u8, u8::from(splats.antialiased), 0]);
+    let stream = |which: usize| parts.iter().flat_map(move |part| &part.streams[which]).copied();
+    match version {
+        4 => streams_apart(header, |which| stream(which).collect(), cx),
+        _ => one_stream(header.into_iter().chain((0..6).flat_map(stream)).collect(), cx),
+    }
+}
+
+/// Version 3: header and attributes in one gzip stream. Neither name nor time goes into its own header, so equal
+/// scenes give equal files.
+fn one_stream(plain: Vec<u8>, cx: &Context) -> Result<Vec<u8>, NodeError> {
+    let room = Vec::with_capacity(plain.len() / 2);
+    let mut packed =
+        flate2::GzBuilder::new().operating_system(255).write(room, flate2::Compression::default());
+    for piece in plain.chunks(1 << 20) {
+        cx.check()?;
+        packed.write_all(piece)?;
+    }
+    Ok(packed.finish()?)
+}
+
+/// Version 4: the header as it is, packed and plain length of each stream, the streams. Attributes without bytes
+/// have none.
+fn streams_apart(
+    mut header: Vec<u8>,
+    stream: impl Fn(usize) -> Vec<u8> + Send + Sync,
+    cx: &Context,
+) -> Result<Vec<u8>, NodeError> {
+    let packed = cx.for_each_tile(6, |which| {
+        let plain = stream(which);
+        (compress_to_vec(&*plain, CompressionLevel::Fastest), plain.len())
+    })?;
+    let packed: Vec<_> = packed.into_iter().filter(|(_, length)| *length > 0).collect();
+    header[HEADER - 1] = packed.len() as u8;
+    header.extend_from_slice(&(HEADER_4 as u32).to_le_bytes());
+    header.resize(HEADER_4, 0);
+    for (bytes, length) in &packed {
+        header.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+        header.extend_from_slice(&(*length as u64).to_le_bytes());
+    }
+    packed.iter().for_each(|(bytes, _)| header.extend_from_slice(bytes));
+    Ok(header)
+}
+
+/// By how much another component may outgrow the one that a writer left out as the largest: what the rounding of three
+/// others by half a step of 0.0014 makes of four equal ones, and some.
+const AS_LARGE: f32 = 0.004;
+
+/// The bits of a rotation. Of components that are as large as the largest that one is left out with which the rotation
+/// comes back nearest: of a file that was read, the one that it had left out, so that it is written as it was.
+pub(super) fn rotation(quat: [f32; 4]) -> u32 {
+    let [w, x, y, z] = quat;
+    let parts = [x, y, z, w];
+    let largest = parts.iter().fold(0.0_f32, |most, part| most.max(part.abs()));
+    // From where a rotation comes back, whose left out component is above 0.
+    let off = |&(out, word): &(usize, u32)| {
+        let sign = f64::from(1.0_f32.copysign(parts[out]));
+        let back = unit(spz_rotation(word)).unwrap_or_default();
+        back.into_iter().zip(quat).map(|(a, b)| (f64::from(a) - sign * f64::from(b)).abs()).sum::<f64>()
+    };
+    (0..4)
+        .filter(|out| largest - parts[*out].abs() < AS_LARGE)
+        .map(|out| (out, leaving_out(out, parts)))
+        // What was read has the one left out above 0.
+        .min_by(|a, b| off(a).total_cmp(&off(b)).then(parts[b.0].total_cmp(&parts[a.0])))
+        .map_or(0, |(_, word)| word)
+}
+
+/// The index of a component in the order x, y, z, w, then sign and 9 bits of each of the others.
+fn leaving_out(out: usize, parts: [f32; 4]) -> u32 {
+    let others = (0..4).filter(|i| *i != out).map(|i| parts[i]);
+    others.fold(out as u32, |word, part| {
+        let size = (f64::from(part.abs()) * std::f64::consts::SQRT_2 * 511.0 + 0.5).floor().min(511.0) as u32;
+        // The whole is negated where the one left out is below 0: the same rotation.
+        let negative = part.is_sign_negative() != parts[out].is_sign_negative();
+        word << 10 | u32::from(negative) << 9 | size
+    })
+}

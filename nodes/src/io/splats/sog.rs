@@ -1,0 +1,374 @@
+//! SOG (PlayCanvas, splat-transform `write-sog.ts` and `read-sog-v1.ts`): `meta.json` and lossless WebP
+//! pictures, one pixel a splat, beside it or in one ZIP archive. Version 2 looks its numbers up in
+//! codebooks, version 1 spaces them evenly between bounds; both become tables of 256 here.
+
+use std::path::{Component, Path};
+
+use engine::{NodeError, Notes};
+use serde::Deserialize;
+
+use super::bytes::believed;
+use super::rows::{Row, RowFault, largest_left_out, sh_rest};
+use super::zip::Archive;
+use super::{Fetch, Loaded, Reading};
+use crate::error::Error;
+use crate::math::num;
+
+#[derive(Deserialize)]
+struct Means {
+    mins: [f64; 3],
+    maxs: [f64; 3],
+    files: [String; 2],
+}
+
+#[derive(Deserialize)]
+struct Plain {
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct Coded {
+    codebook: Vec<f64>,
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct CodedRest {
+    count: u64,
+    bands: u32,
+    codebook: Vec<f64>,
+    files: [String; 2],
+}
+
+#[derive(Deserialize)]
+struct Meta2 {
+    count: u64,
+    #[serde(default)]
+    antialias: bool,
+    model: Option<String>,
+    means: Means,
+    scales: Coded,
+    quats: Plain,
+    sh0: Coded,
+    #[serde(rename = "shN")]
+    sh_n: Option<CodedRest>,
+}
+
+#[derive(Deserialize)]
+struct Even<const N: usize>
+where
+    [f64; N]: for<'a> Deserialize<'a>,
+{
+    mins: [f64; N],
+    maxs: [f64; N],
+    files: [String; 1],
+}
+
+#[derive(Deserialize)]
+struct EvenRest {
+    mins: f64,
+    maxs: f64,
+    files: [String; 2],
+}
+
+#[derive(Deserialize)]
+struct Shape {
+    shape: Vec<u64>,
+}
+
+#[derive(Deserialize)]
+struct Meta1 {
+    means: Means,
+    scales: Even<3>,
+    quats: Plain,
+    sh0: Even<4>,
+    #[serde(rename = "shN")]
+    sh_n: Option<EvenRest>,
+}
+
+type Table = [f64; 256];
+
+/// Colours beyond the constant one: a palette of sets of coefficients.
+struct Palette {
+    /// Sets; `None` where the file does not tell.
+    count: Option<u64>,
+    /// Degree; `None` where the width of the picture tells.
+    degree: Option<u32>,
+    table: Table,
+}
+
+/// `meta.json` of either version, every number looked up by a byte.
+pub(super) struct Meta {
+    count: u64,
+    antialiased: bool,
+    mins: [f64; 3],
+    maxs: [f64; 3],
+    /// Standard deviations.
+    scales: [Table; 3],
+    colours: [Table; 3],
+    opacities: Table,
+    palette: Option<Palette>,
+    /// means low, means high, scales, quats, sh0, then palette and labels.
+    files: Vec<String>,
+}
+
+fn book(file: &str, codebook: &[f64]) -> Result<Table, Error> {
+    let wrong = || Error::format(file, "a codebook does not hold 256 finite numbers");
+    let table: Table = codebook.try_into().map_err(|_| wrong())?;
+    if table.iter().all(|v| v.is_finite()) { Ok(table) } else { Err(wrong()) }
+}
+
+fn even(low: f64, high: f64) -> Table {
+    std::array::from_fn(|i| low + (high - low) * (i as f64 / 255.0))
+}
+
+impl Meta {
+    /// Reads `meta.json`.
+    pub fn read(file: &str, bytes: &[u8]) -> Result<Self, Error> {
+        #[derive(Deserialize)]
+        struct Version {
+            version: Option<u32>,
+        }
+        let wrong = |e: serde_json::Error| Error::format(file, format!("no SOG `meta.json`: {e}"));
+        let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
+        let meta = match version.version {
+            None | Some(1) => {
+                #[derive(Deserialize)]
+                struct Shapes {
+                    means: Shape,
+                }
+                let shapes: Shapes = serde_json::from_slice(bytes).map_err(wrong)?;
+                let count = shapes.means.shape.first().copied();
+                let count = count.ok_or_else(|| Error::format(file, "`means.shape` is empty"))?;
+                Self::version_1(count, serde_json::from_slice(bytes).map_err(wrong)?)
+            }
+            Some(2) => Self::version_2(file, serde_json::from_slice(bytes).map_err(wrong)?)?,
+            Some(other) => return Err(Error::unsupported(file, format!("SOG version {other}"))),
+        };
+        let bounds = meta.mins.iter().chain(&meta.maxs);
+        if !bounds.clone().all(|v| v.is_finite()) {
+            return Err(Error::format(file, "the bounds of the centres are not finite"));
+        }
+        // Pictures lie beside it: a scene from somebody else names no other file of this machine.
+        let inside =
+            |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+        if let Some(name) = meta.files().find(|name| !inside(name)) {
+            return Err(Error::format(file, format!("names `{name}`, which does not lie beside it")));
+        }
+        Ok(meta)
+    }
+
+    fn version_2(file: &str, meta: Meta2) -> Result<Self, Error> {
+        if let Some(sh) = &meta.sh_n
+            && !(1..=3).contains(&sh.bands)
+        {
+            return Err(Error::format(file, format!("`shN.bands` is {}, not 1, 2 or 3", sh.bands)));
+        }
+        let scales = book(file, &meta.scales.codebook)?.map(num::f64::exp);
+        let palette = match &meta.sh_n {
+            Some(sh) => Some(Palette {
+                count: Some(sh.count),
+                degree: Some(sh.bands),
+                table: book(file, &sh.codebook)?,
+            }),
+            None => None,
+        };
+        let own = meta.means.files.into_iter().chain(meta.scales.files).chain(meta.quats.files);
+        let files = own.chain(meta.sh0.files).chain(meta.sh_n.into_iter().flat_map(|sh| sh.files)).collect();
+        Ok(Self {
+            count: meta.count,
+            antialiased: meta.antialias || meta.model.as_deref() == Some("antialiased"),
+            mins: meta.means.mins,
+            maxs: meta.means.maxs,
+            scales: [scales; 3],
+            colours: [book(file, &meta.sh0.codebook)?; 3],
+            opacities: even(0.0, 1.0),
+            palette,
+            files,
+        })
+    }
+
+    fn version_1(count: u64, meta: Meta1) -> Self {
+        let (scales, colours) = (&meta.scales, &meta.sh0);
+        let sigmoid = |logit: f64| 1.0 / (1.0 + num::f64::exp(-logit));
+        let palette =
+            meta.sh_n.as_ref().map(|sh| Palette { count: None, degree: None, table: even(sh.mins, sh.maxs) });
+        Self {
+            count,
+            antialiased: false,
+            mins: meta.means.mins,
+            maxs: meta.means.maxs,
+            scales: [0, 1, 2].map(|i| even(scales.mins[i], scales.maxs[i]).map(num::f64::exp)),
+            colours: [0, 1, 2].map(|i| even(colours.mins[i], colours.maxs[i])),
+            // Only here are opacities stored as logits.
+            opacities: even(colours.mins[3], colours.maxs[3]).map(sigmoid),
+            palette,
+            files: meta
+                .means
+                .files
+                .into_iter()
+                .chain(meta.scales.files)
+                .chain(meta.quats.files)
+                .chain(meta.sh0.files)
+                .chain(meta.sh_n.into_iter().flat_map(|sh| sh.files))
+                .collect(),
+        }
+    }
+
+    /// The pictures beside it.
+    pub fn files(&self) -> impl Iterator<Item = &str> {
+        self.files.iter().map(String::as_str)
+    }
+}
+
+/// A picture of RGBA bytes.
+struct Pixels {
+    width: usize,
+    rgba: Vec<u8>,
+}
+
+/// Pixels that a byte of a lossless picture may hold before we call it a bomb. Flat pictures have no
+/// limit in WebP; a side of 64 pixels is always allowed.
+const DENSEST: u64 = 4096;
+
+impl Pixels {
+    fn read(name: &str, bytes: &[u8], at_least: u64) -> Result<Self, Error> {
+        let wrong = |what: String| Error::format(name, what);
+        let mut decoder = image_webp::WebPDecoder::new(std::io::Cursor::new(bytes))
+            .map_err(|e| wrong(format!("no WebP picture: {e}")))?;
+        let (width, height) = decoder.dimensions();
+        let area = u64::from(width) * u64::from(height);
+        if area < at_least {
+            return Err(wrong(format!(
+                "{width}x{height} pixels are fewer than the {at_least} that are promised"
+            )));
+        }
+        if area > 64 * 64 + DENSEST * bytes.len() as u64 {
+            return Err(wrong(format!("{width}x{height} pixels in {} bytes are not believed", bytes.len())));
+        }
+        if decoder.is_lossy() || decoder.is_animated() {
+            return Err(wrong("only still, lossless WebP holds the numbers of a SOG file".to_owned()));
+        }
+        let channels = if decoder.has_alpha() { 4 } else { 3 };
+        let mut raw = vec![0_u8; width as usize * height as usize * channels];
+        decoder.read_image(&mut raw).map_err(|e| wrong(format!("broken WebP picture: {e}")))?;
+        let rgba = if channels == 4 {
+            raw
+        } else {
+            raw.as_chunks::<3>().0.iter().flat_map(|[r, g, b]| [*r, *g, *b, 255]).collect()
+        };
+        Ok(Self { width: width as usize, rgba })
+    }
+
+    fn get(&self, index: usize) -> Option<[u8; 4]> {
+        self.rgba.as_chunks::<4>().0.get(index).copied()
+    }
+
+    /// A pixel of those that were checked to be there.
+    fn own(&self, index: usize) -> [u8; 4] {
+        self.get(index).unwrap_or_default()
+    }
+}
+
+/// Most bytes of a `meta.json` that is packed; real ones have some ten thousand.
+const META_BYTES: usize = 16 << 20;
+
+/// Loads a ZIP archive that holds `meta.json` and its pictures.
+pub(super) fn load_bundle(
+    file: &str,
+    bytes: &[u8],
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    let archive = Archive::read(file, bytes)?;
+    let Some(name) = archive.find("meta.json") else {
+        return Err(Error::format(file, "the ZIP archive holds no `meta.json`, or several; not SOG").into());
+    };
+    let folder = name.strip_suffix("meta.json").unwrap_or_default();
+    let length = archive.length(name);
+    if length > META_BYTES {
+        return Err(Error::format(file, format!("its `meta.json` has {length} bytes")).into());
+    }
+    let meta = Meta::read(file, &archive.get(name)?)?;
+    load(file, &meta, &|name| Ok(archive.get(&format!("{folder}{name}"))?), reading, notes)
+}
+
+/// Loads the pictures of a `meta.json`.
+pub(super) fn load(
+    file: &str,
+    meta: &Meta,
+    fetch: &Fetch<'_>,
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    let needed = |index: usize| match (index, &meta.palette) {
+        (5, Some(Palette { count: Some(count), degree: Some(degree), .. })) => {
+            count.saturating_mul(sh_rest(*degree) as u64)
+        }
+        (5, _) => 1,
+        _ => meta.count,
+    };
+    // Two steps, so that a count that the files cannot hold is refused before anything is unpacked.
+    let raw = meta.files().map(fetch).collect::<Result<Vec<_>, _>>()?;
+    let held = raw.iter().map(Vec::len).sum();
+    let count = believed(file, meta.count, held, 64.0)?;
+    let pictures =
+        reading.cx.for_each_tile(raw.len(), |i| Pixels::read(&meta.files[i], &raw[i], needed(i)))?;
+    let pictures = pictures.into_iter().collect::<Result<Vec<_>, _>>()?;
+    drop(raw);
+    let [low, high, scales, quats, sh0, rest @ ..] = &pictures[..] else {
+        return Err(Error::format(file, "a SOG file has five pictures or more").into());
+    };
+    let palette = match (&meta.palette, rest) {
+        (Some(palette), [centroids, labels]) => {
+            // 64 sets of coefficients lie side by side.
+            let degree = [1, 2, 3].into_iter().find(|l| centroids.width == 64 * sh_rest(*l));
+            let degree =
+                degree.filter(|l| palette.degree.is_none_or(|told| told == *l)).ok_or_else(|| {
+                    Error::format(file, format!("a palette {} pixels wide fits no degree", centroids.width))
+                })?;
+            Some((palette, centroids, labels, degree))
+        }
+        _ => None,
+    };
+    let turn = reading.turn(file, None, false, notes);
+    let parts = reading.rows(count, turn.as_ref(), |index, sh| {
+        let (low, high) = (low.own(index), high.own(index));
+        let mean = [0, 1, 2].map(|axis| {
+            let whole = f64::from(u16::from(high[axis]) << 8 | u16::from(low[axis]));
+            let (min, max) = (meta.mins[axis], meta.maxs[axis]);
+            let coded = min + (max - min) * (whole / 65_535.0);
+            (num::f64::exp(coded.abs()) - 1.0).copysign(coded)
+        });
+        let size = scales.own(index);
+        let scale = [0, 1, 2].map(|axis| meta.scales[axis][usize::from(size[axis])]);
+        let colour = sh0.own(index);
+        let opacity = meta.opacities[usize::from(colour[3])];
+        sh.push([0, 1, 2].map(|c| meta.colours[c][usize::from(colour[c])] as f32));
+        if let Some((palette, centroids, labels, degree)) = palette {
+            let label = labels.own(index);
+            let label = usize::from(label[1]) << 8 | usize::from(label[0]);
+            if palette.count.is_some_and(|count| label as u64 >= count) {
+                return Err(RowFault::NoSuchEntry);
+            }
+            let each = sh_rest(degree);
+            let start = label / 64 * centroids.width + label % 64 * each;
+            for i in 0..each {
+                let code = centroids.get(start + i).ok_or(RowFault::NoSuchEntry)?;
+                sh.push([0, 1, 2].map(|c| palette.table[usize::from(code[c])] as f32));
+            }
+        }
+        Row::checked(mean, quaternion(quats.own(index))?, scale, opacity, reading.max_extent)
+    })?;
+    let degree = palette.map_or(0, |(_, _, _, degree)| degree);
+    let mut loaded = Loaded::new(parts, count, degree);
+    loaded.antialiased = meta.antialiased;
+    Ok(loaded)
+}
+
+/// The three smaller components in 8 bits each, and in alpha, from 252, which one was left out: w, x, y, z.
+fn quaternion([a, b, c, tag]: [u8; 4]) -> Result<[f64; 4], RowFault> {
+    let which = tag.checked_sub(252).ok_or(RowFault::NoSuchEntry)?;
+    let smaller = [a, b, c].map(|v| (f64::from(v) / 255.0 - 0.5) * std::f64::consts::SQRT_2);
+    Ok(largest_left_out(usize::from(which), smaller))
+}

@@ -1,0 +1,59 @@
+//! `.splat` (antimatter15/splat, `convert.py`): no header, 32 bytes a splat: centre and scales as floats,
+//! red, green, blue, opacity and the quaternion w, x, y, z as bytes. No spherical harmonics.
+
+use engine::{NodeError, Notes};
+
+use super::bytes::{f32_at, u8_at};
+use super::rows::{Row, SH_C0};
+use super::{Loaded, Reading};
+use crate::error::Error;
+
+/// Bytes of a splat.
+const ROW: usize = 32;
+
+/// True where the bytes can be such a file, be it cut off: a row, and of the first ones at least half with finite
+/// numbers and sizes that are not negative. A first coordinate below 1e-38 is none, it is the head of another file.
+pub(super) fn is_splat(bytes: &[u8]) -> bool {
+    if f32_at(bytes, 0).is_subnormal() {
+        return false;
+    }
+    let rows = bytes.as_chunks::<ROW>().0;
+    let sane = |row: &[u8; ROW]| {
+        let numbers: [f32; 6] = [0, 4, 8, 12, 16, 20].map(|at| f32_at(row, at));
+        let [centre @ .., _, _, _] = numbers;
+        let [_, _, _, scales @ ..] = numbers;
+        centre.iter().all(|v| v.is_finite() && v.abs() < 1e12)
+            && scales.iter().all(|s| (0.0..1e9).contains(s))
+    };
+    let first = rows.iter().take(64);
+    first.len() > 0 && first.clone().filter(|r| sane(r)).count() * 2 >= first.len()
+}
+
+/// Loads a file.
+pub(super) fn load(
+    file: &str,
+    bytes: &[u8],
+    reading: &Reading<'_>,
+    notes: &mut Notes,
+) -> Result<Loaded, NodeError> {
+    let (rows, rest) = bytes.as_chunks::<ROW>();
+    if !rest.is_empty() {
+        let what = format!(
+            "it begins like a .splat and ends within a splat: {} whole ones of {ROW} bytes and {} bytes more",
+            rows.len(),
+            rest.len()
+        );
+        return Err(Error::format(file, what).into());
+    }
+    let turn = reading.turn(file, None, false, notes);
+    let parts = reading.rows(rows.len(), turn.as_ref(), |index, sh| {
+        let row: &[u8] = rows.get(index).map_or(&[], |row| row);
+        let real = |at: usize| f64::from(f32_at(row, at));
+        let [r, g, b, opacity] = [24, 25, 26, 27].map(|at| f64::from(u8_at(row, at)) / 255.0);
+        sh.push([r, g, b].map(|c| ((c - 0.5) / SH_C0) as f32));
+        // The writer stores 128 + 128 q, cut to 0..255.
+        let quat = [28, 29, 30, 31].map(|at| (f64::from(u8_at(row, at)) - 128.0) / 128.0);
+        Row::checked([0, 4, 8].map(real), quat, [12, 16, 20].map(real), opacity, reading.max_extent)
+    })?;
+    Ok(Loaded::new(parts, rows.len(), 0))
+}

@@ -1,0 +1,109 @@
+//! `crop-mesh`: part of a mesh.
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
+use glam::DVec3;
+
+use crate::math::equirect::axes;
+use crate::types::Mesh;
+
+engine::params! {
+    /// Keeps the triangles of a mesh that lie in a box and below a height.
+    ///
+    /// A triangle counts by its centroid; none is cut. Leaving out the ceiling of a room
+    /// (`below_height: 2.4`) is the crude way to let light in, which the paper compares with.
+    pub struct CropMesh {
+        /// Smallest world coordinates kept.
+        box_min: Option<[f64; 3]> = None, other("(0.2, -1.0, -1.0)"), unit("world units");
+        /// Largest world coordinates kept.
+        box_max: Option<[f64; 3]> = None, other("(0.5, 1.0, 1.0)"), unit("world units");
+        /// Greatest height kept, along the up axis of the scene.
+        below_height: Option<f64> = None, other("0.5"), unit("world units");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of [`CropMesh`].
+    pub struct In {
+        /// The mesh.
+        mesh: Arc<Mesh>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of [`CropMesh`].
+    pub struct Out {
+        /// What is left of it.
+        mesh: Arc<Mesh>,
+    }
+}
+
+impl Kind for CropMesh {
+    const NAME: &'static str = "crop-mesh";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Up];
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let [_, _, above] = axes(cx.up());
+        let mesh = &inputs.mesh;
+        let low = params.box_min.map_or(DVec3::NEG_INFINITY, DVec3::from_array);
+        let high = params.box_max.map_or(DVec3::INFINITY, DVec3::from_array);
+        let highest = params.below_height.unwrap_or(f64::INFINITY);
+        let mut kept = Mesh::default();
+        let mut moved = vec![u32::MAX; mesh.positions.len()];
+        for triangle in &mesh.triangles {
+            let centroid = triangle.iter().fold(DVec3::ZERO, |sum, &v| sum + mesh.position(v)) / 3.0;
+            if centroid.cmplt(low).any() || centroid.cmpgt(high).any() || centroid.dot(above) > highest {
+                continue;
+            }
+            kept.triangles.push(triangle.map(|index| {
+                let at = &mut moved[index as usize];
+                if *at == u32::MAX {
+                    *at = kept.positions.len() as u32;
+                    kept.positions.push(mesh.positions[index as usize]);
+                    kept.positions_low.extend(mesh.positions_low.get(index as usize));
+                    kept.colours.extend(mesh.colours.get(index as usize));
+                }
+                *at
+            }));
+        }
+        let mut notes = Notes::none();
+        let (left, all) = (kept.triangles.len(), mesh.triangles.len());
+        notes.count("cropped", (all - left) as u64, format_args!("of {all} triangles left out"));
+        if left == 0 && all > 0 {
+            notes.degraded("empty", "nothing is left of the mesh");
+        }
+        Ok((Out { mesh: Arc::new(kept) }, notes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::context;
+
+    #[test]
+    fn what_is_outside_goes_with_its_vertices() {
+        let mesh = Mesh {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0], [1.0, 0.0, 3.0]],
+            positions_low: [1e-9, 2e-9, 3e-9, 4e-9, 5e-9].map(|low| [0.0, low, 0.0]).to_vec(),
+            colours: vec![[0.1; 3], [0.2; 3], [0.3; 3], [0.4; 3], [0.5; 3]],
+            triangles: vec![[0, 3, 4], [2, 1, 0]],
+        };
+        let params = CropMesh { box_min: None, box_max: None, below_height: Some(1.0) };
+        let (out, _) = CropMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("runs");
+        assert_eq!(out.mesh.positions, [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0; 3]]);
+        assert_eq!(out.mesh.colours, [[0.3; 3], [0.2; 3], [0.1; 3]]);
+        assert_eq!(out.mesh.positions_low, [3e-9, 2e-9, 1e-9].map(|low| [0.0, low, 0.0]));
+        assert_eq!(out.mesh.triangles, [[0, 1, 2]]);
+        let boxed = CropMesh { box_min: Some([0.1, -1.0, 1.0]), box_max: Some([2.0; 3]), below_height: None };
+        let (out, _) = CropMesh::run(&boxed, In { mesh: Arc::new(mesh) }, &context()).expect("runs");
+        assert_eq!(out.mesh.triangles.len(), 1);
+        assert_eq!(out.mesh.positions[1], [0.0, 0.0, 3.0]);
+    }
+}

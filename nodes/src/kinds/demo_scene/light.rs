@@ -1,0 +1,490 @@
+//! Light in a demo place: sun, sky through an opening or overhead, a lamp, and what surfaces pass on.
+//! Direct light is sampled at every point that asks; what comes by way of other surfaces is kept at
+//! scattered points and interpolated.
+
+use std::f64::consts::PI;
+
+use engine::{Context, NodeError};
+use glam::DVec3;
+
+use super::cast::Caster;
+use super::random::unit;
+use super::shape::Quad;
+use crate::math::num;
+
+/// Linear RGB.
+pub(super) type Rgb = [f64; 3];
+
+pub(super) fn add(a: Rgb, b: Rgb, scale: f64) -> Rgb {
+    [0, 1, 2].map(|i| a[i] + b[i] * scale)
+}
+
+pub(super) fn times(a: Rgb, b: Rgb) -> Rgb {
+    [0, 1, 2].map(|i| a[i] * b[i])
+}
+
+/// A rectangular opening to the sky; `u` x `v` points into the room.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Opening {
+    pub corner: DVec3,
+    pub u: DVec3,
+    pub v: DVec3,
+}
+
+/// A glowing upright cylinder.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Lamp {
+    pub base: DVec3,
+    pub radius: f64,
+    pub height: f64,
+    pub radiance: Rgb,
+}
+
+/// What lies beyond the place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sky {
+    pub zenith: Rgb,
+    pub horizon: Rgb,
+    pub ground: Rgb,
+    /// Unit direction to the sun.
+    pub sun: DVec3,
+    /// Irradiance of a plane that faces the sun.
+    pub sun_irradiance: Rgb,
+    /// Sine of the angular radius of the sun.
+    pub sun_sine: f64,
+    /// How much brighter the sky is around the sun.
+    pub glow: f64,
+}
+
+impl Sky {
+    /// Radiance from a direction, without the disc of the sun.
+    pub(super) fn radiance(&self, d: DVec3) -> Rgb {
+        if d.z < 0.0 {
+            return self.ground;
+        }
+        let t = d.z.sqrt();
+        let base = [0, 1, 2].map(|i| self.horizon[i] * (1.0 - t) + self.zenith[i] * t);
+        let near = d.dot(self.sun).max(0.0);
+        let near4 = near * near * near * near;
+        let lobe = near4 * near4;
+        let corona = lobe * lobe * lobe * lobe;
+        add(base, [1.0, 0.93, 0.8], self.glow * (0.25 * lobe + corona))
+    }
+
+    /// Radiance with the disc of the sun.
+    pub(super) fn with_sun(&self, d: DVec3) -> Rgb {
+        let sky = self.radiance(d);
+        let sine2 = self.sun_sine * self.sun_sine;
+        let inside = d.dot(self.sun) > (1.0 - sine2).sqrt();
+        if inside { add(sky, self.sun_irradiance, 1.0 / (PI * sine2)) } else { sky }
+    }
+}
+
+/// How many rays each sort of light gets.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    pub sky: usize,
+    pub sun: usize,
+    pub lamp: usize,
+}
+
+/// A place with its light.
+pub(super) struct Lit<'a> {
+    pub quads: &'a [Quad],
+    pub caster: Caster,
+    pub sky: Sky,
+    pub opening: Option<Opening>,
+    pub lamp: Option<Lamp>,
+    pub seed: u64,
+    cache: Cache,
+}
+
+/// How far light may travel, in metres.
+const FAR: f64 = 200.0;
+/// Rays start this far off a surface, in metres: a bilinear quad is cast as two triangles, which lie a
+/// few millimetres beside it.
+const OFF: f64 = 4e-3;
+
+impl<'a> Lit<'a> {
+    /// Prepares the rays and the light that surfaces pass on.
+    pub(super) fn new(
+        quads: &'a [Quad],
+        sky: Sky,
+        opening: Option<Opening>,
+        lamp: Option<Lamp>,
+        seed: u64,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        let caster = Caster::new(quads);
+        let mut lit = Self { quads, caster, sky, opening, lamp, seed, cache: Cache::default() };
+        lit.cache = Cache::scatter(&lit, cx)?;
+        Ok(lit)
+    }
+
+    /// Irradiance straight from sun, sky and lamp. `key` names the random numbers.
+    pub(super) fn direct(&self, p: DVec3, n: DVec3, key: u64, effort: Effort) -> Rgb {
+        let from = p + n * OFF;
+        let mut sum = [0.0; 3];
+        let random = |i: usize, d: u64| unit(self.seed, 0x6c69 + d, key, i as u64);
+        let side = (effort.sky as f64).sqrt().ceil().max(1.0) as usize;
+        if let Some(Opening { corner, u, v }) = self.opening {
+            let (inward, total) = (u.cross(v), (side * side) as f64);
+            for i in 0..side * side {
+                let s = ((i % side) as f64 + random(i, 0)) / side as f64;
+                let t = ((i / side) as f64 + random(i, 1)) / side as f64;
+                let way = corner + u * s + v * t - from;
+                let d2 = way.length_squared();
+                let toward = way / d2.sqrt();
+                let (facing, seen) = (n.dot(toward), -inward.dot(toward));
+                if facing > 0.0 && seen > 0.0 && !self.caster.blocked(from, toward, FAR) {
+                    sum = add(sum, self.sky.radiance(toward), facing * seen / d2 / total);
+                }
+            }
+        } else {
+            let (a, b) = frame(n);
+            for i in 0..side * side {
+                let toward = cosine(
+                    n,
+                    a,
+                    b,
+                    ((i % side) as f64 + random(i, 0)) / side as f64,
+                    ((i / side) as f64 + random(i, 1)) / side as f64,
+                );
+                if !self.caster.blocked(from, toward, FAR) {
+                    sum = add(sum, self.sky.radiance(toward), PI / (side * side) as f64);
+                }
+            }
+        }
+        if n.dot(self.sky.sun) > 0.0 {
+            let (a, b) = frame(self.sky.sun);
+            let open = (0..effort.sun).filter(|&i| {
+                let (r, turn) = (random(i, 2).sqrt() * self.sky.sun_sine, 2.0 * PI * random(i, 3));
+                let (sin, cos) = num::sin_cos(turn);
+                let toward = (self.sky.sun + a * (r * cos) + b * (r * sin)).normalize();
+                !self.caster.blocked(from, toward, FAR)
+            });
+            let share = open.count() as f64 / effort.sun.max(1) as f64;
+            sum = add(sum, self.sky.sun_irradiance, n.dot(self.sky.sun) * share);
+        }
+        if let Some(lamp) = self.lamp {
+            for i in 0..effort.lamp {
+                let turn = 2.0 * PI * (i as f64 + random(i, 4)) / effort.lamp as f64;
+                let (sin, cos) = num::sin_cos(turn);
+                let out = DVec3::new(cos, sin, 0.0);
+                let on = lamp.base + out * lamp.radius + DVec3::Z * (lamp.height * random(i, 5));
+                let way = on - from;
+                let d2 = way.length_squared().max(0.01);
+                let toward = way / way.length().max(1e-9);
+                let (facing, seen) = (n.dot(toward), -out.dot(toward));
+                let reach = way.length() - 0.03;
+                if facing > 0.0 && seen > 0.0 && reach > 0.0 && !self.caster.blocked(from, toward, reach) {
+                    let area = 2.0 * PI * lamp.radius * lamp.height / effort.lamp as f64;
+                    sum = add(sum, lamp.radiance, facing * seen / d2 * area);
+                }
+            }
+        }
+        sum
+    }
+
+    /// Irradiance by way of other surfaces.
+    pub(super) fn indirect(&self, p: DVec3, n: DVec3) -> Rgb {
+        self.cache.at(p, n, |point| point.indirect)
+    }
+
+    /// Radiance that a ray brings, with all light at the hit taken from the cache.
+    pub(super) fn rough_radiance(&self, from: DVec3, toward: DVec3) -> Rgb {
+        let Some(hit) = self.caster.nearest(from, toward, FAR) else {
+            return self.beyond(from, toward);
+        };
+        let quad = &self.quads[hit.quad as usize];
+        let (p, mut n) = (quad.point(hit.u, hit.v), quad.normal(hit.u, hit.v));
+        if n.dot(toward) > 0.0 {
+            n = -n;
+        }
+        let light = self.cache.at(p, n, |point| add(point.direct, point.indirect, 1.0));
+        let albedo = quad.paint.look(self.seed, quad.texture(hit.u, hit.v)).albedo;
+        add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
+    }
+
+    /// Radiance that a ray brings, with direct light sampled at the hit.
+    pub(super) fn radiance(&self, from: DVec3, toward: DVec3, key: u64, effort: Effort) -> Rgb {
+        let Some(hit) = self.caster.nearest(from, toward, FAR) else {
+            return self.beyond(from, toward);
+        };
+        let quad = &self.quads[hit.quad as usize];
+        self.surface(quad, hit.u, hit.v, toward, key, effort)
+    }
+
+    /// Radiance of a point of a surface, without gloss.
+    pub(super) fn surface(
+        &self,
+        quad: &Quad,
+        u: f64,
+        v: f64,
+        toward: DVec3,
+        key: u64,
+        effort: Effort,
+    ) -> Rgb {
+        let albedo = quad.paint.look(self.seed, quad.texture(u, v)).albedo;
+        let light = self.received(quad, u, v, toward, key, effort);
+        add(quad.paint.glow(), times(albedo, light), 1.0 / PI)
+    }
+
+    /// Irradiance of a point of a surface, seen along `toward`; thin sheets pass light through.
+    pub(super) fn received(
+        &self,
+        quad: &Quad,
+        u: f64,
+        v: f64,
+        toward: DVec3,
+        key: u64,
+        effort: Effort,
+    ) -> Rgb {
+        let (p, mut n) = (quad.point(u, v), quad.normal(u, v));
+        if n.dot(toward) > 0.0 {
+            n = -n;
+        }
+        let one = |n: DVec3, key: u64| add(self.direct(p, n, key, effort), self.indirect(p, n), 1.0);
+        if quad.paint.is_thin() {
+            let (front, back) = (one(n, key), one(-n, key ^ 0x5555));
+            add(front.map(|v| v * 0.6), back, 0.4)
+        } else {
+            one(n, key)
+        }
+    }
+
+    /// What lies beyond the place in a direction, without the disc of the sun.
+    pub(super) fn beyond(&self, from: DVec3, toward: DVec3) -> Rgb {
+        if let Some(Opening { corner, u, v }) = self.opening {
+            // A ray that slips between two triangles of a closed room is not light from outside.
+            let inward = u.cross(v);
+            let t = (corner - from).dot(inward) / toward.dot(inward);
+            let on = from + toward * t - corner;
+            let (s, r) = (on.dot(u) / u.length_squared(), on.dot(v) / v.length_squared());
+            if !(t > 0.0 && (-0.2..=1.2).contains(&s) && (-0.2..=1.2).contains(&r)) {
+                return [0.0; 3];
+            }
+        }
+        self.sky.radiance(toward)
+    }
+
+    /// Whether something stands between a point and the sky in a direction.
+    pub(super) fn hidden(&self, from: DVec3, toward: DVec3) -> bool {
+        self.caster.blocked(from, toward, FAR)
+    }
+}
+
+/// Two unit vectors that make a right-handed frame with the unit vector `n` (Duff and others, Building
+/// an Orthonormal Basis, Revisited, 2017).
+pub(super) fn frame(n: DVec3) -> (DVec3, DVec3) {
+    let sign = if n.z < 0.0 { -1.0 } else { 1.0 };
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+fn cosine(n: DVec3, a: DVec3, b: DVec3, s: f64, t: f64) -> DVec3 {
+    let (sin, cos) = num::sin_cos(2.0 * PI * s);
+    let r = t.sqrt();
+    (a * (r * cos) + b * (r * sin) + n * (1.0 - t).max(0.0).sqrt()).normalize()
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    p: DVec3,
+    n: DVec3,
+    albedo: Rgb,
+    direct: Rgb,
+    indirect: Rgb,
+}
+
+/// Light at scattered points of the surfaces, found through a grid.
+#[derive(Default)]
+struct Cache {
+    points: Vec<Point>,
+    low: DVec3,
+    size: [usize; 3],
+    /// Points of each cell: `order[starts[cell]..starts[cell + 1]]`.
+    starts: Vec<u32>,
+    order: Vec<u32>,
+}
+
+/// Distance between points of the cache, and the radius within which they are averaged, in metres.
+const SPACING: f64 = 0.10;
+const RADIUS: f64 = 0.26;
+/// Rays that gather light at each point, along one side of the stratified square.
+const GATHER: usize = 8;
+/// Times light is passed on.
+const BOUNCES: usize = 4;
+
+impl Cache {
+    fn scatter(lit: &Lit<'_>, cx: &Context) -> Result<Self, NodeError> {
+        let mut places = Vec::new();
+        for (q, quad) in lit.quads.iter().enumerate().filter(|(_, quad)| quad.paint.is_solid()) {
+            let [a, b] = quad.lengths();
+            let (nu, nv) = ((a / SPACING).ceil().max(1.0) as usize, (b / SPACING).ceil().max(1.0) as usize);
+            for i in 0..nu * nv {
+                let key = places.len() as u64;
+                // Of small quads only as many are kept as their area calls for.
+                let keep = a * b / (nu * nv) as f64 / (SPACING * SPACING);
+                if unit(lit.seed, 0x6b65, key + q as u64 * 7919, 0) < keep.max(0.05) * 1.5 {
+                    let u = ((i % nu) as f64 + 0.2 + 0.6 * unit(lit.seed, 0x7075, key, i as u64)) / nu as f64;
+                    let v = ((i / nu) as f64 + 0.2 + 0.6 * unit(lit.seed, 0x7076, key, i as u64)) / nv as f64;
+                    places.push((q, u, v, false));
+                    if quad.paint.is_thin() {
+                        places.push((q, u, v, true));
+                    }
+                }
+            }
+        }
+        let effort = Effort { sky: 16, sun: 4, lamp: 6 };
+        let chunk = 256;
+        let made = cx.for_each_tile(places.len().div_ceil(chunk), |c| {
+            let range = c * chunk..((c + 1) * chunk).min(places.len());
+            range
+                .map(|i| {
+                    let (q, u, v, back) = places[i];
+                    let quad = &lit.quads[q];
+                    let (p, n) = (quad.point(u, v), quad.normal(u, v));
+                    let n = if back { -n } else { n };
+                    let direct = lit.direct(p, n, 0x1000_0000 + i as u64, effort);
+                    let albedo = quad.paint.look(lit.seed, quad.texture(u, v)).albedo;
+                    Point { p, n, albedo, direct, indirect: [0.0; 3] }
+                })
+                .collect::<Vec<_>>()
+        })?;
+        let mut cache = Self { points: made.into_iter().flatten().collect(), ..Self::default() };
+        cache.index();
+        cache.bounce(lit, cx)?;
+        Ok(cache)
+    }
+
+    /// Builds the grid.
+    fn index(&mut self) {
+        let (mut low, mut high) = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
+        for point in &self.points {
+            low = low.min(point.p);
+            high = high.max(point.p);
+        }
+        self.low = low;
+        self.size = [0, 1, 2].map(|i| ((high[i] - low[i]) / RADIUS).max(0.0) as usize + 1);
+        let cells = self.size.iter().product::<usize>();
+        let cell_of: Vec<usize> = self.points.iter().map(|point| self.cell(self.place(point.p))).collect();
+        self.starts = vec![0; cells + 1];
+        for &cell in &cell_of {
+            self.starts[cell + 1] += 1;
+        }
+        for cell in 0..cells {
+            self.starts[cell + 1] += self.starts[cell];
+        }
+        let mut next = self.starts.clone();
+        self.order = vec![0; self.points.len()];
+        for (i, &cell) in cell_of.iter().enumerate() {
+            self.order[next[cell] as usize] = i as u32;
+            next[cell] += 1;
+        }
+    }
+
+    fn place(&self, p: DVec3) -> [usize; 3] {
+        [0, 1, 2].map(|i| (((p[i] - self.low[i]) / RADIUS).max(0.0) as usize).min(self.size[i] - 1))
+    }
+
+    fn cell(&self, at: [usize; 3]) -> usize {
+        (at[2] * self.size[1] + at[1]) * self.size[0] + at[0]
+    }
+
+    /// Visits the points within a cell of `p`.
+    fn near(&self, p: DVec3, mut visit: impl FnMut(u32, &Point)) {
+        let middle = self.place(p);
+        let range = |i: usize| middle[i].saturating_sub(1)..(middle[i] + 2).min(self.size[i]);
+        for z in range(2) {
+            for y in range(1) {
+                let row = range(0);
+                let (first, last) = (self.cell([row.start, y, z]), self.cell([row.end - 1, y, z]));
+                for &i in &self.order[self.starts[first] as usize..self.starts[last + 1] as usize] {
+                    visit(i, &self.points[i as usize]);
+                }
+            }
+        }
+    }
+
+    /// Mean over the points around `p` that face as `n` does and lie on the same surface.
+    fn at(&self, p: DVec3, n: DVec3, value: impl Fn(&Point) -> Rgb) -> Rgb {
+        let (mut sum, mut weights) = ([0.0; 3], 0.0);
+        self.near(p, |_, point| {
+            let weight = closeness(p, n, point);
+            if weight > 0.0 {
+                sum = add(sum, value(point), weight);
+                weights += weight;
+            }
+        });
+        if weights > 0.0 { sum.map(|v| v / weights) } else { [0.0; 3] }
+    }
+
+    fn bounce(&mut self, lit: &Lit<'_>, cx: &Context) -> Result<(), NodeError> {
+        let chunk = 64;
+        let rays = GATHER * GATHER;
+        // The point of the cache that each gathering ray sees, none for those that leave the place.
+        let seen = cx.for_each_tile(self.points.len().div_ceil(chunk), |c| {
+            let range = c * chunk..((c + 1) * chunk).min(self.points.len());
+            let mut found = Vec::with_capacity(range.len() * rays);
+            for i in range {
+                let Point { p, n, .. } = self.points[i];
+                let (a, b) = frame(n);
+                for k in 0..rays {
+                    let random = |d: u64| unit(lit.seed, 0x6761 + d, i as u64, k as u64);
+                    let s = ((k % GATHER) as f64 + random(0)) / GATHER as f64;
+                    let t = ((k / GATHER) as f64 + random(1)) / GATHER as f64;
+                    let toward = cosine(n, a, b, s, t);
+                    let hit = lit.caster.nearest(p + n * OFF, toward, FAR);
+                    found.push(hit.map_or(u32::MAX, |hit| {
+                        let quad = &lit.quads[hit.quad as usize];
+                        let m = quad.normal(hit.u, hit.v);
+                        let m = if m.dot(toward) > 0.0 { -m } else { m };
+                        self.nearest(quad.point(hit.u, hit.v), m)
+                    }));
+                }
+            }
+            found
+        })?;
+        let seen: Vec<u32> = seen.into_iter().flatten().collect();
+        for _ in 0..BOUNCES {
+            cx.check()?;
+            let radiosity: Vec<Rgb> = self
+                .points
+                .iter()
+                .map(|point| times(point.albedo, add(point.direct, point.indirect, 1.0)))
+                .collect();
+            for (point, seen) in self.points.iter_mut().zip(seen.chunks_exact(rays)) {
+                let lit = seen.iter().filter_map(|&i| radiosity.get(i as usize));
+                point.indirect = lit.fold([0.0; 3], |sum, r| add(sum, *r, 1.0 / rays as f64));
+            }
+        }
+        Ok(())
+    }
+
+    fn nearest(&self, p: DVec3, n: DVec3) -> u32 {
+        let mut best = (0.0, u32::MAX);
+        self.near(p, |i, point| {
+            let weight = closeness(p, n, point);
+            if weight > best.0 {
+                best = (weight, i);
+            }
+        });
+        best.1
+    }
+}
+
+/// How much a point of the cache says about the light at `p`.
+fn closeness(p: DVec3, n: DVec3, point: &Point) -> f64 {
+    let way = p - point.p;
+    let near = 1.0 - way.length_squared() / (2.0 * RADIUS * RADIUS);
+    if near <= 0.0 {
+        return 0.0;
+    }
+    // Points that face another way or lie on another surface count only where there are no better ones.
+    let alike = n.dot(point.n).max(0.03);
+    let off = (1.0 - 4.0 * way.dot(n).abs() / RADIUS).max(0.02);
+    let near = near * near;
+    near * near * alike * alike * alike * off
+}

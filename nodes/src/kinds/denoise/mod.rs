@@ -1,0 +1,211 @@
+//! `denoise`: less noise in the ratio of light and in the objects, from the same samples.
+
+mod firefly;
+mod means;
+mod method;
+mod oidn;
+mod view;
+
+use std::sync::Arc;
+
+use crate::types::layers::{linear, matching};
+use crate::types::{Image, Images, Linear, NamedImage, Picture};
+use engine::{Context, Cost, Kind, NodeError, Notes, SourceFile, SourceRoot};
+use means::{Field, Reach, VALUES};
+pub use method::Method;
+use view::{View, known};
+
+engine::params! {
+    /// Takes noise out of what `path-trace` renders, between it and `shadow-ratio`.
+    ///
+    /// Every pixel becomes the mean of those around it whose surroundings look the same, to the noise that
+    /// `variance` tells. `without` and `with` are averaged with the same weights, which come from their ratio
+    /// and its variance: the texture of the place does not matter, a pixel whose surroundings no object
+    /// touches stays as it is, bit for bit, and an edge of the shadow stays where it is stronger than
+    /// the noise. A single pixel that a lucky path has lit far beyond all around it takes their ratio, and is
+    /// counted. The object's colour is averaged within its alpha, which stays; a pixel of it that is much less sure
+    /// than others keeps its light and gives them none. With more samples the filter fades by itself.
+    ///
+    /// `Oidn` has Open Image Denoise filter the ratio and the object instead, where the same pixels are noisy.
+    pub struct Denoise {
+        /// How far pixels may differ to be averaged, relative to their noise; 0 leaves all as it is. Of `Oidn` only
+        /// 0 is told from the rest.
+        strength: f64 = 1.0, range(0.0, 4.0), other("0.0"), knob(Filter, "", "", "", "0.0");
+        /// How far away pixels are looked for; `Oidn` does not read it.
+        radius_px: u32 = 7, range(1, 24), unit("px"), other("1"), knob(Depth, "3", "5", "7", "7");
+        /// Who filters.
+        method: Method = Method::Means;
+    }
+}
+engine::inputs! {
+    /// The layers of one path-trace.
+    pub struct In {
+        /// The receiver without the objects (R0).
+        without: Arc<Images>,
+        /// The receiver with the objects (R1).
+        with: Arc<Images>,
+        /// The objects, premultiplied.
+        object: Arc<Images>,
+        /// Depth of what is in front.
+        depth: Arc<Images>,
+        /// Normal of what is in front.
+        normal: Arc<Images>,
+        /// Variance of the other layers and, last, of the ratio.
+        variance: Arc<Images>,
+    }
+}
+engine::outputs! {
+    /// The same layers with less noise.
+    pub struct Out {
+        /// R0, averaged as R1 is.
+        without: Arc<Images>,
+        /// R1.
+        with: Arc<Images>,
+        /// The objects.
+        object: Arc<Images>,
+    }
+}
+
+/// Standard deviations at strength 1 for the ratio and the object; the best of a few tried on the case of
+/// `docs/evidence/bench.md`, flat within a factor of 1.5.
+const STRENGTHS: [f64; 2] = [0.7, 0.5];
+/// Cosines that normals may differ by: the receiver's mesh is rough and its normals shade nothing but the
+/// ratio, the object's shade what is filtered.
+const BENDS: [f32; 2] = [0.5, 0.05];
+/// Objects are averaged over half as far, for their textures and highlights.
+const OBJECT_RADIUS: usize = 2;
+impl Denoise {
+    fn reach(&self, layer: usize) -> Reach {
+        let radius = self.radius_px as usize;
+        Reach {
+            radius: if layer == 0 { radius } else { radius.div_ceil(OBJECT_RADIUS) },
+            strength: (self.strength * STRENGTHS[layer]) as f32,
+            bend: BENDS[layer],
+        }
+    }
+
+    /// The layers with less noise, how many fireflies they had, and whether there is something to filter and no
+    /// variance to tell how.
+    fn view(&self, view: &View<'_>, cx: &Context) -> Result<([Image<Linear>; 3], u64, bool), NodeError> {
+        let mut out = [view.without.clone(), view.with.clone(), view.object.clone()];
+        if self.strength == 0.0 {
+            return Ok((out, 0, false));
+        }
+        // Where no variance is known, no pixel is like another and none is a firefly: all stay as they are.
+        if self.method == Method::Means && !view.variance.samples().iter().any(|v| known(*v) > 0.0) {
+            let covered = |o: &[f32]| o[3] > 0.0 && o.iter().all(|v| v.is_finite());
+            let inserted = view.object.samples.chunks_exact(4).any(covered);
+            return Ok((out, 0, inserted || view.with.samples != view.without.samples));
+        }
+        let set = |image: &mut Image<Linear>, i: usize, rgb: &[f32]| {
+            let at = i * image.channels;
+            image.samples[at..at + 3].copy_from_slice(rgb);
+        };
+        let (receiver, fireflies) = view.receiver();
+        let object = view.inserted();
+        let is_noisy = |field: &Field| field.pixels.iter().any(|pixel| pixel.is_noisy());
+        let noisy = is_noisy(&receiver) || is_noisy(&object);
+        let [lit, inserted]: [Vec<[f32; VALUES]>; 2] = match self.method {
+            Method::Means => [receiver.average(self.reach(0), cx)?, object.average(self.reach(1), cx)?],
+            Method::Oidn => oidn::filter(view, [&receiver, &object], cx)?,
+        };
+        for (i, values) in lit.iter().enumerate().filter(|(i, _)| receiver.pixels[*i].there) {
+            set(&mut out[0], i, &values[..3]);
+            set(&mut out[1], i, &values[3..]);
+        }
+        for (i, values) in inserted.iter().enumerate() {
+            let pixel = &object.pixels[i];
+            if pixel.is_noisy() {
+                // The mean of colours, each with the weight of its alpha, over this pixel's own.
+                let share = pixel.values[3] / values[3];
+                let colour = [0, 1, 2].map(|k| (values[k] * share).min(f32::MAX));
+                set(&mut out[2], i, &colour);
+            }
+        }
+        let any = object.pixels.iter().any(|pixel| pixel.there) || view.with.samples != view.without.samples;
+        Ok((out, fireflies, any && !noisy))
+    }
+}
+
+/// A guide of the given number of channels.
+fn guide<'a>(
+    images: &'a Images,
+    port: &'static str,
+    name: &str,
+    size: (usize, usize),
+    channels: usize,
+) -> Result<&'a Picture, NodeError> {
+    let picture = matching(images, port, name, size)?;
+    if picture.size().2 == channels {
+        return Ok(picture);
+    }
+    let what = format!("`{port}` has {} channels, not {channels}", picture.size().2);
+    Err(NodeError::new(what).at(port).hint("wire every input to the output of that name of one path-trace"))
+}
+
+impl Kind for Denoise {
+    const NAME: &'static str = "denoise";
+    const VERSION: u32 = 6;
+    // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("radius_px", "2")], ..engine::Preview::NONE };
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(params: &Self, inputs: &In) -> Cost {
+        let sizes = inputs.without.0.iter().map(|view| view.picture.size());
+        let pixels: usize = sizes.map(|(width, height, _)| width * height).sum();
+        // Copies of three layers of every view; fields, averages and their copies of one at a time.
+        Cost { bytes: (pixels * (10 * 4 + 200)) as u64 + params.method.bytes(pixels) }
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        params.method.check()
+    }
+
+    fn sources(params: &Self, _: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        params.method.sources()
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut sets: [Vec<NamedImage>; 3] = Default::default();
+        let views = &inputs.without.0;
+        let (mut notes, mut fireflies) = (Notes::none(), 0);
+        params.method.tell(&mut notes)?;
+        for (index, view) in views.iter().enumerate() {
+            cx.check()?;
+            let without = linear(&view.picture, "without")?;
+            let size = (without.width, without.height);
+            let name = &view.name;
+            let with = linear(matching(&inputs.with, "with", name, size)?, "with")?;
+            let layers = View {
+                without: &without,
+                with: &with,
+                object: &*linear(guide(&inputs.object, "object", name, size, 4)?, "object")?,
+                depth: guide(&inputs.depth, "depth", name, size, 1)?,
+                normal: guide(&inputs.normal, "normal", name, size, 3)?,
+                variance: guide(&inputs.variance, "variance", name, size, 4)?,
+            };
+            let (images, found, blind) = params.view(&layers, cx)?;
+            fireflies += found;
+            if blind {
+                let text = "`variance` is 0 everywhere, as after 1 sample, so the layers stay as they are";
+                notes
+                    .warning("no-variance", format!("`{name}`: {text}; give `path-trace` 2 samples or more"));
+            }
+            for (set, image) in sets.iter_mut().zip(images) {
+                set.push(NamedImage { name: name.clone(), picture: image.into() });
+            }
+            cx.progress((index + 1) as f32 / views.len() as f32);
+        }
+        let [without, with, object] = sets.map(|set| Arc::new(Images(set)));
+        let what =
+            "pixels of `with` were lit by a lucky path alone; they take the ratio of those around them";
+        notes.count("fireflies", fireflies, what);
+        Ok((Out { without, with, object }, notes))
+    }
+}
+
+#[cfg(test)]
+mod tests;

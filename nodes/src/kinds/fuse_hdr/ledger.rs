@@ -1,0 +1,342 @@
+//! The lights that fusion recovered, and the energy before and after.
+
+use engine::{Notes, Up};
+use glam::DVec3;
+
+use super::{Fused, Gain};
+use crate::light::energy::Energy;
+use crate::light::linear::{LinearPixels, max3};
+use crate::light::{measure, regions};
+use crate::math::color::luminance;
+use crate::math::equirect::{axes, direction, pixel_solid_angle};
+use crate::math::num;
+use crate::types::{Cell, Report, Table};
+
+/// Lights listed one by one; the rest are summed in a last row.
+pub(super) const LISTED: usize = 32;
+/// Less than this share of the predicted light may be left out, and of all light taken, without a word.
+const UNUSED: f64 = 0.01;
+/// The ramp may be made up for by at most this factor within a light.
+const LARGEST_COMPENSATION: f64 = 8.0;
+
+/// Connected regions of pixels that fusion made brighter, and what each step of the fusion made of them.
+pub(super) struct Lights {
+    pub members: Vec<Vec<usize>>,
+    /// Pixels that fusion made darker, which are no lights.
+    darker: Vec<usize>,
+    /// Pixels that it left as they are though light was predicted for them.
+    left: Vec<usize>,
+    /// Name of a step, and luminance after it of each pixel of each light, of those made darker, and of those left.
+    steps: Vec<(&'static str, Vec<Vec<f64>>)>,
+    /// The step from which on there is a sky that was not seen, its pixels and their luminance.
+    sky: Option<(usize, Vec<(usize, f64)>)>,
+}
+
+pub(super) fn luminance_of(pixels: &LinearPixels, at: usize) -> f64 {
+    f64::from(luminance(pixels.rgb[at]))
+}
+
+impl Lights {
+    /// `predicted` is the luminance that the gain map gives a pixel.
+    pub(super) fn find(pixels: &LinearPixels, fused: &[Fused], predicted: impl Fn(usize) -> f64) -> Self {
+        let mask: Vec<bool> =
+            fused.iter().enumerate().map(|(at, f)| f.luminance > luminance_of(pixels, at)).collect();
+        let labels = regions::label(&mask, pixels.width);
+        let mut members = vec![Vec::new(); labels.count];
+        for (at, region) in labels.of.iter().enumerate() {
+            if let Some(region) = region {
+                members[*region as usize].push(at);
+            }
+        }
+        let own = |at: usize| luminance_of(pixels, at);
+        let darker = (0..fused.len()).filter(|&at| fused[at].luminance < own(at)).collect();
+        let kept = |&at: &usize| fused[at].luminance == own(at) && predicted(at) > own(at);
+        let left = (0..fused.len()).filter(kept).collect();
+        let mut lights = Self { members, darker, left, steps: Vec::new(), sky: None };
+        lights.enter("panorama", |at| luminance_of(pixels, at));
+        lights
+    }
+
+    /// Enters a step into the books.
+    pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
+        let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
+        let values = self.groups().map(of_light).collect();
+        self.steps.push((step, values));
+    }
+
+    /// Enters a sky that was not seen, and what it made of the lights.
+    pub(super) fn enter_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
+        self.sky = Some((self.steps.len(), pixels));
+        self.enter("sky", luminance);
+    }
+
+    /// The lights, and the two groups of pixels that are none.
+    fn groups(&self) -> impl Iterator<Item = &Vec<usize>> {
+        self.members.iter().chain([&self.darker, &self.left])
+    }
+
+    /// Warns where exposures that are darker than the panorama took light from it.
+    pub(super) fn tell_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
+        let size = |at: usize| pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
+        let own = |at: usize| luminance_of(pixels, at) * size(at);
+        let lost: f64 = self.darker.iter().map(|&at| own(at) - fused[at].luminance * size(at)).sum();
+        let all: f64 = (0..pixels.rgb.len()).map(own).sum();
+        if lost > UNUSED * all {
+            let text = format!(
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which takes {:.1} % of its power; `blend: Ramp` takes none",
+                self.darker.len(),
+                100.0 * lost / all
+            );
+            notes.warning("made-darker", text);
+        }
+    }
+
+    /// Warns where light was predicted for what does not count as clipped here.
+    pub(super) fn tell_unused(
+        &self,
+        threshold: f32,
+        pixels: &LinearPixels,
+        log2_gain: &[f32],
+        notes: &mut Notes,
+    ) {
+        let mut used = vec![false; log2_gain.len()];
+        self.members.iter().flatten().for_each(|&at| used[at] = true);
+        let (mut all, mut unused, mut count) = (0.0, 0.0, 0_u64);
+        for (at, gain) in log2_gain.iter().enumerate().filter(|(_, gain)| **gain > 0.0) {
+            let size = pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
+            let light = luminance_of(pixels, at) * (num::f64::exp2(f64::from(*gain)) - 1.0) * size;
+            all += light;
+            if !used[at] {
+                (unused, count) = (unused + light, count + 1);
+            }
+        }
+        if unused > UNUSED * all {
+            let percent = 100.0 * unused / all;
+            let clipped = |(rgb, gain): &(&[f32; 3], &f32)| max3(**rgb) > threshold && **gain == 0.0;
+            let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
+                0 => String::new(),
+                _ if !pixels.ceiling => String::new(),
+                n => format!("; {n} that are get none: is `base` the panorama that it was predicted for?"),
+            };
+            notes.warning(
+                "prediction-unused",
+                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out; where `white` of the prediction is lower, `threshold` should be below it{without}"),
+            );
+        }
+    }
+
+    /// The ramp holds back part of what was predicted for pixels that are barely clipped; gives it back to
+    /// the clipped pixels of the same light, so that each light has the predicted flux.
+    pub(super) fn keep_flux(
+        &self,
+        pixels: &LinearPixels,
+        log2_gain: &[f32],
+        fused: &mut [Fused],
+        notes: &mut Notes,
+    ) {
+        let mut short = 0;
+        for members in &self.members {
+            let (mut wanted, mut got) = (0.0, 0.0);
+            for &at in members {
+                let own = luminance_of(pixels, at);
+                let held = f64::from(luminance(pixels.rgb[at].map(|v| v.min(1.0))));
+                let predicted = held * num::f64::exp2(f64::from(log2_gain[at]));
+                let size = pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
+                wanted += size * (predicted - own).max(0.0);
+                got += size * (fused[at].luminance - own);
+            }
+            let scale = if got > 0.0 { (wanted / got).max(1.0) } else { 1.0 };
+            short += u64::from(scale > LARGEST_COMPENSATION);
+            let scale = scale.min(LARGEST_COMPENSATION);
+            for &at in members {
+                let own = luminance_of(pixels, at);
+                fused[at].luminance = own + scale * (fused[at].luminance - own);
+            }
+        }
+        if short > 0 {
+            let text = format!(
+                "{short} lights are barely clipped and get less than was predicted; a lower `threshold` gives all"
+            );
+            notes.warning("flux-held-back", text);
+        }
+    }
+
+    /// How many lights the report lists together.
+    pub(super) fn unlisted(&self) -> u64 {
+        self.members.len().saturating_sub(LISTED) as u64
+    }
+
+    /// The tables of lights, of energy before and after, and of both at each step.
+    pub(super) fn report(
+        &self,
+        up: Up,
+        pixels: &LinearPixels,
+        fused: &[Fused],
+        evs: &[f64],
+        gain: Gain,
+    ) -> Report {
+        let sources = match gain {
+            Gain::Direct => vec!["from the gain map".to_owned()],
+            Gain::Brackets => evs.iter().map(|ev| format!("from EV {ev}")).collect(),
+        };
+        let mut columns: Vec<String> = [
+            "azimuth (deg, clockwise from forward)",
+            "elevation (deg)",
+            "solid angle (sr)",
+            "irradiance before (facing it)",
+            "irradiance after (facing it)",
+            "peak luminance",
+            "share from EV 0",
+        ]
+        .map(String::from)
+        .to_vec();
+        columns.extend(sources.iter().map(|s| format!("share {s}")));
+        columns.push("share that is a lower bound".to_owned());
+        let mut lights: Vec<Light> =
+            (0..self.members.len()).map(|i| self.light(i, up, pixels, fused, sources.len())).collect();
+        // Brightest first; equal ones stay in the order of their first pixel.
+        lights.sort_by(|a, b| b.after().total_cmp(&a.after()));
+        let rows = lights.iter().take(LISTED).map(|light| light.row(up)).collect();
+        let emitters = Table::new("emitters", columns, rows);
+        let whole: Vec<Energy> = (0..self.steps.len()).map(|step| self.energy(step, up, pixels)).collect();
+        let unlisted = lights.get(LISTED..).unwrap_or_default();
+        let energy = energy(&whole, lights.len(), unlisted);
+        let steps = self.table(&whole, &lights);
+        Report { title: "Recovered light".to_owned(), tables: vec![emitters, energy, steps] }
+    }
+
+    /// The whole after a step. What is in no group is as it was.
+    fn energy(&self, step: usize, up: Up, pixels: &LinearPixels) -> Energy {
+        let mut luminance: Vec<f64> = (0..pixels.rgb.len()).map(|at| luminance_of(pixels, at)).collect();
+        for (members, values) in self.groups().zip(&self.steps[step].1) {
+            members.iter().zip(values).for_each(|(&at, value)| luminance[at] = *value);
+        }
+        let sky = self.sky.iter().filter(|(first, _)| step >= *first).flat_map(|(_, sky)| sky);
+        sky.for_each(|&(at, value)| luminance[at] = value);
+        Energy::of(up, pixels.width, &luminance)
+    }
+
+    /// One column for each step: the whole, then each light that is listed, then the others together.
+    fn table(&self, whole: &[Energy], lights: &[Light]) -> Table {
+        let row = |name: String, values: Vec<f64>| {
+            std::iter::once(Cell::Text(name)).chain(values.into_iter().map(Cell::Number)).collect()
+        };
+        let each = |name: &str, of: fn(&Energy) -> f64| row(name.to_owned(), whole.iter().map(of).collect());
+        let mut rows: Vec<Vec<Cell>> = vec![
+            each("power of the sphere (sr)", |energy| energy.power),
+            each("irradiance of the ground", |energy| energy.ground),
+            each("peak luminance", |energy| energy.peak),
+        ];
+        let listed = lights.iter().take(LISTED).enumerate();
+        rows.extend(
+            listed.map(|(i, light)| {
+                row(format!("irradiance facing light {}", i + 1), light.irradiance.clone())
+            }),
+        );
+        if let Some(rest) = lights.get(LISTED..).filter(|rest| !rest.is_empty()) {
+            let power = |step: usize| rest.iter().map(|light| light.power[step]).sum();
+            let name = format!("power of the {} lights not listed (sr)", rest.len());
+            rows.push(row(name, (0..self.steps.len()).map(power).collect()));
+        }
+        let names = self.steps.iter().map(|(name, _)| (*name).to_owned());
+        Table::new("steps", std::iter::once(String::new()).chain(names), rows)
+    }
+
+    fn light(&self, i: usize, up: Up, pixels: &LinearPixels, fused: &[Fused], sources: usize) -> Light {
+        let (w, h, members) = (pixels.width, pixels.height, &self.members[i]);
+        let toward =
+            |at: usize| direction(up, ((at % w) as f64 + 0.5) / w as f64, ((at / w) as f64 + 0.5) / h as f64);
+        let size = |at: usize| pixel_solid_angle(w, h, at / w);
+        let sum =
+            members.iter().fold(DVec3::ZERO, |s, &at| s + toward(at) * (size(at) * fused[at].luminance));
+        let centre = sum.try_normalize().unwrap_or(axes(up)[2]);
+        let facing: Vec<f64> = members.iter().map(|&at| toward(at).dot(centre).max(0.0) * size(at)).collect();
+        let sizes: Vec<f64> = members.iter().map(|&at| size(at)).collect();
+        let weighed = |by: &[f64]| -> Vec<f64> {
+            let sum = |values: &Vec<f64>| values.iter().zip(by).map(|(value, weight)| value * weight).sum();
+            self.steps.iter().map(|(_, lights)| sum(&lights[i])).collect()
+        };
+        let mut light = Light {
+            direction: centre,
+            solid_angle: 0.0,
+            irradiance: weighed(&facing),
+            power: weighed(&sizes),
+            peak: 0.0,
+            by_source: vec![0.0; sources + 1],
+            bound: 0.0,
+        };
+        for &at in members {
+            let (own, new, size) = (luminance_of(pixels, at), fused[at].luminance, size(at));
+            light.solid_angle += size;
+            light.peak = light.peak.max(new);
+            light.by_source[sources] += own * size;
+            light.by_source[fused[at].source.min(sources - 1)] += (new - own) * size;
+            light.bound += if fused[at].saturated { new * size } else { 0.0 };
+        }
+        light
+    }
+}
+
+struct Light {
+    direction: DVec3,
+    solid_angle: f64,
+    /// Of a plane that faces it, after each step.
+    irradiance: Vec<f64>,
+    /// Luminance times solid angle, after each step.
+    power: Vec<f64>,
+    peak: f64,
+    /// Flux by source, the base last; then that of lower bounds.
+    by_source: Vec<f64>,
+    bound: f64,
+}
+
+impl Light {
+    /// Irradiance of a plane that faces it, before and after fusion.
+    fn before(&self) -> f64 {
+        self.irradiance.first().copied().unwrap_or(0.0)
+    }
+
+    fn after(&self) -> f64 {
+        self.irradiance.last().copied().unwrap_or(0.0)
+    }
+
+    fn flux(&self) -> f64 {
+        self.power.last().copied().unwrap_or(0.0)
+    }
+
+    fn row(&self, up: Up) -> Vec<Cell> {
+        let (azimuth, elevation) = measure::angles_deg(up, self.direction);
+        let flux = self.flux();
+        let share = |part: f64| if flux > 0.0 { part / flux } else { 0.0 };
+        let (base, predicted) = self.by_source.split_last().map_or((0.0, &[][..]), |(b, p)| (*b, p));
+        let mut row =
+            vec![azimuth, elevation, self.solid_angle, self.before(), self.after(), self.peak, share(base)];
+        row.extend(predicted.iter().map(|p| share(*p)));
+        row.push(share(self.bound));
+        row.into_iter().map(Cell::Number).collect()
+    }
+}
+
+/// Total power and irradiance of the ground, before and after.
+fn energy(whole: &[Energy], lights: usize, unlisted: &[Light]) -> Table {
+    let row = |name: &str, energy: Option<&Energy>, count: Cell| {
+        let Energy { power, ground, peak } = energy.copied().unwrap_or_default();
+        let mut row = vec![Cell::Text(name.to_owned())];
+        row.extend([power, ground, peak].map(Cell::Number));
+        row.push(count);
+        row
+    };
+    let rest: f64 = unlisted.iter().map(Light::flux).sum();
+    let rows = vec![
+        row("panorama", whole.first(), Cell::Missing),
+        row("environment", whole.last(), Cell::Count(lights as u64)),
+        vec![
+            Cell::Text("of it, lights not listed".to_owned()),
+            Cell::Number(rest),
+            Cell::Missing,
+            Cell::Missing,
+            Cell::Count(unlisted.len() as u64),
+        ],
+    ];
+    Table::new("energy", ["", "power (sr)", "irradiance of the ground", "peak luminance", "lights"], rows)
+}

@@ -1,0 +1,382 @@
+//! `fuse-hdr`: a panorama and its predicted exposures become an environment of light.
+
+use std::sync::Arc;
+
+use engine::{Context, Cost, Kind, NodeError, Notes};
+
+use crate::error::Error;
+use crate::light::exposure::{Shown, measured};
+use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use crate::math::color::luminance;
+use crate::math::num;
+use crate::types::{Brackets, Environment, Image, Images, Linear, Panorama, Picture, Report, Taken};
+
+mod feather;
+mod ledger;
+mod sky;
+
+use self::ledger::Lights;
+use self::sky::Balance;
+
+engine::choices! {
+    /// How predicted light takes over from the panorama's own.
+    pub enum Blend {
+        /// Gradually while the brightest channel goes from the threshold to 1; a prediction may only
+        /// make a pixel brighter.
+        Ramp,
+        /// At once where luminance exceeds the threshold, as the paper's equation has it.
+        Hard,
+    }
+}
+
+engine::choices! {
+    /// Which prediction is fused.
+    pub enum Gain {
+        /// The float gain map: no ceiling.
+        Direct,
+        /// The exposures, as in the paper; light ends at the white of the darkest one.
+        Brackets,
+    }
+}
+
+engine::choices! {
+    /// Where the colour of recovered light comes from.
+    pub enum Hue {
+        /// The panorama, as in the paper; where all channels are clipped that is white.
+        Base,
+        /// The brightest exposure that is not clipped there, as far as the panorama is; where there is none, the
+        /// panorama. It matters for `Photographs`: other methods give exposures of the panorama's own colour.
+        Exposures,
+    }
+}
+
+engine::params! {
+    /// Fuses a panorama and its predicted exposures into an environment of light.
+    /// Where the panorama is clipped the predicted light takes its place, with the panorama's own hue;
+    /// everywhere else the panorama is kept exactly. The report lists each recovered light: where it
+    /// is, how much it gives, where that energy came from, and what each step of the fusion made of it.
+    pub struct FuseHdr {
+        /// Where clipping begins, in linear light with white at 1.
+        threshold: f32 = 0.9, range(0.05, 0.999), other("0.6");
+        /// How predicted light takes over from the panorama's own.
+        blend: Blend = Blend::Ramp, other("Hard");
+        /// How display values become linear light, of the base and of photographed exposures alike. Derived exposures
+        /// are always sRGB.
+        transfer: Transfer = Transfer::Srgb, other("Gamma24");
+        /// Whether the float gain map or the list of exposures is fused.
+        gain: Gain = Gain::Direct, other("Brackets");
+        /// Where the colour of recovered light comes from. Exposures that were predicted have the panorama's own.
+        hue: Hue = Hue::Base, other("Exposures"), inert("exposures that were predicted have the panorama's colour");
+        /// Angle from its edge over which recovered light rises to its full strength. Each light keeps its total, so
+        /// its middle becomes brighter, with `Brackets` even than the white of the darkest exposure.
+        feather_deg: f64 = 0.0, range(0.0, 10.0), unit("deg"), other("9.0"), inert("a light no wider than a pixel stays as it is");
+        /// The albedo of the ground, for captures without a sky: what was not seen above the horizon becomes a white sky,
+        /// just bright enough that the ground, as bright as it is, has this albedo. `None` keeps what the holes were filled with.
+        ground_albedo: Option<f64> = None, range(0.02, 1.0), other("0.3");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of `fuse-hdr`.
+    pub struct In {
+        /// The panorama at EV 0.
+        base: Arc<Panorama>,
+        /// What was predicted for it.
+        brackets: Arc<Brackets>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of `fuse-hdr`.
+    pub struct Out {
+        /// Linear light from every direction, at the point of the panorama.
+        env: Arc<Environment>,
+        /// Each recovered light, and the energy before and after.
+        report: Arc<Report>,
+        /// The light as a picture, for `write-exr`.
+        image: Arc<Images>,
+    }
+}
+
+/// The least linear light of a derived exposure that is white, whatever the last bit of the transfer is.
+const WHITE: f32 = 0.999;
+
+/// Where the luminance of one pixel came from after fusion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Fused {
+    /// Absolute luminance E'_N.
+    luminance: f64,
+    /// Index of the exposure that gave most of it; the base is the number of exposures.
+    source: usize,
+    /// The darkest exposure is white here, so the light is a lower bound.
+    saturated: bool,
+}
+
+impl Kind for FuseHdr {
+    const NAME: &'static str = "fuse-hdr";
+    const VERSION: u32 = 6;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(_: &Self, inputs: &In) -> Cost {
+        let pixels = inputs.base.alpha.samples.len() as u64;
+        Cost { bytes: pixels * 96 }
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let In { base, brackets } = inputs;
+        check_sizes(&base, &brackets)?;
+        let mut notes = Notes::none();
+        let pixels = linear_pixels(&base.image, params.transfer);
+        let brackets = by_own_curve(params, &pixels, brackets, cx)?;
+        tell_broken(&pixels, &mut notes);
+        if matches!(base.image, Picture::Linear(_)) && params.transfer == Transfer::Gamma24 {
+            notes.decision("already-linear", "the panorama is linear, so `transfer` has no effect on it");
+        }
+        let (width, height) = (pixels.width, pixels.height);
+        let rows = cx.for_each_tile(height, |y| {
+            (y * width..(y + 1) * width).map(|at| fuse(params, &pixels, &brackets, at)).collect::<Vec<_>>()
+        })?;
+        cx.count("pixels", pixels.rgb.len() as u64);
+        let (mut fused, shown): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
+        let predicted = |at: usize| direct(&pixels, &brackets, at).luminance;
+        let mut lights = Lights::find(&pixels, &fused, predicted);
+        lights.enter("predicted", predicted);
+        if params.gain == Gain::Brackets {
+            lights.enter("exposures", |at| shown[at]);
+        }
+        if params.gain == Gain::Brackets && brackets.evs.is_empty() {
+            let text = "there is no exposure to fuse, since the prediction's `evs` is empty: the panorama is kept; `gain: Direct` needs none";
+            notes.warning("no-exposures", text);
+        } else {
+            lights.tell_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
+        }
+        lights.tell_darker(&pixels, &fused, &mut notes);
+        lights.enter("blended", |at| fused[at].luminance);
+        drop(shown);
+        if params.gain == Gain::Direct && params.blend == Blend::Ramp {
+            lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
+            lights.enter("flux kept", |at| fused[at].luminance);
+        }
+        if params.feather_deg > 0.0 {
+            lights.feather(params.feather_deg, &pixels, &mut fused, cx)?;
+            lights.enter("feathered", |at| fused[at].luminance);
+        }
+        let mut image = Image::<Linear>::new(width, height, 3);
+        for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
+            to.copy_from_slice(&apply(*rgb, fused.luminance));
+        }
+        // Derived exposures were made of the panorama by the sRGB curve; by another they would seem to have another colour.
+        if params.hue == Hue::Exposures && pixels.ceiling && brackets.taken != Taken::Derived {
+            let coloured = cx.for_each_tile(height, |y| {
+                let row = &image.samples[3 * y * width..][..3 * width];
+                let colour = |x: usize| {
+                    let at = y * width + x;
+                    recolour(params, &brackets, pixels.rgb[at], [0, 1, 2].map(|c| row[3 * x + c]), at)
+                };
+                (0..width).flat_map(colour).collect::<Vec<f32>>()
+            })?;
+            image.samples = coloured.concat();
+        }
+        let saturated = fused.iter().filter(|fused| fused.saturated).count() as u64;
+        if saturated > 0 {
+            let text =
+                format!("{saturated} pixels are white in the darkest exposure; their light is a lower bound");
+            notes.warning("saturated-at-darkest", text);
+        }
+        cx.check()?;
+        let balance = Balance::of(base.up, &pixels, &base.alpha, &image);
+        match params.ground_albedo {
+            None => balance.tell(&mut notes),
+            Some(albedo) => {
+                if let Some(radiance) = balance.sky(albedo, &mut notes) {
+                    sky::add(radiance, base.up, &base.alpha, &mut image, &mut fused, &mut lights);
+                }
+            }
+        }
+        lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
+        notes.count("lights-not-listed", lights.unlisted(), "lights have no row of their own in the report");
+        let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
+        let env = Environment { image, up: base.up, origin: base.origin };
+        let image = Arc::new(Images::single("env", env.image.clone()));
+        Ok((Out { env: Arc::new(env), report: Arc::new(report), image }, notes))
+    }
+}
+
+fn check_sizes(base: &Panorama, brackets: &Brackets) -> Result<(), NodeError> {
+    let (width, height, channels) = base.image.size();
+    let map = &brackets.log2_gain;
+    let sized = |w: usize, h: usize| (w, h) == (width, height);
+    if channels != 3 || matches!(base.image, Picture::Data(_)) || width == 0 || height == 0 {
+        return Err(NodeError::from(Error::Mismatch("the base is no RGB panorama".to_owned())).at("base"));
+    }
+    let fits = sized(map.width, map.height)
+        && map.channels == 1
+        && brackets.exposures.len() == brackets.evs.len()
+        && brackets.exposures.iter().all(|e| sized(e.width, e.height) && e.channels == 3);
+    if !fits {
+        let what = format!("the prediction is {}x{}, the base {width}x{height}", map.width, map.height);
+        return Err(NodeError::from(Error::Mismatch(what))
+            .at("brackets")
+            .hint("wire `base` to the same panorama as the prediction's `pano`"));
+    }
+    Ok(())
+}
+
+/// The gain of photographs is measured by the sRGB curve; here it is measured again where theirs is another.
+fn by_own_curve(
+    params: &FuseHdr,
+    pixels: &LinearPixels,
+    brackets: Arc<Brackets>,
+    cx: &Context,
+) -> Result<Arc<Brackets>, NodeError> {
+    if brackets.taken != Taken::Display || params.transfer == Transfer::Srgb {
+        return Ok(brackets);
+    }
+    let rows = cx.for_each_tile(pixels.height, |y| {
+        let gain = |at: usize| {
+            let own = pixels.rgb[at].map(|v| v.min(1.0));
+            let shown = |i: usize| Shown::display(brackets.evs[i], exposure(params, &brackets, i, at).0);
+            match brackets.log2_gain.samples[at] {
+                0.0 => 0.0,
+                _ => measured(own, (0..brackets.evs.len()).rev().map(shown)).map_or(0.0, |(gain, _)| gain),
+            }
+        };
+        (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<f32>>()
+    })?;
+    let log2_gain = Image::from_samples(pixels.width, pixels.height, 1, rows.concat());
+    Ok(Arc::new(Brackets { log2_gain, ..(*brackets).clone() }))
+}
+
+fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
+    if pixels.broken > 0 {
+        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+    }
+    notes.count("below-zero", pixels.negative, "samples below 0 count as black");
+}
+
+/// What the gain map says of a pixel.
+fn direct(pixels: &LinearPixels, brackets: &Brackets, at: usize) -> Fused {
+    let held = f64::from(luminance(pixels.rgb[at].map(|v| v.min(1.0))));
+    let gain = if pixels.ceiling { f64::from(brackets.log2_gain.samples[at]) } else { 0.0 };
+    Fused { luminance: held * num::f64::exp2(gain), source: 0, saturated: false }
+}
+
+/// Fuses one pixel, from the darkest exposure upwards (the paper's section on HDR construction). The second number is
+/// what the gain map or the exposures say of it, before the panorama itself came in.
+fn fuse(params: &FuseHdr, pixels: &LinearPixels, brackets: &Brackets, at: usize) -> (Fused, f64) {
+    let base = pixels.rgb[at];
+    let n = brackets.evs.len();
+    let own = Fused { luminance: f64::from(luminance(base)), source: n, saturated: false };
+    let kept = |saturated| (Fused { saturated, ..own }, own.luminance);
+    let darkest = match params.gain {
+        _ if !pixels.ceiling => return kept(false),
+        Gain::Direct => {
+            let taken = n > 0 && brackets.taken == Taken::Display;
+            let bound = taken && exposure(params, brackets, 0, at).1.saturated;
+            Fused { saturated: bound, ..direct(pixels, brackets, at) }
+        }
+        // The panorama itself is then the darkest exposure.
+        Gain::Brackets if n == 0 => return kept(max3(base) >= WHITE),
+        // Derived exposures show the panorama itself there, but for rounding.
+        Gain::Brackets if brackets.taken == Taken::Derived && brackets.log2_gain.samples[at] == 0.0 => {
+            return kept(false);
+        }
+        // Linear light is nowhere clipped, so the brightest photograph shows all, and most finely.
+        Gain::Brackets if brackets.taken == Taken::Linear => exposure(params, brackets, n - 1, at).1,
+        Gain::Brackets => (1..n).fold(exposure(params, brackets, 0, at).1, |fused, i| {
+            let (linear, step) = exposure(params, brackets, i, at);
+            merge(params, fused, linear, step, brackets.taken == Taken::Display)
+        }),
+    };
+    let measured = brackets.taken != Taken::Derived && brackets.log2_gain.samples[at] > 0.0;
+    let fused = merge(params, darkest, base, own, measured);
+    (Fused { saturated: fused.saturated && fused.source != n, ..fused }, darkest.luminance)
+}
+
+/// Linear RGB of exposure `i`, and its luminance scaled to EV 0: E_i = L_i 2^-EV_i.
+fn exposure(params: &FuseHdr, brackets: &Brackets, i: usize, at: usize) -> ([f32; 3], Fused) {
+    let encoded = brackets.exposures[i].samples[3 * at..3 * at + 3].iter();
+    let transfer = if brackets.taken == Taken::Display { params.transfer } else { Transfer::Srgb };
+    let mut linear = [0.0; 3];
+    for (to, value) in linear.iter_mut().zip(encoded) {
+        *to = transfer.linear(*value);
+    }
+    let scaled = f64::from(luminance(linear)) * num::f64::exp2(-brackets.evs[i]);
+    let saturated = match brackets.taken {
+        Taken::Linear => false,
+        Taken::Display => Shown::display(brackets.evs[i], linear).clipped,
+        Taken::Derived => max3(linear) >= WHITE,
+    };
+    let saturated = i == 0 && saturated;
+    (linear, Fused { luminance: scaled, source: i, saturated })
+}
+
+/// How far a picture is clipped, by its brightest channel: 0 at the threshold, 1 at white.
+fn ramp(params: &FuseHdr, rgb: [f32; 3]) -> f32 {
+    ((max3(rgb) - params.threshold) / (1.0 - params.threshold)).clamp(0.0, 1.0)
+}
+
+/// One step of the merge: keeps the darker estimate where the brighter picture is clipped. Photographs show the same light
+/// up to where they clip, so what they `measured` needs no transition; and white in a JPEG is a code or two below white, in
+/// the middle of it.
+fn merge(params: &FuseHdr, darker: Fused, brighter: [f32; 3], own: Fused, measured: bool) -> Fused {
+    match params.blend {
+        Blend::Hard if luminance(brighter) > params.threshold => darker,
+        Blend::Hard => own,
+        Blend::Ramp => {
+            let ramp = ramp(params, brighter);
+            if ramp == 0.0 || darker.luminance <= own.luminance {
+                return own;
+            }
+            if measured {
+                return darker;
+            }
+            let m = f64::from(ramp);
+            let mixed = own.luminance * (1.0 - m) + darker.luminance * m;
+            let gained = darker.luminance * m > own.luminance * (1.0 - m);
+            let main = if gained { darker } else { own };
+            Fused { luminance: mixed, source: main.source, saturated: darker.saturated }
+        }
+    }
+}
+
+/// The base colour scaled to the fused luminance: HDR = E'_N / L_N * I_N. Where fusion changed nothing
+/// the colour is returned as it is, so that black stays black and nothing is rounded.
+fn apply(rgb: [f32; 3], fused: f64) -> [f32; 3] {
+    let own = f64::from(luminance(rgb));
+    if fused == own {
+        return rgb;
+    }
+    rgb.map(|v| (f64::from(v) * (fused / own)).min(f64::from(f32::MAX)) as f32)
+}
+
+/// The colour of the brightest exposure that is not clipped at a pixel, at the luminance of `fused`, mixed in as far
+/// as the panorama is clipped. The brightest, since its codes are the least coarse.
+fn recolour(params: &FuseHdr, brackets: &Brackets, base: [f32; 3], fused: [f32; 3], at: usize) -> [f32; 3] {
+    let clipped = match params.blend {
+        Blend::Hard if luminance(base) > params.threshold => 1.0,
+        Blend::Hard => 0.0,
+        Blend::Ramp => ramp(params, base),
+    };
+    // What fusion left as it is keeps its colour.
+    if clipped == 0.0 || fused == base {
+        return fused;
+    }
+    let seen = (0..brackets.evs.len()).rev().map(|i| exposure(params, brackets, i, at).0);
+    let open = |rgb: &[f32; 3]| brackets.taken == Taken::Linear || max3(*rgb) <= params.threshold;
+    let Some(colour) = seen.into_iter().find(open) else {
+        return fused;
+    };
+    let (own, wanted) = (f64::from(luminance(colour)), f64::from(luminance(fused)));
+    if own <= 0.0 {
+        return fused;
+    }
+    let m = f64::from(clipped);
+    let mixed = |c: usize| f64::from(fused[c]) * (1.0 - m) + f64::from(colour[c]) * (wanted / own) * m;
+    [0, 1, 2].map(|c| mixed(c).min(f64::from(f32::MAX)) as f32)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,167 @@
+//! The sky that a capture does not hold: what the ground sends back against the light that falls on it.
+//!
+//! A surface of albedo a that sends back a radiance L receives pi L / a. Where the ground that was seen would have to send
+//! back nearly all light or more, and part of the upper half was not seen, light is missing there: captures out of doors
+//! seldom hold the sky, and what their holes were filled with are the trees around it.
+
+use std::f64::consts::PI;
+
+use engine::{Notes, Up};
+
+use super::Fused;
+use super::ledger::{Lights, luminance_of};
+use crate::light::linear::LinearPixels;
+use crate::math::color::luminance;
+use crate::math::equirect::{axes, direction, pixel_solid_angle};
+use crate::types::{Data, Image, Linear};
+
+/// More than this share of light no ground sends back, fresh snow apart.
+const MOST_ALBEDO: f64 = 0.9;
+/// Of the upper half, weighted by cosine, more than this share must not have been seen for a sky to be missing.
+const LEAST_OPEN: f64 = 0.02;
+/// Ground is what is lower than 20 degrees below the horizon: sine of that.
+const GROUND_SINE: f64 = 0.342_020_143_325_668_7;
+/// Ground that counts was seen by at least this alpha.
+const GROUND_ALPHA: f32 = 0.5;
+/// Of what is that low, weighted alike, at least this share must have been seen to be judged by.
+const LEAST_GROUND: f64 = 0.05;
+
+/// What a level ground sends back and receives. Luminances; irradiance is that of a plane that faces up, as in the books.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Balance {
+    /// Mean radiance of the ground that was seen, each pixel by its solid angle times the cosine to straight down, as a
+    /// plane above it would receive it. `None` where too little was seen.
+    ground: Option<f64>,
+    /// Irradiance by the upper half.
+    light: f64,
+    /// Irradiance by what was seen of it: each pixel counts by its alpha.
+    seen: f64,
+    /// Integral of 1 - alpha times the cosine over the upper half, in steradians.
+    open: f64,
+    /// That over the integral of the cosine, 0 to 1.
+    share: f64,
+}
+
+/// How much of a pixel was seen, 0 to 1.
+fn seen(alpha: f32) -> f64 {
+    if alpha > 0.0 { f64::from(alpha.min(1.0)) } else { 0.0 }
+}
+
+/// Sine of the elevation of a row's centre.
+fn rise(up: Up, height: usize, y: usize) -> f64 {
+    direction(up, 0.5, (y as f64 + 0.5) / height as f64).dot(axes(up)[2])
+}
+
+impl Balance {
+    /// Of a panorama as it was photographed, and the light that was made of it. The ground is that of the photograph:
+    /// what clips there are glints and lamps, which tell nothing of what falls on the ground.
+    pub(super) fn of(up: Up, photograph: &LinearPixels, alpha: &Image<Data>, env: &Image<Linear>) -> Self {
+        let (width, height) = (env.width, env.height);
+        let (mut ground, mut ground_seen, mut ground_all) = (0.0, 0.0, 0.0);
+        let (mut light, mut kept, mut open, mut all) = (0.0, 0.0, 0.0, 0.0);
+        for y in 0..height {
+            let rise = rise(up, height, y);
+            let weight = rise.abs() * pixel_solid_angle(width, height, y);
+            for (x, at) in (y * width..(y + 1) * width).enumerate() {
+                let alpha = alpha.samples[at];
+                if rise > 0.0 {
+                    let shone = weight * f64::from(luminance(env.rgb(x, y)));
+                    light += shone;
+                    kept += shone * seen(alpha);
+                    open += weight * (1.0 - seen(alpha));
+                    all += weight;
+                } else if rise < -GROUND_SINE {
+                    ground_all += weight;
+                    if alpha >= GROUND_ALPHA {
+                        ground_seen += weight;
+                        ground += weight * luminance_of(photograph, at);
+                    }
+                }
+            }
+        }
+        let judged = ground_seen > 0.0 && ground_seen >= LEAST_GROUND * ground_all;
+        let share = if all > 0.0 { open / all } else { 0.0 };
+        Self { ground: judged.then(|| ground / ground_seen), light, seen: kept, open, share }
+    }
+
+    /// The albedo that the ground would have in the light found; infinite where none falls on what is not black.
+    fn albedo(&self) -> Option<f64> {
+        self.ground.filter(|ground| *ground > 0.0).map(|ground| PI * ground / self.light)
+    }
+
+    /// Warns where the ground is brighter than the light allows and part of the upper half was not seen.
+    pub(super) fn tell(&self, notes: &mut Notes) {
+        let Some(albedo) = self.albedo().filter(|albedo| *albedo > MOST_ALBEDO) else { return };
+        if self.share > LEAST_OPEN {
+            let text = format!(
+                "the ground is brighter than the light that falls on it allows: its albedo would be {albedo:.2}; {:.1} % of the upper half was not seen, and its light is missing: `ground_albedo` gives it (grass 0.2, stone or sand 0.3, concrete 0.4)",
+                100.0 * self.share
+            );
+            notes.warning("sky-missing", text);
+        }
+    }
+
+    /// The radiance of what was not seen above the horizon by which the ground has an albedo; tells it, or why there is none.
+    pub(super) fn sky(&self, albedo: f64, notes: &mut Notes) -> Option<f64> {
+        let percent = 100.0 * self.share;
+        let Some(ground) = self.ground else {
+            let text = "`ground_albedo` has no effect: next to nothing was seen more than 20 degrees below the horizon, so how bright the ground is is not known";
+            notes.warning("ground-albedo-unused", text);
+            return None;
+        };
+        if self.share <= LEAST_OPEN {
+            let text = format!(
+                "`ground_albedo` has no effect: {:.1} % of the upper half was seen, so there is no place for a sky",
+                100.0 - percent
+            );
+            notes.warning("ground-albedo-unused", text);
+            return None;
+        }
+        let wanted = PI * ground / albedo;
+        let radiance = ((wanted - self.seen) / self.open).max(0.0);
+        if radiance == 0.0 {
+            let text = format!(
+                "what was seen gives the ground an irradiance of {:.4}, and an albedo of {albedo} needs no more than {wanted:.4}: the {percent:.1} % of the upper half that were not seen are black; a lower `ground_albedo` makes them shine",
+                self.seen
+            );
+            notes.warning("sky-black", text);
+        } else {
+            let text = format!(
+                "the {percent:.1} % of the upper half that were not seen are a white sky of radiance {radiance:.4}, by which the ground, of radiance {ground:.4}, has an albedo of {albedo}: its irradiance is {:.4}, {:.4} without",
+                self.seen + radiance * self.open,
+                self.light
+            );
+            notes.decision("sky-added", text);
+        }
+        Some(radiance)
+    }
+}
+
+/// Puts a white sky of one radiance behind what was seen above the horizon, in the picture and in the books.
+pub(super) fn add(
+    radiance: f64,
+    up: Up,
+    alpha: &Image<Data>,
+    env: &mut Image<Linear>,
+    fused: &mut [Fused],
+    lights: &mut Lights,
+) {
+    let (width, height) = (env.width, env.height);
+    let mut changed = Vec::new();
+    for y in (0..height).filter(|&y| rise(up, height, y) > 0.0) {
+        let row = y * width..(y + 1) * width;
+        let pixels = env.samples[3 * row.start..3 * row.end].as_chunks_mut::<3>().0;
+        for ((at, rgb), fused) in row.clone().zip(pixels).zip(&mut fused[row]) {
+            let seen = seen(alpha.samples[at]);
+            if seen < 1.0 {
+                for value in rgb.iter_mut() {
+                    let behind = f64::from(*value) * seen + radiance * (1.0 - seen);
+                    *value = behind.min(f64::from(f32::MAX)) as f32;
+                }
+                fused.luminance = f64::from(luminance(*rgb));
+                changed.push((at, fused.luminance));
+            }
+        }
+    }
+    lights.enter_sky(changed, |at| fused[at].luminance);
+}

@@ -1,0 +1,201 @@
+//! COLMAP models: `cameras` and `images`, as text and as binary.
+
+use std::collections::BTreeMap;
+
+use super::{Raw, from_colmap};
+use crate::error::Error;
+
+/// Name and number of parameters of each camera model, by its number in binary files; see COLMAP's
+/// documentation of cameras.txt.
+const MODELS: [(&str, usize); 11] = [
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+];
+
+struct Lens {
+    width: u64,
+    height: u64,
+    lens: [f64; 4],
+    distortion: Option<String>,
+}
+
+fn lens(model: &str, width: u64, height: u64, params: &[f64]) -> Option<Lens> {
+    let (_, count) = MODELS.iter().find(|(name, _)| *name == model)?;
+    if params.len() != *count {
+        return None;
+    }
+    let one_focal = matches!(
+        model,
+        "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "SIMPLE_RADIAL_FISHEYE" | "RADIAL_FISHEYE"
+    );
+    let (lens, rest) = match (one_focal, params) {
+        (true, [f, cx, cy, rest @ ..]) => ([*f, *f, *cx, *cy], rest),
+        (false, [fx, fy, cx, cy, rest @ ..]) => ([*fx, *fy, *cx, *cy], rest),
+        _ => return None,
+    };
+    // Fisheye models bend rays even when all their coefficients are 0.
+    let bends = model.contains("FISHEYE") || model == "FOV" || rest.iter().any(|k| *k != 0.0);
+    Some(Lens { width, height, lens, distortion: bends.then(|| format!("{model} {rest:?}")) })
+}
+
+fn camera(
+    file: &str,
+    lenses: &BTreeMap<u64, Lens>,
+    id: u64,
+    picture: String,
+    q: [f64; 4],
+    t: [f64; 3],
+) -> Result<Raw, Error> {
+    let lens = lenses.get(&id).ok_or_else(|| {
+        Error::format(file, format!("image `{picture}` names camera {id}, which is not there"))
+    })?;
+    let world_from_camera = from_colmap(q, t)
+        .ok_or_else(|| Error::format(file, format!("image `{picture}` has a quaternion of no length")))?;
+    let Lens { width, height, lens, distortion } = lens;
+    Ok(Raw {
+        picture,
+        width: *width,
+        height: *height,
+        lens: *lens,
+        distortion: distortion.clone(),
+        world_from_camera,
+    })
+}
+
+/// By name, as INRIA's and most other readers sort them, so that every-eighth splits agree.
+fn sorted(mut cameras: Vec<Raw>) -> Vec<Raw> {
+    cameras.sort_by(|a, b| a.picture.cmp(&b.picture));
+    cameras
+}
+
+/// `cameras.txt` and `images.txt`.
+pub fn text(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error> {
+    let as_text = |bytes| std::str::from_utf8(bytes).map_err(|_| Error::format(file, "is not text"));
+    let mut lenses = BTreeMap::new();
+    for (number, line) in as_text(cameras)?.lines().enumerate() {
+        if line.trim().is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let odd = || Error::format(file, format!("line {} of cameras.txt is not understood", number + 1));
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        let [id, model, width, height, params @ ..] = words.as_slice() else { return Err(odd()) };
+        let params = params.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
+        let whole = |word: &str| word.parse::<u64>().map_err(|_| odd());
+        lenses.insert(whole(id)?, lens(model, whole(width)?, whole(height)?, &params).ok_or_else(odd)?);
+    }
+    let mut found = Vec::new();
+    for (number, line) in as_text(images)?.lines().enumerate() {
+        // Between the cameras lie lines with the points they see, where no writer left them out: threes of
+        // numbers, or nothing.
+        if line.trim().is_empty() || line.starts_with('#') || is_points(line) {
+            continue;
+        }
+        let odd = || Error::format(file, format!("line {} of images.txt is not understood", number + 1));
+        // The name comes last and may hold spaces.
+        let words: Vec<&str> = line.trim().splitn(10, ' ').collect();
+        let [image, pose @ .., id, name] = words.as_slice() else { return Err(odd()) };
+        image.parse::<u64>().map_err(|_| odd())?;
+        let pose = pose.iter().map(|w| w.parse().ok()).collect::<Option<Vec<f64>>>().ok_or_else(odd)?;
+        let [w, x, y, z, t0, t1, t2] = pose[..] else { return Err(odd()) };
+        let id = id.parse().map_err(|_| odd())?;
+        found.push(camera(file, &lenses, id, (*name).trim().to_owned(), [w, x, y, z], [t0, t1, t2])?);
+    }
+    Ok(sorted(found))
+}
+
+/// True for points of images.txt: x, y and the number of a point in space, -1 where it has none, over and over.
+fn is_points(line: &str) -> bool {
+    let words: Vec<&str> = line.split_ascii_whitespace().collect();
+    words.len().is_multiple_of(3)
+        && words.chunks(3).all(|point| match point {
+            [x, y, id] => x.parse::<f64>().is_ok() && y.parse::<f64>().is_ok() && id.parse::<i64>().is_ok(),
+            _ => false,
+        })
+}
+
+/// Takes numbers off the front of a binary file.
+struct Reader<'a> {
+    file: &'a str,
+    rest: &'a [u8],
+}
+
+impl Reader<'_> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], Error> {
+        let (head, rest) =
+            self.rest.split_first_chunk::<N>().ok_or_else(|| Error::format(self.file, "is cut off"))?;
+        self.rest = rest;
+        Ok(*head)
+    }
+    fn u32(&mut self) -> Result<u32, Error> {
+        self.take().map(u32::from_le_bytes)
+    }
+    fn u64(&mut self) -> Result<u64, Error> {
+        self.take().map(u64::from_le_bytes)
+    }
+    fn f64(&mut self) -> Result<f64, Error> {
+        self.take().map(f64::from_le_bytes)
+    }
+    fn f64s<const N: usize>(&mut self) -> Result<[f64; N], Error> {
+        let mut out = [0.0; N];
+        for slot in &mut out {
+            *slot = self.f64()?;
+        }
+        Ok(out)
+    }
+    fn name(&mut self) -> Result<String, Error> {
+        let end =
+            self.rest.iter().position(|b| *b == 0).ok_or_else(|| Error::format(self.file, "is cut off"))?;
+        let name = String::from_utf8_lossy(&self.rest[..end]).into_owned();
+        self.rest = &self.rest[end + 1..];
+        Ok(name)
+    }
+    fn skip(&mut self, count: u64, size: u64) -> Result<(), Error> {
+        let bytes = count.checked_mul(size).filter(|n| *n <= self.rest.len() as u64);
+        let bytes = bytes.ok_or_else(|| Error::format(self.file, "is cut off"))?;
+        self.rest = &self.rest[bytes as usize..];
+        Ok(())
+    }
+    fn end(&self) -> Result<(), Error> {
+        if self.rest.is_empty() { Ok(()) } else { Err(Error::format(self.file, "has bytes left over")) }
+    }
+}
+
+/// `cameras.bin` and `images.bin`.
+pub fn binary(file: &str, cameras: &[u8], images: &[u8]) -> Result<Vec<Raw>, Error> {
+    let mut from = Reader { file, rest: cameras };
+    let mut lenses = BTreeMap::new();
+    for _ in 0..from.u64()? {
+        let (id, model) = (from.u32()?, from.u32()? as usize);
+        let (width, height) = (from.u64()?, from.u64()?);
+        let (name, count) = MODELS
+            .get(model)
+            .ok_or_else(|| Error::unsupported(file, format!("the camera model number {model}")))?;
+        let params = (0..*count).map(|_| from.f64()).collect::<Result<Vec<_>, _>>()?;
+        let lens = lens(name, width, height, &params)
+            .ok_or_else(|| Error::format(file, format!("camera {id} is not understood")))?;
+        lenses.insert(u64::from(id), lens);
+    }
+    from.end()?;
+    let mut from = Reader { file, rest: images };
+    let mut found = Vec::new();
+    for _ in 0..from.u64()? {
+        from.u32()?;
+        let (q, t) = (from.f64s()?, from.f64s()?);
+        let id = from.u32()?;
+        let name = from.name()?;
+        let points = from.u64()?;
+        from.skip(points, 24)?;
+        found.push(camera(file, &lenses, id.into(), name, q, t)?);
+    }
+    from.end()?;
+    Ok(sorted(found))
+}

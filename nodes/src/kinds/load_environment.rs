@@ -1,0 +1,120 @@
+//! `load-environment`: light from a panorama file.
+
+use std::sync::Arc;
+
+use engine::{
+    Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+};
+use glam::DVec3;
+
+use crate::io::picture::floats_of;
+use crate::light::whole_sphere::{self, turn};
+use crate::types::{Environment, Image, Images};
+
+engine::params! {
+    /// Loads an equirectangular panorama of linear light: OpenEXR or Radiance HDR.
+    ///
+    /// Row 0 of the file is up and its centre column looks forward (up +z: +Y; up +y: -Z; up -y: +Z);
+    /// `rotation_deg` turns it from there.
+    pub struct LoadEnvironment {
+        /// The file: `.exr` or `.hdr`.
+        path: InputFile, other("\"b.hdr\"");
+        /// Which layer of an OpenEXR file, such as `ViewLayer.Combined`, or a channel. By default the layer without a name.
+        layer: String = String::new(), other("\"R\"");
+        /// Turns the light about the up axis, counter-clockwise seen from above. Fractions of a pixel are
+        /// interpolated, so that energy is kept row by row.
+        rotation_deg: f64 = 0.0, range(-36000, 36000), unit("degrees"), other("90.0");
+        /// Multiplies the radiance.
+        scale: f64 = 1.0, range(0, 1e9), other("2.0");
+        /// The point that the light was captured at. `path-trace` measures from it which surfaces lie behind
+        /// the light and let it pass; none: it takes the first camera's place and says so.
+        origin: Option<[f64; 3]> = None, other("(0.5, 0.0, 1.0)"), unit("world units");
+    }
+}
+engine::inputs! {
+    /// None.
+    pub struct In {}
+}
+engine::outputs! {
+    /// The light.
+    pub struct Out {
+        /// Linear radiance from every direction.
+        env: Arc<Environment>,
+        /// The same as a picture, for sinks and comparisons.
+        image: Arc<Images>,
+    }
+}
+
+impl Kind for LoadEnvironment {
+    const NAME: &'static str = "load-environment";
+    const VERSION: u32 = 5;
+    const READS: &'static [ContextField] = &[ContextField::Up];
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        Ok(vec![root.file(&p.path)])
+    }
+
+    fn estimate_files(p: &Self, files: &[FileHead<'_>]) -> Cost {
+        // The picture, beside it the turned one, and while rows turn these too; in the end the light and its picture.
+        let copies = if p.rotation_deg == 0.0 { 2 } else { 3 };
+        let of = |file: &FileHead<'_>| {
+            let [reading, floats] = floats_of(file);
+            reading.max(floats.saturating_mul(copies).saturating_add(file.bytes))
+        };
+        Cost { bytes: files.iter().map(of).max().unwrap_or(0) }
+    }
+
+    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let picture = whole_sphere::open(&p.path, &p.layer, &mut notes, cx)?;
+        let mut rgb = whole_sphere::linear(&p.path.0, &picture).map_err(|e| NodeError::from(e).at("path"))?;
+        let (width, height, _) = picture.size();
+        drop(picture);
+        scale(&mut rgb, p.scale, &mut notes);
+        let turned = turn::<3>(rgb.as_chunks().0, width, p.rotation_deg, cx)?;
+        drop(rgb);
+        let image = Image::from_samples(width, height, 3, turned.into_flattened());
+        let picture = Arc::new(Images::single("env", image.clone()));
+        let env = Arc::new(Environment { image, up: cx.up(), origin: p.origin.map(DVec3::from_array) });
+        Ok((Out { env, image: picture }, notes))
+    }
+}
+
+/// Below 0 becomes 0, and what no number can hold the largest that one can.
+fn scale(rgb: &mut [f32], by: f64, notes: &mut Notes) {
+    let (mut negative, mut capped) = (0, 0);
+    for value in rgb {
+        let scaled = f64::from(*value) * by;
+        negative += u64::from(scaled < 0.0);
+        capped += u64::from(scaled > f64::from(f32::MAX));
+        *value = scaled.clamp(0.0, f64::from(f32::MAX)) as f32;
+    }
+    for (id, count, what) in [
+        ("radiance-negative", negative, "samples lie below 0 and were set to 0"),
+        ("radiance-capped", capped, "samples are more than a number can hold once scaled, and were cut off"),
+    ] {
+        notes.count(id, count, what);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // What is no number or infinite never comes this far: see `load_image`.
+    #[test]
+    fn impossible_light_is_replaced_and_counted() {
+        let mut notes = Notes::none();
+        let mut rgb = [-1.0, 2.0, 3e38, 0.0];
+        scale(&mut rgb, 2.0, &mut notes);
+        assert_eq!(rgb, [0.0, 4.0, f32::MAX, 0.0]);
+        assert_eq!(
+            notes.iter().map(|note| note.id.as_str()).collect::<Vec<_>>(),
+            ["radiance-negative", "radiance-capped"]
+        );
+    }
+}

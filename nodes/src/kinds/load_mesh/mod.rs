@@ -1,0 +1,275 @@
+//! `load-mesh`: the receiver, the stand-in mesh of the captured place.
+
+mod of_ply;
+
+use std::sync::Arc;
+
+use engine::{
+    Context, ContextField, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot,
+    Up,
+};
+use glam::DVec3;
+
+use crate::error::Error;
+use crate::io::gltf::{self, object};
+use crate::io::head;
+use crate::math::color::linear_from_srgb;
+use crate::types::frame::world_from_gltf;
+use crate::types::{Mesh, Primitive};
+use of_ply::from_ply;
+
+engine::choices! {
+    /// How vertex colours are encoded.
+    pub enum ColourEncoding {
+        /// As they are usually written: sRGB in PLY and in what trimesh writes, else linear in glTF.
+        Auto,
+        /// Display-encoded with the sRGB curve.
+        Srgb,
+        /// Linear light.
+        Linear,
+    }
+}
+engine::choices! {
+    /// The frame of a mesh file.
+    pub enum MeshFrame {
+        /// The world of the scene, in world units: as mesh extraction writes it.
+        World,
+        /// glTF's: y up and in metres; turned and scaled by the scene block.
+        Gltf,
+    }
+}
+engine::params! {
+    /// Loads a triangle mesh: PLY (ASCII or binary), glTF or GLB.
+    ///
+    /// The mesh stands in for the captured place: it receives shadows and gives bounce light. Faces of
+    /// more than three corners are cut into fans, vertex colours (of glTF, by `baseColorFactor`; of a PLY file without them,
+    /// those of its faces) become linear albedo, and what a tracer cannot use (vertices that are not numbers, faces without area) is dropped and counted.
+    pub struct LoadMesh {
+        /// The file: `.ply`, `.glb` or `.gltf`.
+        path: InputFile, other("\"b.ply\"");
+        /// How vertex colours are encoded.
+        colours: ColourEncoding = ColourEncoding::Auto, other("Linear");
+        /// Which frame the coordinates are in.
+        frame: MeshFrame = MeshFrame::World, other("Gltf");
+    }
+}
+engine::inputs! {
+    /// None.
+    pub struct In {}
+}
+engine::outputs! {
+    /// The mesh.
+    pub struct Out {
+        /// The mesh in world units.
+        mesh: Arc<Mesh>,
+    }
+}
+
+/// A mesh as a file has it: colours not yet linear, faces not yet checked.
+#[derive(Default)]
+struct RawMesh {
+    positions: Vec<[f64; 3]>,
+    /// Whether the file holds them as f64.
+    finer: bool,
+    colours: Vec<[f64; 3]>,
+    /// Linear, multiplied into the colours: glTF's `baseColorFactor`; none where all are white.
+    tints: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    fanned: u64,
+    /// Written by trimesh, which stores display colours in glTF too, as mesh extraction uses it.
+    by_trimesh: bool,
+}
+
+impl Kind for LoadMesh {
+    const NAME: &'static str = "load-mesh";
+    const VERSION: u32 = 5;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        if is_gltf(&p.path) { object::sources(&p.path, root) } else { Ok(vec![root.file(&p.path)]) }
+    }
+
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
+        let elements =
+            files.first().and_then(FileHead::open).map(|mut reader| head::ply_elements(&mut reader));
+        let of = |wanted: &str| {
+            let found = elements.iter().flatten().find(|(name, ..)| name == wanted);
+            found.map_or((0, 0), |(_, count, fields)| (*count, *fields))
+        };
+        let ((vertices, fields), (faces, face_fields)) = (of("vertex"), of("face"));
+        // In f64 as they are read, then in f32, and a new number of each vertex.
+        let vertex = if fields > 3 { 2 * 24 + 2 * 12 + 4 } else { 24 + 12 + 4 };
+        // Faces with colours may have vertices of their own.
+        let face = if fields == 3 && face_fields > 3 { 2 * 12 + 3 * (24 + 24 + 2 * 12 + 4) } else { 2 * 12 };
+        let bytes = vertices.saturating_mul(vertex).saturating_add(faces.saturating_mul(face));
+        // glTF has floats and indices as they are; they are read to an object first.
+        let bytes = if vertices == 0 { all.saturating_mul(5) } else { bytes };
+        Cost { bytes: all.saturating_add(bytes) }
+    }
+
+    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let name = &p.path.0;
+        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
+        cx.progress(0.2);
+        let of_gltf = is_gltf(&p.path);
+        let mut raw = if of_gltf {
+            from_gltf(p, &bytes, cx, &mut notes)?
+        } else {
+            from_ply(name, &bytes, cx, &mut notes)?
+        };
+        cx.progress(0.7);
+        if of_gltf && p.frame == MeshFrame::World && cx.up() != Up::PlusY {
+            let text = "the coordinates of the file are taken for those of the world; `frame: Gltf` takes them as glTF has them, \
+                        y up and in metres";
+            notes.decision("mesh-frame", text);
+        }
+        if p.frame == MeshFrame::Gltf {
+            let m = world_from_gltf(cx.up(), cx.metres_per_unit());
+            for position in &mut raw.positions {
+                *position = m.transform_point3(DVec3::from_array(*position)).to_array();
+            }
+        }
+        let srgb = match p.colours {
+            ColourEncoding::Auto if !raw.colours.is_empty() => {
+                let srgb = !of_gltf || raw.by_trimesh;
+                let word = if srgb { "sRGB" } else { "linear" };
+                notes.decision("colour-encoding", format!("vertex colours are taken to be {word}"));
+                srgb
+            }
+            other => other == ColourEncoding::Srgb,
+        };
+        let mesh = clean(name, raw, srgb, cx, &mut notes)?;
+        cx.count("triangles", mesh.triangles.len() as u64);
+        Ok((Out { mesh: Arc::new(mesh) }, notes))
+    }
+}
+
+fn is_gltf(path: &InputFile) -> bool {
+    let lower = path.0.to_lowercase();
+    lower.ends_with(".glb") || lower.ends_with(".gltf")
+}
+
+fn from_gltf(p: &LoadMesh, bytes: &[u8], cx: &Context, notes: &mut Notes) -> Result<RawMesh, NodeError> {
+    let object = object::object(&p.path, bytes, gltf::Want::Geometry, None, cx, notes)?;
+    let generator = gltf::parse(&p.path.0, bytes)?.json["asset"]["generator"].to_string();
+    let mut raw = RawMesh { by_trimesh: generator.contains("trimesh"), ..RawMesh::default() };
+    let coloured = object.primitives.iter().any(|part| !part.colours.is_empty());
+    let tint = |part: &Primitive| {
+        let factor = object.materials.get(part.material as usize).map_or([1.0; 4], |m| m.base_colour);
+        [factor[0], factor[1], factor[2]].map(f64::from)
+    };
+    // Beside a texture that is left out, the factor alone says nothing.
+    let plain = |part: &Primitive| {
+        object.materials.get(part.material as usize).is_none_or(|m| m.base_colour_texture.is_none())
+    };
+    let tinted = object.primitives.iter().any(|part| tint(part) != [1.0; 3] && (coloured || plain(part)));
+    for part in &object.primitives {
+        let first = raw.positions.len() as u32;
+        raw.positions.extend(part.positions.iter().map(|v| v.map(f64::from)));
+        if coloured {
+            let white = [1.0; 4];
+            let colour = |i| part.colours.get(i).unwrap_or(&white);
+            raw.colours.extend((0..part.positions.len()).map(|i| {
+                let c = colour(i);
+                [c[0], c[1], c[2]].map(f64::from)
+            }));
+        }
+        if tinted {
+            raw.tints.resize(raw.positions.len(), tint(part));
+        }
+        raw.triangles.extend(part.triangles.iter().map(|t| t.map(|v| v + first)));
+    }
+    if object.materials.iter().any(|m| m.base_colour_texture.is_some()) {
+        notes.warning(
+            "mesh-textures-ignored",
+            "a receiver takes its colours from vertices and `baseColorFactor`; its textures are left out",
+        );
+    }
+    Ok(raw)
+}
+
+const WHITE: [f64; 3] = [1.0; 3];
+
+/// Drops what cannot be traced, and makes colours linear. Row 41 of the table of extremes.
+fn clean(name: &str, raw: RawMesh, srgb: bool, cx: &Context, notes: &mut Notes) -> Result<Mesh, NodeError> {
+    let n = raw.positions.len();
+    if let Some(bad) = raw.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
+        let what = format!("triangle {bad} names a vertex beyond the {n} there are");
+        return Err(Error::format(name, what).into());
+    }
+    let (mut mesh, mut renamed) = (Mesh::default(), Vec::with_capacity(n));
+    mesh.positions.reserve_exact(n);
+    mesh.colours.reserve_exact(raw.colours.len().max(raw.tints.len()));
+    mesh.triangles.reserve_exact(raw.triangles.len());
+    let (mut clamped, mut lost) = (0, 0);
+    for (index, position) in raw.positions.iter().enumerate() {
+        let (exact, position) = (*position, position.map(|c| c as f32));
+        if !position.iter().all(|c| c.is_finite()) {
+            renamed.push(u32::MAX);
+            lost += 1;
+            continue;
+        }
+        renamed.push(mesh.positions.len() as u32);
+        mesh.positions.push(position);
+        if raw.finer {
+            mesh.positions_low.push([0, 1, 2].map(|k| (exact[k] - f64::from(position[k])) as f32));
+        }
+        let (colour, tint) = (raw.colours.get(index), raw.tints.get(index));
+        if colour.is_some() || tint.is_some() {
+            let (colour, tint) = (colour.unwrap_or(&WHITE), tint.unwrap_or(&WHITE));
+            let legal = colour.iter().chain(tint).all(|c| (0.0..=1.0).contains(c));
+            clamped += u64::from(!legal);
+            // The comparison turns what is not a number into 0.
+            let legal = |c: f64| if c > 0.0 { c.min(1.0) as f32 } else { 0.0 };
+            mesh.colours.push([0, 1, 2].map(|k| {
+                let c = legal(colour[k]);
+                legal(tint[k]) * if srgb { linear_from_srgb(c) } else { c }
+            }));
+        }
+    }
+    cx.check()?;
+    let (mut dangling, mut flat) = (0, 0);
+    for triangle in &raw.triangles {
+        let t = triangle.map(|v| renamed[v as usize]);
+        if t.contains(&u32::MAX) {
+            dangling += 1;
+        } else if area_is_zero(t.map(|v| mesh.position(v))) {
+            flat += 1;
+        } else {
+            mesh.triangles.push(t);
+        }
+    }
+    for (id, count, what) in [
+        ("vertices-not-finite", lost, "vertices that are not finite numbers were dropped"),
+        ("faces-of-dropped-vertices", dangling, "triangles of such vertices were dropped"),
+        ("triangles-without-area", flat, "triangles without area were dropped"),
+        ("colours-clamped", clamped, "vertex colours outside of 0 to 1 were clamped"),
+        ("faces-fanned", raw.fanned, "faces of more than three corners were cut into fans"),
+    ] {
+        notes.count(id, count, what);
+    }
+    if mesh.triangles.is_empty() {
+        return Err(NodeError::from(Error::format(name, "has no triangle that can be used")).at("path"));
+    }
+    if mesh.colours.is_empty() {
+        notes.warning(
+            "no-vertex-colours",
+            "the mesh has no vertex colours: as a receiver it is grey, albedo 0.5",
+        );
+    }
+    Ok(mesh)
+}
+
+/// In f64, where products of f32 differences are exact enough that only a true line gives 0.
+fn area_is_zero([a, b, c]: [DVec3; 3]) -> bool {
+    (b - a).cross(c - a) == DVec3::ZERO
+}
+
+#[cfg(test)]
+mod tests;

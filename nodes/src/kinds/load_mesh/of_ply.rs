@@ -1,0 +1,174 @@
+//! A mesh as a PLY file has it.
+
+use std::collections::HashMap;
+
+use engine::{Context, NodeError, Notes};
+
+use super::{RawMesh, WHITE};
+use crate::error::Error;
+use crate::io::ply;
+
+/// The mesh of a PLY file.
+pub(super) fn from_ply(
+    name: &str,
+    bytes: &[u8],
+    cx: &Context,
+    notes: &mut Notes,
+) -> Result<RawMesh, NodeError> {
+    let header = ply::header(name, bytes)?;
+    let mut rows = ply::Rows::new(name, &header, bytes);
+    let mut raw = RawMesh::default();
+    if !header.elements.iter().any(|e| e.name == "face" && e.rows > 0) {
+        let what =
+            if header.elements.iter().any(|e| e.name == "tristrips") { "triangle strips" } else { "points" };
+        return Err(NodeError::from(Error::format(name, format!("holds {what}, not faces")))
+            .at("path")
+            .hint("export the mesh with its faces"));
+    }
+    let mut of_faces = Vec::new();
+    for element in &header.elements {
+        let count = rows.believable(element)?;
+        match element.name.as_str() {
+            "vertex" => vertices(name, element, count, &mut rows, &mut raw, cx)?,
+            "face" => of_faces = faces(name, element, count, &mut rows, &mut raw, cx)?,
+            _ => {
+                for _ in 0..count {
+                    rows.row(element, |_, _| {})?;
+                }
+            }
+        }
+    }
+    // A vertex that does not exist is told later.
+    let exist = raw.triangles.iter().flatten().all(|&vertex| (vertex as usize) < raw.positions.len());
+    if raw.colours.is_empty() && !of_faces.is_empty() && exist {
+        let text = "faces have colours and vertices none: each corner has the colour of its face";
+        notes.decision("face-colours", text);
+        colour_corners(&mut raw, &of_faces);
+    }
+    Ok(raw)
+}
+
+/// Gives the corners of each triangle its colour. Where triangles of several colours meet in a vertex it is there once for
+/// each colour.
+fn colour_corners(raw: &mut RawMesh, of_triangles: &[[f64; 3]]) {
+    let mut first: Vec<Option<[f64; 3]>> = vec![None; raw.positions.len()];
+    let (mut others, mut more) = (HashMap::new(), Vec::new());
+    for (triangle, &colour) in raw.triangles.iter_mut().zip(of_triangles) {
+        for corner in triangle {
+            let vertex = *corner as usize;
+            if *first[vertex].get_or_insert(colour) != colour {
+                *corner = *others.entry((vertex, colour.map(f64::to_bits))).or_insert_with(|| {
+                    raw.positions.push(raw.positions[vertex]);
+                    more.push(colour);
+                    raw.positions.len() as u32 - 1
+                });
+            }
+        }
+    }
+    raw.colours = first.into_iter().map(|colour| colour.unwrap_or(WHITE)).chain(more).collect();
+}
+
+/// Where an element has colours, and what makes 1 of the largest.
+fn colours(element: &ply::Element) -> Option<([usize; 3], f64)> {
+    let names = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
+    let found = names.iter().find_map(|names| {
+        let found: Vec<usize> = names.iter().filter_map(|n| element.find(n)).collect();
+        <[usize; 3]>::try_from(found).ok()
+    })?;
+    let largest = match element.properties[found[0]].scalar {
+        // Programs that write all whole numbers alike mean the same codes as of 8 bits.
+        ply::Scalar::I32 | ply::Scalar::U32 => 255.0,
+        scalar => scalar.whole_range().map_or(1.0, |(_, high)| high),
+    };
+    Some((found, 1.0 / largest))
+}
+
+fn vertices(
+    name: &str,
+    element: &ply::Element,
+    count: usize,
+    rows: &mut ply::Rows<'_>,
+    raw: &mut RawMesh,
+    cx: &Context,
+) -> Result<(), NodeError> {
+    let missing = |axis: &str| Error::format(name, format!("vertices have no `{axis}`"));
+    let mut slots = [usize::MAX; 6];
+    for (slot, axis) in slots.iter_mut().zip(["x", "y", "z"]) {
+        *slot = element.find(axis).ok_or_else(|| missing(axis))?;
+        raw.finer |= element.properties[*slot].scalar == ply::Scalar::F64;
+    }
+    let colours = colours(element);
+    if let Some((colours, _)) = colours {
+        slots[3..].copy_from_slice(&colours);
+        raw.colours.reserve(count);
+    }
+    raw.positions.reserve(count);
+    for row in 0..count {
+        if row % 65_536 == 0 {
+            cx.check()?;
+        }
+        let mut v = [0.0; 6];
+        rows.row(element, |index, numbers| {
+            if let ([number], Some(slot)) = (numbers, slots.iter().position(|s| *s == index)) {
+                v[slot] = *number;
+            }
+        })?;
+        raw.positions.push([v[0], v[1], v[2]]);
+        if let Some((_, scale)) = colours {
+            raw.colours.push([v[3] * scale, v[4] * scale, v[5] * scale]);
+        }
+    }
+    Ok(())
+}
+
+/// Reads the faces, and gives the colour of each triangle that is made of them, if they have any.
+fn faces(
+    name: &str,
+    element: &ply::Element,
+    count: usize,
+    rows: &mut ply::Rows<'_>,
+    raw: &mut RawMesh,
+    cx: &Context,
+) -> Result<Vec<[f64; 3]>, NodeError> {
+    let list = element
+        .find("vertex_indices")
+        .or_else(|| element.find("vertex_index"))
+        .filter(|&i| element.properties[i].count.is_some())
+        .ok_or_else(|| Error::format(name, "faces have no list `vertex_indices`"))?;
+    let (colours, mut of_triangles) = (colours(element), Vec::new());
+    raw.triangles.reserve(count);
+    for row in 0..count {
+        if row % 65_536 == 0 {
+            cx.check()?;
+        }
+        let (mut whole, mut colour) = (true, WHITE);
+        let (triangles, fanned) = (&mut raw.triangles, &mut raw.fanned);
+        rows.row(element, |index, corners| {
+            if let (Some((at, scale)), [number]) = (colours, corners)
+                && let Some(channel) = at.iter().position(|at| *at == index)
+            {
+                colour[channel] = *number * scale;
+            }
+            if index != list {
+                return;
+            }
+            let vertex = |c: f64| {
+                if (0.0..4_294_967_295.0).contains(&c) && c.trunc() == c { Some(c as u32) } else { None }
+            };
+            *fanned += u64::from(corners.len() > 3);
+            for pair in corners.windows(2).skip(1) {
+                match (vertex(corners[0]), vertex(pair[0]), vertex(pair[1])) {
+                    (Some(a), Some(b), Some(c)) => triangles.push([a, b, c]),
+                    _ => whole = false,
+                }
+            }
+        })?;
+        if !whole {
+            return Err(Error::format(name, format!("face {row} names a vertex that cannot exist")).into());
+        }
+        if colours.is_some() {
+            of_triangles.resize(raw.triangles.len(), colour);
+        }
+    }
+    Ok(of_triangles)
+}

@@ -1,0 +1,91 @@
+//! `load-object`: an object to insert.
+
+use std::io::{Seek, SeekFrom};
+use std::sync::Arc;
+
+use engine::{Context, Cost, FileHead, InputFile, Keep, Kind, NodeError, Notes, SourceFile, SourceRoot};
+
+use crate::io::gltf::object::{object, sources};
+use crate::io::gltf::{self, Want};
+use crate::io::head::Head;
+use crate::types::Object;
+
+engine::params! {
+    /// Loads an object to insert: glTF or GLB.
+    ///
+    /// Node transforms, instances, morph weights and skins are applied as the file has them. Materials are
+    /// metallic-roughness with all their textures and the KHR extensions: transmission, volume, ior, clearcoat,
+    /// sheen, specular, anisotropy, iridescence, diffuse transmission, emissive strength, unlit. A file that
+    /// requires anything else is refused by name; what it merely uses is told, and marks the result as
+    /// degraded where it would show. Pictures are PNG, JPEG or WebP.
+    pub struct LoadObject {
+        /// The file: `.glb`, or `.gltf` with what it names beside it.
+        path: InputFile, other("\"b.glb\"");
+        /// Which scene of the file, counted from 0; by default the one that the file shows first.
+        scene: Option<u32> = None, range(0, 65535), other("Some(1)"), inert("most files have one scene");
+    }
+}
+engine::inputs! {
+    /// None.
+    pub struct In {}
+}
+engine::outputs! {
+    /// The object.
+    pub struct Out {
+        /// The object in the frame of its file: y up, metres.
+        object: Arc<Object>,
+    }
+}
+
+impl Kind for LoadObject {
+    const NAME: &'static str = "load-object";
+    const VERSION: u32 = 4;
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn sources(p: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        sources(&p.path, root)
+    }
+
+    fn estimate_files(_: &Self, files: &[FileHead<'_>]) -> Cost {
+        let all = files.iter().fold(0, |sum: u64, file| sum.saturating_add(file.bytes));
+        // Pictures beside it, and those in it: in the worst case all are being read at the same time.
+        let beside = files.iter().filter_map(|file| Head::read(&mut file.open()?));
+        let pictures = beside.chain(files.first().into_iter().flat_map(pictures_inside));
+        let texels = pictures.map(|head| head.as_texels()[0]).fold(0, u64::saturating_add);
+        // The files, their geometry as floats and once more as triangles of the object.
+        Cost { bytes: all.saturating_mul(3).saturating_add(texels) }
+    }
+
+    fn run(p: &Self, _inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let bytes = cx.read(&p.path).map_err(|e| e.at("path"))?;
+        let object =
+            object(&p.path, &bytes, Want::Everything, p.scene, cx, &mut notes).map_err(|e| e.at("path"))?;
+        let triangles: usize = object.primitives.iter().map(|part| part.triangles.len()).sum();
+        cx.count("triangles", triangles as u64);
+        Ok((Out { object: Arc::new(object) }, notes))
+    }
+}
+
+/// The heads of the pictures that a GLB holds.
+fn pictures_inside(file: &FileHead<'_>) -> Vec<Head> {
+    let read = || {
+        let mut reader = file.open()?;
+        let (json, binary) = gltf::json_in(&mut reader).ok()??;
+        let json: serde_json::Value = serde_json::from_slice(&json).ok().filter(|_| binary)?;
+        // The binary chunk begins behind its own length and name.
+        let start = reader.stream_position().ok()? + 8;
+        let views = json["images"].as_array()?.iter().filter_map(|image| image["bufferView"].as_u64());
+        let mut heads = Vec::new();
+        for view in views {
+            let offset = json["bufferViews"][view as usize]["byteOffset"].as_u64().unwrap_or(0);
+            reader.seek(SeekFrom::Start(start.saturating_add(offset))).ok()?;
+            heads.extend(Head::read(&mut reader));
+        }
+        Some(heads)
+    };
+    read().unwrap_or_default()
+}

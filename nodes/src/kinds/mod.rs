@@ -1,0 +1,39 @@
+//! The kinds of nodes: one file each, or a folder where it is large.
+//!
+//! A kind holds its documentation, parameters, ports, code and unit tests. No kind imports another; what several kinds
+//! need lies in a room below (`render`, `geometry`, `light`, `io`, `types`, `math`).
+
+pub mod alpha_shadow;
+pub mod camera;
+pub mod compare;
+pub mod composite;
+pub mod contact_sheet;
+pub mod crop_mesh;
+pub mod cube_rig;
+pub mod demo_scene;
+pub mod denoise;
+pub mod fit_probe;
+pub mod fuse_hdr;
+pub mod join_reports;
+pub mod load_cameras;
+pub mod load_environment;
+pub mod load_image;
+pub mod load_mesh;
+pub mod load_object;
+pub mod load_panorama;
+pub mod load_splats;
+pub mod override_material;
+pub mod place;
+pub mod pose;
+pub mod predict_exposure;
+pub mod region_masks;
+pub mod score_env;
+pub mod shadow_ratio;
+pub mod snap;
+pub mod splat_panorama;
+pub mod splat_render;
+pub mod stitch;
+pub mod write_animation;
+pub mod write_exr;
+pub mod write_image;
+pub mod write_report;

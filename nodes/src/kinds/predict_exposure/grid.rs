@@ -1,0 +1,140 @@
+//! The panorama on the grid that light is judged on.
+
+use engine::Up;
+use glam::DVec3;
+
+use crate::light::linear::LinearPixels;
+use crate::math::equirect::{direction, pixel_solid_angle};
+
+/// Columns of the grid; a finer panorama is averaged over its cells.
+pub(super) const WIDTH: usize = 256;
+
+/// A panorama averaged over cells.
+pub(super) struct Grid {
+    /// Columns, at most 256.
+    pub width: usize,
+    /// Rows, at most 128.
+    pub height: usize,
+    /// Mean linear light of what is seen of each cell, or was filled in where nothing is.
+    pub rgb: Vec<[f64; 3]>,
+    /// Mean linear light of what is seen of each cell and not clipped, of what is clipped; 0 where there is none.
+    pub open_rgb: Vec<[f64; 3]>,
+    pub clipped_rgb: Vec<[f64; 3]>,
+    /// Whether any pixel of the cell is clipped, so that a sun smaller than a cell is found.
+    pub clipped: Vec<bool>,
+    /// The share of what is seen of each cell that is clipped, by solid angle.
+    pub share: Vec<f64>,
+    /// Whether any pixel of the cell was seen.
+    pub seen: Vec<bool>,
+    /// The cell of each pixel.
+    pub cell_of: Vec<u32>,
+    /// The column of pixels that the first cells begin at, of how many.
+    pub start: (usize, usize),
+}
+
+impl Grid {
+    pub fn new(pixels: &LinearPixels, mask: &[bool], alpha: &[f32]) -> Self {
+        let (w, h) = (pixels.width, pixels.height);
+        let (width, height) = (WIDTH.min(w), (WIDTH / 2).min(h));
+        let n = width * height;
+        let start = if w > WIDTH { first_column(pixels, alpha) } else { 0 };
+        // Of each cell: light and solid angle of what is seen and not clipped, of what is clipped, and of what was filled in.
+        let mut sums = vec![[[0.0_f64; 4]; 3]; n];
+        let mut cell_of = Vec::with_capacity(w * h);
+        for y in 0..h {
+            let solid_angle = pixel_solid_angle(w, h, y);
+            for x in 0..w {
+                let at = y * w + x;
+                let from_start = (x + w - start) % w;
+                // Counted from the nearer end, so that a mirrored panorama has mirrored cells.
+                let from_end = from_start.min(w - 1 - from_start);
+                let column = (2 * from_end + 1) * width / (2 * w);
+                let column = if from_end == from_start { column } else { width - 1 - column };
+                let cell = (2 * y + 1) * height / (2 * h) * width + column;
+                cell_of.push(cell as u32);
+                let kind = if alpha[at] < super::SEEN { 2 } else { usize::from(mask[at]) };
+                let sums = &mut sums[cell][kind];
+                sums[3] += solid_angle;
+                for (sum, value) in sums.iter_mut().zip(pixels.rgb[at]) {
+                    *sum += solid_angle * f64::from(value);
+                }
+            }
+        }
+        let mean = |[r, g, b, size]: [f64; 4]| [r, g, b].map(|v| v / size.max(f64::MIN_POSITIVE));
+        // What was filled in is not the same when the panorama is turned, so it counts only where nothing was seen.
+        let all = |[open, clipped, filled]: &[[f64; 4]; 3]| {
+            let seen: [f64; 4] = std::array::from_fn(|i| open[i] + clipped[i]);
+            mean(if seen[3] > 0.0 { seen } else { *filled })
+        };
+        let each = || sums.iter();
+        Self {
+            width,
+            height,
+            rgb: each().map(all).collect(),
+            open_rgb: each().map(|[open, ..]| mean(*open)).collect(),
+            clipped_rgb: each().map(|[_, clipped, _]| mean(*clipped)).collect(),
+            clipped: each().map(|[_, clipped, _]| clipped[3] > 0.0).collect(),
+            share: each()
+                .map(|[open, clipped, _]| clipped[3] / (open[3] + clipped[3]).max(f64::MIN_POSITIVE))
+                .collect(),
+            seen: each().map(|[open, clipped, _]| open[3] + clipped[3] > 0.0).collect(),
+            cell_of,
+            start: (start, w),
+        }
+    }
+
+    /// Where the centre of a pixel lies, in cells.
+    pub fn place(&self, x: usize, y: usize, height: usize) -> [f64; 2] {
+        let (start, w) = self.start;
+        let from_start = (x + w - start) % w;
+        [(from_start, w, self.width), (y, height, self.height)]
+            .map(|(i, n, cells)| (i as f64 + 0.5) * cells as f64 / n as f64)
+    }
+
+    /// Whether any cell shows light that is not clipped.
+    pub fn anything_visible(&self) -> bool {
+        self.open_rgb.iter().any(|rgb| rgb.iter().any(|v| *v > 0.0))
+    }
+
+    pub fn direction(&self, up: Up, cell: usize) -> DVec3 {
+        let (x, y) = ((cell % self.width) as f64 + 0.5, (cell / self.width) as f64 + 0.5);
+        let (start, w) = self.start;
+        direction(up, (x / self.width as f64 + start as f64 / w as f64) % 1.0, y / self.height as f64)
+    }
+
+    pub fn solid_angle(&self, cell: usize) -> f64 {
+        pixel_solid_angle(self.width, self.height, cell / self.width)
+    }
+
+    /// Solid angle of what is clipped of a cell.
+    pub fn clipped_angle(&self, cell: usize) -> f64 {
+        self.share[cell] * self.solid_angle(cell)
+    }
+
+    /// Solid angle of what is seen of a cell and not clipped. What is not seen of it counts as what is.
+    pub fn open_angle(&self, cell: usize) -> f64 {
+        if self.seen[cell] { (1.0 - self.share[cell]) * self.solid_angle(cell) } else { 0.0 }
+    }
+}
+
+/// The edge at which the sums of columns, read to the right or to the left and round, come last in order, as the column to
+/// the right of it. Cells that begin there lie the same on a panorama that was turned by any number of pixels or mirrored.
+fn first_column(pixels: &LinearPixels, alpha: &[f32]) -> usize {
+    let width = pixels.width;
+    let mut sums = vec![0.0_f64; width];
+    for (at, rgb) in pixels.rgb.iter().enumerate().filter(|(at, _)| alpha[*at] >= super::SEEN) {
+        sums[at % width] += rgb.iter().copied().map(f64::from).sum::<f64>();
+    }
+    let mut edges: Vec<(usize, bool)> =
+        [true, false].into_iter().flat_map(|r| (0..width).map(move |x| (x, r))).collect();
+    for step in 0..width {
+        let read =
+            |&(x, right): &(usize, bool)| sums[(if right { x + step } else { x + width - 1 - step }) % width];
+        let most = edges.iter().map(read).fold(f64::NEG_INFINITY, f64::max);
+        edges.retain(|edge| read(edge).total_cmp(&most).is_eq());
+        if edges.len() == 1 {
+            break;
+        }
+    }
+    edges.first().map_or(0, |(x, _)| *x)
+}

@@ -1,0 +1,164 @@
+//! Running the model on a panorama.
+
+use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
+use learned::flux::{DType, Error, Files, Kontext as Model, Settings, Watch};
+
+use super::super::photographs::tell_still;
+use super::picture::{STOPS, gains, shrunk};
+use super::{Kontext, WHERE};
+use crate::light::books::Books;
+use crate::light::linear::LinearPixels;
+use crate::math::color::{linear_from_srgb, luminance};
+use crate::math::num;
+
+/// The most passes: from EV 0 to EV -24, the darkest exposure that can be asked for.
+const MAX_PASSES: f64 = 8.0;
+
+impl Kontext<'_> {
+    pub(in super::super) fn check(&self) -> Result<(), NodeError> {
+        Ok(())
+    }
+
+    /// What the published model takes for a panorama of `width` columns beside its files, in bytes; a smaller one takes
+    /// less.
+    pub(in super::super) fn memory(&self, width: usize) -> u64 {
+        let width = self.width(width);
+        learned::flux::Memory::published((width, width / 2))
+    }
+
+    /// At how many columns it works.
+    fn width(&self, width: usize) -> usize {
+        width.min(self.width_px as usize) / 32 * 32
+    }
+
+    /// Its files, with shards and the `config.json` beside them. What is missing is said with where it is to be had.
+    pub(in super::super) fn sources(&self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        let mut files = Vec::new();
+        for file in self.files() {
+            let first = root.file(file);
+            for shard in learned::flux::shards(&first.path) {
+                let name = shard.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                files.push(if shard == first.path { first.clone() } else { root.beside(&first, &name) });
+            }
+        }
+        for file in [self.transformer, self.vae] {
+            let config = root.beside(&root.file(file), "config.json");
+            if config.path.exists() && !files.contains(&config) {
+                files.push(config);
+            }
+        }
+        match files.iter().find(|file| !file.path.exists()) {
+            Some(missing) => {
+                Err(NodeError::new(format!("cannot find `{}`", missing.name)).at("method").hint(WHERE))
+            }
+            None => Ok(files),
+        }
+    }
+
+    /// The log2 gain of every clipped pixel, by the brightest exposure in which it is not clipped any more.
+    pub(in super::super) fn predict(
+        &self,
+        pixels: &LinearPixels,
+        mask: &[bool],
+        darkest: f64,
+        books: &mut Books,
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<Vec<f32>, NodeError> {
+        let width = self.width(pixels.width);
+        if width == 0 || pixels.width != 2 * pixels.height {
+            let size = format!("a panorama of {} x {} pixels", pixels.width, pixels.height);
+            return Err(NodeError::new(format!("{size} is too small, or not twice as wide as high"))
+                .at("pano")
+                .hint("the model takes panoramas of 64 x 32 pixels or more"));
+        }
+        let path = |file| cx.source(file).path;
+        let files = Files {
+            transformer: path(self.transformer),
+            vae: path(self.vae),
+            prompt: path(self.prompt),
+            loras: vec![(path(self.lora), self.strength)],
+        };
+        let device = learned::flux::device().map_err(error)?;
+        let model = Model::load(&files, &device, DType::F32).map_err(error)?;
+        let passes = (-darkest / STOPS).ceil().clamp(1.0, MAX_PASSES) as usize;
+        let settings = Settings {
+            steps: self.steps as usize,
+            guidance: self.guidance as f32,
+            seed: self.seed,
+            seamless: self.seamless,
+        };
+        let height = width / 2;
+        notes.decision(
+            "kontext",
+            format!("Flux.1 Kontext made {passes} exposures at {width} x {height}, {STOPS} stops apart, each from the last"),
+        );
+        cx.count("diffusion-steps", (passes * settings.steps * if self.seamless { 2 } else { 1 }) as u64);
+        let small = shrunk(pixels, width, height);
+        let picture = learned::flux::picture(&small, (width, height), &device).map_err(error)?;
+        let made = model.darker(&picture, passes, &settings, &mut Follow(cx)).map_err(error)?;
+        let exposures =
+            made.iter().map(learned::flux::samples).collect::<Result<Vec<_>, _>>().map_err(error)?;
+        let gains = gains(&small, &exposures);
+        if mask.contains(&true) {
+            enter(books, (width, height), &small, &gains, pixels, mask, cx)?;
+        }
+        let (mut log2_gain, mut still) = (vec![0.0; mask.len()], 0);
+        for (at, gain) in log2_gain.iter_mut().enumerate().filter(|(at, _)| mask[*at]) {
+            let (x, y) =
+                (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
+            let (found, clipped) = gains[y * width + x];
+            *gain = found;
+            still += usize::from(clipped);
+        }
+        tell_still(still, notes);
+        Ok(log2_gain)
+    }
+}
+
+/// Enters the light of the picture `small` as the model sees it, and with its gains in the part of each pixel that is
+/// clipped in the panorama.
+fn enter(
+    books: &mut Books,
+    (width, height): (usize, usize),
+    small: &[f32],
+    gains: &[(f32, bool)],
+    pixels: &LinearPixels,
+    mask: &[bool],
+    cx: &Context,
+) -> Result<(), NodeError> {
+    let plane = width * height;
+    let shown = |at: usize| f64::from(luminance([0, 1, 2].map(|c| linear_from_srgb(small[c * plane + at]))));
+    let mut light: Vec<f64> = (0..plane).map(shown).collect();
+    books.enter_panorama("as the model sees it", width, &light, cx)?;
+    let mut clipped = vec![[0.0; 2]; plane];
+    for (at, is) in mask.iter().enumerate() {
+        let (x, y) = (at % pixels.width * width / pixels.width, at / pixels.width * height / pixels.height);
+        let [part, all] = &mut clipped[y * width + x];
+        (*part, *all) = (*part + f64::from(u8::from(*is)), *all + 1.0);
+    }
+    for ((light, (gain, _)), [part, all]) in light.iter_mut().zip(gains).zip(clipped) {
+        *light *= 1.0 + part / f64::max(all, 1.0) * (num::f64::exp2(f64::from(*gain)) - 1.0);
+    }
+    books.enter_panorama("as the model shows it", width, &light, cx)
+}
+
+fn error(error: Error) -> NodeError {
+    match error {
+        Error::Stopped => NodeError::cancelled(),
+        other => NodeError::new(other.to_string()).at("method"),
+    }
+}
+
+/// Follows the model for the engine.
+struct Follow<'a>(&'a Context);
+
+impl Watch for Follow<'_> {
+    fn check(&mut self) -> Result<(), Error> {
+        if self.0.cancelled() { Err(Error::Stopped) } else { Ok(()) }
+    }
+
+    fn progress(&mut self, done: f64) {
+        self.0.progress(done as f32);
+    }
+}

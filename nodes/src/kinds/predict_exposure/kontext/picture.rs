@@ -1,0 +1,87 @@
+//! A panorama as the model takes it, and a gain from what the model shows.
+
+use crate::light::exposure::{Shown, measured};
+use crate::light::linear::LinearPixels;
+use crate::math::color::{linear_from_srgb, srgb_from_linear};
+
+/// How many stops darker one pass makes a panorama.
+pub const STOPS: f64 = 3.0;
+
+/// Display-encoded, channel by channel, each pixel the mean of the light that falls on it.
+pub fn shrunk(pixels: &LinearPixels, width: usize, height: usize) -> Vec<f32> {
+    let mut planes = vec![0.0; 3 * width * height];
+    let span = |i: usize, of: usize, from: usize| (i * from / of)..((i + 1) * from).div_ceil(of);
+    for y in 0..height {
+        for x in 0..width {
+            let (mut sum, mut area) = ([0.0; 3], 0.0);
+            for row in span(y, height, pixels.height) {
+                let tall = overlap(row, pixels.height, y, height);
+                for column in span(x, width, pixels.width) {
+                    let share = tall * overlap(column, pixels.width, x, width);
+                    area += share;
+                    let rgb = pixels.rgb[row * pixels.width + column];
+                    sum.iter_mut().zip(rgb).for_each(|(sum, v)| *sum += share * f64::from(v));
+                }
+            }
+            for (c, sum) in sum.into_iter().enumerate() {
+                planes[(c * height + y) * width + x] =
+                    srgb_from_linear(((sum / area) as f32).clamp(0.0, 1.0));
+            }
+        }
+    }
+    planes
+}
+
+/// How much of pixel `i` of `n` lies in pixel `j` of `m`, in pixels of the first.
+fn overlap(i: usize, n: usize, j: usize, m: usize) -> f64 {
+    let (low, high) = ((i * m).max(j * n), ((i + 1) * m).min((j + 1) * n));
+    high.saturating_sub(low) as f64 / m as f64
+}
+
+/// The gain of each pixel by the exposures that the model made, and whether none shows it unclipped. Pictures are
+/// display-encoded, channel by channel; each exposure is [`STOPS`] below the one before.
+pub fn gains(base: &[f32], exposures: &[Vec<f32>]) -> Vec<(f32, bool)> {
+    let count = base.len() / 3;
+    let pixel = |planes: &[f32], at: usize| [0, 1, 2].map(|c| linear_from_srgb(planes[c * count + at]));
+    let shown = |at: usize| {
+        let made = exposures.iter().enumerate();
+        made.map(move |(i, planes)| Shown::display(-STOPS * (i + 1) as f64, pixel(planes, at)))
+    };
+    (0..count).map(|at| measured(pixel(base, at), shown(at)).unwrap_or((0.0, true))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::num;
+
+    #[test]
+    fn shrinking_keeps_the_mean_of_light() {
+        let rgb: Vec<[f32; 3]> = (0..12 * 6).map(|i| [0.01 * i as f32, 0.5, 0.0]).collect();
+        let mean = rgb.iter().map(|rgb| f64::from(rgb[0])).sum::<f64>() / 72.0;
+        let pixels = LinearPixels { width: 12, height: 6, rgb, broken: 0, negative: 0, ceiling: true };
+        for (width, height) in [(12, 6), (6, 3), (5, 4), (1, 1)] {
+            let small = shrunk(&pixels, width, height);
+            let count = width * height;
+            let red: f64 = small[..count].iter().map(|v| f64::from(linear_from_srgb(*v))).sum();
+            assert!((red / count as f64 - mean).abs() < 1e-5, "{width} x {height}");
+            assert!(small[2 * count..].iter().all(|v| *v == 0.0));
+        }
+    }
+
+    #[test]
+    fn a_gain_is_read_from_the_brightest_exposure_that_is_not_clipped() {
+        // Of light 0.5, 4, 40 and 4000 at exposures of 0, -3 and -6 stops.
+        let lights = [0.5_f32, 4.0, 40.0, 4000.0];
+        let shot = |stops: f32| -> Vec<f32> {
+            let one = lights.map(|light| srgb_from_linear((light * num::f32::exp2(-stops)).min(1.0)));
+            [one, one, one].concat()
+        };
+        let found = gains(&shot(0.0), &[shot(3.0), shot(6.0)]);
+        let wanted = [(0.5, false), (4.0, false), (40.0, false), (64.0, true)];
+        for ((gain, clipped), (light, still)) in found.into_iter().zip(wanted) {
+            assert!((gain - num::f32::log2(light / f32::min(light, 1.0))).abs() < 1e-3, "{gain} for {light}");
+            assert_eq!(clipped, still);
+        }
+    }
+}

@@ -1,0 +1,500 @@
+//! `predict-exposure`: how bright the clipped parts of a panorama really are.
+
+use std::sync::Arc;
+
+use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use glam::DVec3;
+
+use self::ceiling::ceiling;
+use self::enlarged::Enlarged;
+use self::grid::Grid;
+use self::photographs::Photographs;
+use self::spread::Given;
+
+use crate::error::Error;
+use crate::light::books::Books;
+use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
+use crate::light::measure;
+use crate::light::regions::{self, Regions};
+use crate::math::color::{luminance, srgb_from_linear};
+use crate::math::equirect::{axes, pixel_solid_angle};
+use crate::math::num;
+use crate::types::{
+    Brackets, Cell, Data, Image, Images, NamedImage, Panorama, Picture, Report, Table, Taken,
+};
+
+mod ceiling;
+mod enlarged;
+mod grid;
+mod kontext;
+#[cfg(feature = "learned")]
+pub mod lora;
+mod manual;
+mod method;
+mod network;
+mod photographs;
+mod region;
+mod spread;
+mod sun;
+#[cfg(feature = "learned")]
+pub mod training;
+pub use method::Method;
+
+engine::params! {
+    /// Predicts how bright the clipped parts of a panorama really are.
+    /// A capture cannot hold the sun, a lamp or a window: they clip to white. This estimates the light
+    /// that clipping hid, as a gain for every pixel, and from it what a camera would have taken at any
+    /// darker exposure. Where nothing is clipped nothing is changed.
+    pub struct PredictExposure {
+        /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`
+        /// those at which the files were taken, in the order of the files.
+        evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
+        /// How hidden light is estimated.
+        /// `Learned`: how much in all by a regression on what is visible, and where by small networks.
+        /// `Region`: for each connected clipped region by a regression on nine numbers.
+        /// `Manual`: as stated, each light by azimuth (degrees clockwise from forward, seen from above; -360 to 360),
+        /// elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped pixels that it acts on
+        /// (degrees; above 0 to 180), and stops that these are brighter than they show (0 to 24). Of
+        /// several lights that cover a pixel the narrowest counts; what none covers stays clipped.
+        /// `Photographs`: as darker photographs show it, one file for each of `evs`, of the panorama's place and size. They
+        /// are turned with it. OpenEXR and Radiance have no ceiling.
+        /// `Skip`: what is clipped stays clipped.
+        /// `FluxKontext`: by a diffusion model and weights of your own (feature `learned`): `strength` of the LoRA 0 to 4,
+        /// `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at which it works at most 64 to 4096.
+        method: Method = Method::Learned, other("Skip");
+        /// The value from which a channel counts as clipped, in linear light of which 1 is white. Lower it for pictures
+        /// whose whites end below that, as those of splats and of video may.
+        white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
+        /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
+        weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
+        /// Whether to run the method even where no pixel is clipped. Only clipped pixels take a gain, so this changes no
+        /// light: it shows that leaving the method out changes nothing, and what that saves.
+        force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of `predict-exposure`.
+    pub struct In {
+        /// The panorama, in which light may be clipped.
+        pano: Arc<Panorama>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of `predict-exposure`.
+    pub struct Out {
+        /// The log2 gain of every pixel, the exposures derived from it, and each region found.
+        brackets: Arc<Brackets>,
+        /// The exposures as pictures, one view each: `ev_-6`.
+        exposures: Arc<Images>,
+        /// The regions, and the light of the panorama before and after, in all and of each light.
+        report: Arc<Report>,
+    }
+}
+
+/// The middle of the ramp from 0.9 to 1 on which the regression was fitted.
+pub const CLIPPED: f32 = 0.95;
+/// Exposures cost memory, and beyond a few say nothing new.
+const MOST_EXPOSURES: usize = 64;
+/// A light is spread by at most this, in radians: two cells of the grid.
+const SPREAD: f64 = 0.05;
+/// Pixels seen less than this were filled in, so they say nothing about clipping.
+const SEEN: f32 = 0.5;
+/// In a panorama of fewer columns, 5.6 degrees each, many lamps are averaged with what is around them and clip nowhere.
+const COARSE: usize = 64;
+
+impl Kind for PredictExposure {
+    const NAME: &'static str = "predict-exposure";
+    const VERSION: u32 = 10;
+    const DATA: &'static [u8] = network::WEIGHTS;
+    const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(params: &Self, inputs: &In) -> Cost {
+        let pano = &inputs.pano.alpha;
+        let own = pano.samples.len() * (136 + 12 * params.evs.len());
+        let model = params.method.kontext().map_or(0, |kontext| kontext.memory(pano.width));
+        let read = match &params.method {
+            Method::Photographs { files } => pano.samples.len() * (48 + 16 * files.len()),
+            // Enlarged, at most 510 columns by as many rows.
+            Method::Learned if pano.width < grid::WIDTH => 136 * 510 * 510,
+            _ => 0,
+        };
+        Cost { bytes: (own + read) as u64 + model }
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        let evs = sorted(&params.evs);
+        if evs.len() > MOST_EXPOSURES {
+            let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
+            return Err(NodeError::new(text)
+                .at("evs")
+                .hint("list fewer; the gain map holds the light of all"));
+        }
+        if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
+        }
+        if let Method::Manual { emitters } = &params.method {
+            manual::check(emitters)?;
+        }
+        if let Method::Photographs { files } = &params.method {
+            photographs::check(files, &params.evs)?;
+        }
+        match params.method.kontext() {
+            Some(kontext) => kontext.check().and_then(|()| kontext.check_numbers()),
+            None => Ok(()),
+        }
+    }
+
+    fn sources(params: &Self, root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
+        match (&params.method, params.method.kontext()) {
+            (Method::Learned, _) => Ok(params.weights.iter().map(|file| root.file(file)).collect()),
+            (Method::Photographs { files }, _) => Ok(files.iter().map(|file| root.file(file)).collect()),
+            (_, Some(kontext)) => kontext.sources(root),
+            _ => Ok(Vec::new()),
+        }
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let pano = &inputs.pano;
+        let mut notes = Notes::none();
+        let pixels = clipped_light(pano, &mut notes)?;
+        let network = learned(params, &mut notes, cx)?;
+        let mut mask = clip_mask(pano, &pixels, params.white);
+        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
+        if let Some(photographs) = &photographs {
+            photographs.compare((&pixels, &pano.alpha.samples), params.white, &mut notes, cx)?;
+            photographs.add_clipped(&pixels, &mut mask, &mut notes, cx)?;
+        }
+        let clipped = mask.iter().filter(|&&m| m).count() as u64;
+        cx.check()?;
+        cx.count("pixels", mask.len() as u64);
+        tell_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
+        tell_coarse(pixels.width, &mut notes);
+        if clipped == 0 {
+            tell_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
+        }
+        let nothing = || (vec![0.0; mask.len()], Vec::new());
+        let unseen = |notes: &mut Notes| {
+            let text =
+                "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
+            notes.warning("nothing-visible", text);
+            nothing()
+        };
+        let ceiling = ceiling(&pixels, &mask, params.white);
+        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, ceiling));
+        let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
+        let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
+        books.enter_panorama("panorama", pixels.width, &own, cx)?;
+        let (log2_gain, regions) = match &params.method {
+            _ if clipped == 0 && !params.force => nothing(),
+            Method::Learned | Method::Region => match on_grid() {
+                clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
+                clipped => {
+                    sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
+                    match &network {
+                        None => region::predict(&clipped, cx)?,
+                        Some(network) => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
+                            None => network::predict(network, &clipped, &mut books, cx)?,
+                            Some(large) => {
+                                let clipped = Clipped::new(
+                                    pano.up,
+                                    &large.alpha,
+                                    (&large.pixels, &large.mask, ceiling),
+                                );
+                                let (gain, regions) = network::predict(network, &clipped, &mut books, cx)?;
+                                (large.gathered(&gain), regions)
+                            }
+                        },
+                    }
+                }
+            },
+            Method::Manual { emitters } => {
+                (manual::predict(emitters, (&pixels, &mask), pano.up, &mut notes, cx)?, Vec::new())
+            }
+            Method::Photographs { .. } => {
+                let gain = photographs.as_ref().map(|taken| taken.gains((&pixels, &mask), &mut notes, cx));
+                (gain.transpose()?.unwrap_or_default(), Vec::new())
+            }
+            Method::Skip => nothing(),
+            Method::FluxKontext { .. } => {
+                let darkest = params.evs.iter().copied().fold(0.0, f64::min);
+                let kontext = params.method.kontext();
+                let gain = kontext
+                    .map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut books, &mut notes, cx));
+                (gain.transpose()?.unwrap_or_default(), Vec::new())
+            }
+        };
+        let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
+        let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
+        books.enter_panorama("predicted", pixels.width, &predicted, cx)?;
+        drop(predicted);
+        if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
+            let text = "the panorama holds linear light and none above white, so what is white counts as clipped; if that is all the light there is, use `method: Skip`";
+            notes.warning("linear-white", text);
+        }
+        let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
+        if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
+            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
+        }
+        // Whatever the method, the report is of the regions that are there.
+        let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
+        if regions.iter().any(|region| region.sun) {
+            notes.decision(
+                "sun",
+                "a small clipped region above the horizon, in a sky bluer than the ground, is taken for the sun",
+            );
+        }
+        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
+        let (width, height) = (pixels.width, pixels.height);
+        let evs = sorted(&params.evs);
+        let taken = photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
+        let exposures = match &photographs {
+            Some(taken) => taken.pictures(&pixels, &log2_gain, cx)?,
+            None => cx.for_each_tile(evs.len(), |i| {
+                Image::from_samples(width, height, 3, expose(&pixels, &log2_gain, evs[i]))
+            })?,
+        };
+        let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
+        let chosen = if clipped == 0 && !params.force { &Method::Skip } else { &params.method };
+        let mut report = report(chosen, clipped, mask.len() as u64, &regions);
+        report.tables.extend(books.tables());
+        let named = evs
+            .iter()
+            .zip(&exposures)
+            .map(|(ev, image)| NamedImage { name: format!("ev_{ev}"), picture: image.clone().into() });
+        let pictures = Arc::new(Images(named.collect()));
+        let table = Arc::new(report.clone());
+        let brackets = Arc::new(Brackets { log2_gain, evs, exposures, taken, report });
+        Ok((Out { brackets, exposures: pictures, report: table }, notes))
+    }
+}
+
+/// The networks of `Learned`, those that ship or of the user; also where nothing is clipped, so that a wrong file is found.
+fn learned(
+    params: &PredictExposure,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Option<network::Network>, NodeError> {
+    if !matches!(params.method, Method::Learned) {
+        if let Some(file) = &params.weights {
+            let text = format!("`{}` is not read: `weights` are of `method: Learned`", file.0);
+            notes.warning("weights-unused", text);
+        }
+        return Ok(None);
+    }
+    let parsed = match &params.weights {
+        Some(file) => network::parse(&file.0, &cx.read(file)?),
+        None => network::parse(network::FILE, network::WEIGHTS),
+    };
+    Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))
+}
+
+/// What is clipped of a panorama, on the grid that light is judged on.
+struct Clipped<'a> {
+    up: Up,
+    pixels: &'a LinearPixels,
+    mask: &'a [bool],
+    /// Where the whites of the panorama end, above 0 to 1.
+    ceiling: f64,
+    grid: Grid,
+    labels: Regions,
+    /// The cells of each region.
+    members: Vec<Vec<usize>>,
+}
+
+/// What was found about one region.
+struct RegionLight {
+    sun: bool,
+    azimuth_deg: f64,
+    elevation_deg: f64,
+    solid_angle: f64,
+    mean_log2_gain: f64,
+    peak_log2_gain: f64,
+    /// How far off the mean gain may be, in stops, one standard deviation; `None` where it is not known.
+    uncertainty: Option<f64>,
+}
+
+impl<'a> Clipped<'a> {
+    fn new(up: Up, alpha: &[f32], (pixels, mask, ceiling): (&'a LinearPixels, &'a [bool], f64)) -> Self {
+        let grid = Grid::new(pixels, mask, alpha);
+        let labels = regions::label(&grid.clipped, grid.width);
+        let mut members = vec![Vec::new(); labels.count];
+        for (cell, region) in labels.of.iter().enumerate() {
+            if let Some(region) = region {
+                members[*region as usize].push(cell);
+            }
+        }
+        Self { up, pixels, mask, ceiling, grid, labels, members }
+    }
+
+    /// The regions, with the gain that was predicted pixel by pixel.
+    fn told(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
+        let n = self.labels.count;
+        let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        let mut peak = vec![0.0_f64; n];
+        for at in (0..self.mask.len()).filter(|&at| self.mask[at]) {
+            let Some(i) = self.labels.of[self.grid.cell_of[at] as usize] else { continue };
+            let (i, gain) = (i as usize, f64::from(log2_gain[at]));
+            let own = pixel_solid_angle(self.pixels.width, self.pixels.height, at / self.pixels.width);
+            let flux = own * f64::from(luminance(self.pixels.rgb[at]));
+            size[i] += own;
+            before[i] += flux;
+            after[i] += flux * num::f64::exp2(gain);
+            peak[i] = peak[i].max(gain);
+        }
+        let mean = |i: usize| if before[i] > 0.0 { num::f64::log2(after[i] / before[i]) } else { 0.0 };
+        let given = |i: usize| Given { mean_log2_gain: mean(i), peak_log2_gain: peak[i] };
+        (0..n).map(|i| self.found(i, size[i], given(i))).collect()
+    }
+
+    /// Region `i`, whose clipped pixels have this solid angle.
+    fn found(&self, i: usize, solid_angle: f64, given: Given) -> RegionLight {
+        let toward = |&c: &usize| self.grid.direction(self.up, c) * self.grid.clipped_angle(c);
+        let centre: DVec3 = self.members[i].iter().map(toward).sum();
+        let centre = centre.try_normalize().unwrap_or(axes(self.up)[2]);
+        let (azimuth_deg, elevation_deg) = measure::angles_deg(self.up, centre);
+        RegionLight {
+            sun: false,
+            azimuth_deg,
+            elevation_deg,
+            solid_angle,
+            mean_log2_gain: given.mean_log2_gain,
+            peak_log2_gain: given.peak_log2_gain,
+            uncertainty: None,
+        }
+    }
+}
+
+fn sorted(evs: &[f64]) -> Vec<f64> {
+    let mut evs = evs.to_vec();
+    evs.sort_by(f64::total_cmp);
+    evs
+}
+
+/// Linear light as a camera holds it: no more than white where the panorama is display-encoded.
+fn clipped_light(pano: &Panorama, notes: &mut Notes) -> Result<LinearPixels, NodeError> {
+    if matches!(pano.image, Picture::Data(_)) {
+        return Err(Error::Mismatch("the panorama holds data, not colour".to_owned()).into());
+    }
+    let (width, height, channels) = pano.image.size();
+    if channels != 3 || width == 0 || height == 0 || pano.alpha.samples.len() != width * height {
+        return Err(Error::Mismatch(format!("a {width}x{height} panorama of {channels} channels")).into());
+    }
+    let mut pixels = linear_pixels(&pano.image, Transfer::Srgb);
+    if matches!(pano.image, Picture::Srgb(_)) {
+        for rgb in &mut pixels.rgb {
+            *rgb = rgb.map(|v| v.min(1.0));
+        }
+    }
+    if pixels.broken > 0 {
+        notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
+    }
+    Ok(pixels)
+}
+
+fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
+    let clipped = |rgb: [f32; 3]| pixels.ceiling && max3(rgb) > white;
+    pixels.rgb.iter().zip(&pano.alpha.samples).map(|(rgb, alpha)| *alpha >= SEEN && clipped(*rgb)).collect()
+}
+
+/// White that was mostly filled in is not taken for clipped, and gets no light.
+fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
+    let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
+    let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
+    if pixels.ceiling && count > 0 {
+        let text = format!(
+            "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
+        );
+        notes.decision("white-unseen", text);
+    }
+}
+
+/// A lamp that is smaller than a pixel may clip nowhere, and another light then seems to be the strongest.
+fn tell_coarse(width: usize, notes: &mut Notes) {
+    if width < COARSE {
+        let text = format!(
+            "a pixel of the panorama is {:.1} degrees wide; a smaller light may clip nowhere, and is then not found: {COARSE} columns or more show most",
+            360.0 / width as f64
+        );
+        notes.decision("coarse", text);
+    }
+}
+
+fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
+    let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
+    let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
+    let why = if pixels.ceiling {
+        format!(
+            "no pixel is clipped: the brightest reaches {brightest:.3} of white, and clipping is told from `white`, {}, on",
+            params.white
+        )
+    } else {
+        let equal = pixels.rgb.iter().filter(|rgb| max3(**rgb) == brightest).count();
+        format!(
+            "the panorama holds light above white, up to {brightest:.3} in {equal} pixels, so nothing in it counts as clipped"
+        )
+    };
+    if let Method::Manual { emitters } = &params.method
+        && !emitters.is_empty()
+        && !params.force
+    {
+        let text = format!("none of the {} stated lights acts: {why}", emitters.len());
+        notes.warning(
+            "nothing-to-light",
+            format!("{text}; a lower `white` lets more pixels count as clipped"),
+        );
+        return;
+    }
+    let then =
+        if params.force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+    notes.decision("nothing-clipped", format!("{why}; {then}"));
+}
+
+/// What a camera would take at `ev`: display-encoded, no more than white.
+fn expose(pixels: &LinearPixels, log2_gain: &[f32], ev: f64) -> Vec<f32> {
+    pixels.rgb.iter().zip(log2_gain).flat_map(|(rgb, gain)| exposed(*rgb, *gain, ev, 1.0)).collect()
+}
+
+/// The same of one pixel, no more than `white`.
+fn exposed(rgb: [f32; 3], log2_gain: f32, ev: f64, white: f32) -> [f32; 3] {
+    let scale = num::f64::exp2(f64::from(log2_gain) + ev);
+    rgb.map(|v| srgb_from_linear(((f64::from(v) * scale) as f32).min(white)))
+}
+
+fn report(method: &Method, clipped: u64, pixels: u64, regions: &[RegionLight]) -> Report {
+    let name = match method {
+        Method::Learned => "learned",
+        Method::Region => "region regression",
+        Method::Manual { .. } => "manual",
+        Method::Photographs { .. } => "photographs",
+        Method::Skip => "skip",
+        Method::FluxKontext { .. } => "Flux.1 Kontext",
+    };
+    let counts = [clipped, pixels, regions.len() as u64].map(Cell::Count);
+    let row = [Cell::Text(name.to_owned())].into_iter().chain(counts).collect();
+    let summary = Table::new("prediction", ["method", "clipped pixels", "pixels", "regions"], vec![row]);
+    let columns = [
+        "azimuth (deg, clockwise from forward)",
+        "elevation (deg)",
+        "solid angle (sr)",
+        "mean gain (stops)",
+        "peak gain (stops)",
+        "uncertainty of the mean gain (stops)",
+        "taken for",
+    ];
+    let row = |r: &RegionLight| {
+        let numbers = [r.azimuth_deg, r.elevation_deg, r.solid_angle, r.mean_log2_gain, r.peak_log2_gain];
+        let uncertainty = r.uncertainty.map_or(Cell::Missing, Cell::Number);
+        let name = if r.sun { "the sun" } else { "a light" };
+        numbers.map(Cell::Number).into_iter().chain([uncertainty, Cell::Text(name.to_owned())]).collect()
+    };
+    let table = Table::new("regions", columns, regions.iter().map(row).collect());
+    Report { title: "Light hidden by clipping".to_owned(), tables: vec![summary, table] }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,175 @@
+//! The learned prediction: how much light clipping hides, and where.
+
+mod blur;
+mod net;
+mod overview;
+mod scene;
+
+use engine::{Context, NodeError};
+
+use super::spread::Spread;
+use super::{Clipped, RegionLight, sun};
+use crate::error::Error;
+use crate::light::books::Books;
+use crate::light::measure::luminance;
+use crate::math::num;
+
+pub(super) use self::net::Network;
+#[cfg(feature = "learned")]
+pub(super) use self::net::{AMOUNT, LIMITS};
+pub(super) use self::overview::OVERVIEW;
+pub(super) use self::scene::{CELL, Scene};
+
+/// The shipped weights: safetensors in f16, made by `train-exposure` as docs/light.md tells.
+pub(super) const WEIGHTS: &[u8] = include_bytes!("../../../../weights/exposure.safetensors");
+/// Their name for messages.
+pub(super) const FILE: &str = "exposure.safetensors";
+
+/// Reads a file of weights. `file` is the name for messages.
+pub(super) fn parse(file: &str, bytes: &[u8]) -> Result<Network, Error> {
+    Network::parse(file, bytes, OVERVIEW, CELL)
+}
+
+/// The light hidden in each clipped cell, averaged over the members of a network, and how far the members
+/// disagree about each region, in stops.
+pub(super) struct Hidden {
+    pub cells: Vec<f64>,
+    pub disagreement: Vec<f64>,
+}
+
+/// Averages what the members of `network` say about `scene`.
+pub(super) fn hidden(network: &Network, scene: &Scene, regions: usize) -> Hidden {
+    let features: Vec<&[f32]> = scene.cells.iter().map(|cell| cell.features.as_slice()).collect();
+    let flux: Vec<f64> = scene.cells.iter().map(|cell| cell.flux).collect();
+    let prediction = network.predict(&scene.overview, &features, &flux);
+    let count = prediction.shares.len().max(1) as f64;
+    let total = scene.open_flux * num::f64::exp2(prediction.amount);
+    let mut cells = vec![0.0; flux.len()];
+    let mut logs = vec![Vec::with_capacity(prediction.shares.len()); regions];
+    for shares in &prediction.shares {
+        let mut of_region = vec![0.0; regions];
+        for ((sum, share), cell) in cells.iter_mut().zip(shares).zip(&scene.cells) {
+            *sum += total * share / count;
+            of_region[cell.region] += share;
+        }
+        for (log, share) in logs.iter_mut().zip(of_region) {
+            log.push(num::f64::log2(share.max(1e-12)));
+        }
+    }
+    let deviation = |logs: &Vec<f64>| {
+        let mean = logs.iter().sum::<f64>() / count;
+        (logs.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count).sqrt()
+    };
+    Hidden { cells, disagreement: logs.iter().map(deviation).collect() }
+}
+
+impl Hidden {
+    /// The sun of a clear sky gives at least what it must, however little the networks say; and what it shines on is no
+    /// brighter than white paper in it.
+    pub fn with_suns(mut self, scene: &Scene) -> Self {
+        for (region, sun) in scene.suns.iter().enumerate().filter(|(_, sun)| **sun > 0.0) {
+            let least = sun * sun::FLUX * scene.open_flux;
+            let own = || scene.cells.iter().enumerate().filter(|(_, cell)| cell.region == region);
+            let told: f64 = own().map(|(i, _)| self.cells[i]).sum();
+            if told > 0.0 && told < least {
+                own().for_each(|(i, _)| self.cells[i] *= least / told);
+            }
+        }
+        self.lit_below(scene)
+    }
+
+    /// By daylight what lies below the horizon is lit, no lamp: of all that shines from above a white surface sends back
+    /// its irradiance over pi at most. What is more is light from above that was looked for in the wrong place.
+    fn lit_below(mut self, scene: &Scene) -> Self {
+        let certain = scene.suns.iter().copied().fold(0.0, f64::max);
+        let above: f64 =
+            self.cells.iter().zip(&scene.cells).filter(|(_, cell)| cell.sine > 0.0).map(|(v, _)| v).sum();
+        if certain <= 0.0 || above <= 0.0 {
+            return self;
+        }
+        let white = (scene.above + above) / std::f64::consts::PI;
+        let mut moved = 0.0;
+        for (hidden, cell) in self.cells.iter_mut().zip(&scene.cells).filter(|(_, cell)| cell.sine < 0.0) {
+            let too_much = certain * (*hidden - (white * cell.size - cell.flux).max(0.0)).max(0.0);
+            *hidden -= too_much;
+            moved += too_much;
+        }
+        for (hidden, _) in self.cells.iter_mut().zip(&scene.cells).filter(|(_, cell)| cell.sine > 0.0) {
+            *hidden *= 1.0 + moved / above;
+        }
+        self
+    }
+}
+
+/// The log2 gain of every pixel, 0 outside of clipped regions, and the regions.
+pub(super) fn predict(
+    network: &Network,
+    clipped: &Clipped<'_>,
+    books: &mut Books,
+    cx: &Context,
+) -> Result<(Vec<f32>, Vec<RegionLight>), NodeError> {
+    let Clipped { up, pixels, mask, ceiling, ref grid, ref labels, .. } = *clipped;
+    let scene = Scene::new(grid, up, labels, ceiling);
+    cx.check()?;
+    cx.progress(0.4);
+    let mut log2_gain = vec![0.0_f32; mask.len()];
+    let hidden = hidden(network, &scene, labels.count).with_suns(&scene);
+    let mut light: Vec<f64> = grid.rgb.iter().map(|rgb| luminance(*rgb)).collect();
+    let mut enter = |step: &'static str, light: &[f64]| {
+        let cell = |c: usize| (grid.direction(up, c), grid.solid_angle(c), light[c]);
+        books.enter(step, grid.height, cx, |y| (y * grid.width..(y + 1) * grid.width).map(cell))
+    };
+    if !scene.cells.is_empty() {
+        enter("on the grid", &light)?;
+        for (cell, hidden) in scene.cells.iter().zip(&hidden.cells) {
+            light[cell.index] += hidden / grid.solid_angle(cell.index);
+        }
+        enter("predicted on the grid", &light)?;
+    }
+    // Log of hidden over visible light of each clipped cell; neighbours in a region are interpolated between.
+    let mut log_ratio = vec![None; grid.rgb.len()];
+    let mut excess = vec![0.0; labels.count];
+    for (cell, hidden) in scene.cells.iter().zip(&hidden.cells) {
+        excess[cell.region] += hidden;
+        if cell.flux > 0.0 {
+            log_ratio[cell.index] = Some(num::f64::log2((hidden / cell.flux).max(1e-12)));
+        }
+    }
+    let profile = |region: usize, at: usize| {
+        let place = grid.place(at % pixels.width, at / pixels.width, pixels.height);
+        let [(left, right_part), (top, low_part)] =
+            place.map(|at| ((at - 0.5).floor(), (at - 0.5) - (at - 0.5).floor()));
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (row, of_row) in [(top, 1.0 - low_part), (top + 1.0, low_part)] {
+            for (column, of_column) in [(left, 1.0 - right_part), (left + 1.0, right_part)] {
+                let row = row.clamp(0.0, (grid.height - 1) as f64) as usize;
+                let column = (column + grid.width as f64) as usize % grid.width;
+                let (cell, weight) = (row * grid.width + column, of_row * of_column);
+                if let Some(ratio) = log_ratio[cell]
+                    && labels.of[cell] == Some(region as u32)
+                {
+                    sum += weight * ratio;
+                    total += weight;
+                }
+            }
+        }
+        if total > 0.0 { num::f64::exp2(sum / total) } else { 1.0 }
+    };
+    let spread = Spread::new(pixels, mask, grid, labels, profile, cx)?;
+    let mut found = Vec::with_capacity(labels.count);
+    for (i, excess) in excess.into_iter().enumerate() {
+        let given = spread.apply(i, excess, pixels, &mut log2_gain);
+        // One deviation more of hidden light, in its logarithm, makes the gain larger by this.
+        let disagreement = hidden.disagreement[i];
+        let error = (network.residual * network.residual + disagreement * disagreement).sqrt();
+        let ratio = (num::f64::exp2(given.mean_log2_gain) - 1.0) * num::f64::exp2(error);
+        let uncertainty = Some(num::f64::log2(1.0 + ratio) - given.mean_log2_gain);
+        found.push(RegionLight {
+            sun: scene.suns[i] > 0.0,
+            uncertainty,
+            ..clipped.found(i, spread.solid_angle[i], given)
+        });
+    }
+    cx.progress(0.8);
+    Ok((log2_gain, found))
+}

@@ -1,0 +1,299 @@
+//! The forward pass of the exposure networks: the same bits everywhere, since every sum has one order.
+
+use crate::error::Error;
+use crate::math::nn::Weights;
+use crate::math::num;
+
+/// Slope of the units below 0.
+const LEAK: f32 = 0.1;
+/// Scaled numbers are cut off at so many spreads: of the whole, and of a cell.
+pub(in super::super) const LIMITS: [f32; 2] = [3.0, 4.0];
+/// Hidden light is at most 2^8 of what is visible, and at least 2^-8.
+pub(in super::super) const AMOUNT: f64 = 8.0;
+
+/// How much light is hidden, by one affine map, and several networks of one shape that say where.
+pub(in super::super) struct Network {
+    /// Mean and spread of the numbers about the whole, and of those about a cell.
+    scales: [(Vec<f32>, Vec<f32>); 2],
+    amount: Affine,
+    members: Vec<Member>,
+    /// What the disagreement of the members leaves out of the uncertainty, in stops.
+    pub residual: f64,
+}
+
+struct Member {
+    linear: Vec<f32>,
+    cell: Vec<f32>,
+    overview: Vec<Affine>,
+    out: Vec<f32>,
+}
+
+struct Affine {
+    weight: Vec<f32>,
+    bias: f32,
+}
+
+/// What is predicted of one panorama.
+pub(in super::super) struct Prediction {
+    /// log2 of hidden over visible flux.
+    pub amount: f64,
+    /// The share of each cell, as each member has it.
+    pub shares: Vec<Vec<f64>>,
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).fold(0.0, |sum, (a, b)| sum + a * b)
+}
+
+fn unit(x: f32) -> f32 {
+    if x > 0.0 { x } else { LEAK * x }
+}
+
+impl Affine {
+    fn apply(&self, x: &[f32]) -> f32 {
+        dot(&self.weight, x) + self.bias
+    }
+}
+
+impl Network {
+    /// Reads a file of weights. `file` is the name for messages.
+    pub fn parse(file: &str, bytes: &[u8], overview: usize, cell: usize) -> Result<Self, Error> {
+        let weights = Weights::parse(file, bytes)?;
+        let wrong = |name: &str, shape: &[usize], wanted: &str| {
+            Error::format(file, format!("tensor `{name}` has shape {shape:?}; {wanted} is wanted"))
+        };
+        let sized = |name: &str, columns: usize| {
+            let (shape, values) = weights.tensor(name)?;
+            if values.len() != columns {
+                return Err(wrong(name, &shape, &format!("[{columns}]")));
+            }
+            Ok(values)
+        };
+        // A tensor of one row of `columns` for each member, or of several rows each.
+        let rows = |name: &str, members: usize, columns: Option<usize>| {
+            let (shape, values) = weights.tensor(name)?;
+            let fits = shape.first() == Some(&members) && columns.is_none_or(|n| shape.last() == Some(&n));
+            if !fits || values.is_empty() {
+                let columns = columns.map_or("...".to_owned(), |n| n.to_string());
+                return Err(wrong(name, &shape, &format!("[{members}, {columns}]")));
+            }
+            let each = values.len() / members;
+            Ok(values.chunks_exact(each).map(<[f32]>::to_vec).collect::<Vec<_>>())
+        };
+        let bias = sized("amount.bias", 1)?[0];
+        let amount = Affine { weight: sized("amount.linear", overview)?, bias };
+        let count = weights.tensor("score.out")?.0.first().copied().unwrap_or_default();
+        let linear = rows("score.linear", count, Some(cell))?;
+        let cells = rows("score.cell", count, Some(cell))?;
+        let about = rows("score.overview", count, Some(overview))?;
+        let about_bias = rows("score.bias", count, None)?;
+        let out = rows("score.out", count, None)?;
+        let affine = |weight: &[f32], bias: &[f32]| -> Vec<Affine> {
+            let rows = weight.chunks_exact(overview).zip(bias);
+            rows.map(|(row, bias)| Affine { weight: row.to_vec(), bias: *bias }).collect()
+        };
+        let mut members = Vec::with_capacity(count);
+        for m in 0..count {
+            let units = out[m].len();
+            for (name, rows, each) in
+                [("cell", &cells, cell), ("overview", &about, overview), ("bias", &about_bias, 1)]
+            {
+                let (got, wanted) = (rows[m].len(), units * each);
+                if got != wanted {
+                    let what = format!(
+                        "tensor `score.{name}` holds {got} values a network; {units} units, as `score.out` has, take {wanted}"
+                    );
+                    return Err(Error::format(file, what));
+                }
+            }
+            members.push(Member {
+                linear: linear[m].clone(),
+                cell: cells[m].clone(),
+                overview: affine(&about[m], &about_bias[m]),
+                out: out[m].clone(),
+            });
+        }
+        let scale = |name: &str, columns: usize| {
+            let spread = sized(&format!("{name}.spread"), columns)?;
+            if spread.iter().any(|v| *v <= 0.0) {
+                return Err(Error::format(file, format!("tensor `{name}.spread` holds a value not above 0")));
+            }
+            Ok((sized(&format!("{name}.mean"), columns)?, spread))
+        };
+        let scales = [scale("overview", overview)?, scale("cell", cell)?];
+        let residual = f64::from(sized("residual", 1)?[0]);
+        Ok(Self { scales, amount, members, residual })
+    }
+
+    /// What is hidden, and where. `flux` is what each cell shows.
+    pub fn predict(&self, overview: &[f32], cells: &[&[f32]], flux: &[f64]) -> Prediction {
+        let scaled = |which: usize, values: &[f32]| -> Vec<f32> {
+            let ((mean, spread), limit) = (&self.scales[which], LIMITS[which]);
+            let scaled = values.iter().zip(mean).zip(spread).map(|((v, m), s)| (v - m) / s);
+            scaled.map(|v| v.clamp(-limit, limit)).collect()
+        };
+        let overview = scaled(0, overview);
+        let cells: Vec<Vec<f32>> = cells.iter().map(|cell| scaled(1, cell)).collect();
+        Prediction {
+            amount: f64::from(self.amount.apply(&overview)).clamp(-AMOUNT, AMOUNT),
+            shares: self.members.iter().map(|member| member.shares(&overview, &cells, flux)).collect(),
+        }
+    }
+}
+
+impl Member {
+    fn shares(&self, overview: &[f32], cells: &[Vec<f32>], flux: &[f64]) -> Vec<f64> {
+        let about: Vec<f32> = self.overview.iter().map(|u| u.apply(overview)).collect();
+        let score = |cell: &Vec<f32>| {
+            let rows = self.cell.chunks_exact(cell.len());
+            let inner = rows
+                .zip(&about)
+                .zip(&self.out)
+                .fold(0.0, |sum, ((row, about), out)| sum + out * unit(dot(row, cell) + about));
+            f64::from(dot(&self.linear, cell) + inner)
+        };
+        let scores: Vec<f64> = cells.iter().map(score).collect();
+        let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> =
+            scores.iter().zip(flux).map(|(score, flux)| num::f64::exp(score - largest) * flux).collect();
+        let total: f64 = weights.iter().sum();
+        let share = |w: f64| if total > 0.0 { w / total } else { 0.0 };
+        weights.into_iter().map(share).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kinds::predict_exposure::network::{CELL, OVERVIEW, WEIGHTS};
+    use safetensors::SafeTensors;
+    use safetensors::tensor::{Dtype, TensorView, serialize};
+
+    /// The shipped weights with the bytes and shapes of each tensor changed.
+    fn changed(change: impl Fn(&str, &mut Vec<usize>, &mut Vec<u8>) -> bool) -> Result<Network, Error> {
+        let tensors = SafeTensors::deserialize(WEIGHTS).expect("is sound");
+        let mut kept = Vec::new();
+        for (name, view) in tensors.tensors() {
+            let (mut shape, mut bytes) = (view.shape().to_vec(), view.data().to_vec());
+            if change(&name, &mut shape, &mut bytes) {
+                kept.push((name, shape, bytes));
+            }
+        }
+        let view = |(name, shape, bytes)| (name, TensorView::new(Dtype::F16, shape, bytes).expect("fits"));
+        let views =
+            kept.iter().map(|(name, shape, bytes)| view((name.as_str(), shape.clone(), bytes.as_slice())));
+        let file = serialize(views, None).expect("serializes");
+        Network::parse("w", &file, OVERVIEW, CELL)
+    }
+
+    /// What is wrong with weights is told by the name of the tensor.
+    #[test]
+    fn row_25_wrong_weights_are_refused_by_name() {
+        let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");
+        for name in shipped.names().into_iter().map(String::from) {
+            let said =
+                |result: Result<Network, Error>| result.err().map(|e| e.to_string()).unwrap_or_default();
+            let missing = said(changed(|n, _, _| n != name));
+            assert!(missing.contains(&format!("`{name}` is missing")), "{missing}");
+            let nan = said(changed(|n, _, bytes| {
+                if n == name {
+                    bytes[1] = 0x7e;
+                }
+                true
+            }));
+            assert!(nan.contains(&name) && nan.contains("NaN"), "{nan}");
+            let longer = said(changed(|n, shape, bytes| {
+                if n == name {
+                    let last = shape.len() - 1;
+                    let rows: usize = shape[..last].iter().product();
+                    shape[last] += 1;
+                    bytes.resize(bytes.len() + 2 * rows, 0);
+                }
+                true
+            }));
+            assert!(longer.contains(&format!("`{name}`")), "{name}: {longer}");
+        }
+    }
+
+    /// The forward pass of the shipped networks in float64, of numbers as far from their means as panoramas have them, and
+    /// farther. Mutation: `LEAK` to 0, or a limit of `LIMITS` for the other.
+    #[test]
+    fn the_forward_pass_is_that_of_float64() {
+        let network = Network::parse("w", WEIGHTS, OVERVIEW, CELL).expect("is sound");
+        let weights = Weights::parse("w", WEIGHTS).expect("is sound");
+        let tensor = |name: &str| -> Vec<f64> {
+            weights.tensor(name).expect("is there").1.into_iter().map(f64::from).collect()
+        };
+        let (mut state, spread) =
+            (0, |name: &str| [tensor(&format!("{name}.mean")), tensor(&format!("{name}.spread"))]);
+        let mut numbers = |[means, spreads]: &[Vec<f64>; 2]| -> Vec<f32> {
+            let number = |(mean, spread): (&f64, &f64)| {
+                state += 1;
+                let [at, _] = crate::geometry::sampling::Points::new(3, state).bits(0);
+                (mean + spread * 10.0 * (f64::from(at) / 4_294_967_296.0 - 0.5)) as f32
+            };
+            means.iter().zip(spreads).map(number).collect()
+        };
+        let (whole, cell_scale) = (spread("overview"), spread("cell"));
+        let overview = numbers(&whole);
+        let cells: Vec<Vec<f32>> = (0..50).map(|_| numbers(&cell_scale)).collect();
+        let flux: Vec<f64> = (1..=50).map(f64::from).collect();
+        let views: Vec<&[f32]> = cells.iter().map(Vec::as_slice).collect();
+        let found = network.predict(&overview, &views, &flux);
+
+        let scaled = |values: &[f32], [means, spreads]: &[Vec<f64>; 2], limit: f64| -> Vec<f64> {
+            let each = values.iter().zip(means).zip(spreads);
+            each.map(|((v, mean), spread)| ((f64::from(*v) - mean) / spread).clamp(-limit, limit)).collect()
+        };
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let overview = scaled(&overview, &whole, 3.0);
+        let amount = sum(&tensor("amount.linear"), &overview) + tensor("amount.bias")[0];
+        assert!((found.amount - amount.clamp(-8.0, 8.0)).abs() < 1e-5, "{} {amount}", found.amount);
+        let [linear, inner, about, bias, out] =
+            ["linear", "cell", "overview", "bias", "out"].map(|name| tensor(&format!("score.{name}")));
+        let (members, units) = (found.shares.len(), out.len() / found.shares.len());
+        let mut largest = 0.0_f64;
+        for member in 0..members {
+            let score = |cell: &Vec<f32>| {
+                let cell = scaled(cell, &cell_scale, 4.0);
+                let unit = |u: usize| {
+                    let u = member * units + u;
+                    let rows = [(&inner, CELL, &cell), (&about, OVERVIEW, &overview)];
+                    let x: f64 =
+                        rows.iter().map(|(rows, n, x)| sum(&rows[u * n..(u + 1) * n], x)).sum::<f64>()
+                            + bias[u];
+                    out[u] * if x > 0.0 { x } else { 0.1 * x }
+                };
+                sum(&linear[member * CELL..(member + 1) * CELL], &cell) + (0..units).map(unit).sum::<f64>()
+            };
+            let scores: Vec<f64> = cells.iter().map(score).collect();
+            let most = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let weights: Vec<f64> =
+                scores.iter().zip(&flux).map(|(score, flux)| flux * num::f64::exp(score - most)).collect();
+            let total: f64 = weights.iter().sum();
+            for (share, weight) in found.shares[member].iter().zip(weights) {
+                largest = largest.max((share - weight / total).abs());
+            }
+        }
+        assert!(largest < 1e-5, "{largest}");
+    }
+
+    /// The largest weights that f16 holds overflow nothing.
+    #[test]
+    fn row_26_the_largest_weights_stay_finite() {
+        let network = changed(|name, _, bytes| {
+            if !name.contains("spread") {
+                bytes.chunks_exact_mut(2).for_each(|b| b.copy_from_slice(&[0xff, 0x7b]));
+            }
+            true
+        })
+        .expect("is sound");
+        let cells = [[1e4; CELL], [-1e4; CELL], [0.0; CELL]];
+        let views: Vec<&[f32]> = cells.iter().map(|cell| cell.as_slice()).collect();
+        let prediction = network.predict(&[1e4; OVERVIEW], &views, &[1.0, 2.0, 3.0]);
+        assert!(prediction.amount.abs() <= AMOUNT);
+        for shares in &prediction.shares {
+            assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! What the networks read: numbers about the whole panorama, and numbers about each clipped cell.
+
+use engine::Up;
+use glam::DVec3;
+
+use super::super::grid::Grid;
+use super::super::sun;
+use super::blur::Fields;
+use super::overview::OVERVIEW;
+use crate::light::measure::luminance;
+use crate::light::regions::{self, Regions};
+use crate::math::equirect::axes;
+use crate::math::num;
+
+/// Numbers about each clipped cell.
+pub(in super::super) const CELL: usize = 37;
+/// Radii of the neighbourhoods, in columns of a grid of 256: 2.8, 8.4, 22.5 and 63 degrees.
+const RADII: [usize; 4] = [2, 6, 16, 45];
+/// Cells whose brightest channel is above this count as clipped in all channels.
+const WHITE: f64 = 0.95;
+
+/// A panorama as the network sees it.
+pub(in super::super) struct Scene {
+    /// The numbers about the whole panorama.
+    pub overview: [f32; OVERVIEW],
+    /// The clipped cells, in order.
+    pub cells: Vec<ClippedCell>,
+    /// Luminance times solid angle of everything seen and not clipped, in cells that are clipped in part too.
+    pub open_flux: f64,
+    /// Luminance times solid angle of everything seen above the horizon.
+    pub above: f64,
+    /// Which regions are taken for the sun.
+    pub suns: Vec<f64>,
+}
+
+/// One clipped cell.
+pub(in super::super) struct ClippedCell {
+    /// Its index in the grid.
+    pub index: usize,
+    /// Its region.
+    pub region: usize,
+    /// The numbers about it.
+    pub features: [f32; CELL],
+    /// Solid angle of what is clipped of it, and luminance times that.
+    pub size: f64,
+    pub flux: f64,
+    /// Sine of its elevation.
+    pub sine: f64,
+}
+
+/// One connected clipped region.
+struct Region {
+    /// log2 of its solid angle.
+    size: f64,
+    share: f64,
+    /// Sine of elevation: mean, largest, least.
+    sine: [f64; 3],
+    centre: DVec3,
+    /// Root mean square angle from its centre.
+    radius: f64,
+    deepest: f64,
+    white: f64,
+    /// Mean of what lies around, near and less near.
+    around: [f64; 2],
+}
+
+/// Per-cell quantities that everything below reads.
+pub(super) struct View<'a> {
+    pub grid: &'a Grid,
+    pub up: Up,
+    /// Of each row.
+    solid_angle: Vec<f64>,
+    /// Sine of the elevation of each row.
+    sine: Vec<f64>,
+    /// Luminance of what is seen.
+    pub luminance: Vec<f64>,
+    /// What is seen and not clipped: solid angle, light and its luminance.
+    pub open: Vec<f64>,
+    pub open_rgb: Vec<[f64; 3]>,
+    pub open_luminance: Vec<f64>,
+    /// The same of what is clipped.
+    pub clipped: Vec<f64>,
+    clipped_rgb: Vec<[f64; 3]>,
+    pub clipped_luminance: Vec<f64>,
+}
+
+pub(super) fn log2(v: f64, least: f64) -> f64 {
+    num::f64::log2(v.max(least))
+}
+
+impl<'a> View<'a> {
+    /// Of light whose whites end at `ceiling`, as if they ended at 1.
+    fn new(grid: &'a Grid, up: Up, ceiling: f64) -> Self {
+        let above = axes(up)[2];
+        let row = |y: usize| y * grid.width;
+        let solid_angle: Vec<f64> = (0..grid.height).map(|y| grid.solid_angle(row(y))).collect();
+        let sine = (0..grid.height).map(|y| grid.direction(up, row(y)).dot(above)).collect();
+        let held = |light: &[[f64; 3]]| -> Vec<[f64; 3]> {
+            light.iter().map(|rgb| rgb.map(|v| (v / ceiling).min(1.0))).collect()
+        };
+        let bright = |light: &[[f64; 3]]| -> Vec<f64> { light.iter().map(|rgb| luminance(*rgb)).collect() };
+        let (open_rgb, clipped_rgb) = (held(&grid.open_rgb), held(&grid.clipped_rgb));
+        let cells = 0..grid.rgb.len();
+        Self {
+            grid,
+            up,
+            solid_angle,
+            sine,
+            luminance: bright(&held(&grid.rgb)),
+            open: cells.clone().map(|c| grid.open_angle(c)).collect(),
+            open_luminance: bright(&open_rgb),
+            open_rgb,
+            clipped: cells.map(|c| grid.clipped_angle(c)).collect(),
+            clipped_luminance: bright(&clipped_rgb),
+            clipped_rgb,
+        }
+    }
+
+    pub fn cells(&self) -> std::ops::Range<usize> {
+        0..self.luminance.len()
+    }
+
+    pub fn sine(&self, cell: usize) -> f64 {
+        self.sine[cell / self.grid.width]
+    }
+
+    pub fn solid_angle(&self, cell: usize) -> f64 {
+        self.solid_angle[cell / self.grid.width]
+    }
+
+    /// Neighbourhoods of every cell at each radius: share that is clipped, log2 mean of what is not, its
+    /// blue over red in stops, share that is clipped in all channels.
+    fn neighbourhoods(&self) -> Vec<Vec<[f64; 4]>> {
+        let field = |c: usize| {
+            let (all, open, [r, _, b]) = (self.solid_angle(c), self.open[c], self.open_rgb[c]);
+            let clipped = self.clipped[c];
+            let white = if self.least(c) > WHITE { clipped } else { 0.0 };
+            [clipped, self.open_luminance[c] * open, r * open, b * open, open, white, all]
+        };
+        let fields = Fields { width: self.grid.width, values: self.cells().map(field).collect() };
+        let describe = |[clipped, light, red, blue, open, white, all]: [f64; 7]| {
+            let all = all.max(1e-12);
+            let brightness = num::f64::log2((light + 2e-5 * all) / (open + 1e-3 * all) + 1e-3);
+            let hue = num::f64::log2((blue + 1e-5 * all) / (red + 1e-5 * all)).clamp(-3.0, 3.0);
+            [clipped / all, brightness, hue, white / all]
+        };
+        RADII
+            .iter()
+            .map(|radius| {
+                let blurred = fields.blurred((radius * self.grid.width / 256).max(1));
+                blurred.values.into_iter().map(describe).collect()
+            })
+            .collect()
+    }
+
+    /// The darkest channel of what is clipped of a cell.
+    fn least(&self, cell: usize) -> f64 {
+        self.clipped_rgb[cell].into_iter().fold(1.0, f64::min)
+    }
+
+    fn region(&self, cells: &[usize], total: f64, depth: &[f32], around: &[Vec<[f64; 4]>]) -> Region {
+        let mut region = Region {
+            size: 0.0,
+            share: 0.0,
+            sine: [0.0, -1.0, 1.0],
+            centre: DVec3::ZERO,
+            radius: 0.0,
+            deepest: 0.0,
+            white: 0.0,
+            around: [0.0; 2],
+        };
+        let mut size = 0.0;
+        for &c in cells {
+            let (solid_angle, sine) = (self.clipped[c], self.sine(c));
+            size += solid_angle;
+            region.sine =
+                [region.sine[0] + sine * solid_angle, region.sine[1].max(sine), region.sine[2].min(sine)];
+            region.centre += self.grid.direction(self.up, c) * solid_angle;
+            region.deepest = region.deepest.max(f64::from(depth[c]));
+            region.white += if self.least(c) > WHITE { solid_angle } else { 0.0 };
+            region.around[0] += around[1][c][1] * solid_angle;
+            region.around[1] += around[2][c][1] * solid_angle;
+        }
+        region.centre = region.centre.try_normalize().unwrap_or(axes(self.up)[2]);
+        region.sine[0] /= size;
+        region.white /= size;
+        region.around = region.around.map(|v| v / size);
+        let spread = |&c: &usize| {
+            let angle = self.angle(c, region.centre);
+            angle * angle * self.clipped[c]
+        };
+        region.radius = (cells.iter().map(spread).sum::<f64>() / size).sqrt();
+        region.size = num::f64::log2(size);
+        region.share = size / total;
+        region
+    }
+
+    fn angle(&self, cell: usize, from: DVec3) -> f64 {
+        num::f64::acos(self.grid.direction(self.up, cell).dot(from).clamp(-1.0, 1.0))
+    }
+
+    fn cell(&self, c: usize, region: &Region, depth: f64, around: &[Vec<[f64; 4]>]) -> [f32; CELL] {
+        let mut numbers = Vec::with_capacity(CELL);
+        for radius in around {
+            numbers.extend(radius[c]);
+        }
+        // What faces a light across the eye is lit by it, and a floor mirrors it: how bright that is.
+        let (width, last) = (self.grid.width, self.grid.height - 1);
+        let below = (last - c / width) * width + c % width;
+        let opposite = below - c % width + (c % width + width / 2) % width;
+        numbers.extend([around[3][opposite][1], around[1][below][1]]);
+        let sine = self.sine(c);
+        let angle = self.angle(c, region.centre);
+        numbers.extend([log2(depth, 1.0), self.least(c), sine, sine * sine, sine.abs()]);
+        numbers.extend([depth / region.deepest.max(1e-9), region.size, region.share, sine - region.sine[0]]);
+        numbers.extend([(angle / region.radius.max(0.01)).min(3.0), angle, region.sine[1] - sine]);
+        numbers.extend([log2(region.deepest, 1.0), log2(region.radius, 1e-3), region.white]);
+        numbers.extend([region.sine[2], region.size - 2.0 * log2(region.radius, 1e-2)]);
+        numbers.extend(region.around);
+        std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0) as f32)
+    }
+}
+
+impl Scene {
+    /// Describes a panorama whose clipped regions are `labels` and whose whites end at `ceiling`, 1 in what was learned
+    /// from. The numbers are of the panorama as if they ended there; light is in the panorama's own unit.
+    pub(in super::super) fn new(grid: &Grid, up: Up, labels: &Regions, ceiling: f64) -> Self {
+        let view = View::new(grid, up, ceiling);
+        let mut members = vec![Vec::new(); labels.count];
+        for (cell, region) in labels.of.iter().enumerate() {
+            if let Some(region) = region {
+                members[*region as usize].push(cell);
+            }
+        }
+        let sizes: Vec<f64> = members.iter().map(|m| m.iter().map(|&c| view.clipped[c]).sum()).collect();
+        let total = sizes.iter().sum();
+        let around = view.neighbourhoods();
+        let depth = regions::distance_to_edge(&grid.clipped, grid.width);
+        let regions: Vec<Region> =
+            members.iter().map(|cells| view.region(cells, total, &depth, &around)).collect();
+        let cell = |(index, region): (usize, &Option<u32>)| {
+            let region = (*region)? as usize;
+            let features = view.cell(index, &regions[region], f64::from(depth[index]), &around);
+            let flux = ceiling * view.clipped_luminance[index] * view.clipped[index];
+            Some(ClippedCell {
+                index,
+                region,
+                features,
+                size: view.clipped[index],
+                flux,
+                sine: view.sine(index),
+            })
+        };
+        Self {
+            overview: view.overview(&members, &sizes),
+            cells: labels.of.iter().enumerate().filter_map(cell).collect(),
+            above: view
+                .cells()
+                .filter(|&c| grid.seen[c] && view.sine(c) > 0.0)
+                .map(|c| ceiling * view.luminance[c] * view.solid_angle(c))
+                .sum(),
+            suns: sun::suns(grid, up, &members),
+            open_flux: view.cells().map(|c| ceiling * view.open_luminance[c] * view.open[c]).sum(),
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! Exposures that a camera took of the same panorama: what they show is measured, not estimated.
+
+use engine::{Context, InputFile, NodeError, Notes};
+
+use super::SEEN;
+use crate::error::Error;
+use crate::io::picture::{FileEncoding, decode};
+use crate::io::stretch::Stretch;
+use crate::light::exposure::{DARKEST, Shown, WHITE, measured};
+use crate::light::linear::{LinearPixels, Transfer, max3};
+use crate::light::whole_sphere::{premultiplied, straight};
+use crate::light::whole_sphere::{turn, whole};
+use crate::math::color::srgb_from_linear;
+use crate::math::num;
+use crate::types::{Image, Panorama, Picture, Srgb, Taken};
+
+/// Stops by which a photograph must show more of what may be white: half a code of 8 bits, ten stops down.
+const BRIGHTER: f32 = 0.25;
+/// A photograph is judged by pixels that it should show at this luminance or more, the fourth code of 8 bits.
+const SHOWN: f64 = 1.2e-3;
+/// It is judged by no fewer pixels.
+const FEWEST: usize = 16;
+/// Stops that the light of a photograph may be off by, in the middle, and that half of its pixels may lie apart from that.
+const APART: [f32; 2] = [0.5, 1.0];
+/// Share of the pixels that are white elsewhere that may be so many stops short of it. Over the 74 panoramas of hdri-train it
+/// is 0 for their own photographs, above this for 99 of 100 that are of another place, mirrored or turned by 56 degrees, for
+/// two of three that are turned by 4, and for one of three that are turned by one.
+const SHORT: f64 = 0.1;
+
+/// Refuses files that are not one for each exposure.
+pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
+    if files.len() == evs.len() && !files.is_empty() {
+        return Ok(());
+    }
+    let text = format!("{} photographs for {} exposures", files.len(), evs.len());
+    Err(NodeError::new(text).at("method").hint("list in `evs` the exposure of each file, in the same order"))
+}
+
+struct Photograph {
+    ev: f64,
+    name: String,
+    /// Linear light.
+    rgb: Vec<[f32; 3]>,
+    alpha: Vec<f32>,
+    /// Linear light has no ceiling: what a file holds above white it holds.
+    linear: bool,
+}
+
+impl Photograph {
+    /// What it shows of a pixel; `None` of a hole.
+    fn shown(&self, at: usize) -> Option<Shown> {
+        let (ev, rgb) = (self.ev, self.rgb[at]);
+        let shown = if self.linear { Shown { ev, rgb, clipped: false } } else { Shown::display(ev, rgb) };
+        (self.alpha[at] >= SEEN).then_some(shown)
+    }
+}
+
+/// By how many stops a photograph shows more of a pixel than others do.
+#[derive(Clone, Copy)]
+struct Off {
+    stops: f32,
+    /// All others are clipped there, so it must show as much or more.
+    white: bool,
+}
+
+impl Photograph {
+    /// A pixel against what brighter pictures show of it, brightest first; `None` where nothing can be said.
+    fn off(&self, at: usize, others: impl Iterator<Item = Shown>) -> Option<Off> {
+        let (mut light, mut white) = (0.0_f64, true);
+        for other in others {
+            // Clipped light is at least what each of them shows.
+            light = if other.clipped { light.max(other.light()) } else { other.light() };
+            white = other.clipped;
+            if !white {
+                break;
+            }
+        }
+        let wanted = light * num::f64::exp2(self.ev);
+        if wanted < SHOWN || (!white && wanted > f64::from(WHITE) && !self.linear) {
+            return None;
+        }
+        let stops = num::f64::log2(self.shown(at)?.light().max(light * DARKEST) / light) as f32;
+        Some(Off { stops, white })
+    }
+
+    /// Warns where what it shows contradicts the others.
+    fn tell(&self, shown: &[Off], white: &[Off], notes: &mut Notes) {
+        let taken = format!("`{}`, taken at EV {}, shows", self.name, self.ev);
+        let mut off: Vec<f32> = shown.iter().map(|off| off.stops).collect();
+        let enough = off.len() >= FEWEST;
+        let middle = if enough { median(&mut off) } else { 0.0 };
+        off.iter_mut().for_each(|stops| *stops = (*stops - middle).abs());
+        let apart = if enough { median(&mut off) } else { 0.0 };
+        let short = white.iter().filter(|off| off.stops < -APART[0]).count();
+        if middle.abs() > APART[0] || apart > APART[1] {
+            let (stops, than) = (middle.abs(), if middle > 0.0 { "more" } else { "less" });
+            let text = format!(
+                "{taken} {stops:.1} stops {than} light than the panorama or a brighter photograph does of the same {} pixels (the median; half of them lie within {apart:.1} stops of it): is it of another exposure or place?",
+                shown.len()
+            );
+            notes.warning("photograph-disagrees", text);
+        } else if short as f64 > SHORT * white.len() as f64 {
+            let text = format!(
+                "{taken} less light than their white of {short} of {} pixels that are white in brighter pictures: is it of another place, or turned?",
+                white.len()
+            );
+            notes.warning("photograph-disagrees", text);
+        } else if !enough {
+            let text = format!(
+                "{taken} too little of what the panorama and brighter photographs show to be checked by it"
+            );
+            notes.decision("photograph-unchecked", text);
+        }
+    }
+}
+
+/// The photographs of a panorama, darkest first, turned as it was.
+pub(super) struct Photographs(Vec<Photograph>);
+
+impl Photographs {
+    /// Reads them as `load-panorama` reads theirs.
+    pub fn read(
+        files: &[InputFile],
+        evs: &[f64],
+        pano: &Panorama,
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<Self, NodeError> {
+        let mut taken = Vec::with_capacity(files.len());
+        for (i, (file, &ev)) in files.iter().zip(evs).enumerate() {
+            let stretch = Stretch::of(cx, 0.0, 0.5).piece(i, files.len());
+            taken.push(read(file, ev, pano, notes, stretch, cx).map_err(|error| error.at("method"))?);
+        }
+        if let Some(other) = taken.iter().find(|other| other.linear != taken[0].linear) {
+            let kind = |linear| if linear { "linear light" } else { "display colours" };
+            let (this, that) = (kind(taken[0].linear), kind(other.linear));
+            let text = format!("`{}` holds {this}, `{}` {that}", taken[0].name, other.name);
+            return Err(NodeError::new(text)
+                .at("method")
+                .hint("give all photographs as PNG and JPEG, or all as OpenEXR and Radiance"));
+        }
+        let columns = pano.turned_deg / 360.0 * pano.alpha.width as f64;
+        if (columns - columns.round()).abs() > 1e-6 {
+            let text = "the panorama was turned by part of a column and its photographs by whole ones, so they lie up to half a pixel apart";
+            notes.warning("photographs-between-pixels", text);
+        }
+        taken.sort_by(|a, b| a.ev.total_cmp(&b.ev));
+        Ok(Self(taken))
+    }
+
+    /// What they hold; all hold the same.
+    pub fn taken(&self) -> Taken {
+        if self.0.iter().any(|photograph| photograph.linear) { Taken::Linear } else { Taken::Display }
+    }
+
+    /// Warns of photographs whose light is not that of the panorama, or of a brighter photograph, where these show it, or
+    /// less than their white where they do not.
+    pub fn compare(
+        &self,
+        (pixels, alpha): (&LinearPixels, &[f32]),
+        white: f32,
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
+        let white = white.min(WHITE);
+        let known = |at: usize| {
+            let (rgb, clipped) = (pixels.rgb[at], pixels.ceiling && max3(pixels.rgb[at]) > white);
+            (alpha[at] >= SEEN).then_some(Shown { ev: 0.0, rgb, clipped })
+        };
+        for (i, photograph) in self.0.iter().enumerate().rev() {
+            let brighter = &self.0[i + 1..];
+            let rows = cx.for_each_tile(pixels.height, |y| {
+                let off = |at: usize| {
+                    let others = brighter.iter().rev().filter_map(|other| other.shown(at));
+                    photograph.off(at, known(at).into_iter().chain(others))
+                };
+                (y * pixels.width..(y + 1) * pixels.width).filter_map(off).collect::<Vec<_>>()
+            })?;
+            let (shown, white): (Vec<Off>, Vec<Off>) = rows.concat().into_iter().partition(|off| !off.white);
+            photograph.tell(&shown, &white, notes);
+        }
+        Ok(())
+    }
+
+    /// Adds to the mask what may be white of a panorama whose white ends a little early, and is brighter in a photograph by
+    /// more than its codes leave open.
+    pub fn add_clipped(
+        &self,
+        pixels: &LinearPixels,
+        mask: &mut [bool],
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
+        if !pixels.ceiling {
+            return Ok(());
+        }
+        let rows = cx.for_each_tile(pixels.height, |y| {
+            let brighter = |at: usize| {
+                let shown = || self.0.iter().rev().filter_map(|taken| taken.shown(at));
+                let whiteish = !mask[at] && max3(pixels.rgb[at]) > WHITE;
+                whiteish && measured(pixels.rgb[at], shown()).is_some_and(|(gain, _)| gain > BRIGHTER)
+            };
+            (y * pixels.width..(y + 1) * pixels.width).map(brighter).collect::<Vec<_>>()
+        })?;
+        let mut added = 0;
+        for (clipped, brighter) in mask.iter_mut().zip(rows.iter().flatten()) {
+            *clipped |= *brighter;
+            added += u64::from(*brighter);
+        }
+        notes.count(
+            "white-early",
+            added,
+            "pixels below `white` count as clipped, since a photograph shows more",
+        );
+        Ok(())
+    }
+
+    /// The log2 gain of every clipped pixel.
+    pub fn gains(
+        &self,
+        (pixels, mask): (&LinearPixels, &[bool]),
+        notes: &mut Notes,
+        cx: &Context,
+    ) -> Result<Vec<f32>, NodeError> {
+        let rows = cx.for_each_tile(pixels.height, |y| {
+            let gain = |at: usize| match mask[at] {
+                true => measured(pixels.rgb[at], self.0.iter().rev().filter_map(|taken| taken.shown(at))),
+                false => Some((0.0, false)),
+            };
+            (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<_>>()
+        })?;
+        let still = rows.iter().flatten().filter(|gain| matches!(gain, Some((_, true)))).count();
+        tell_still(still, notes);
+        let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
+        if unseen > 0 {
+            let text = format!("{unseen} clipped pixels are holes in every photograph and stay as they are");
+            notes.warning("photographs-have-holes", text);
+        }
+        Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
+    }
+
+    /// Their codes; above 1 where linear light is above white. A hole shows what the gain says.
+    pub fn pictures(
+        &self,
+        pixels: &LinearPixels,
+        log2_gain: &[f32],
+        cx: &Context,
+    ) -> Result<Vec<Image<Srgb>>, NodeError> {
+        cx.for_each_tile(self.0.len(), |i| {
+            let photograph = &self.0[i];
+            let codes = |at: usize| match photograph.shown(at) {
+                Some(shown) => shown.rgb.map(srgb_from_linear),
+                None => {
+                    let white = if photograph.linear { f32::MAX } else { 1.0 };
+                    super::exposed(pixels.rgb[at], log2_gain[at], photograph.ev, white)
+                }
+            };
+            let samples = (0..pixels.rgb.len()).flat_map(codes).collect();
+            Image::from_samples(pixels.width, pixels.height, 3, samples)
+        })
+    }
+}
+
+fn read(
+    file: &InputFile,
+    ev: f64,
+    pano: &Panorama,
+    notes: &mut Notes,
+    stretch: Stretch<'_>,
+    cx: &Context,
+) -> Result<Photograph, NodeError> {
+    let bytes = cx.read(file)?;
+    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, stretch)?;
+    let picture = whole(&file.0, &bytes, picture, notes)?;
+    let (width, height, _) = picture.size();
+    let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
+    if (width, height) != (wanted, tall) {
+        let what = format!("is {width}x{height}; the panorama is {wanted}x{tall}");
+        return Err(Error::format(&file.0, what).into());
+    }
+    let linear = matches!(picture, Picture::Linear(_));
+    let pixels = premultiplied(&picture, notes)?;
+    drop(picture);
+    // By whole columns, so that what is white stays white.
+    let column = 360.0 / width as f64;
+    let turned_deg = (pano.turned_deg / column).round() * column;
+    let (samples, alpha) = straight(turn(&pixels, width, turned_deg, cx)?);
+    let light = |v: f32| if linear { v } else { Transfer::Srgb.linear(v).min(1.0) };
+    let rgb = samples.as_chunks::<3>().0.iter().map(|rgb| rgb.map(light)).collect();
+    Ok(Photograph { ev, name: file.0.clone(), rgb, alpha, linear })
+}
+
+/// The lower of the two in the middle; of at least one number.
+fn median(of: &mut [f32]) -> f32 {
+    let middle = (of.len() - 1) / 2;
+    *of.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Warns of pixels that even the darkest exposure does not show.
+pub(super) fn tell_still(pixels: usize, notes: &mut Notes) {
+    if pixels > 0 {
+        notes.warning(
+            "still-clipped",
+            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; a darker one in `evs` would tell more"),
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests;

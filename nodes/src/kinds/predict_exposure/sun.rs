@@ -1,0 +1,113 @@
+//! Which clipped region is the sun of a clear sky, and the least light that it then gives.
+//!
+//! A regression over many places, whose clipped regions are mostly windows, glints and clouds, is too timid there.
+
+use engine::{Notes, Up};
+
+use super::grid::Grid;
+use crate::light::regions;
+use crate::math::equirect::axes;
+use crate::math::num;
+
+/// Cells around a region that count as its surroundings.
+pub(super) const RING: usize = 3;
+/// The sun is smaller than this, in log2 sr.
+const LARGEST: f64 = -2.5;
+/// It stands higher than this, as the sine of its mean elevation; the ground lies as far below the horizon.
+const LOWEST: f64 = 0.03;
+/// It holds at least this share of all that is clipped above the horizon. What is clipped below is lit by it, snow or glints.
+const SHARE: f64 = 0.35;
+/// It stands in a sky that is bluer than the ground, which sun and sky light together, whatever the white balance. By how
+/// many times as blue, as B over R, it is told to be the sun from, and for certain.
+const BLUER: [f64; 2] = [1.02, 1.1];
+/// The sun gives at least so much of the flux of everything unclipped. A physical sun gives about 1.7 times as much. The
+/// thresholds and this number were chosen on the panoramas of hdri-train (docs/light.md), so those are no test of them.
+pub(super) const FLUX: f64 = 0.5;
+
+/// The sky is clear where it is so many times as blue as the ground, as B over R, and so blue in itself: rooms with brown floors
+/// and captures under clouds reach the one or the other. From how much of the solid angle above [`HORIZON`] on it is told to
+/// be clear, and for certain: walls and trees may hide the rest.
+const CLEAR: [f64; 2] = [2.0, 1.1];
+const SEEN_SKY: [f64; 2] = [0.1, 0.25];
+/// Sine of the elevation from which on there is sky.
+const HORIZON: f64 = 0.1;
+
+/// The sky around a region is blue in itself from here on, as B over R: then it may be the sun though the ground is as blue.
+const BLUE: f64 = 1.25;
+
+/// How certain it is that each region, given by its cells, is the sun of a clear sky: 0 to 1, and the part of [`FLUX`] that it
+/// gives. There is one at most: of several the largest.
+pub(super) fn suns(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<f64> {
+    let clear = ramp(clear_sky(grid, up), SEEN_SKY);
+    let part = |[bluer, _]: [f64; 2]| clear * ramp(bluer, BLUER);
+    let mut suns: Vec<f64> = hues(grid, up, regions).into_iter().map(|hues| hues.map_or(0.0, part)).collect();
+    let size = |i: usize| regions[i].iter().map(|&c| grid.clipped_angle(c)).sum::<f64>();
+    let told = (0..suns.len()).filter(|&i| suns[i] > 0.0);
+    let largest = told.max_by(|&a, &b| size(a).total_cmp(&size(b)).then(b.cmp(&a)));
+    suns.iter_mut().enumerate().filter(|(i, _)| Some(*i) != largest).for_each(|(_, sun)| *sun = 0.0);
+    suns
+}
+
+fn ramp(value: f64, [from, to]: [f64; 2]) -> f64 {
+    ((value - from) / (to - from)).clamp(0.0, 1.0)
+}
+
+/// The share of what is above the horizon, by solid angle, that is clear sky.
+fn clear_sky(grid: &Grid, up: Up) -> f64 {
+    let above = axes(up)[2];
+    let height = |cell: usize| grid.direction(up, cell).dot(above);
+    let (mut all, mut clear) = (0.0, 0.0);
+    let [red, blue] = red_blue(grid, (0..grid.rgb.len()).filter(|&c| height(c) < -LOWEST));
+    for c in (0..grid.rgb.len()).filter(|&c| height(c) > HORIZON) {
+        let [cell_red, _, cell_blue] = grid.open_rgb[c];
+        all += grid.solid_angle(c);
+        if cell_blue * red > CLEAR[0] * cell_red * blue && cell_blue > CLEAR[1] * cell_red {
+            clear += grid.open_angle(c);
+        }
+    }
+    clear / all
+}
+
+/// Tells of a light that is like the sun in a blue sky but for the ground, which is as blue: over water, say.
+pub(super) fn tell_doubtful(grid: &Grid, up: Up, regions: &[Vec<usize>], notes: &mut Notes) {
+    let doubtful = |[bluer, blue]: &[f64; 2]| *bluer <= BLUER[0] && *blue > BLUE;
+    if hues(grid, up, regions).iter().flatten().any(doubtful) {
+        let text = "a small clipped region above the horizon, in blue surroundings, is not taken for the sun, since the ground is as blue; if it is the sun, over water say, state it by `method: Manual`";
+        notes.decision("sun-doubtful", text);
+    }
+}
+
+/// Of each region that may be the sun by its size, height and share of what is clipped: how many times as blue as the
+/// ground its surroundings are, and how blue.
+fn hues(grid: &Grid, up: Up, regions: &[Vec<usize>]) -> Vec<Option<[f64; 2]>> {
+    let above = axes(up)[2];
+    let height = |cell: usize| grid.direction(up, cell).dot(above);
+    let size = |cells: &[usize]| cells.iter().map(|&c| grid.clipped_angle(c)).sum::<f64>();
+    let total: f64 =
+        regions.iter().flatten().filter(|&&c| height(c) > 0.0).map(|&c| grid.clipped_angle(c)).sum();
+    let ground = || (0..grid.rgb.len()).filter(|&c| height(c) < -LOWEST);
+    let hues = |cells: &Vec<usize>| {
+        let size = size(cells);
+        let mean_height = cells.iter().map(|&c| height(c) * grid.clipped_angle(c)).sum::<f64>() / size;
+        if num::f64::log2(size) >= LARGEST || size <= SHARE * total || mean_height <= LOWEST {
+            return None;
+        }
+        let ([sky_red, sky_blue], [red, blue]) =
+            (red_blue(grid, surroundings(grid, cells)), red_blue(grid, ground()));
+        (sky_red * blue > 0.0).then(|| [sky_blue * red / (sky_red * blue), sky_blue / sky_red])
+    };
+    regions.iter().map(hues).collect()
+}
+
+/// The red and the blue light of what is open of some cells.
+fn red_blue(grid: &Grid, cells: impl Iterator<Item = usize>) -> [f64; 2] {
+    cells.fold([0.0; 2], |[red, blue], c| {
+        [red + grid.open_angle(c) * grid.open_rgb[c][0], blue + grid.open_angle(c) * grid.open_rgb[c][2]]
+    })
+}
+
+/// The cells around a region of which something is open, and its own, in order.
+pub(super) fn surroundings(grid: &Grid, cells: &[usize]) -> impl Iterator<Item = usize> {
+    let around = regions::around(cells, (grid.width, grid.clipped.len()), RING);
+    around.into_iter().filter(move |&c| grid.open_angle(c) > 0.0)
+}

@@ -1,0 +1,114 @@
+//! How much light is hidden in all: a ridge regression on the numbers about the whole panorama.
+
+/// Penalty of a squared weight, for each unit of weight of the examples. Numbers have a spread of 1.
+const PENALTY: f64 = 0.08;
+/// Less hidden light than this, in stops above what is visible, is told from more, but no smaller amount.
+const LEAST: f64 = -10.0;
+
+/// log2 of hidden over visible flux, affine in scaled numbers.
+pub(super) struct Amount {
+    pub weight: Vec<f32>,
+    pub bias: f32,
+}
+
+/// One panorama to fit to.
+pub(super) struct Sample<'a> {
+    /// Its numbers, scaled.
+    pub numbers: &'a [f32],
+    /// log2 of hidden over visible flux.
+    pub amount: f64,
+    /// How much it counts.
+    pub weight: f64,
+}
+
+impl Amount {
+    /// The least sum of squared errors and penalties. The error is that of the amount itself, not of the light
+    /// that it makes: a panorama that hides nothing then tells as much as one that hides a sun.
+    pub fn fit(samples: &[Sample<'_>]) -> Self {
+        let columns = samples.first().map_or(0, |sample| sample.numbers.len());
+        let total: f64 = samples.iter().map(|s| s.weight).sum::<f64>().max(f64::MIN_POSITIVE);
+        let wanted = |sample: &Sample<'_>| sample.amount.max(LEAST);
+        let mut mean = vec![0.0; columns];
+        for sample in samples {
+            let part = sample.weight / total;
+            mean.iter_mut().zip(sample.numbers).for_each(|(m, v)| *m += part * f64::from(*v));
+        }
+        let centre = samples.iter().map(|s| s.weight * wanted(s)).sum::<f64>() / total;
+        // Normal equations about the means, one row after the other; the last column is the right hand side.
+        let mut rows = vec![vec![0.0; columns + 1]; columns];
+        for sample in samples {
+            let off: Vec<f64> = sample.numbers.iter().zip(&mean).map(|(v, m)| f64::from(*v) - m).collect();
+            let error = wanted(sample) - centre;
+            for (row, a) in rows.iter_mut().zip(&off) {
+                let part = sample.weight / total * a;
+                row.iter_mut().zip(off.iter().chain([&error])).for_each(|(to, b)| *to += part * b);
+            }
+        }
+        for (i, row) in rows.iter_mut().enumerate() {
+            row[i] += PENALTY;
+        }
+        let weight = solve(rows);
+        let bias = centre - weight.iter().zip(&mean).map(|(w, m)| w * m).sum::<f64>();
+        Self { weight: weight.iter().map(|w| *w as f32).collect(), bias: bias as f32 }
+    }
+
+    /// The amount of a panorama whose numbers are scaled.
+    pub fn of(&self, numbers: &[f32]) -> f64 {
+        let sum = numbers.iter().zip(&self.weight).fold(0.0, |sum, (v, w)| sum + v * w);
+        f64::from(sum + self.bias)
+    }
+}
+
+/// Solves equations whose matrix is positive definite, so that no pivot is 0, by elimination.
+fn solve(mut rows: Vec<Vec<f64>>) -> Vec<f64> {
+    let n = rows.len();
+    for i in 0..n {
+        let (above, below) = rows.split_at_mut(i + 1);
+        let pivot = &above[i];
+        for row in below {
+            let factor = row[i] / pivot[i];
+            row[i..].iter_mut().zip(&pivot[i..]).for_each(|(v, p)| *v -= factor * p);
+        }
+    }
+    let mut found = vec![0.0; n];
+    for i in (0..n).rev() {
+        let known: f64 = (i + 1..n).map(|k| rows[i][k] * found[k]).sum();
+        found[i] = (rows[i][n] - known) / rows[i][i];
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::sampling::{hash, unit};
+
+    // At the least, no change of a weight or of the bias lowers the cost: its slopes are 0.
+    // Mutation: `PENALTY` not added, or a sign turned in `solve`.
+    #[test]
+    fn a_fit_is_the_least_of_its_cost() {
+        let rows: Vec<Vec<f32>> =
+            (0..40).map(|i| (0..6).map(|k| unit(hash(i, k)) * 4.0 - 2.0).collect()).collect();
+        let sample = |(i, row): (usize, &'_ Vec<f32>)| {
+            let amount = f64::from(row[0] - 2.0 * row[3]) + f64::from(unit(hash(i as u32, 9)));
+            (amount, 0.5 + f64::from(unit(hash(i as u32, 10))))
+        };
+        let told: Vec<(f64, f64)> = rows.iter().enumerate().map(sample).collect();
+        let samples: Vec<Sample<'_>> = rows
+            .iter()
+            .zip(&told)
+            .map(|(numbers, &(amount, weight))| Sample { numbers, amount, weight })
+            .collect();
+        let fitted = Amount::fit(&samples);
+        let total: f64 = samples.iter().map(|s| s.weight).sum();
+        let slope = |k: Option<usize>| -> f64 {
+            let of = |s: &Sample<'_>| {
+                let error = fitted.of(s.numbers) - s.amount;
+                s.weight / total * error * k.map_or(1.0, |k| f64::from(s.numbers[k]))
+            };
+            samples.iter().map(of).sum::<f64>() + k.map_or(0.0, |k| PENALTY * f64::from(fitted.weight[k]))
+        };
+        assert!((0..6).map(Some).chain([None]).all(|k| slope(k).abs() < 1e-5));
+        assert!(fitted.weight[0] > 0.5 && fitted.weight[3] < -1.0);
+    }
+}

@@ -1,0 +1,265 @@
+//! The examples of a training, and which of them a network may learn from.
+
+use engine::Digest;
+use learned::exposure::{Examples, Scale};
+
+use super::super::network::{AMOUNT, CELL, LIMITS, OVERVIEW};
+use super::amount::{Amount, Sample};
+use super::procedural;
+use super::truth::{Example, Shot, Truth};
+use super::{Plan, Progress, place};
+use crate::error::Error;
+use crate::geometry::sampling::{hash, unit};
+use crate::math::num;
+use crate::types::{Image, Linear};
+
+/// Photographs of each panorama; the first is plain, at EV 0.
+const SHOTS: u32 = 8;
+/// Largest exposure away from EV 0, in stops.
+const STOPS: f64 = 1.2;
+/// Clipped cells that an example keeps; where there are more, those with the most light and others by chance.
+const CELLS: usize = 1400;
+const BRIGHTEST: usize = 250;
+/// Shares of the photographs that are taken of the finer panorama, and that have glints: none, until the cross-validation
+/// of a whole training has weighed them (0.5 and 0.3 are to be tried).
+const FINER: f64 = 0.0;
+const GLINTS: f64 = 0.0;
+/// A panorama made by formula counts so much of a photograph of a real one.
+const PROCEDURAL: f32 = 0.6;
+
+/// The examples.
+pub(super) struct Course {
+    /// The panoramas that are real.
+    held: Vec<HeldOut>,
+    /// The place of each example; `None` for what is made by formula.
+    places: Vec<Option<usize>>,
+    /// Which photograph of its panorama each example is; the first is plain.
+    shots: Vec<u32>,
+    /// Visible flux of each example that is not clipped.
+    open: Vec<f64>,
+    raw: Examples,
+}
+
+/// What a panorama is judged by when it is held out.
+pub(super) struct HeldOut {
+    pub name: String,
+    place: usize,
+    /// Its plain photograph, and that of the finer panorama, where there is one.
+    pub plain: Example,
+    pub fine: Option<Example>,
+}
+
+/// A shot by chance: exposure, white balance, softness, grain, holes.
+fn shot(key: u32, ev: f64) -> Shot {
+    let by_chance = |n: u32| f64::from(unit(hash(key, n)));
+    let balance = std::array::from_fn(|c| {
+        let sum = (0..3).map(|k| by_chance(10 * c as u32 + k + 1)).sum::<f64>() - 1.5;
+        num::f64::exp2(0.24 * sum)
+    });
+    let hole = if by_chance(40) < 0.2 { -1.0 + 0.5 * by_chance(41) } else { -1.0 };
+    let grain = if by_chance(42) < 0.5 { 3.0 * by_chance(43) } else { 0.0 };
+    let (soft, fine) = (by_chance(44) < 0.4, by_chance(46) < FINER);
+    let glints = if by_chance(47) < GLINTS { num::f64::exp2(6.0 * by_chance(48)) as u32 } else { 0 };
+    Shot { ev, balance, soft, grain, seed: hash(key, 45), hole, fine, glints }
+}
+
+impl Course {
+    /// Photographs every panorama, and those made by formula. `None` when told to stop.
+    pub fn new(
+        panoramas: Vec<(String, Image<Linear>)>,
+        plan: &Plan,
+        tell: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Option<Self>, Error> {
+        let mut places: Vec<String> = panoramas.iter().map(|(name, _)| place(name).to_owned()).collect();
+        places.sort();
+        places.dedup();
+        let key = hash(plan.seed as u32, (plan.seed >> 32) as u32);
+        let total = panoramas.len() + plan.procedural as usize;
+        let mut course = Self {
+            held: Vec::new(),
+            places: Vec::new(),
+            shots: Vec::new(),
+            open: Vec::new(),
+            raw: Examples {
+                count: 0,
+                cells: CELLS,
+                overview: Vec::new(),
+                features: Vec::new(),
+                log_flux: Vec::new(),
+                hidden: Vec::new(),
+                near: Vec::new(),
+                far: Vec::new(),
+                fluxes: Vec::new(),
+                weight: Vec::new(),
+            },
+        };
+        for (index, (name, image)) in panoramas.into_iter().enumerate() {
+            let place = places.binary_search_by(|p| p.as_str().cmp(place(&name))).unwrap_or_default();
+            let truth =
+                Truth::new(image).ok_or_else(|| Error::format(name.as_str(), "holds no light at all"))?;
+            for n in 0..SHOTS {
+                let key = hash(hash(key, index as u32), n);
+                let among = (f64::from(n) - 1.0 + f64::from(unit(key))) / f64::from(SHOTS - 1);
+                let shot = if n == 0 { Shot::plain(0.0) } else { shot(key, STOPS * (2.0 * among - 1.0)) };
+                let Some(example) = truth.example(shot) else { continue };
+                course.add(&example, 1.0, key);
+                course.places.push(Some(place));
+                course.shots.push(n);
+                if n == 0 {
+                    let finer = Shot { fine: true, ..Shot::plain(0.0) };
+                    let fine = truth.fine.as_ref().and_then(|_| truth.example(finer));
+                    course.held.push(HeldOut { name: name.clone(), place, plain: example, fine });
+                }
+            }
+            if !tell(Progress::Examples(index + 1, total)) {
+                return Ok(None);
+            }
+        }
+        for index in 0..plan.procedural {
+            let key = hash(hash(key, u32::MAX), index);
+            let ev = STOPS * (2.0 * f64::from(unit(key)) - 1.0);
+            let example =
+                Truth::new(procedural::panorama(plan.seed, index)).and_then(|t| t.example(shot(key, ev)));
+            if let Some(example) = example {
+                course.add(&example, PROCEDURAL, key);
+                course.places.push(None);
+                course.shots.push(0);
+            }
+            if !tell(Progress::Examples(total - plan.procedural as usize + index as usize + 1, total)) {
+                return Ok(None);
+            }
+        }
+        if course.raw.count == 0 {
+            return Err(Error::Mismatch("there is no panorama to learn from".to_owned()));
+        }
+        Ok(Some(course))
+    }
+
+    fn add(&mut self, example: &Example, weight: f32, key: u32) {
+        let raw = &mut self.raw;
+        let count = example.scene.cells.len();
+        // Kept cells, and how many each stands for.
+        let mut order: Vec<usize> = (0..count).collect();
+        let mut stands_for = 1.0;
+        if count > CELLS {
+            order.sort_by(|&a, &b| example.hidden[b].total_cmp(&example.hidden[a]));
+            order[BRIGHTEST..].sort_by_key(|&i| hash(key, i as u32));
+            order.truncate(CELLS);
+            stands_for = (count - BRIGHTEST) as f64 / (CELLS - BRIGHTEST) as f64;
+        }
+        raw.count += 1;
+        raw.overview.extend(example.scene.overview);
+        for (rank, &i) in order.iter().enumerate() {
+            let (cell, [near, far]) = (&example.scene.cells[i], example.toward[i]);
+            let stands_for = if rank < BRIGHTEST { 1.0 } else { stands_for };
+            raw.features.extend(cell.features);
+            raw.log_flux.push(num::f64::ln((cell.flux * stands_for).max(1e-12)) as f32);
+            raw.hidden.push((example.hidden[i] * stands_for) as f32);
+            raw.near.push(near as f32);
+            raw.far.push(far as f32);
+        }
+        let cells = raw.count * CELLS;
+        raw.features.resize(cells * CELL, 0.0);
+        raw.log_flux.resize(cells, -1e9);
+        for values in [&mut raw.hidden, &mut raw.near, &mut raw.far] {
+            values.resize(cells, 0.0);
+        }
+        let ([a, b, c], [d, e, f]) = (example.visible, example.truth);
+        let hidden = example.hidden.iter().sum();
+        raw.fluxes.push([a, b, c, d, e, f, hidden, 0.0].map(|v| v as f32));
+        self.open.push(example.scene.open_flux);
+        raw.weight.push(weight);
+    }
+
+    /// A line for each example: its place (none for what is made by formula), which photograph of the panorama it
+    /// is, its weight, visible flux, that of what is not clipped, hidden flux, and the numbers about the whole.
+    pub fn numbers(&self) -> String {
+        let mut text = "place,photograph,weight,visible,open,hidden".to_owned();
+        (0..OVERVIEW).for_each(|k| text += &format!(",n{k}"));
+        text.push('\n');
+        for (i, numbers) in self.raw.overview.chunks_exact(OVERVIEW).enumerate() {
+            let place = self.places[i].map_or(String::new(), |place| place.to_string());
+            let ([visible, .., hidden, _], open) = (self.raw.fluxes[i], self.open[i]);
+            let (shot, weight) = (self.shots[i], self.raw.weight[i]);
+            text += &format!("{place},{shot},{weight},{visible},{open},{hidden}");
+            numbers.iter().for_each(|v| text += &format!(",{v}"));
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Digest of what there is to learn.
+    pub fn digest(&self) -> Digest {
+        let raw = &self.raw;
+        let values =
+            [&raw.overview, &raw.features, &raw.log_flux, &raw.hidden, &raw.near, &raw.far, &raw.weight];
+        let digests: String =
+            values.iter().map(|v| Digest::of(bytemuck::cast_slice(v)).to_string()).collect();
+        Digest::of(digests.as_bytes())
+    }
+
+    /// The part of cross-validation that a place belongs to.
+    fn fold(place: usize, folds: usize) -> usize {
+        place % folds
+    }
+
+    /// The examples that a network learns from: those with light to find, at all places but those of `fold`.
+    pub fn chosen(&self, fold: Option<usize>, folds: usize) -> Vec<usize> {
+        let learns = |i: &usize| {
+            let ([.., hidden, _], open) = (self.raw.fluxes[*i], self.open[*i]);
+            let apart = match (fold, self.places[*i]) {
+                (Some(fold), Some(place)) => Self::fold(place, folds) != fold,
+                _ => true,
+            };
+            apart && open > 0.0 && hidden > 0.0
+        };
+        (0..self.raw.count).filter(learns).collect()
+    }
+
+    /// Mean and spread of the numbers in the chosen examples.
+    pub fn scales(&self, chosen: &[usize]) -> [Scale; 2] {
+        let among = |i: usize| chosen.binary_search(&i).is_ok();
+        let real = |i: usize| among(i / CELLS) && self.raw.log_flux[i] > -1e8;
+        [Scale::of(&self.raw.overview, OVERVIEW, among), Scale::of(&self.raw.features, CELL, real)]
+    }
+
+    /// The amount that fits the chosen examples.
+    pub fn amount(&self, chosen: &[usize], scales: &[Scale; 2]) -> Amount {
+        let mut overview = self.raw.overview.clone();
+        scales[0].apply(&mut overview, LIMITS[0]);
+        let sample = |&i: &usize| Sample {
+            numbers: &overview[i * OVERVIEW..][..OVERVIEW],
+            amount: num::f64::log2(f64::from(self.raw.fluxes[i][6]) / self.open[i]),
+            weight: f64::from(self.raw.weight[i]),
+        };
+        Amount::fit(&chosen.iter().map(sample).collect::<Vec<_>>())
+    }
+
+    /// All examples with their numbers scaled and the hidden flux that an amount predicts.
+    pub fn scaled(&self, scales: &[Scale; 2], amount: &Amount) -> Examples {
+        let raw = &self.raw;
+        let mut scaled = Examples {
+            overview: raw.overview.clone(),
+            features: raw.features.clone(),
+            log_flux: raw.log_flux.clone(),
+            hidden: raw.hidden.clone(),
+            near: raw.near.clone(),
+            far: raw.far.clone(),
+            fluxes: raw.fluxes.clone(),
+            weight: raw.weight.clone(),
+            ..*raw
+        };
+        scales[0].apply(&mut scaled.overview, LIMITS[0]);
+        scales[1].apply(&mut scaled.features, LIMITS[1]);
+        let numbers = scaled.overview.chunks_exact(OVERVIEW);
+        for ((fluxes, numbers), open) in scaled.fluxes.iter_mut().zip(numbers).zip(&self.open) {
+            fluxes[7] = (open * num::f64::exp2(amount.of(numbers).clamp(-AMOUNT, AMOUNT))) as f32;
+        }
+        scaled
+    }
+
+    /// The plain photographs of the places of one part, by name of the panorama.
+    pub fn held_out(&self, fold: usize, folds: usize) -> impl Iterator<Item = &HeldOut> {
+        self.held.iter().filter(move |held| Self::fold(held.place, folds) == fold)
+    }
+}

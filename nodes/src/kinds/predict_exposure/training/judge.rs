@@ -1,0 +1,135 @@
+//! What networks say of panoramas that they never saw, against the truth.
+
+use super::super::network::{Network as Forward, hidden};
+use super::truth::Example;
+use super::{Score, WIDTH};
+use crate::error::Error;
+use crate::io::exr::{self, Channel, Depth};
+use crate::math::num;
+
+/// Regions count for the uncertainty that hold at least this share of the hidden light.
+const MATTERS: f64 = 0.05;
+/// Errors of regions are cut off at so many stops.
+const LARGEST_ERROR: f64 = 4.0;
+
+/// The head of the lines that [`Judged::lines`] gives.
+pub(super) const COLUMNS: &str = "panorama,part,open,sun,visible,hidden,told,given,disagreement\n";
+
+/// What was told of one clipped region, and what is true: fluxes.
+struct Region {
+    sun: f64,
+    visible: f64,
+    hidden: f64,
+    /// Hidden flux, as the networks have it, and with the rule for suns.
+    told: f64,
+    given: f64,
+    /// How far the networks disagree, in stops.
+    disagreement: f64,
+}
+
+impl Region {
+    /// The square of the error of the networks, in stops, less that of their disagreement.
+    fn square(&self) -> f64 {
+        let error = num::f64::log2(self.told.max(1e-12) / self.hidden);
+        let error = error.clamp(-LARGEST_ERROR, LARGEST_ERROR);
+        error * error - self.disagreement * self.disagreement
+    }
+}
+
+/// One panorama, judged by networks that never saw its place.
+pub(super) struct Judged {
+    pub score: Score,
+    regions: Vec<Region>,
+    /// Visible flux that is not clipped.
+    open: f64,
+    /// The light recovered from the plain photograph, as EXR.
+    pub recovered: Vec<u8>,
+}
+
+impl Judged {
+    pub fn new(name: &str, example: &Example, network: &Forward) -> Result<Self, Error> {
+        let scene = &example.scene;
+        let count = scene.cells.iter().map(|cell| cell.region + 1).max().unwrap_or(0);
+        let told = hidden(network, scene, count);
+        let region = |i: usize| {
+            let (sun, disagreement) = (scene.suns[i], told.disagreement[i]);
+            Region { sun, visible: 0.0, hidden: 0.0, told: 0.0, given: 0.0, disagreement }
+        };
+        let mut regions: Vec<Region> = (0..count).map(region).collect();
+        for (i, cell) in scene.cells.iter().enumerate() {
+            let region = &mut regions[cell.region];
+            region.visible += cell.flux;
+            region.hidden += example.hidden[i];
+            region.told += told.cells[i];
+        }
+        let given = told.with_suns(scene).cells;
+        let score = score(name, example, &given);
+        for (cell, light) in scene.cells.iter().zip(&given) {
+            regions[cell.region].given += light;
+        }
+        Ok(Self { score, regions, open: scene.open_flux, recovered: recovered(example, &given)? })
+    }
+
+    /// The regions that count for the uncertainty.
+    fn matter(&self) -> impl Iterator<Item = &Region> {
+        let total: f64 = self.regions.iter().map(|region| region.hidden).sum();
+        self.regions.iter().filter(move |region| total > 0.0 && region.hidden > MATTERS * total)
+    }
+
+    /// A line for each region.
+    pub fn lines(&self, part: usize) -> String {
+        let line = |r: &Region| {
+            let (name, open) = (&self.score.name, self.open);
+            let Region { sun, visible, hidden, told, given, disagreement } = r;
+            format!("{name},{part},{open},{sun},{visible},{hidden},{told},{given},{disagreement}\n")
+        };
+        self.regions.iter().map(line).collect()
+    }
+}
+
+/// The errors of what networks say of a photograph, rule for suns included.
+pub(super) fn judged(name: &str, example: &Example, network: &Forward) -> Score {
+    let scene = &example.scene;
+    score(name, example, &hidden(network, scene, scene.suns.len()).with_suns(scene).cells)
+}
+
+/// The errors of a photograph as it is and with this light in clipped cells.
+fn score(name: &str, example: &Example, cells: &[f64]) -> Score {
+    let none = vec![0.0; cells.len()];
+    let [before, after] = [none.as_slice(), cells].map(|cells| errors(example, cells));
+    Score { name: name.to_owned(), irradiance: [before[0], after[0]], contrast: [before[1], after[1]] }
+}
+
+/// What the disagreement of networks leaves out of their errors about regions, in stops.
+pub(super) fn residual(held: &[Judged]) -> f64 {
+    let squares: Vec<f64> = held.iter().flat_map(Judged::matter).map(Region::square).collect();
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).max(0.0).sqrt()
+}
+
+/// log2 of predicted over true mean irradiance and contrast, with this light in clipped cells.
+fn errors(example: &Example, cells: &[f64]) -> [f64; 2] {
+    let mut sums = example.visible;
+    for (hidden, toward) in cells.iter().zip(&example.toward) {
+        sums[0] += hidden;
+        sums[1] += hidden * toward[0];
+        sums[2] += hidden * toward[1];
+    }
+    let contrast = |[_, near, far]: [f64; 3]| (near / far.max(1e-9)).max(1e-4);
+    let log = |a: f64, b: f64| num::f64::log2(a / b);
+    [log(sums[0], example.truth[0]), log(contrast(sums), contrast(example.truth))]
+}
+
+/// The plain photograph with this light in clipped cells, as EXR.
+fn recovered(example: &Example, cells: &[f64]) -> Result<Vec<u8>, Error> {
+    let mut samples: Vec<f32> = example.rgb.iter().flat_map(|rgb| rgb.map(|v| v as f32)).collect();
+    for (cell, hidden) in example.scene.cells.iter().zip(cells) {
+        let gain = 1.0 + hidden / cell.flux.max(1e-12);
+        samples[3 * cell.index..][..3].iter_mut().for_each(|v| *v = (f64::from(*v) * gain) as f32);
+    }
+    let channel = |(c, name): (usize, &str)| {
+        let samples = samples.iter().skip(c).step_by(3).copied().collect();
+        (Channel { name: name.to_owned(), samples }, Depth::Float)
+    };
+    let channels = ["R", "G", "B"].into_iter().enumerate().map(channel).collect();
+    Ok(exr::write(WIDTH, WIDTH / 2, channels, "linear", None)?.0)
+}

@@ -1,0 +1,185 @@
+//! Training of the learned prediction, on HDR panoramas and on ones made by formula.
+
+mod amount;
+mod examples;
+mod judge;
+mod procedural;
+mod truth;
+mod weights;
+
+use std::path::Path;
+
+use engine::{Digest, Notes};
+use learned::exposure;
+pub use learned::exposure::Recipe;
+
+use self::examples::Course;
+use self::judge::Judged;
+use self::truth::shrink;
+use super::network::{CELL, Network as Forward, OVERVIEW};
+use crate::error::Error;
+use crate::light::whole_sphere::light;
+use crate::types::{Image, Linear};
+
+/// Width of the panoramas that are judged, and the least of those that are read.
+pub const WIDTH: usize = 256;
+/// Width of the finer ones, which are judged too: four pixels make a cell of the grid.
+pub const FINE: usize = 512;
+
+/// What may be chosen about a training.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// Seed of everything that is left to chance.
+    pub seed: u64,
+    /// Networks whose predictions are averaged.
+    pub members: usize,
+    /// Parts that the places are divided into for cross-validation; 0 for none.
+    pub folds: usize,
+    /// Panoramas made by formula.
+    pub procedural: u32,
+    /// How the networks are trained.
+    pub recipe: Recipe,
+}
+
+/// How far a training is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Progress {
+    /// Panoramas photographed, of how many.
+    Examples(usize, usize),
+    /// A step of a network.
+    Step {
+        /// The network, from 1.
+        network: usize,
+        /// How many networks are trained.
+        networks: usize,
+        /// The step, from 1.
+        step: usize,
+        /// How many steps each takes.
+        steps: usize,
+        /// The mean loss since the last report.
+        loss: f32,
+    },
+}
+
+/// The errors for one panorama that took no part in the training of what predicted it, in stops.
+#[derive(Debug, Clone)]
+pub struct Score {
+    /// Name of the panorama.
+    pub name: String,
+    /// log2 of predicted over true mean irradiance: of the panorama as it is, and as predicted.
+    pub irradiance: [f64; 2],
+    /// log2 of predicted over true contrast of the dominant light, likewise.
+    pub contrast: [f64; 2],
+}
+
+/// What a training gave.
+pub struct Trained {
+    /// The file of weights.
+    pub weights: Vec<u8>,
+    /// The cross-validation, in order of name.
+    pub scores: Vec<Score>,
+    /// The same of photographs of [`FINE`] columns, where panoramas have as many.
+    pub finer: Vec<Score>,
+    /// The light recovered from each panorama by networks that never saw its place, as EXR, by name.
+    pub recovered: Vec<(String, Vec<u8>)>,
+    /// What was told of each clipped region of those panoramas, and what is true, as comma-separated values.
+    pub regions: String,
+    /// What the amount was fitted to, as comma-separated values, a line for each photograph.
+    pub numbers: String,
+}
+
+/// Reads an HDR panorama, `.hdr` or `.exr`, and shrinks it to [`FINE`] columns, or to [`WIDTH`] where it has fewer.
+pub fn read(name: &str, bytes: &[u8]) -> Result<Image<Linear>, Error> {
+    let (width, height, mut rgb) = light(name, bytes, &mut Notes::none())?;
+    if width < WIDTH || height < WIDTH / 2 || width != 2 * height {
+        return Err(Error::format(
+            name,
+            format!("is {width}x{height}; a whole panorama of at least {WIDTH}x{} is wanted", WIDTH / 2),
+        ));
+    }
+    rgb.iter_mut().for_each(|v| *v = if v.is_finite() { v.max(0.0) } else { 0.0 });
+    Ok(shrink((width, height), &rgb, if width < FINE { WIDTH } else { FINE }))
+}
+
+/// The place that a panorama shows: files whose names differ in a number at the end, or in `_puresky`, show one.
+pub fn place(name: &str) -> &str {
+    let name = name.strip_suffix("_puresky").unwrap_or(name);
+    let stem = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    if stem.len() < name.len() { stem.trim_end_matches('_') } else { name }
+}
+
+/// Trains. Networks that are done are kept in `parts` and not trained again. `tell` hears how far it is and
+/// says whether to go on; a training that is stopped gives `None`.
+pub fn train(
+    panoramas: Vec<(String, Image<Linear>)>,
+    plan: &Plan,
+    parts: &Path,
+    tell: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Option<Trained>, Error> {
+    let Some(course) = Course::new(panoramas, plan, tell)? else { return Ok(None) };
+    let digest = Digest::of(format!("{} {:?} {}", plan.seed, plan.recipe, course.digest()).as_bytes());
+    let parts = parts.join(digest.to_string());
+    let networks = (plan.folds + 1) * plan.members;
+    let mut number = 0;
+    let mut team = |fold: Option<usize>, residual: f64| -> Result<Option<Vec<u8>>, Error> {
+        let chosen = course.chosen(fold, plan.folds);
+        if chosen.is_empty() {
+            let what = match fold {
+                Some(_) => {
+                    "a part of the cross-validation leaves no panorama in which anything is clipped to learn from: take fewer parts or none (--folds), more panoramas, or some by formula (--procedural)"
+                }
+                None => {
+                    "nothing is clipped in any panorama, so there is nothing to learn from: take more panoramas, or some by formula (--procedural)"
+                }
+            };
+            return Err(Error::Mismatch(what.to_owned()));
+        }
+        let scales = course.scales(&chosen);
+        let amount = course.amount(&chosen, &scales);
+        let mut scaled = None;
+        let mut members = Vec::with_capacity(plan.members);
+        for member in 0..plan.members {
+            let fold = fold.map_or("all".to_owned(), |f| format!("{f}of{}", plan.folds));
+            let path = parts.join(format!("{fold}-{member}.safetensors"));
+            number += 1;
+            if let Some(done) = weights::read_part(&path) {
+                members.push(done);
+                continue;
+            }
+            let examples = scaled.get_or_insert_with(|| course.scaled(&scales, &amount));
+            let mut say = |step, loss| {
+                let (network, steps) = (number, plan.recipe.steps);
+                tell(Progress::Step { network, networks, step, steps, loss })
+            };
+            let seed = plan.seed.wrapping_mul(1_000_003).wrapping_add(member as u64);
+            let network = exposure::train(examples, &chosen, &plan.recipe, seed, &mut say)
+                .map_err(|error| Error::Mismatch(format!("training failed: {error}")))?;
+            let Some(network) = network else { return Ok(None) };
+            weights::write_part(&path, &network)?;
+            members.push(network);
+        }
+        weights::file(&scales, &amount, &members, residual as f32).map(Some)
+    };
+    let mut regions = judge::COLUMNS.to_owned();
+    let (mut held, mut finer) = (Vec::new(), Vec::new());
+    for fold in 0..plan.folds {
+        let Some(file) = team(Some(fold), 0.0)? else { return Ok(None) };
+        let forward = Forward::parse("cross-validation", &file, OVERVIEW, CELL)?;
+        for of in course.held_out(fold, plan.folds) {
+            let judged = Judged::new(&of.name, &of.plain, &forward)?;
+            regions += &judged.lines(fold);
+            held.push(judged);
+            finer.extend(of.fine.iter().map(|example| judge::judged(&of.name, example, &forward)));
+        }
+    }
+    held.sort_by(|a, b| a.score.name.cmp(&b.score.name));
+    finer.sort_by(|a, b| a.name.cmp(&b.name));
+    let residual = judge::residual(&held);
+    let Some(weights) = team(None, residual)? else { return Ok(None) };
+    let scores = held.iter().map(|judged| judged.score.clone()).collect();
+    let recovered = held.into_iter().map(|judged| (judged.score.name, judged.recovered)).collect();
+    Ok(Some(Trained { weights, scores, finer, recovered, regions, numbers: course.numbers() }))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,213 @@
+//! `shadow-ratio`: how much of the receiver's light the inserted objects leave.
+
+mod form;
+mod shaping;
+mod tally;
+
+use std::sync::Arc;
+
+use engine::{Context, Kind, NodeError, Notes, ViewCount};
+
+use crate::light::level::level;
+use crate::math::color::luminance;
+use crate::types::layers::{linear, matching};
+use crate::types::{Data, Image, Images, Linear, NamedImage};
+use tally::Tally;
+
+pub use form::{Channels, RatioForm};
+
+engine::params! {
+    /// The ratio of the receiver's light with and without the objects, per colour channel.
+    ///
+    /// Multiplied onto a photograph of the same place it darkens what lies in the object's shadow. Pixels
+    /// with too little light for a ratio to mean anything are left alone (1). `gamma`, `s_min` and
+    /// `lambda` shape the shadow: `1 - lambda * (1 - max(S^gamma, s_min))`.
+    pub struct ShadowRatio {
+        /// Which formula.
+        form: RatioForm = RatioForm::Stable, other("Paper");
+        /// One ratio for each channel, or one for all.
+        channels: Channels = Channels::Each, other("Luminance");
+        /// Added to the denominator; a fraction of the median of `without` for `Stable`, a radiance for `Paper`.
+        epsilon: f64 = 1e-4, range(0.0, 1.0), other("0.05");
+        /// Pixels with less light than this keep their brightness; in the unit of `epsilon`. Up to twice as much the
+        /// ratio fades in, so that the bound draws no line (not with `Paper`).
+        min_energy: f64 = 1e-3, range(0.0, 1e6), other("0.9");
+        /// Largest ratio; above 1 keeps light that the object adds by reflection, below 1 darkens the whole picture.
+        /// `Hybrid` takes 1 at most.
+        s_max: f64 = 1.0, range(0.0, 100.0), other("0.6");
+        /// Exponent of the ratio; smaller is softer.
+        gamma: f64 = 1.0, range(1e-3, 1.0), other("0.5");
+        /// Darkest shadow that is let through.
+        s_min: f64 = 0.0, range(0.0, 1.0), other("0.8");
+        /// Strength of the shadow; 0 leaves the background as it is.
+        lambda: f64 = 1.0, range(0.0, 1.0), other("0.5");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of [`ShadowRatio`].
+    pub struct In {
+        /// The receiver without the objects (R0).
+        without: Arc<Images>,
+        /// The receiver with the objects, which the camera does not see (R1).
+        with: Arc<Images>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of [`ShadowRatio`].
+    pub struct Out {
+        /// Factor of the background for each channel, 1 where there is no shadow.
+        shadow: Arc<Images>,
+        /// Linear light to add to the background after that, for `composite`; 0 where the form has none.
+        added: Arc<Images>,
+    }
+}
+
+impl ShadowRatio {
+    /// Shaped factors and added light of a view.
+    fn view(
+        &self,
+        without: &Image<Linear>,
+        with: &Image<Linear>,
+        tally: &mut Tally,
+        cx: &Context,
+    ) -> Result<[Image<Data>; 2], NodeError> {
+        let (width, height) = (without.width, without.height);
+        let unit = match self.form {
+            RatioForm::Paper => 1.0,
+            _ => level(
+                without
+                    .samples
+                    .chunks_exact(without.channels)
+                    .flat_map(|pixel| &pixel[..3])
+                    .map(|v| f64::from(*v)),
+            ),
+        };
+        let rows = cx.for_each_tile(height, |y| {
+            let (mut shadow, mut added) = (Vec::with_capacity(3 * width), Vec::with_capacity(3 * width));
+            let mut tally = Tally::default();
+            for x in 0..width {
+                let pair = [without.rgb(x, y), with.rgb(x, y)].map(|rgb| rgb.map(f64::from));
+                for c in 0..3 {
+                    let [a, b] = pair.map(|rgb| self.of(rgb, c));
+                    tally.samples += 1;
+                    let (factor, extra) = if a.is_finite() && b.is_finite() {
+                        let energy = || self.neighbourhood(without, x, y, c);
+                        let shone_on = || self.is_shone_on(without, with, x, y, c);
+                        let factor = self.form.ratio(self, (a, b), energy, shone_on, unit, &mut tally);
+                        (factor, self.form.added(pair[0][c], pair[1][c]))
+                    } else {
+                        tally.broken += 1;
+                        (1.0, 0.0)
+                    };
+                    shadow.push(self.shape(factor) as f32);
+                    added.push((self.lambda * extra) as f32);
+                }
+            }
+            (shadow, added, tally)
+        })?;
+        let (mut shadow, mut added) =
+            (Vec::with_capacity(3 * width * height), Vec::with_capacity(3 * width * height));
+        for (row, light, of_row) in rows {
+            shadow.extend(row);
+            added.extend(light);
+            tally.add(&of_row);
+        }
+        Ok([shadow, added].map(|samples| Image::from_samples(width, height, 3, samples)))
+    }
+
+    /// What the ratio of a channel is taken of.
+    fn of(&self, rgb: [f64; 3], c: usize) -> f64 {
+        match self.channels {
+            Channels::Each => rgb[c],
+            Channels::Luminance => f64::from(luminance(rgb.map(|v| v as f32))),
+        }
+    }
+
+    /// Whether objects shine on most of the pixels around one, and it is not lit by a lucky path alone.
+    fn is_shone_on(
+        &self,
+        without: &Image<Linear>,
+        with: &Image<Linear>,
+        x: usize,
+        y: usize,
+        c: usize,
+    ) -> bool {
+        let (mut bright, mut count) = (0, 0);
+        for (i, j) in around(without, x, y) {
+            let [a, b] = [without, with].map(|image| self.of(image.rgb(i, j).map(f64::from), c));
+            bright += u32::from(b > tally::SHONE_ON * self.s_max * a);
+            count += 1;
+        }
+        2 * bright > count
+    }
+
+    /// Mean of the finite values around a pixel: the mask must not be decided by the noise of one pixel.
+    fn neighbourhood(&self, image: &Image<Linear>, x: usize, y: usize, c: usize) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (i, j) in around(image, x, y) {
+            let v = self.of(image.rgb(i, j).map(f64::from), c);
+            if v.is_finite() {
+                sum += v;
+                count += 1.0;
+            }
+        }
+        sum / f64::max(count, 1.0)
+    }
+}
+
+/// A pixel and those around it, row by row.
+fn around(image: &Image<Linear>, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
+    let columns = x.saturating_sub(1)..=(x + 1).min(image.width - 1);
+    let rows = y.saturating_sub(1)..=(y + 1).min(image.height - 1);
+    rows.flat_map(move |j| columns.clone().map(move |i| (i, j)))
+}
+
+impl Kind for ShadowRatio {
+    const NAME: &'static str = "shadow-ratio";
+    const VERSION: u32 = 6;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["without"])
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        if params.s_min > params.powered(params.s_max) {
+            let text = "`s_min` is above all that `s_max` lets through, so every pixel would be alike";
+            return Err(NodeError::new(text).at("s_min").hint("set `s_min` below `s_max`"));
+        }
+        Ok(())
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut tally = Tally::default();
+        let (mut shadows, mut lights) = (Vec::new(), Vec::new());
+        for view in &inputs.without.0 {
+            cx.check()?;
+            let without = linear(&view.picture, "without")?;
+            let size = (without.width, without.height);
+            let with = linear(matching(&inputs.with, "with", &view.name, size)?, "with")?;
+            let [shadow, added] = params.view(&without, &with, &mut tally, cx)?;
+            shadows.push(NamedImage { name: view.name.clone(), picture: shadow.into() });
+            lights.push(NamedImage { name: view.name.clone(), picture: added.into() });
+        }
+        let mut notes = Notes::none();
+        if params.form != RatioForm::Difference && params.shape(params.s_max) < 1.0 {
+            let text = "`s_max` is below 1, so all of the picture is darkened, also where no object is near";
+            notes.warning("darkened", text);
+        }
+        if let Some(idle) = params.idle() {
+            let text = format!("`form: Difference` takes no ratio, so {idle} has no say; `lambda` has");
+            notes.warning("no-ratio", text);
+        }
+        tally.tell(params.s_max, &mut notes);
+        Ok((Out { shadow: Arc::new(Images(shadows)), added: Arc::new(Images(lights)) }, notes))
+    }
+}
+
+#[cfg(test)]
+mod tests;

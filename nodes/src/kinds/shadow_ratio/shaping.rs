@@ -1,0 +1,32 @@
+//! The parametric shaping of a shadow.
+
+use super::{RatioForm, ShadowRatio};
+use crate::math::num;
+
+impl ShadowRatio {
+    /// The shaped factor of a raw ratio; the paper's parametric shadow shaping.
+    pub(super) fn shape(&self, ratio: f64) -> f64 {
+        1.0 - self.lambda * (1.0 - self.powered(ratio).max(self.s_min))
+    }
+
+    /// The ratio to the power of `gamma`.
+    pub(super) fn powered(&self, ratio: f64) -> f64 {
+        // Most of a picture is 1, as is every power of it.
+        if self.gamma == 1.0 || ratio == 1.0 { ratio } else { num::pow(ratio, self.gamma) }
+    }
+
+    /// The parameters that are set and shape a ratio where none is taken.
+    pub(super) fn idle(&self) -> Option<String> {
+        let unset = Self::default();
+        let set = [
+            ("`channels`", self.channels != unset.channels),
+            ("`epsilon`", self.epsilon != unset.epsilon),
+            ("`min_energy`", self.min_energy != unset.min_energy),
+            ("`s_max`", self.s_max != unset.s_max),
+            ("`gamma`", self.gamma != unset.gamma),
+            ("`s_min`", self.s_min != unset.s_min),
+        ];
+        let names: Vec<&str> = set.into_iter().filter(|(_, set)| *set).map(|(name, _)| name).collect();
+        (self.form == RatioForm::Difference && !names.is_empty()).then(|| names.join(", "))
+    }
+}

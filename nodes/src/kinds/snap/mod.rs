@@ -1,0 +1,219 @@
+//! `snap`: an object put on what lies under it.
+
+mod felt;
+mod level_search;
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Keep, Kind, NodeError, Notes};
+use glam::{DMat4, DQuat, DVec3};
+
+use crate::geometry::resting::Relief;
+use crate::geometry::support::{Foot, Level, triangles};
+use crate::math::equirect::axes;
+use crate::types::frame::world_from_gltf;
+use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
+use felt::Felt;
+use level_search::bearing;
+
+engine::params! {
+    /// Moves a pose up or down so that the object stands on the mesh of the place, or on its splats.
+    ///
+    /// Looks under the object's foot and somewhat around it, as far up and down as `reach_metres`, and takes the nearest
+    /// of the levels that lie under at least half as much of the foot as any level does. So what stands on a table stays
+    /// there. The middle of the foot is put on the plane that holds most of it, at the mean height of a rough mesh. Where
+    /// a mesh lies more than 2 cm off that plane under the foot, on a mound, in a hollow or over a kerb, the object is put
+    /// on what it touches, which is reported.
+    ///
+    /// Ground faces up and is no steeper than 45 degrees. In a mesh of which nothing there faces up, what faces down is
+    /// taken, which is reported; but never the underside of a shell less than 2 m thick, whose upper side is named
+    /// instead. Wire the new pose where the old one went: to `place` and the probe.
+    pub struct Snap {
+        /// How far the ground may lie above or below the object's foot.
+        reach_metres: f64 = 0.5, range(0.001, 100.0), unit("m"), other("0.005");
+        /// Turns the object's up to the normal of the ground, about its foot; on ground that is no plane, until it lies
+        /// on three contacts around its middle.
+        align: bool = false, other("true");
+    }
+}
+engine::inputs! {
+    /// What to put on what.
+    pub struct In {
+        /// The object.
+        object: Arc<Object>,
+        /// Where it stands, roughly.
+        pose: Arc<Pose>,
+        /// The mesh of the place; or `splats`.
+        mesh: Option<Arc<Mesh>>,
+        /// The splats of the place; their centres are taken.
+        splats: Option<Arc<Splats>>,
+    }
+}
+engine::outputs! {
+    /// Where it stands now.
+    pub struct Out {
+        /// The pose on the ground.
+        pose: Arc<Pose>,
+        /// What was found: a table `ground`.
+        report: Arc<Report>,
+    }
+}
+
+/// Points within such a height of a plane are of it, in metres.
+const NEAR: f64 = 0.02;
+/// Splats more transparent than this are no ground.
+const OPAQUE: f32 = 0.3;
+/// How far ground is looked for to tell where it is, in metres: as far as `reach_metres` goes.
+const FAR: f64 = 100.0;
+/// Cosine of the steepest ground.
+const STEEPEST: f64 = 0.7;
+
+impl Kind for Snap {
+    const NAME: &'static str = "snap";
+    const VERSION: u32 = 4;
+    const READS: &'static [ContextField] = &[ContextField::Up, ContextField::MetresPerUnit];
+    const STORE: Keep = Keep::Cheap;
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let metre = 1.0 / cx.metres_per_unit();
+        let [_, _, up] = axes(cx.up());
+        let placed = |pose: &DMat4| {
+            let world_from_object = *pose * world_from_gltf(cx.up(), cx.metres_per_unit());
+            Placed { object: inputs.object.clone(), world_from_object }
+        };
+        let pose = inputs.pose.world_from_local;
+        let Some(foot) = Foot::of(&placed(&pose), up) else {
+            return Err(NodeError::new("the object has no triangle that could stand").at("object"));
+        };
+        let reach = params.reach_metres * metre;
+        let mut notes = Notes::none();
+        let felt = inputs.mesh.as_deref().map(|mesh| Felt::new(mesh, &foot, up));
+        let points = match (&felt, &inputs.splats) {
+            (Some(felt), None) => felt.ground(&foot, up, reach, cx, &mut notes)?,
+            (None, Some(splats)) => on_splats(splats, &foot, up, reach),
+            _ => {
+                let what = "the ground is either `mesh` or `splats`";
+                return Err(NodeError::new(what).at("mesh").hint("wire one of the two"));
+            }
+        };
+        // The foot itself, of what is looked at around it.
+        let half = Foot::axes(up).map(|axis| foot.half.dot(axis.abs()) / 1.5);
+        let Some(level) = Level::of(&bearing(&points, half, NEAR * metre, cx)?) else {
+            let far = FAR * metre;
+            let points = match (&felt, &inputs.splats) {
+                // What is too steep there is none.
+                (Some(felt), _) => {
+                    let columns = felt.columns(&foot, up, far, cx)?;
+                    if columns.up.is_empty() { columns.down } else { columns.up }
+                }
+                (None, splats) => {
+                    splats.iter().flat_map(|splats| on_splats(splats, &foot, up, far)).collect()
+                }
+            };
+            let nearest = points.iter().map(|p| p[2]).min_by(|a, b| a.abs().total_cmp(&b.abs()));
+            let below = pose.w_axis.truncate().dot(up) - foot.base;
+            return Err(none_near(params.reach_metres, below / metre, nearest.map(|height| height / metre)));
+        };
+        let [across, along] = Foot::axes(up);
+        let mut normal = (up - across * level.slope[0] - along * level.slope[1]).normalize();
+        let mut height = level.height;
+        let curved = felt.as_ref().and_then(|felt| {
+            let (bvh, corners) = (&felt.bvh, &felt.corners[..]);
+            let relief = Relief { bvh, corners, axes: [across, along, up], reach, plane: level };
+            let (departure, noise) = relief.departure(half);
+            let object = || {
+                let world = triangles(&placed(&pose)).into_iter();
+                world.map(|triangle| triangle.map(|corner| corner - felt.around)).collect::<Vec<_>>()
+            };
+            if departure > NEAR * metre {
+                Some((relief.rest(&object(), noise, params.align)?, departure, felt.around))
+            } else {
+                None
+            }
+        });
+        let mut moved = DMat4::from_translation(up * height) * pose;
+        if let Some((rest, departure, about)) = curved {
+            height = rest.lift;
+            let turn = DMat4::from_translation(about)
+                * DMat4::from_quat(rest.turn)
+                * DMat4::from_translation(-about);
+            moved = DMat4::from_translation(up * height) * turn * pose;
+            normal = if params.align { rest.turn * up } else { normal };
+            let text = format!(
+                "the ground under the foot lies {:.0} mm off a plane, so the object is put on what it touches",
+                departure * cx.metres_per_unit() * 1e3
+            );
+            notes.decision("curved-ground", text);
+        } else if params.align {
+            let about = foot.middle + up * (foot.base + level.height - foot.middle.dot(up));
+            let turn = DMat4::from_quat(DQuat::from_rotation_arc(up, normal));
+            moved = DMat4::from_translation(about) * turn * DMat4::from_translation(-about) * moved;
+        }
+        let millimetres = |v: f64| v * cx.metres_per_unit() * 1e3;
+        let text = format!(
+            "moved by {:+.1} mm to ground that is {:.1} mm rough, normal ({:.3}, {:.3}, {:.3})",
+            millimetres(height),
+            millimetres(level.roughness),
+            normal.x,
+            normal.y,
+            normal.z
+        );
+        notes.decision("snapped", text);
+        let row = [height, level.roughness, normal.x, normal.y, normal.z];
+        let columns = ["moved (world units)", "roughness (world units)", "normal x", "normal y", "normal z"];
+        let table = Table::new("ground", columns, vec![row.map(Cell::Number).to_vec()]);
+        let report = Report { title: "Put on the ground".to_owned(), tables: vec![table] };
+        Ok((Out { pose: Arc::new(Pose { world_from_local: moved }), report: Arc::new(report) }, notes))
+    }
+}
+
+/// No ground is near the foot of an object, which is so far below the origin of its pose: how far over the foot the
+/// nearest is, if there is any. In metres.
+fn none_near(reach: f64, below: f64, nearest: Option<f64>) -> NodeError {
+    let side = |height: f64, [over, under]: [&'static str; 2]| if height > 0.0 { over } else { under };
+    let foot = match below.abs() {
+        0.005.. => {
+            let side = side(below, ["below", "above"]);
+            format!(", which is {:.2} m {side} the origin of its pose", below.abs())
+        }
+        _ => String::new(),
+    };
+    let (what, hint) = match nearest {
+        Some(height) => {
+            let (by, up) = (height.abs(), side(height, ["up", "down"]));
+            // A whole centimetre above it.
+            let enough = ((by * 100.0).round() + 1.0) / 100.0;
+            let side = side(height, ["above", "below"]);
+            (
+                format!("the nearest is {by:.2} m {side} the foot"),
+                format!("move the pose {up} by {by:.2} m, or raise `reach_metres` to {enough:.2}"),
+            )
+        }
+        None => (
+            format!("nor is there any within {FAR} m"),
+            "move the pose to where there is ground above or below it".to_owned(),
+        ),
+    };
+    NodeError::new(format!("no ground within {reach} m of the object's foot{foot}: {what}"))
+        .at("pose")
+        .hint(hint)
+}
+
+/// Centres of opaque splats over and under the foot, likewise.
+fn on_splats(splats: &Splats, foot: &Foot, up: DVec3, reach: f64) -> Vec<[f64; 3]> {
+    let axes = Foot::axes(up);
+    let point = |i: usize| {
+        let mean = splats.mean(i);
+        let [x, y] = axes.map(|axis| (mean - foot.middle).dot(axis));
+        let height = mean.dot(up) - foot.base;
+        let inside = x.abs() <= foot.half.dot(axes[0].abs()) && y.abs() <= foot.half.dot(axes[1].abs());
+        (inside && height.abs() <= reach && splats.opacities[i] >= OPAQUE).then_some([x, y, height])
+    };
+    (0..splats.len()).filter_map(point).collect()
+}
+
+#[cfg(test)]
+mod tests;

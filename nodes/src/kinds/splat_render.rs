@@ -1,0 +1,154 @@
+//! `splat-render`: what the cameras of a rig see of a splat scene.
+
+use std::sync::Arc;
+
+use engine::{Context, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+
+use crate::render::splat::{Blocks, Drawing, Limit, MAX_PIXELS, Sort, Work, most_bytes, render_with};
+use crate::types::{Camera, Data, Image, Images, NamedImage, Picture, Rig, Splats, View, Views, tagged};
+
+engine::params! {
+    /// Renders a splat scene for each camera of a rig.
+    ///
+    /// EWA splatting as the INRIA rasterizer defines it, with exact bounds, a stable sort (equal keys
+    /// stay in file order) and the same bytes on every machine. Colours are blended in the encoding they
+    /// were trained in, over black, and are not clipped: un-premultiply, then linearise, where light is
+    /// meant. The exact sum is that of `bounds: None, precision: F64, alpha_cut: 0, stop: 0`.
+    pub struct SplatRender {
+        /// What orders the splats of a pixel.
+        sort: Sort = Sort::Depth, other("Distance");
+        /// How far before `limit` the centre of a splat must lie to be kept, in standard deviations along its middle
+        /// axis. A splat is seen as far as three from its centre, so the splats of a slanting surface lie as far before
+        /// it; two more allow for a mesh that lies under them, by a third of a deviation where it is seen at 20
+        /// degrees. None of these is in front of the surface. 0 is the centre alone.
+        limit_sigmas: f64 = 5.0, range(0.0, 100.0), other("0.0");
+    }
+}
+engine::inputs! {
+    /// Inputs of [`SplatRender`].
+    pub struct In {
+        /// The scene.
+        splats: Arc<Splats>,
+        /// The cameras.
+        rig: Arc<Rig>,
+        /// Planar depth of a surface in front for each view, as `path-trace.nearest` gives it: splats at or
+        /// beyond it, or nearer to it than `limit_sigmas`, are left out. 0 and +inf are no surface.
+        limit: Option<Arc<Images>>,
+    }
+}
+engine::outputs! {
+    /// Outputs of [`SplatRender`].
+    pub struct Out {
+        /// Colour and depth with their cameras, for `stitch`.
+        views: Arc<Views>,
+        /// RGB premultiplied by alpha, over black, and alpha.
+        colour: Arc<Images>,
+        /// Coverage, 0 to 1.
+        alpha: Arc<Images>,
+        /// Planar depth in world units, +inf where nothing is seen.
+        depth: Arc<Images>,
+        /// Splats added to each pixel; no picture unless `count_blends`.
+        blends: Arc<Images>,
+    }
+}
+
+/// The surface in front of each camera.
+fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, NodeError> {
+    // One depth stands for the only camera, but not for each of several.
+    let known =
+        |camera: &Camera| rig.cameras.len() == 1 || limits.0.iter().any(|one| one.name == camera.name);
+    let of = |camera: &Camera| match limits.view(&camera.name).filter(|_| known(camera)) {
+        Some(Picture::Data(limit)) => Ok(limit),
+        Some(_) => Err(NodeError::new("a depth is no colour").at("limit")),
+        None => Err(NodeError::new(format!("no depth of view `{}`", camera.name)).at("limit")),
+    };
+    rig.cameras.iter().map(of).collect()
+}
+
+impl Kind for SplatRender {
+    const NAME: &'static str = "splat-render";
+    const VERSION: u32 = 4;
+    type Params = (Self, Drawing);
+    type In = In;
+    type Out = Out;
+
+    fn estimate(_params: &Self::Params, inputs: &In) -> Cost {
+        let pixels = |c: &Camera| (u64::from(c.width_px) * u64::from(c.height_px)).min(MAX_PIXELS);
+        let all: u64 = inputs.rig.cameras.iter().map(pixels).sum();
+        let largest = inputs.rig.cameras.iter().map(pixels).max().unwrap_or(0);
+        let splats = inputs.splats.len() as u64;
+        let size = |c: &Camera| (u64::from(c.width_px), u64::from(c.height_px));
+        let lists = inputs.rig.cameras.iter().map(|c| most_bytes(splats, size(c))).max().unwrap_or(0);
+        let margins = u64::from(inputs.limit.is_some()) * splats * 4;
+        // Per pixel: colour, alpha and depth of the outputs; tiles of the view at hand.
+        Cost { bytes: (all * 44 + largest * 24 + margins).saturating_add(lists) }
+    }
+
+    // Splats are read once a view; a view of a megapixel makes up for its share of them.
+    fn work(_params: &Self::Params, sizes: &Sizes) -> f64 {
+        sizes.of("splats") * (sizes.of("rig") / 1e6).max(1.0) + sizes.of("rig") * 5.0
+    }
+
+    fn views(_: &Self::Params, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["rig"])
+    }
+
+    fn check((_, drawing): &Self::Params) -> Result<(), NodeError> {
+        drawing.check()
+    }
+
+    fn run(
+        both @ (params, drawing): &Self::Params,
+        In { splats, rig, limit }: In,
+        cx: &Context,
+    ) -> Result<(Out, Notes), NodeError> {
+        Self::check(both)?;
+        let mut notes = Notes::none();
+        if rig.cameras.is_empty() {
+            return Err(NodeError::new("the rig has no camera").at("rig"));
+        }
+        let settings = drawing.settings(params.sort, &splats, &mut notes);
+        let limits = limit.as_deref().map(|limits| limits_of(&rig, limits)).transpose()?;
+        if let (Some(limits), [camera]) = (&limit, rig.cameras.as_slice())
+            && let [one] = limits.0.as_slice()
+            && one.name != camera.name
+        {
+            let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
+            notes.decision("limit-view", text);
+        }
+        let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));
+        let blocks = blocks.transpose()?;
+        let mut views = Vec::with_capacity(rig.cameras.len());
+        let (mut alphas, mut depths, mut colours) = (Vec::new(), Vec::new(), Vec::new());
+        let mut blends = Vec::new();
+        let mut total = Work::default();
+        for (index, camera) in rig.cameras.iter().enumerate() {
+            cx.progress(index as f32 / rig.cameras.len() as f32);
+            let limit = limits.as_ref().and_then(|limits| limits.get(index).copied());
+            let limit = limit.map(|depth| Limit { depth, sigmas: params.limit_sigmas });
+            let seen = render_with(&splats, blocks.as_ref(), camera, limit, &settings, cx)?;
+            total += seen.work;
+            let (width, height) = (camera.width_px as usize, camera.height_px as usize);
+            let alpha = seen.rgba.as_chunks::<4>().0.iter().map(|p| p[3]).collect();
+            let colour = tagged(splats.encoding, width, height, 4, seen.rgba);
+            let depth = Image::<Data>::from_samples(width, height, 1, seen.depth);
+            let named = |picture| NamedImage { name: camera.name.clone(), picture };
+            alphas.push(named(Image::<Data>::from_samples(width, height, 1, alpha).into()));
+            depths.push(named(depth.clone().into()));
+            colours.push(named(colour.clone()));
+            if settings.count_blends {
+                blends.push(named(Image::<Data>::from_samples(width, height, 1, seen.blends).into()));
+            }
+            views.push(View { camera: camera.clone(), colour, depth });
+        }
+        total.report(splats.len(), &settings, cx, &mut notes);
+        let out = Out {
+            views: Arc::new(Views(views)),
+            colour: Arc::new(Images(colours)),
+            alpha: Arc::new(Images(alphas)),
+            depth: Arc::new(Images(depths)),
+            blends: Arc::new(Images(blends)),
+        };
+        Ok((out, notes))
+    }
+}

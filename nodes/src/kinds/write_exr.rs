@@ -1,0 +1,425 @@
+//! `write-exr`: pictures and data for other programs, as OpenEXR.
+
+use std::sync::Arc;
+
+use engine::{
+    Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount, Wired,
+};
+
+use crate::io::exr::{self, Channel, Depth};
+use crate::io::stretch::Stretch;
+use crate::types::layers::decoded;
+use crate::types::{Encoding, Images, Linear, Picture};
+
+engine::choices! {
+    /// In which numbers colours are written.
+    pub enum WrittenEncoding {
+        /// Each picture's own: a splat render is display-encoded.
+        Keep,
+        /// Linear light, as other programs take what an OpenEXR file holds.
+        Linear,
+    }
+}
+engine::params! {
+    /// Writes pictures as OpenEXR, one of them or many as named layers.
+    ///
+    /// Give either `image`, whose channels become R, G, B (and A), or `layers`. A layer is called after the
+    /// output its wire comes from, or as `names` says. A layer of colour becomes `name.R`, `name.G`, `name.B` (and `name.A`), one of a single channel
+    /// `name`, and a layer named N `N.X`, `N.Y`, `N.Z`. Colours stay in their own encoding unless `encoding` is `Linear`;
+    /// the attribute `lightharmony:encoding` names it, layer by layer. Other programs know nothing of that attribute and
+    /// take all colours as linear, so layers of unlike encodings are reported. The same input gives the same bytes.
+    pub struct WriteExr {
+        /// The file: `.exr`. With `{view}` in it where there are several views.
+        path: OutputFile, other("\"b.exr\""), inert("the path is not in the file");
+        /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. None:
+        /// the names of the outputs they come from.
+        names: Vec<String> = Vec::new(), other("[\"B\"]");
+        /// Colours as 16-bit floats: half the size, three digits; what overflows is counted. Data (depth,
+        /// masks, variance) stays in 32 bits.
+        half: bool = false, other("true");
+        /// In which numbers colours are written. `Linear` un-premultiplies, decodes and premultiplies what is
+        /// display-encoded; alpha, linear light and data stay as they are.
+        encoding: WrittenEncoding = WrittenEncoding::Keep, other("Linear");
+        /// Writes the graph that made the picture into its metadata, by content and without paths.
+        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+    }
+}
+engine::inputs! {
+    /// What to write.
+    pub struct In {
+        /// One picture a view.
+        image: Option<Arc<Images>>,
+        /// Pictures that belong together, one layer each; they must have the same views and size.
+        layers: Vec<Arc<Images>>,
+    }
+}
+engine::outputs! {
+    /// The files.
+    pub struct Out {
+        /// One file a view.
+        files: Arc<Files>,
+    }
+}
+
+impl Kind for WriteExr {
+    const NAME: &'static str = "write-exr";
+    const VERSION: u32 = 2;
+    const READS: &'static [ContextField] = &[ContextField::Recipe, ContextField::Wired];
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        if p.path.extension() != "exr" {
+            return Err(
+                NodeError::new(format!("cannot write OpenEXR as `.{}`", p.path.extension())).at("path")
+            );
+        }
+        for (index, name) in p.names.iter().enumerate() {
+            let word =
+                !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'));
+            if !word || p.names[..index].contains(name) {
+                return Err(NodeError::new(format!("`{name}` cannot name a layer, or names two"))
+                    .at("names")
+                    .hint("use letters, digits, `-` and `_`, and each name once"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_wires(p: &Self, wired: &Wired) -> Result<(), NodeError> {
+        let layers = wired.of("layers");
+        layer_names(p, wired.of("image").len(), layers.len(), layers).map(drop)
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["image", "layers"])
+    }
+
+    fn estimate(p: &Self, inputs: &In) -> Cost {
+        let layers = || inputs.image.iter().chain(&inputs.layers);
+        let bytes = |picture: &Picture| {
+            let half = p.half && !matches!(picture, Picture::Data(_));
+            (4 * picture.samples().len() as u64, picture.samples().len() as u64 * if half { 2 } else { 4 })
+        };
+        let pictures = || layers().flat_map(|images| &images.0).map(|image| bytes(&image.picture));
+        let views = layers().map(|images| images.0.len()).max().unwrap_or(1).max(1) as u64;
+        // The planes of one file, and packed, which is at most as long, those of all of them; these once more while they
+        // are stored.
+        let planes = pictures().map(|(floats, _)| floats).sum::<u64>() / views;
+        let packed: u64 = pictures().map(|(_, packed)| packed).sum();
+        Cost { bytes: (planes + packed).max(2 * packed) }
+    }
+
+    fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let wired: Vec<&Images> = inputs.image.iter().chain(&inputs.layers).map(Arc::as_ref).collect();
+        let outputs = cx.wired("layers");
+        let names = layer_names(p, usize::from(inputs.image.is_some()), inputs.layers.len(), outputs)?;
+        let layers: Vec<(&str, &Images)> = names.into_iter().zip(wired).collect();
+        let mut notes = Notes::none();
+        let mut files = Vec::new();
+        if p.encoding == WrittenEncoding::Keep {
+            report_encodings(&layers, &mut notes);
+        }
+        // Of equally many views those of the first layer.
+        let views: &[_] = layers
+            .iter()
+            .rev()
+            .map(|(_, images)| images.0.as_slice())
+            .max_by_key(|v| v.len())
+            .unwrap_or_default();
+        if views.is_empty() {
+            return Err(NodeError::new("there is no view to write").at("image"));
+        }
+        let recipe = cx.recipe().filter(|_| p.recipe);
+        for (index, view) in views.iter().enumerate() {
+            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
+            stretch.reach(0.0)?;
+            let (mut channels, mut encodings) = (Vec::new(), Vec::new());
+            let (width, height, _) = view.picture.size();
+            for (name, images) in &layers {
+                let other = |what: String| {
+                    NodeError::new(what).at("layers").hint("all layers of a file come from one rig")
+                };
+                let picture = images.view(&view.name).ok_or_else(|| {
+                    let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
+                    let there = there.join(", ");
+                    other(format!("layer `{name}` has no view `{}`; it has {there}", view.name))
+                })?;
+                let (w, h, _) = picture.size();
+                if (w, h) != (width, height) {
+                    return Err(other(format!("layer `{name}` is {w}x{h}, another is {width}x{height}")));
+                }
+                add_layer(name, picture, p, &mut channels, stretch.part(0.0, 0.0))?;
+                let name = if name.is_empty() { "image" } else { name };
+                let encoding = if p.decodes(picture) { Linear::NAME } else { picture.encoding() };
+                encodings.push(format!("{name}={encoding}"));
+            }
+            let (bytes, clamped) =
+                exr::write_for(width, height, channels, &encodings.join(" "), recipe, stretch)?;
+            if clamped > 0 {
+                let what =
+                    format!("samples of `{}` exceed 65504, the largest half, and became it", view.name);
+                notes.count("half-overflow", clamped, what);
+            }
+            files.push(FileBytes { view: view.name.clone(), bytes });
+        }
+        Ok((Out { files: Arc::new(Files(files)) }, notes))
+    }
+}
+
+/// The name of each layer: as `names` says, or as the outputs that they come from are called. One picture
+/// needs none.
+fn layer_names<'a>(
+    p: &'a WriteExr,
+    images: usize,
+    layers: usize,
+    outputs: &[&'a str],
+) -> Result<Vec<&'a str>, NodeError> {
+    let given = || p.names.iter().map(String::as_str).collect();
+    match (images, layers, p.names.len()) {
+        (0, 0, _) => Err(NodeError::new("nothing to write").at("image").hint("wire `image` or `layers`")),
+        (1, 0, 0) => Ok(vec![""]),
+        (1, 0, 1) => Ok(given()),
+        (_, 0, _) => {
+            Err(NodeError::new("`image` is one layer").at("names").hint("wire the others to `layers`"))
+        }
+        (0, layers, names) if layers == names => Ok(given()),
+        (0, layers, 0) if layers == outputs.len() => {
+            match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
+                Some((_, twice)) => {
+                    Err(NodeError::new(format!("two layers come from outputs named `{twice}`"))
+                        .at("layers")
+                        .hint("tell them apart with `names`"))
+                }
+                None => Ok(outputs.to_vec()),
+            }
+        }
+        (0, layers, names) => Err(NodeError::new(format!("{layers} layers but {names} names"))
+            .at("names")
+            .hint("name every layer, in the order of the wires")),
+        _ => Err(NodeError::new("`image` and `layers` exclude each other").at("layers")),
+    }
+}
+
+impl WriteExr {
+    /// Whether a picture is written in other numbers than its own.
+    fn decodes(&self, picture: &Picture) -> bool {
+        self.encoding == WrittenEncoding::Linear && matches!(picture, Picture::Srgb(_))
+    }
+}
+
+/// Tells of display-encoded layers beside linear ones.
+fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
+    let of = |is: fn(&Picture) -> bool| {
+        let found = layers.iter().filter(|(_, images)| images.0.iter().any(|image| is(&image.picture)));
+        found.map(|(name, _)| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    };
+    let encoded = of(|picture| matches!(picture, Picture::Srgb(_)));
+    let linear = of(|picture| matches!(picture, Picture::Linear(_)));
+    if !encoded.is_empty() && !linear.is_empty() {
+        let text = format!("display-encoded layers ({encoded}) stand beside linear ones ({linear})");
+        notes.warning(
+            "mixed-encodings",
+            format!("{text}, and other programs take all as linear; `encoding: Linear` decodes them"),
+        );
+    }
+}
+
+fn add_layer(
+    name: &str,
+    picture: &Picture,
+    p: &WriteExr,
+    to: &mut Vec<(Channel, Depth)>,
+    stretch: Stretch<'_>,
+) -> Result<(), NodeError> {
+    let (_, _, channels) = picture.size();
+    let letters: &[&str] = match (channels, name) {
+        (1, "") => &["Y"],
+        (1, _) => &[""],
+        (2, _) => &["Y", "A"],
+        (3, "N") => &["X", "Y", "Z"],
+        (3, _) => &["R", "G", "B"],
+        (4, _) => &["R", "G", "B", "A"],
+        _ => {
+            return Err(
+                NodeError::new(format!("layer `{name}` has {channels} channels, not 1 to 4")).at("layers")
+            );
+        }
+    };
+    let decodes = p.decodes(picture);
+    let depth = if p.half && !matches!(picture, Picture::Data(_)) { Depth::Half } else { Depth::Float };
+    for (offset, letter) in letters.iter().enumerate() {
+        let full = match (name, *letter) {
+            ("", letter) => letter.to_owned(),
+            (name, "") => name.to_owned(),
+            (name, letter) => format!("{name}.{letter}"),
+        };
+        let mut samples = Vec::with_capacity(picture.samples().len() / channels);
+        stretch.over(picture.samples(), |pixels| {
+            if decodes && *letter != "A" {
+                let colours = channels - 1 + channels % 2;
+                let alpha = |pixel: &[f32]| pixel.get(colours).map_or(1.0, |alpha| *alpha);
+                samples
+                    .extend(pixels.chunks_exact(channels).map(|pixel| decoded(pixel[offset], alpha(pixel))));
+            } else {
+                samples.extend(pixels.iter().skip(offset).step_by(channels).copied());
+            }
+        })?;
+        if samples.iter().any(|v| v.is_nan()) {
+            return Err(NodeError::new(format!("channel `{full}` holds what is not a number")).at("layers"));
+        }
+        to.push((Channel { name: full, samples }, depth));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::color::linear_from_srgb;
+    use crate::types::{Data, Image, NamedImage, Srgb};
+    use engine::{Scene, Up};
+
+    fn run(p: &WriteExr, inputs: In) -> Result<(Vec<FileBytes>, Notes), NodeError> {
+        WriteExr::check(p)?;
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".");
+        WriteExr::run(p, inputs, &cx).map(|(out, notes)| (out.files.0.clone(), notes))
+    }
+    fn node(names: &[&str]) -> WriteExr {
+        let names = names.iter().map(|n| (*n).to_owned()).collect();
+        let encoding = WrittenEncoding::Keep;
+        WriteExr { path: OutputFile("a.exr".into()), names, half: false, encoding, recipe: true }
+    }
+    fn colour() -> Arc<Images> {
+        let samples = (0..24).map(|i| i as f32 * 10_000.0).collect();
+        Arc::new(Images::single("v", Image::<Linear>::from_samples(3, 2, 4, samples)))
+    }
+    fn depth() -> Arc<Images> {
+        Arc::new(Images::single("v", Image::<Data>::from_samples(3, 2, 1, vec![f32::INFINITY; 6])))
+    }
+
+    #[test]
+    fn layers_are_named_and_exact() {
+        let layers = vec![colour(), depth(), Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)))];
+        let (files, notes) =
+            run(&node(&["O", "Z", "B"]), In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
+        let told: Vec<&str> = notes.iter().map(|note| &*note.id).collect();
+        assert_eq!(told, ["mixed-encodings"]);
+        let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+        let names: Vec<&str> = back.channels.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["B.B", "B.G", "B.R", "O.A", "O.B", "O.G", "O.R", "Z"]);
+        assert_eq!(back.find("O.G").map(|c| c[5]), Some(210_000.0));
+        assert_eq!(back.find("Z"), Some(&[f32::INFINITY; 6][..]));
+        let text = b"O=linear Z=data B=srgb";
+        assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
+    }
+
+    // Mutations: alpha decoded too; colours decoded as they are, still premultiplied; linear light decoded once more;
+    // the attribute left as it is.
+    #[test]
+    fn linear_decodes_what_is_display_encoded_and_nothing_else() {
+        let of = |channels, samples: &[f32]| {
+            Arc::new(Images::single("v", Image::<Srgb>::from_samples(1, 2, channels, samples.to_vec())))
+        };
+        let layers = vec![
+            of(4, &[0.2, 0.1, -0.05, 0.5, 0.3, 0.3, 0.3, 0.0]),
+            of(3, &[0.5, 1.5, 0.0, 1.0, 0.25, 0.75]),
+            of(2, &[0.1, 0.5, 1.0, 1.0]),
+            Arc::new(Images::single("v", Image::<Linear>::from_samples(1, 2, 1, vec![0.5, 7.0]))),
+            Arc::new(Images::single("v", Image::<Data>::from_samples(1, 2, 3, vec![0.25; 6]))),
+        ];
+        for half in [false, true] {
+            let encoding = WrittenEncoding::Linear;
+            let p = WriteExr { half, encoding, ..node(&["B", "C", "G", "R0", "S"]) };
+            let (files, notes) =
+                run(&p, In { image: None, layers: layers.clone() }).unwrap_or_else(|e| panic!("{e}"));
+            assert_eq!(notes, Notes::none());
+            let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+            let lin = linear_from_srgb;
+            for (name, wanted) in [
+                ("B.R", [lin(0.4) * 0.5, 0.0]),
+                ("B.G", [lin(0.2) * 0.5, 0.0]),
+                ("B.B", [lin(-0.1) * 0.5, 0.0]),
+                ("B.A", [0.5, 0.0]),
+                ("C.G", [lin(1.5), lin(0.25)]),
+                ("G.Y", [lin(0.2) * 0.5, 1.0]),
+                ("G.A", [0.5, 1.0]),
+                ("R0", [0.5, 7.0]),
+                ("S.B", [0.25; 2]),
+            ] {
+                let found = back.find(name).unwrap_or_else(|| panic!("{name}"));
+                for (found, wanted) in found.iter().zip(wanted) {
+                    let off = (found - wanted).abs();
+                    assert!(
+                        off <= if half { 1e-3 * wanted.abs() } else { 1e-7 },
+                        "{name}: {found}, {wanted}"
+                    );
+                }
+            }
+            let text = b"B=linear C=linear G=linear R0=linear S=data";
+            assert!(files[0].bytes.windows(text.len()).any(|w| w == text));
+        }
+    }
+
+    // Mutations: data taken for linear light; layers named that are not display-encoded; `Linear` told of as well.
+    #[test]
+    fn unlike_encodings_are_told_by_layer_and_like_ones_are_not() {
+        let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
+        let told = |encoding, names: &[&str], layers| {
+            let p = WriteExr { encoding, ..node(names) };
+            let (_, notes) = run(&p, In { image: None, layers }).unwrap_or_else(|e| panic!("{e}"));
+            notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>()
+        };
+        let all = ["B", "R0", "R1", "Z"];
+        let layers = || vec![encoded(), colour(), colour(), depth()];
+        assert_eq!(
+            told(WrittenEncoding::Keep, &all, layers()),
+            [
+                "display-encoded layers (`B`) stand beside linear ones (`R0`, `R1`), and other programs take all as \
+              linear; `encoding: Linear` decodes them"
+            ]
+        );
+        assert!(told(WrittenEncoding::Linear, &all, layers()).is_empty());
+        assert!(told(WrittenEncoding::Keep, &["B", "Z"], vec![encoded(), depth()]).is_empty());
+        assert!(told(WrittenEncoding::Keep, &["R", "Z"], vec![colour(), depth()]).is_empty());
+    }
+
+    #[test]
+    fn half_counts_what_overflows_and_spares_data() {
+        let p = WriteExr { half: true, ..node(&["O", "Z"]) };
+        let (files, notes) =
+            run(&p, In { image: None, layers: vec![colour(), depth()] }).unwrap_or_else(|e| panic!("{e}"));
+        assert!(notes.iter().any(|n| n.id == "half-overflow" && n.text.starts_with("17 ")));
+        let back = exr::read("a", &files[0].bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(back.find("O.A").map(|c| c[5]), Some(65_504.0));
+        assert_eq!(back.find("Z").map(|c| c[0]), Some(f32::INFINITY));
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_refused() {
+        let other = Arc::new(Images::single("v", Image::<Data>::new(2, 2, 1)));
+        let nan = Arc::new(Images::single("v", Image::<Data>::from_samples(1, 1, 1, vec![f32::NAN])));
+        let pair = |a: &str, b: &str| {
+            let named =
+                |n: &str| NamedImage { name: n.to_owned(), picture: Image::<Data>::new(3, 2, 1).into() };
+            Arc::new(Images(vec![named(a), named(b)]))
+        };
+        let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
+        let Err(told) = run(&node(&["a", "b"]), rigs) else { panic!("other rigs are no layers of one file") };
+        assert_eq!(told.message(), "layer `b` has no view `y`; it has x, z");
+        assert_eq!(told.advice(), Some("all layers of a file come from one rig"));
+        for (p, inputs) in [
+            (node(&[]), In { image: None, layers: vec![] }),
+            (node(&["a"]), In { image: None, layers: vec![colour(), depth()] }),
+            (node(&["a"]), In { image: Some(depth()), layers: vec![depth()] }),
+            (node(&["a", "b"]), In { image: None, layers: vec![colour(), other] }),
+            (node(&["a", "b"]), In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] }),
+            (node(&["a", "a"]), In { image: None, layers: vec![colour(), depth()] }),
+            (node(&[]), In { image: Some(nan), layers: vec![] }),
+        ] {
+            assert!(run(&p, inputs).is_err());
+        }
+        assert!(run(&node(&["a", "b"]), In { image: None, layers: vec![pair("x", "y"), depth()] }).is_ok());
+    }
+}

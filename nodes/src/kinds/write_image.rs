@@ -1,0 +1,237 @@
+//! `write-image`: pictures for people, PNG or JPEG.
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
+
+use crate::io::quantise::quantise;
+use crate::io::recipe::KEYWORD;
+use crate::io::stretch::Stretch;
+use crate::io::{jpeg, png};
+use crate::types::{Images, NamedImage, Picture};
+
+pub use crate::io::quantise::AlphaOutput;
+
+engine::choices! {
+    /// How much time a PNG may take.
+    pub enum Effort {
+        /// Small files.
+        Balanced,
+        /// A tenth of the time, and larger files; `watch` takes it for previews.
+        Fast,
+    }
+}
+engine::params! {
+    /// Writes pictures as PNG or JPEG, by the ending of the path.
+    ///
+    /// Linear light is encoded with the sRGB curve, values beyond 0 to 1 are cut off and counted; data
+    /// (masks, ratios) is written as it is. Nothing is dithered. The same picture gives the same bytes.
+    pub struct WriteImage {
+        /// The file: `.png`, `.jpg` or `.jpeg`. With `{view}` in it where there are several views.
+        path: OutputFile, other("\"b.jpg\"");
+        /// Bits of a sample; 16 only in PNG.
+        bits: u32 = 8, range(8, 16), other("16");
+        /// What becomes of alpha.
+        alpha: AlphaOutput = AlphaOutput::Drop, other("Straight");
+        /// Quality of a JPEG.
+        quality: u32 = 92, range(1, 100), other("50"), inert("only JPEG has a quality");
+        /// How much time compressing a PNG may take; its pixels are the same.
+        effort: Effort = Effort::Balanced, other("Fast");
+        /// Writes the graph that made the picture into its metadata, by content and without paths.
+        recipe: bool = true, other("false"), inert("outside of a run there is no recipe");
+    }
+}
+engine::inputs! {
+    /// What to write.
+    pub struct In {
+        /// One picture a view.
+        image: Arc<Images>,
+    }
+}
+engine::outputs! {
+    /// The files.
+    pub struct Out {
+        /// One file a view.
+        files: Arc<Files>,
+    }
+}
+
+impl Kind for WriteImage {
+    const NAME: &'static str = "write-image";
+    const VERSION: u32 = 1;
+    const READS: &'static [ContextField] = &[ContextField::Recipe];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("effort", "Fast")], ..engine::Preview::NONE };
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn check(p: &Self) -> Result<(), NodeError> {
+        let jpeg = match p.path.extension().as_str() {
+            "png" => false,
+            "jpg" | "jpeg" => true,
+            other => {
+                return Err(NodeError::new(format!("cannot write pictures as `.{other}`"))
+                    .at("path")
+                    .hint("end the path in `.png` or `.jpg`; for float data there is WriteExr"));
+            }
+        };
+        if p.bits != 8 && p.bits != 16 {
+            return Err(NodeError::new("a sample has 8 or 16 bits").at("bits"));
+        }
+        if jpeg && p.bits == 16 {
+            return Err(NodeError::new("a JPEG has 8 bits a sample")
+                .at("bits")
+                .hint("end the path in `.png`"));
+        }
+        if jpeg && p.alpha == AlphaOutput::Straight {
+            return Err(NodeError::new("a JPEG has no alpha").at("alpha").hint("end the path in `.png`"));
+        }
+        Ok(())
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["image"])
+    }
+
+    fn estimate(p: &Self, inputs: &In) -> Cost {
+        let samples = |image: &NamedImage| image.picture.samples().len() as u64;
+        let pictures = || inputs.image.0.iter().map(samples);
+        let (all, one) = (pictures().sum::<u64>(), pictures().max().unwrap_or(0));
+        let packed = if p.bits == 16 { 2 } else { 1 };
+        // Of one view codes of two bytes in rows and in one piece, then these and the packed bytes, which are at most
+        // those of the picture, as data and as a file. The files of all views are kept, and once more to be stored.
+        let view = (4 * one).max(2 * one + 2 * packed * one);
+        Cost { bytes: (view + packed * (all - one)).max(2 * packed * all) }
+    }
+
+    fn run(p: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        let mut notes = Notes::none();
+        let mut files = Vec::new();
+        let views = &inputs.image.0;
+        if views.is_empty() {
+            return Err(NodeError::new("there is no view to write").at("image"));
+        }
+        let recipe = cx.recipe().filter(|_| p.recipe);
+        for (index, view) in views.iter().enumerate() {
+            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
+            stretch.reach(0.0)?;
+            let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
+            lost.tell(&view.name, &mut notes);
+            let srgb = !matches!(view.picture, Picture::Data(_));
+            let bytes = if p.path.extension() == "png" {
+                let software = ("Software", "lightharmony");
+                let texts: Vec<_> = std::iter::once(software).chain(recipe.map(|r| (KEYWORD, r))).collect();
+                let packing = match p.effort {
+                    Effort::Balanced => png::Packing::Small,
+                    Effort::Fast => png::Packing::Fast,
+                };
+                png::write_for(&raster, packing, srgb, &texts, stretch)?
+            } else {
+                jpeg::write_for(&raster, p.quality as u8, recipe, stretch)?
+            };
+            files.push(FileBytes { view: view.name.clone(), bytes });
+        }
+        Ok((Out { files: Arc::new(Files(files)) }, notes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::color::linear_from_srgb;
+    use crate::types::{Data, Image, Linear, Srgb};
+    use engine::{Scene, Up};
+
+    fn cx() -> Context {
+        Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+    }
+    fn node(path: &str) -> WriteImage {
+        WriteImage {
+            path: OutputFile(path.into()),
+            bits: 8,
+            alpha: AlphaOutput::Drop,
+            quality: 92,
+            effort: Effort::Balanced,
+            recipe: true,
+        }
+    }
+    fn write(p: &WriteImage, picture: impl Into<Picture>) -> (Vec<u8>, Notes) {
+        WriteImage::check(p).unwrap_or_else(|e| panic!("{e}"));
+        let image = Arc::new(Images::single("v", picture));
+        let (out, notes) = WriteImage::run(p, In { image }, &cx()).unwrap_or_else(|e| panic!("{e}"));
+        (out.files.0[0].bytes.clone(), notes)
+    }
+
+    // Row 60: every code survives, as display values and through linear light, in 8 and 16 bits.
+    #[test]
+    fn every_code_survives() {
+        for (bits, largest) in [(8, 255_u32), (16, 65_535)] {
+            let p = WriteImage { bits, ..node("a.png") };
+            let shown: Vec<f32> = (0..=largest).map(|c| c as f32 / largest as f32).collect();
+            let linear: Vec<f32> = shown.iter().map(|v| linear_from_srgb(*v)).collect();
+            let n = shown.len();
+            for picture in [
+                Picture::from(Image::<Srgb>::from_samples(n, 1, 1, shown.clone())),
+                Image::<Linear>::from_samples(n, 1, 1, linear).into(),
+                Image::<Data>::from_samples(n, 1, 1, shown).into(),
+            ] {
+                let back = png::read("a.png", &write(&p, picture).0).unwrap_or_else(|e| panic!("{e}"));
+                assert!(back.codes.iter().enumerate().all(|(i, c)| i == usize::from(*c)));
+                assert_eq!(u32::from(back.largest), largest);
+            }
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_cut_off_and_counted() {
+        let samples = vec![f32::NAN, -0.5, 1.5, f32::INFINITY, 0.5, 1.0];
+        let (bytes, notes) = write(&node("a.png"), Image::<Data>::from_samples(2, 1, 3, samples));
+        let back = png::read("a.png", &bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(back.codes, [0, 0, 255, 255, 128, 255]);
+        assert!(notes.is_degraded());
+        assert!(notes.iter().any(|n| n.id == "clipped-above" && n.text.starts_with("2 ")));
+        assert!(notes.iter().any(|n| n.id == "clipped-below" && n.text.starts_with("1 ")));
+    }
+
+    /// A preview is compressed less, and only where it is a preview.
+    #[test]
+    fn less_effort_gives_other_bytes_and_the_same_pixels() {
+        let samples = (0..64 * 64 * 3).map(|i| ((i * 37) % 101) as f32 / 100.0).collect();
+        let picture = Image::<Srgb>::from_samples(64, 64, 3, samples);
+        let fast = WriteImage { effort: Effort::Fast, ..node("a.png") };
+        let [slow, fast] = [node("a.png"), fast].map(|p| write(&p, picture.clone()).0);
+        assert_ne!(slow, fast);
+        let read = |bytes: &[u8]| png::read("a.png", bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(read(&slow), read(&fast));
+    }
+
+    // Row 58: a straight file put back over black equals the picture on black.
+    #[test]
+    fn alpha_is_dropped_or_made_straight() {
+        let picture = Image::<Srgb>::from_samples(2, 1, 4, vec![0.25, 0.1, 0.0, 0.5, 0.2, 0.0, 0.0, 0.0]);
+        let dropped =
+            png::read("a.png", &write(&node("a.png"), picture.clone()).0).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((dropped.channels, &dropped.codes[..3]), (3, &[64, 26, 0][..]));
+        let p = WriteImage { alpha: AlphaOutput::Straight, ..node("a.png") };
+        let straight = png::read("a.png", &write(&p, picture).0).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(straight.codes, [128, 51, 0, 128, 51, 0, 0, 0]);
+    }
+
+    #[test]
+    fn jpeg_by_ending_and_refusals() {
+        let picture = Image::<Srgb>::from_samples(16, 16, 3, vec![0.5; 768]);
+        let (bytes, _) = write(&node("a.JPG"), picture.clone());
+        let back = jpeg::read("a.jpg", &bytes).unwrap_or_else(|e| panic!("{e}"));
+        assert!(back.codes.iter().all(|c| c.abs_diff(128) <= 2));
+        let low = write(&WriteImage { quality: 10, ..node("a.jpg") }, picture).0;
+        assert_ne!(low, bytes);
+        for p in [
+            node("a.gif"),
+            WriteImage { bits: 12, ..node("a.png") },
+            WriteImage { bits: 16, ..node("a.jpg") },
+        ] {
+            assert!(WriteImage::check(&p).is_err());
+        }
+    }
+}

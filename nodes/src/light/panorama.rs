@@ -1,0 +1,124 @@
+//! What is common to panoramas made of splats, however they were drawn: how holes are filled, and their encoding.
+
+use std::f64::consts::PI;
+
+use engine::{Context, NodeError, Notes, Up};
+use glam::DVec3;
+
+use super::holes;
+use crate::math::{color, equirect};
+use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
+
+engine::choices! {
+    /// What shows where nothing was seen.
+    pub enum Holes {
+        /** What surrounds them, smoothly (push-pull over a pyramid; Gortler et al. 1996, section 3.4). */
+        PushPull,
+        /** Black. */
+        Black,
+    }
+}
+
+/// Columns of a panorama that a pixel along the side of a view is worth: no more than it resolves at its middle.
+pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
+
+/// What was found out about a panorama before its holes are filled.
+pub(crate) struct Found {
+    /// Linear light, premultiplied, row by row.
+    pub premultiplied: Vec<[f32; 4]>,
+    /// In pixels; the height is half of it.
+    pub width: usize,
+    /// Whether the panorama is to be display-encoded.
+    pub encoded: bool,
+    /// As of [`Panorama`].
+    pub up: Up,
+    /// As of [`Panorama`].
+    pub origin: DVec3,
+}
+
+/// Fills the holes of a panorama and tells of them in `notes`.
+pub(crate) fn finish(
+    found: Found,
+    how: Holes,
+    hole_alpha: f64,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Panorama, NodeError> {
+    let Found { premultiplied, width, encoded, up, origin } = found;
+    let height = width / 2;
+    let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
+    let hole_alpha = hole_alpha as f32;
+    let open = alpha.iter().filter(|a| **a < hole_alpha).count();
+    let most = alpha.iter().copied().fold(0.0, f32::max);
+    if most <= 0.0 {
+        notes.degraded("nothing-seen", "nothing is seen in any direction: the panorama is a hole");
+    } else if open == alpha.len() {
+        let text = format!(
+            "alpha reaches {most:.2e}, nowhere the `hole_alpha` of {hole_alpha}: all counts as holes"
+        );
+        notes.warning("little-seen", text);
+    } else if open > 0 {
+        let share: f64 = (0..height)
+            .map(|y| {
+                let row = &alpha[y * width..(y + 1) * width];
+                let holes = row.iter().filter(|a| **a < hole_alpha).count() as f64;
+                holes * equirect::pixel_solid_angle(width, height, y)
+            })
+            .sum();
+        let text = if how == Holes::PushPull { "filled from around them" } else { "left black" };
+        let percent = 100.0 * share / (4.0 * PI);
+        notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {text}"));
+    }
+    let mut linear = match how {
+        Holes::PushPull => holes::fill(&premultiplied, width, hole_alpha, cx)?,
+        Holes::Black => premultiplied
+            .iter()
+            .map(|&[r, g, b, a]| {
+                // Fades to black over the alphas of a hole, so that noise is not blown up.
+                let by = if a > 0.0 { (a / hole_alpha).min(1.0) / a } else { 0.0 };
+                [r * by, g * by, b * by]
+            })
+            .collect(),
+    };
+    if encoded {
+        let rows = cx.for_each_tile(height, |y| {
+            linear[y * width..(y + 1) * width]
+                .iter()
+                .map(|c| c.map(color::srgb_from_linear))
+                .collect::<Vec<_>>()
+        })?;
+        linear = rows.concat();
+    }
+    let samples = linear.into_flattened();
+    let image: Picture = if encoded {
+        Image::<Srgb>::from_samples(width, height, 3, samples).into()
+    } else {
+        Image::<Linear>::from_samples(width, height, 3, samples).into()
+    };
+    let alpha = Image::<Data>::from_samples(width, height, 1, alpha);
+    Ok(Panorama { image, alpha, up, origin: Some(origin), turned_deg: 0.0 })
+}
+
+/// Linear light, premultiplied, of one row of premultiplied RGBA.
+pub(crate) fn linear_row(row: &[[f32; 4]], encoded: bool) -> Vec<[f32; 4]> {
+    let linear = |c: f32, alpha: f32| color::linear_from_srgb(c / alpha) * alpha;
+    let pixels = row.iter().map(|&[r, g, b, a]| {
+        let alpha = a.clamp(0.0, 1.0);
+        match encoded {
+            _ if alpha <= 0.0 => [0.0; 4],
+            true => [linear(r, alpha), linear(g, alpha), linear(b, alpha), alpha],
+            false => [r, g, b, alpha],
+        }
+    });
+    pixels.collect()
+}
+
+/// A panorama is twice as wide as high.
+pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
+    if width_px.is_multiple_of(2) {
+        return Ok(());
+    }
+    Err(NodeError::new(format!("a panorama {width_px} px wide has no height"))
+        .at("width_px")
+        .hint("give an even number"))
+}

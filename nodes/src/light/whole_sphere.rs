@@ -1,0 +1,220 @@
+//! Files of everything around a point: what the loaders of panoramas and of light have in common.
+
+use std::io::Read;
+
+use engine::{Context, FileHead, InputFile, NodeError, Notes};
+
+use crate::error::Error;
+use crate::io::gpano::{self, GPano, Placement};
+use crate::io::picture::{FileEncoding, decode};
+use crate::io::stretch::Stretch;
+use crate::types::{Data, Image, Linear, Picture, Srgb};
+
+/// The picture that a file holds, or a layer of it; a part of a sphere is laid where its metadata says, transparent
+/// around it, and what is no whole panorama otherwise is told.
+pub(crate) fn open(
+    path: &InputFile,
+    layer: &str,
+    notes: &mut Notes,
+    cx: &Context,
+) -> Result<Picture, NodeError> {
+    let bytes = cx.read(path).map_err(|e| e.at("path"))?;
+    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
+    let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
+    let picture = whole(&path.0, &bytes, picture, notes).map_err(|e| NodeError::from(e).at("path"))?;
+    cx.check()?;
+    cx.progress(0.4);
+    let (width, height, _) = picture.size();
+    if width != 2 * height {
+        let what = format!(
+            "the picture is {width}x{height}, a whole panorama is twice as wide as high: it is stretched over the whole sphere; pad it to 2:1, transparent where nothing was seen"
+        );
+        notes.warning("not-two-to-one", what);
+    }
+    Ok(picture)
+}
+
+/// The whole sphere, of a picture that may be a part of it by the metadata of its file.
+pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
+    let Some(part) = GPano::find(bytes) else { return Ok(picture) };
+    tell(&part, notes);
+    let (width, height, _) = picture.size();
+    let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
+    let ([w, h], [x, y]) = (placement.size, placement.at);
+    let what = format!(
+        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, as the file says (GPano); nothing is known of the rest"
+    );
+    notes.decision("part-of-a-sphere", what);
+    Ok(laid(&picture, placement))
+}
+
+/// Pixels of the whole sphere that a file becomes, over those of its picture: 1 unless it holds a part.
+pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
+    let mut head = Vec::new();
+    let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());
+    read.and_then(|_| GPano::find(&head)).map_or(1.0, |part| part.share().recip())
+}
+
+/// What of the metadata is passed over.
+fn tell(part: &GPano, notes: &mut Notes) {
+    if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
+        let [pitch, roll] = part.tilt;
+        let what = format!(
+            "the file says that it is pitched by {pitch} and rolled by {roll} degrees (GPano), which is not undone: its rows are taken for level"
+        );
+        notes.warning("tilt-ignored", what);
+    }
+    if !part.projection.eq_ignore_ascii_case("equirectangular") {
+        let what = format!(
+            "the file says that its projection is {} (GPano); it is taken for equirectangular",
+            part.projection
+        );
+        notes.warning("projection-ignored", what);
+    }
+}
+
+/// A picture within a whole sphere.
+fn laid(picture: &Picture, placement: Placement) -> Picture {
+    let ([w, h], [left, top]) = (placement.size, placement.at);
+    let (width, _, channels) = picture.size();
+    let mut samples = vec![0.0; w * h * 4];
+    for (index, pixel) in picture.samples().chunks_exact(channels).enumerate() {
+        let (x, y) = ((left + index % width) % w, top + index / width);
+        samples[4 * (y * w + x)..][..4].copy_from_slice(&match *pixel {
+            [v] => [v, v, v, 1.0],
+            [v, a] => [v, v, v, a],
+            [r, g, b] => [r, g, b, 1.0],
+            [r, g, b, a, ..] => [r, g, b, a],
+            [] => [0.0; 4],
+        });
+    }
+    match picture {
+        Picture::Srgb(_) => Image::<Srgb>::from_samples(w, h, 4, samples).into(),
+        Picture::Linear(_) => Image::<Linear>::from_samples(w, h, 4, samples).into(),
+        Picture::Data(_) => Image::<Data>::from_samples(w, h, 4, samples).into(),
+    }
+}
+
+/// Width, height and linear RGB of a file of light, finite.
+#[cfg(feature = "learned")]
+pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
+    let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Stretch::ALONE)?;
+    let (width, height, _) = picture.size();
+    Ok((width, height, linear(name, &picture)?))
+}
+
+/// Linear RGB of a picture of light. What is seen in part counts as that part.
+pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
+    let Picture::Linear(image) = picture else {
+        return Err(Error::format(name, "holds display colours; light is in OpenEXR and Radiance pictures"));
+    };
+    let mut rgb = Vec::with_capacity(image.width * image.height * 3);
+    for pixel in image.samples.chunks_exact(image.channels) {
+        match *pixel {
+            [y] | [y, _] => rgb.extend([y; 3]),
+            [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
+            _ => return Err(Error::Mismatch(format!("{} channels are no colours", image.channels))),
+        }
+    }
+    Ok(rgb)
+}
+
+/// Premultiplied colours of at least 0 with alpha from 0 to 1.
+pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, Error> {
+    let (width, height, channels) = picture.size();
+    let mut pixels = Vec::with_capacity(width * height);
+    for pixel in picture.samples().chunks_exact(channels) {
+        let (colour, a) = match *pixel {
+            [y] => ([y; 3], 1.0),
+            [y, a] => ([y; 3], a),
+            [r, g, b] => ([r, g, b], 1.0),
+            [r, g, b, a] => ([r, g, b], a),
+            _ => return Err(Error::Mismatch(format!("{channels} channels are no colours"))),
+        };
+        let [r, g, b] = colour.map(|v| v.clamp(0.0, f32::MAX));
+        pixels.push([r, g, b, a.clamp(0.0, 1.0)]);
+    }
+    let negative = picture.samples().iter().filter(|v| **v < 0.0).count() as u64;
+    notes.count("below-zero", negative, "samples lie below 0 and were set to 0");
+    Ok(pixels)
+}
+
+/// Colours as they are where they are seen, and how much of each is.
+pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
+    let alpha = pixels.iter().map(|pixel| pixel[3]).collect();
+    let colour =
+        |[r, g, b, a]: [f32; 4]| [r, g, b].map(|v| if a > 0.0 { (v / a).min(f32::MAX) } else { 0.0 });
+    (pixels.into_iter().flat_map(colour).collect(), alpha)
+}
+
+/// Moves every row of pixels of `N` samples to the left by the turn: light of forward goes to the left of forward.
+pub(crate) fn turn<const N: usize>(
+    pixels: &[[f32; N]],
+    width: usize,
+    degrees: f64,
+    cx: &Context,
+) -> Result<Vec<[f32; N]>, NodeError> {
+    let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
+    // What is whole but for rounding mixes nothing.
+    let shift = if (shift - shift.round()).abs() < 1e-9 * width as f64 { shift.round() } else { shift };
+    let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
+    if whole == 0 && part == 0.0 {
+        return Ok(pixels.to_vec());
+    }
+    let rows = cx.for_each_tile(pixels.len() / width, |y| {
+        let row = &pixels[y * width..(y + 1) * width];
+        let turned = |x: usize| {
+            let (near, far) = (row[(x + whole) % width], row[(x + whole + 1) % width]);
+            if part == 0.0 {
+                return near;
+            }
+            // Where both are the same, so is what lies between: alpha stays 1.
+            let mix = |a: f32, b: f32| if a == b { a } else { a * (1.0 - part) + b * part };
+            std::array::from_fn(|c| mix(near[c], far[c]))
+        };
+        (0..width).map(turned).collect::<Vec<_>>()
+    })?;
+    Ok(rows.concat())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::equirect;
+    use crate::math::equirect::yaw;
+    use engine::{Scene, Up};
+    use glam::DVec3;
+
+    fn detached(up: Up) -> Context {
+        Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".")
+    }
+
+    // A light in front, turned by yaw, must lie where the yaw of a pose would put it.
+    #[test]
+    fn turns_as_a_pose_does() {
+        let (width, height) = (72, 36);
+        for up in [Up::PlusZ, Up::PlusY, Up::MinusY] {
+            let mut light = vec![[0.0]; width * height];
+            light[18 * width + 36] = [1.0];
+            let turned = turn(&light, width, 25.0, &detached(up)).unwrap_or_else(|e| panic!("{e}"));
+            let at = turned.iter().position(|v| v[0] > 0.9).unwrap_or_default();
+            let seen = |x: usize| equirect::direction(up, (x as f64 + 0.5) / 72.0, (18.5) / 36.0);
+            let expected: DVec3 = yaw(equirect::axes(up), 25.0) * seen(36);
+            assert!((seen(at % width) - expected).length() < 1e-9, "{up:?}");
+        }
+    }
+
+    #[test]
+    fn any_turn_keeps_the_energy_of_rows() {
+        let rgb: Vec<[f32; 3]> =
+            (0..32 * 2).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(|i| (i * 37 % 11) as f32)).collect();
+        for degrees in [0.0, 1.7, 360.0, -723.4] {
+            let turned = turn(&rgb, 32, degrees, &detached(Up::PlusZ)).unwrap_or_else(|e| panic!("{e}"));
+            for row in 0..2 {
+                let sum = |v: &[[f32; 3]]| v[row * 32..(row + 1) * 32].as_flattened().iter().sum::<f32>();
+                assert!((sum(&turned) - sum(&rgb)).abs() < 1e-3);
+            }
+        }
+        assert_eq!(turn(&rgb, 32, 720.0, &detached(Up::PlusZ)).unwrap_or_default(), rgb);
+    }
+}

@@ -1,0 +1,3 @@
+//! Renderers that kinds share: Gaussian splats.
+
+pub mod splat;

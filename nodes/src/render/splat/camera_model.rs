@@ -1,0 +1,379 @@
+//! Lenses: how the world lands on a picture, and which tiles a footprint touches there.
+
+use std::f64::consts::PI;
+use std::ops::Range;
+
+use engine::Up;
+use glam::DVec3;
+
+use super::bin::TILE;
+use super::block::Block;
+use crate::math::{equirect, num};
+use crate::types::Camera;
+
+/// How far beyond the edges of the image the slopes of the projection follow the splat, as a share of
+/// the half image: beyond, the linear approximation explodes (INRIA forward.cu: 1.3 times the tangent).
+const GUARD: f64 = 0.3;
+
+/// What a pixel of slack may cost nothing: bounds are widened by this much, in pixels, so that rounding
+/// never loses a pixel whose alpha reaches the cut.
+pub(super) const SLACK_PX: f64 = 0.01;
+
+/// Least distance from the axis through the poles, as a share of the distance from the eye, at which the
+/// derivative of a panorama is taken: at a pole itself it is infinite (splat-transform #247: the same).
+const POLE: f64 = 0.005;
+
+/// The tiles a footprint touches, half open. In a panorama `x1` may lie beyond the last column: those
+/// columns are the first ones again, and no tile is meant twice.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TileRange {
+    pub x0: u16,
+    pub x1: u16,
+    pub y0: u16,
+    pub y1: u16,
+}
+
+/// The centre of a splat on the picture.
+pub(super) struct ProjectedCentre {
+    /// Where, in pixels.
+    pub u: f64,
+    pub v: f64,
+    /// Derivatives of u and v by the world.
+    pub row_x: DVec3,
+    pub row_y: DVec3,
+    /// What the depth of the picture means, in world units.
+    pub depth: f64,
+}
+
+/// How the world lands on a picture.
+pub(super) trait CameraModel: Sync {
+    /// Where it stands, in world units.
+    fn eye(&self) -> DVec3;
+    /// Columns and rows, in pixels.
+    fn size(&self) -> (usize, usize);
+    /// Columns after which the picture repeats.
+    fn period(&self) -> Option<u32>;
+    /// True for a point at `d` from the eye that is at or below the near depth.
+    fn is_behind(&self, d: DVec3, near: f64) -> bool;
+    /// True for a point at `d`, not behind, so far beside the picture that nothing of a splat there is seen that
+    /// spreads over at most so many world units, and pixels beyond that.
+    fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool;
+    /// The point at `d`, which is neither.
+    fn project_centre(&self, d: DVec3) -> ProjectedCentre;
+    /// True where every splat of the block is behind or aside, each of which spreads over at most `sigmas` times its
+    /// longest axis and so many pixels beyond that.
+    fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool;
+    /// Tiles with a pixel centre inside a box, its edge included.
+    fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange>;
+    /// Tiles as the INRIA rasterizer counts them: a square of 3 standard deviations of the longer axis
+    /// (auxiliary.h, `getRect`; forward.cu, `preprocessCUDA`), of a covariance and its determinant.
+    fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange>;
+    /// All tiles.
+    fn everywhere(&self) -> TileRange;
+}
+
+/// The next whole number not below `x`, held within what an i32 can be. Without SSE4.1, which the
+/// portable build cannot assume, the method of f64 is a call.
+#[inline(always)]
+fn ceil(x: f64) -> i32 {
+    let x = x.clamp(-1e9, 1e9);
+    let whole = x as i32;
+    whole + i32::from(f64::from(whole) < x)
+}
+
+/// First and last pixel with its centre in an interval.
+#[inline(always)]
+fn pixels(left: f64, right: f64) -> (i32, i32) {
+    (ceil(left - 0.5), ceil(right + 0.5) - 2)
+}
+
+/// Tiles with a pixel centre in an interval, of `size` pixels.
+#[inline(always)]
+fn tiles(left: f64, right: f64, size: f64) -> Option<(u16, u16)> {
+    let (first, last) = pixels(left, right);
+    let (first, last) = (first.max(0), last.min(size as i32 - 1));
+    (first <= last).then(|| ((first as usize / TILE) as u16, (last as usize / TILE) as u16 + 1))
+}
+
+/// [`tiles`] of a picture that repeats after `period` pixels, as [`TileRange`] has them.
+#[inline(always)]
+fn tiles_around(left: f64, right: f64, period: u32) -> Option<(u16, u16)> {
+    let (first, last) = pixels(left, right);
+    let (period, columns) = (period as i32, (period as usize).div_ceil(TILE) as u16);
+    if first > last {
+        return None;
+    }
+    if last - first + 1 >= period {
+        return Some((0, columns));
+    }
+    let tile = |pixel: i32| (pixel.rem_euclid(period) as usize / TILE) as u16;
+    let (x0, x1) = (tile(first), tile(last) + 1);
+    let wraps = first.rem_euclid(period) > last.rem_euclid(period);
+    Some((x0, if wraps { (columns + x1).min(x0 + columns) } else { x1 }))
+}
+
+/// The tiles of an interval of columns, within `span` or around the `period`; none as an empty range.
+pub(super) fn columns(left: f64, right: f64, span: (u16, u16), period: Option<u32>) -> (u16, u16) {
+    let found = match period {
+        None => tiles(left, right, (usize::from(span.1) * TILE) as f64).map(|(a, b)| (a.max(span.0), b)),
+        Some(period) => tiles_around(left, right, period),
+    };
+    found.filter(|(first, end)| first < end).unwrap_or((span.0, span.0))
+}
+
+/// A pinhole camera.
+pub(super) struct Pinhole {
+    eye: DVec3,
+    right: DVec3,
+    down: DVec3,
+    forward: DVec3,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    width: f64,
+    height: f64,
+    /// Slopes x/z and y/z at which the projection's derivative is held.
+    slope_x: [f64; 2],
+    slope_y: [f64; 2],
+    /// Most pixels that a world unit at a depth of 1 spans.
+    steepest: f64,
+    columns: u16,
+    rows: u16,
+    /// Of a picture that is part of a panorama: near and depth are distances from the eye, and splats at more
+    /// than [`ASIDE`] from where it looks are left out.
+    by_distance: bool,
+}
+
+/// Cosine of the angle between where the picture of a cap looks and the outermost splat that is drawn: at the
+/// plane of the camera, which no near plane keeps them from, the projection explodes.
+const ASIDE: f64 = 0.1;
+
+impl Pinhole {
+    /// For a part of a panorama.
+    pub(super) fn by_distance(camera: &Camera) -> Self {
+        Self { by_distance: true, ..Self::new(camera) }
+    }
+
+    pub(super) fn new(camera: &Camera) -> Self {
+        let m = camera.world_from_camera();
+        let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
+        let (guard_x, guard_y) = (GUARD * 0.5 * width / camera.fx, GUARD * 0.5 * height / camera.fy);
+        let slope_x = [-camera.cx / camera.fx - guard_x, (width - camera.cx) / camera.fx + guard_x];
+        let slope_y = [-camera.cy / camera.fy - guard_y, (height - camera.cy) / camera.fy + guard_y];
+        let squared = |f: f64, [low, high]: [f64; 2]| f * f * (1.0 + (low * low).max(high * high));
+        Self {
+            eye: camera.eye(),
+            right: m.x_axis.truncate(),
+            down: m.y_axis.truncate(),
+            forward: m.z_axis.truncate(),
+            fx: camera.fx,
+            fy: camera.fy,
+            cx: camera.cx,
+            cy: camera.cy,
+            width,
+            height,
+            slope_x,
+            slope_y,
+            steepest: (squared(camera.fx, slope_x) + squared(camera.fy, slope_y)).sqrt(),
+            columns: (camera.width_px as usize).div_ceil(TILE) as u16,
+            rows: (camera.height_px as usize).div_ceil(TILE) as u16,
+            by_distance: false,
+        }
+    }
+}
+
+impl CameraModel for Pinhole {
+    fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    fn size(&self) -> (usize, usize) {
+        (self.width as usize, self.height as usize)
+    }
+
+    fn period(&self) -> Option<u32> {
+        None
+    }
+
+    #[inline(always)]
+    fn is_behind(&self, d: DVec3, near: f64) -> bool {
+        let z = self.forward.dot(d);
+        if self.by_distance {
+            let distance = d.length();
+            return (distance <= near) | (z <= ASIDE * distance);
+        }
+        z <= near
+    }
+
+    /// The four edges, all times z: most of what is beside a picture is left without a division. A splat spreads over
+    /// at most the first, over z, and the second. Without branches, so that the tests of several splats are one.
+    #[inline(always)]
+    fn is_aside(&self, d: DVec3, world: f64, pixels: f64) -> bool {
+        let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
+        let spread = world * self.steepest + pixels * z;
+        let (from_left, from_top) = (self.fx * x + self.cx * z, self.fy * y + self.cy * z);
+        (from_left < -spread)
+            | (from_top < -spread)
+            | (from_left - self.width * z > spread)
+            | (from_top - self.height * z > spread)
+    }
+
+    #[inline(always)]
+    fn project_centre(&self, d: DVec3) -> ProjectedCentre {
+        let (x, y, z) = (self.right.dot(d), self.down.dot(d), self.forward.dot(d));
+        let inverse_z = 1.0 / z;
+        let (slope_x, slope_y) = (x * inverse_z, y * inverse_z);
+        // No `clamp`, whose check of its bounds would keep the compiler from vector code.
+        let held_x = slope_x.max(self.slope_x[0]).min(self.slope_x[1]);
+        let held_y = slope_y.max(self.slope_y[0]).min(self.slope_y[1]);
+        ProjectedCentre {
+            u: self.fx * slope_x + self.cx,
+            v: self.fy * slope_y + self.cy,
+            // Rows of the derivative of (u, v) by the world, eq. 26 of the EWA paper.
+            row_x: (self.right - self.forward * held_x) * (self.fx * inverse_z),
+            row_y: (self.down - self.forward * held_y) * (self.fy * inverse_z),
+            depth: if self.by_distance { d.length() } else { z },
+        }
+    }
+
+    /// The tests of one splat are linear in its centre, so over a box they are largest at a corner.
+    #[inline(always)]
+    fn misses(&self, block: &Block, near: f64, sigmas: f64, pixels: f64) -> bool {
+        // By distance, what is behind the plane of the camera is at or below any near depth.
+        let nearest = if self.by_distance { 0.0 } else { near };
+        if block.most(self.forward, -nearest) < 0.0 {
+            return true;
+        }
+        let world = sigmas * block.longest * self.steepest;
+        let (x, y, z) = (self.right * self.fx, self.down * self.fy, self.forward);
+        [x + z * (self.cx + pixels), y + z * (self.cy + pixels)]
+            .into_iter()
+            .chain([z * (self.width - self.cx + pixels) - x, z * (self.height - self.cy + pixels) - y])
+            .any(|inwards| block.most(inwards, world) < 0.0)
+    }
+
+    #[inline(always)]
+    fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange> {
+        let (half_x, half_y) = (half_x + SLACK_PX, half_y + SLACK_PX);
+        let (x0, x1) = tiles(u - half_x, u + half_x, self.width)?;
+        let (y0, y1) = tiles(v - half_y, v + half_y, self.height)?;
+        Some(TileRange { x0, x1, y0, y1 })
+    }
+
+    fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange> {
+        let middle = 0.5 * (xx + yy);
+        let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();
+        let tile = TILE as f64;
+        // Its pixel centres are whole numbers, ours lie half a pixel further.
+        let tiles = |centre: f64, count: u16| {
+            let clamp = |t: f64| t.clamp(0.0, f64::from(count)) as u16;
+            let (first, end) =
+                (clamp((centre - 0.5 - radius) / tile), clamp((centre - 0.5 + radius + tile - 1.0) / tile));
+            (first < end).then_some((first, end))
+        };
+        let (x0, x1) = tiles(u, self.columns)?;
+        let (y0, y1) = tiles(v, self.rows)?;
+        Some(TileRange { x0, x1, y0, y1 })
+    }
+
+    fn everywhere(&self) -> TileRange {
+        TileRange { x0: 0, x1: self.columns, y0: 0, y1: self.rows }
+    }
+}
+
+/// Rows of everything around a point, in the layout of [`crate::math::equirect`].
+pub(super) struct Sphere {
+    eye: DVec3,
+    right: DVec3,
+    forward: DVec3,
+    above: DVec3,
+    width: u32,
+    rows: Range<u32>,
+}
+
+impl Sphere {
+    /// Of these rows of the layout.
+    pub(super) fn new(eye: DVec3, up: Up, width_px: u32, rows: Range<u32>) -> Self {
+        let [right, forward, above] = equirect::axes(up);
+        Self { eye, right, forward, above, width: width_px, rows }
+    }
+
+    fn height(&self) -> u32 {
+        self.rows.end - self.rows.start
+    }
+}
+
+impl CameraModel for Sphere {
+    fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    fn size(&self) -> (usize, usize) {
+        (self.width as usize, self.height() as usize)
+    }
+
+    fn period(&self) -> Option<u32> {
+        Some(self.width)
+    }
+
+    #[inline(always)]
+    fn is_behind(&self, d: DVec3, near: f64) -> bool {
+        d.length() <= near
+    }
+
+    /// It looks everywhere.
+    #[inline(always)]
+    fn is_aside(&self, _d: DVec3, _world: f64, _pixels: f64) -> bool {
+        false
+    }
+
+    /// With x, y, z along right, forward and up, the angle from forward is atan2(x, y) and the one from up
+    /// atan2(rho, z), where rho is the distance from the axis; their derivatives are the unit vectors along
+    /// growing angles over rho and over the distance. Depth is the distance from the eye.
+    #[inline(always)]
+    fn project_centre(&self, d: DVec3) -> ProjectedCentre {
+        let (x, y, z) = (self.right.dot(d), self.forward.dot(d), self.above.dot(d));
+        let rho = (x * x + y * y).sqrt();
+        let distance = (rho * rho + z * z).sqrt();
+        let per_radian = f64::from(self.width) / (2.0 * PI);
+        let (sin, cos) = if rho > 0.0 { (x / rho, y / rho) } else { (0.0, 1.0) };
+        let outwards = self.right * sin + self.forward * cos;
+        let along = self.right * cos - self.forward * sin;
+        let downwards = (outwards * z - self.above * rho) / distance;
+        let u = (num::atan2(x, y) + PI) * per_radian;
+        ProjectedCentre {
+            u: if u >= f64::from(self.width) { 0.0 } else { u },
+            v: num::atan2(rho, z) * per_radian - f64::from(self.rows.start),
+            row_x: along * (per_radian / rho.max(POLE * distance)),
+            row_y: downwards * (per_radian / distance),
+            depth: distance,
+        }
+    }
+
+    /// It looks everywhere.
+    #[inline(always)]
+    fn misses(&self, _block: &Block, _near: f64, _sigmas: f64, _pixels: f64) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn exact_reach(&self, u: f64, v: f64, half_x: f64, half_y: f64) -> Option<TileRange> {
+        let (half_x, half_y) = (half_x + SLACK_PX, half_y + SLACK_PX);
+        let (x0, x1) = tiles_around(u - half_x, u + half_x, self.width)?;
+        let (y0, y1) = tiles(v - half_y, v + half_y, f64::from(self.height()))?;
+        Some(TileRange { x0, x1, y0, y1 })
+    }
+
+    /// Its tiles are of a pinhole picture; here the square is cut at the poles and goes around.
+    fn inria_reach(&self, u: f64, v: f64, xx: f64, yy: f64, det: f64) -> Option<TileRange> {
+        let middle = 0.5 * (xx + yy);
+        let radius = (3.0 * (middle + (middle * middle - det).max(0.1).sqrt()).sqrt()).ceil();
+        self.exact_reach(u, v, radius, radius)
+    }
+
+    fn everywhere(&self) -> TileRange {
+        let columns = (self.width as usize).div_ceil(TILE) as u16;
+        TileRange { x0: 0, x1: columns, y0: 0, y1: (self.height() as usize).div_ceil(TILE) as u16 }
+    }
+}

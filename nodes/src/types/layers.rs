@@ -1,0 +1,76 @@
+//! Layers of one picture: finding the views that belong together, and their linear light.
+
+use std::borrow::Cow;
+
+use engine::NodeError;
+
+use crate::error::Error;
+use crate::math::color::linear_from_srgb;
+use crate::types::{Image, Images, Linear, Picture};
+
+/// The picture of view `name` in another set, which must have `size` (columns, rows).
+pub fn matching<'a>(
+    images: &'a Images,
+    port: &'static str,
+    name: &str,
+    size: (usize, usize),
+) -> Result<&'a Picture, NodeError> {
+    let Some(picture) = images.view(name) else {
+        let there: Vec<&str> = images.0.iter().map(|image| image.name.as_str()).collect();
+        let what = format!("`{port}` has no view `{name}`; it has {}", there.join(", "));
+        return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
+    };
+    let (width, height, _) = picture.size();
+    if (width, height) != size {
+        let [w, h] = [size.0, size.1];
+        let what =
+            format!("`{port}` is {width}x{height}, but the view `{name}` that it belongs to is {w}x{h}");
+        return Err(NodeError::from(Error::Mismatch(what)).at(port).hint("render every layer with one rig"));
+    }
+    Ok(picture)
+}
+
+/// A picture of light whose one channel is luminance, as OpenEXR has it (Y, or Y and A), as three equal ones; any other
+/// as it is.
+pub fn coloured(picture: &Picture) -> Cow<'_, Picture> {
+    let Picture::Linear(image) = picture else { return Cow::Borrowed(picture) };
+    if !(1..=2).contains(&image.channels) {
+        return Cow::Borrowed(picture);
+    }
+    let pixels = image.samples.chunks_exact(image.channels);
+    let samples = pixels.flat_map(|p| [p[0]; 3].into_iter().chain(p.get(1).copied())).collect();
+    let colour = Image::<Linear>::from_samples(image.width, image.height, image.channels + 2, samples);
+    Cow::Owned(colour.into())
+}
+
+/// The linear light of a display-encoded channel of a pixel, premultiplied as it is: 0 where alpha is.
+pub fn decoded(encoded: f32, alpha: f32) -> f32 {
+    if alpha > 0.0 { linear_from_srgb(encoded / alpha) * alpha } else { 0.0 }
+}
+
+/// The linear light of a colour picture of 3 or 4 channels, still premultiplied; luminance alone is grey. Display-encoded
+/// values are un-premultiplied, decoded and premultiplied again.
+pub fn linear<'a>(picture: &'a Picture, port: &'static str) -> Result<Cow<'a, Image<Linear>>, NodeError> {
+    if let Cow::Owned(Picture::Linear(grey)) = coloured(picture) {
+        return Ok(Cow::Owned(grey));
+    }
+    let channels = picture.size().2;
+    if !(3..=4).contains(&channels) || matches!(picture, Picture::Data(_)) {
+        let what =
+            format!("`{port}` needs a colour picture, not {} of {channels} channels", picture.encoding());
+        return Err(NodeError::from(Error::Mismatch(what)).at(port));
+    }
+    let encoded = match picture {
+        Picture::Linear(image) => return Ok(Cow::Borrowed(image)),
+        Picture::Srgb(image) => image,
+        Picture::Data(_) => return Err(NodeError::new("data is not a colour").at(port)),
+    };
+    let mut samples = encoded.samples.clone();
+    for pixel in samples.chunks_exact_mut(channels) {
+        let alpha = if channels == 4 { pixel[3] } else { 1.0 };
+        for c in &mut pixel[..3] {
+            *c = decoded(*c, alpha);
+        }
+    }
+    Ok(Cow::Owned(Image::from_samples(encoded.width, encoded.height, channels, samples)))
+}

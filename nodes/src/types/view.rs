@@ -1,0 +1,29 @@
+//! Names of views.
+
+use engine::NodeError;
+
+/// Names of views become parts of paths.
+pub(crate) fn check_name(name: &str) -> Result<(), NodeError> {
+    if name.is_empty()
+        || name.contains(['/', '\\', '{', '}'])
+        || name.contains(char::is_control)
+        || name == ".."
+    {
+        return Err(NodeError::new(format!("`{name}` cannot name a view: it becomes part of a file name"))
+            .at("name")
+            .hint("use letters, digits, `-` and `_`"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_would_leave_the_folder_are_refused() {
+        assert!(
+            check_name("../x").is_err() && check_name("a{view}").is_err() && check_name("view_0").is_ok()
+        );
+    }
+}

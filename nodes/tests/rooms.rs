@@ -1,0 +1,63 @@
+//! The rooms of the crate: their order, and that no kind imports another.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+#[path = "../../tests/support/arrows.rs"]
+#[allow(clippy::unwrap_used, dead_code, reason = "a test; circles within a room are allowed here")]
+mod arrows;
+
+/// The rooms from the lowest to the highest: a file imports only its own room and those below.
+const ROOMS: [&str; 8] = ["error", "math", "types", "io", "light", "geometry", "render", "kinds"];
+
+fn folder() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The imports of every file, without those of unit tests.
+fn imports() -> arrows::Imports {
+    let mut imports = arrows::imports(&folder().join("src"));
+    imports.retain(|file, _| file != "testing" && !file.starts_with("path_trace"));
+    imports.values_mut().for_each(|paths| paths.retain(|path| !path.starts_with("path_trace")));
+    imports
+}
+
+/// Mutation: `use crate::kinds::pose::PoseNode;` in `types/pose.rs`, seen red.
+#[test]
+fn imports_lead_down() {
+    let imports = imports();
+    assert!(
+        imports.len() > 150 && imports["kinds/place"].contains("types::frame::world_from_gltf"),
+        "the imports were read"
+    );
+    assert_eq!(arrows::upward(&imports, &ROOMS), [""; 0]);
+}
+
+/// Mutation: `use crate::kinds::pose::PoseNode;` in `kinds/place.rs`, seen red.
+#[test]
+fn no_kind_imports_another() {
+    let kind = |path: &str| path.split(['/', ':']).filter(|part| !part.is_empty()).nth(1).map(str::to_owned);
+    let mut wrong = Vec::new();
+    for (file, paths) in imports().iter().filter(|(file, _)| file.starts_with("kinds/")) {
+        let other = |path: &&String| path.starts_with("kinds::") && kind(path) != kind(file);
+        wrong.extend(paths.iter().filter(other).map(|path| format!("{file} -> {path}")));
+    }
+    assert_eq!(wrong, [""; 0]);
+}
+
+#[test]
+fn the_rooms_are_the_folders_and_the_table_in_docs_architecture() {
+    let entries = std::fs::read_dir(folder().join("src")).expect("there");
+    let names = entries
+        .map(|entry| entry.expect("there").path().file_stem().expect("named").to_string_lossy().into_owned());
+    let folders: BTreeSet<String> =
+        names.filter(|name| !["lib", "testing", "path_trace"].contains(&name.as_str())).collect();
+    assert_eq!(folders, ROOMS.map(String::from).into());
+    let page = std::fs::read_to_string(folder().join("../docs/architecture.md")).expect("there");
+    let (_, section) = page.split_once("Within `nodes`").expect("a section on `nodes`");
+    let lines =
+        section.lines().skip_while(|line| !line.starts_with("| `")).take_while(|line| line.starts_with('|'));
+    let mut rooms: Vec<&str> = lines.map(|line| line[3..].split('`').next().unwrap_or_default()).collect();
+    rooms.reverse();
+    assert_eq!(rooms, ROOMS, "the table has the highest room first");
+}

@@ -1,0 +1,229 @@
+//! `cache`: looks after the cache. Nothing here is ever needed for a run to be right.
+
+use std::path::{Path, PathBuf};
+
+use ::cache::{Digest, Limits, Options, Store};
+use clap::{Args, Subcommand};
+use engine::{Engine, Fate, blobs_of, bytes_text};
+
+use crate::session::{Error, GraphArgs, Loaded, cache_folder, size, time};
+use crate::terminal;
+use crate::terminal::print;
+
+/// Looks after the cache: what is in it, whether it is whole, what may go.
+#[derive(Debug, Args)]
+pub struct Cache {
+    #[command(subcommand)]
+    verb: Verb,
+    /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
+    #[arg(long, global = true, value_name = "DIR")]
+    cache: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Tells what is in the cache
+    Stat,
+    /// Reads everything and tells what is damaged; changes nothing. Exit code 1 if something is
+    Verify,
+    /// Does what runs do bit by bit: puts damaged results aside, so that they are made again
+    Repair,
+    /// Removes what was used longest ago; waits until no run is at work
+    Gc(Gc),
+    /// Keeps the known results of a graph, whatever `gc` is asked for
+    Pin(Pin),
+    /// Copies results to another cache: everything, or what a graph needs
+    Copy(Copy),
+}
+
+#[derive(Debug, Args)]
+struct Gc {
+    /// Size that the cache shall not exceed, such as 10G; 0 empties it
+    #[arg(long, value_name = "SIZE")]
+    max_size: Option<String>,
+    /// How long a result is kept without being used, such as 30d, 12h or 5m
+    #[arg(long, value_name = "TIME")]
+    max_age: Option<String>,
+    /// Only tell what would be removed
+    #[arg(long)]
+    dry_run: bool,
+    /// How long to wait for a run that is at work
+    #[arg(long, value_name = "TIME", default_value = "1m")]
+    wait: String,
+}
+
+#[derive(Debug, Args)]
+#[command(mut_arg("graph", |graph| graph.required(false)))]
+struct Pin {
+    #[command(flatten)]
+    graph: Option<GraphArgs>,
+    /// Gives the pin of this graph up
+    #[arg(long)]
+    remove: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(mut_arg("graph", |graph| graph.required(false)))]
+struct Copy {
+    #[command(flatten)]
+    graph: Option<GraphArgs>,
+    /// Folder of the other cache
+    #[arg(long, value_name = "DIR")]
+    to: PathBuf,
+}
+
+impl Cache {
+    /// Runs the verb; gives the exit code.
+    pub fn run(self) -> Result<u8, Error> {
+        let folder = cache_folder(self.cache.as_deref())?;
+        if !folder.is_dir() {
+            return Err(Error::usage(format!("there is no cache in `{}`", folder.display())));
+        }
+        let looks = matches!(&self.verb, Verb::Stat | Verb::Verify | Verb::Gc(Gc { dry_run: true, .. }));
+        let store = Store::open(&folder, Options { read_only: looks, ..Options::default() })?;
+        if let Some(why) = store.why_read_only().filter(|_| !looks) {
+            print(&format!("the cache cannot be written ({why}); it is left as it is\n"))?;
+            return Ok(1);
+        }
+        match self.verb {
+            Verb::Stat => stat(&store, &folder),
+            Verb::Verify => check(&store, false),
+            Verb::Repair => check(&store, true),
+            Verb::Gc(gc) => gc.run(&store),
+            Verb::Pin(pin) => pin.run(store),
+            Verb::Copy(copy) => copy.run(store),
+        }
+    }
+}
+
+fn stat(store: &Store, folder: &Path) -> Result<u8, Error> {
+    let stat = store.stat()?;
+    let rows = [
+        ("folder", folder.display().to_string()),
+        ("size", bytes_text(stat.bytes)),
+        ("results", format!("{} records", stat.records)),
+        (
+            "values",
+            format!(
+                "{} in files, {}; {} small ones",
+                stat.large_blobs,
+                bytes_text(stat.large_bytes),
+                stat.small_blobs
+            ),
+        ),
+        (
+            "logs",
+            format!("{}, of which {} are dead", bytes_text(stat.log_bytes), bytes_text(stat.dead_bytes)),
+        ),
+        ("files", format!("{} digests remembered", stat.memos)),
+        ("aside", bytes_text(stat.quarantine_bytes)),
+    ];
+    let mut text: String = rows.iter().map(|(name, value)| format!("{name:<8} {value}\n")).collect();
+    for (name, records) in store.pins() {
+        text.push_str(&format!("{:<8} {name}: {records} records\n", "pin"));
+    }
+    print(&text)?;
+    Ok(0)
+}
+
+fn check(store: &Store, repair: bool) -> Result<u8, Error> {
+    let found = store.check(repair, &blobs_of, &mut |_| true)?;
+    let mut text =
+        format!("{} records and {} values, {}\n", found.records, found.blobs, bytes_text(found.bytes));
+    if found.damaged_bytes > 0 {
+        text.push_str(&format!("damaged: {} in the logs\n", bytes_text(found.damaged_bytes)));
+    }
+    found.bad.iter().for_each(|digest| text.push_str(&format!("damaged: value {digest}\n")));
+    found.incomplete.iter().for_each(|key| text.push_str(&format!("incomplete: result {key}\n")));
+    text.push_str(match (found.is_whole(), repair) {
+        (true, _) => "nothing is damaged\n",
+        (false, true) => "put aside; the next run that needs it makes it again\n",
+        (false, false) => {
+            "a run that needs it makes it again; `lightharmony cache repair` puts it aside now\n"
+        }
+    });
+    print(&text)?;
+    Ok(u8::from(!found.is_whole() && !repair))
+}
+
+impl Gc {
+    fn run(self, store: &Store) -> Result<u8, Error> {
+        let limits = Limits {
+            max_size: self.max_size.as_deref().map(size).transpose()?,
+            max_age: self.max_age.as_deref().map(time).transpose()?,
+            dry_run: self.dry_run,
+        };
+        let gone = store.collect(&limits, &blobs_of, time(&self.wait)?)?;
+        let done = if self.dry_run { "would remove" } else { "removed" };
+        let mut text = format!(
+            "{done} {} results and {} values: {} before, {} after\n",
+            gone.records,
+            gone.blobs,
+            bytes_text(gone.before),
+            bytes_text(gone.after)
+        );
+        if gone.pinned > 0 {
+            text.push_str(&format!("{} results are pinned and stay\n", gone.pinned));
+        }
+        print(&text)?;
+        let too_much = limits.max_size.is_some_and(|most| gone.after > most && most > 0);
+        if too_much {
+            terminal::error("what is pinned is larger than the limit");
+        }
+        Ok(u8::from(too_much))
+    }
+}
+
+/// The graph, its name for people, and the keys of what is known of it.
+fn known(graph: &GraphArgs, store: Store) -> Result<(Vec<Digest>, usize, Engine), Error> {
+    let Loaded { graph, only, .. } = graph.load()?;
+    let engine = Engine::new(store, 1, 0);
+    let plan = engine.plan(&graph, &only);
+    let wanted = plan.iter().filter(|node| node.fate != Fate::Unwanted).count();
+    let known = plan.iter().filter(|node| node.fate == Fate::Known);
+    // A manifest is what the key is the digest of.
+    let keys: Vec<Digest> =
+        known.filter_map(|node| node.manifest.as_ref()).map(|m| Digest::of(m.as_bytes())).collect();
+    Ok((keys, wanted, engine))
+}
+
+impl Pin {
+    fn run(self, store: Store) -> Result<u8, Error> {
+        let Some(graph) = self.graph else {
+            let pins = store.pins();
+            let lines: String =
+                pins.iter().map(|(name, records)| format!("{name}: {records} records\n")).collect();
+            print(if lines.is_empty() { "nothing is pinned\n" } else { &lines })?;
+            return Ok(0);
+        };
+        let name = std::path::absolute(&graph.graph)?.display().to_string();
+        if self.remove {
+            let was = store.unpin(&name)?;
+            print(&format!("{name} {}\n", if was { "is pinned no more" } else { "was not pinned" }))?;
+            return Ok(u8::from(!was));
+        }
+        let (keys, wanted, engine) = known(&graph, store)?;
+        let before = engine.store().pins().into_iter().find(|(pin, _)| *pin == name);
+        engine.store().pin(&name, &keys)?;
+        let before =
+            before.map(|(_, records)| format!(", in place of {records} of an earlier pin of this graph"));
+        let before = before.unwrap_or_default();
+        print(&format!("{name}: {} of {wanted} results are known, and pinned{before}\n", keys.len()))?;
+        Ok(0)
+    }
+}
+
+impl Copy {
+    fn run(self, store: Store) -> Result<u8, Error> {
+        let other = Store::open(&self.to, Options::default())?;
+        let copied = match &self.graph {
+            None => store.copy_to(&other, None, &blobs_of, &mut |_| true)?,
+            Some(graph) => {
+                let (keys, _, engine) = known(graph, store)?;
+                engine.store().copy_to(&other, Some(&keys), &blobs_of, &mut |_| true)?
+            }
+        };
+        print(&format!("copied {copied} results to {}\n", self.to.display()))?;
+        Ok(0)
+    }
+}

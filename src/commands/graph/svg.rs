@@ -1,0 +1,129 @@
+//! Graphs as pictures for a browser: a column a step of the longest way, wires around what lies between.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+
+use engine::{Graph, Planned};
+use trade::html::escaped;
+
+use super::state;
+
+/// Height of a box and space between boxes, in pixels.
+const HEIGHT: usize = 52;
+const GAP: (usize, usize) = (60, 18);
+const MARGIN: usize = 20;
+/// Wider than nearly all letters at the size of the text.
+const LETTER: usize = 8;
+
+/// What stands in a column: a node, or the wires of one that pass on to a later column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Entry {
+    node: usize,
+    passes: bool,
+}
+
+/// More than that nobody looks at, and the wires of a long chain that all end in one node would be millions.
+const MOST_ENTRIES: usize = 50_000;
+
+/// The picture; `None` for a graph that is too large for one.
+pub fn svg(graph: &Graph, plan: &[Planned]) -> Option<String> {
+    let columns = columns(graph)?;
+    let texts = |node: &Planned| (node.id.clone(), format!("{} · {}", node.kind, state(&node.fate).0));
+    let longest = plan.iter().map(|node| {
+        let (name, kind) = texts(node);
+        name.chars().count().max(kind.chars().count())
+    });
+    let width = longest.max().unwrap_or(0) * LETTER + 16;
+    let x = |column: usize| MARGIN + column * (width + GAP.0);
+    let y = |row: usize| MARGIN + row * (HEIGHT + GAP.1);
+    let (right, bottom) = (x(columns.len()) - GAP.0, y(columns.iter().map(Vec::len).max().unwrap_or(0)));
+    let mut text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" \
+         font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n",
+        right + MARGIN,
+        bottom - GAP.1 + MARGIN
+    );
+    // Writing to a string cannot fail.
+    for (column, from, to) in segments(graph, &columns) {
+        let (x0, y0) = (x(column) + width, y(from) + HEIGHT / 2);
+        let (x1, y1) = (x(column + 1), y(to) + HEIGHT / 2);
+        let bend = GAP.0 / 2;
+        let _ = write!(text, "<path d=\"M{x0} {y0} C{} {y0} {} {y1} {x1} {y1}", x0 + bend, x1 - bend);
+        let through = columns[column + 1][to].passes.then(|| format!(" H{}", x1 + width));
+        let _ = writeln!(text, "{}\" fill=\"none\" stroke=\"#888\"/>", through.unwrap_or_default());
+    }
+    for (column, entries) in columns.iter().enumerate() {
+        for (row, entry) in entries.iter().enumerate().filter(|(_, entry)| !entry.passes) {
+            let (x, y, fill) = (x(column), y(row), state(&plan[entry.node].fate).1);
+            let (name, kind) = texts(&plan[entry.node]);
+            let _ = writeln!(
+                text,
+                "<g><rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{HEIGHT}\" rx=\"6\" fill=\"{fill}\" \
+                 stroke=\"#555\"/><text x=\"{}\" y=\"{}\" font-weight=\"bold\">{}</text>\
+                 <text x=\"{}\" y=\"{}\" fill=\"#333\">{}</text></g>",
+                x + 8,
+                y + 21,
+                escaped(&name),
+                x + 8,
+                y + 41,
+                escaped(&kind)
+            );
+        }
+    }
+    Some(text + "</svg>\n")
+}
+
+/// What stands in each column, from top to bottom. A node stands right of all that it reads, as high as that
+/// on average; ties and the first column follow the file.
+fn columns(graph: &Graph) -> Option<Vec<Vec<Entry>>> {
+    let mut column = vec![0; graph.nodes.len()];
+    let mut last = vec![0; graph.nodes.len()];
+    for &index in graph.order() {
+        column[index] = graph.reads(index).iter().map(|&above| column[above] + 1).max().unwrap_or(0);
+        for &above in graph.reads(index) {
+            last[above] = last[above].max(column[index]);
+        }
+    }
+    let count = column.iter().max().map_or(0, |last| last + 1);
+    let entries: usize =
+        (0..graph.nodes.len()).map(|node| last[node].max(column[node] + 1) - column[node]).sum();
+    if entries > MOST_ENTRIES {
+        return None;
+    }
+    let mut columns: Vec<Vec<Entry>> = Vec::with_capacity(count);
+    for at in 0..count {
+        let nodes = (0..graph.nodes.len()).filter(|&node| column[node] == at);
+        let passing = (0..graph.nodes.len()).filter(|&node| column[node] < at && last[node] > at);
+        let entries = nodes.map(|node| Entry { node, passes: false });
+        let mut entries: Vec<Entry> =
+            entries.chain(passing.map(|node| Entry { node, passes: true })).collect();
+        if let Some(before) = columns.last() {
+            let row = |node: usize| before.iter().position(|entry| entry.node == node);
+            let height = |entry: &Entry| {
+                let own = [entry.node];
+                let above = if entry.passes { &own[..] } else { graph.reads(entry.node) };
+                let rows: Vec<usize> = above.iter().filter_map(|&node| row(node)).collect();
+                rows.iter().sum::<usize>() as f64 / rows.len().max(1) as f64
+            };
+            entries.sort_by(|a, b| height(a).total_cmp(&height(b)).then(a.node.cmp(&b.node)));
+        }
+        columns.push(entries);
+    }
+    Some(columns)
+}
+
+/// Lines from a row of a column to a row of the next one; wires of one node share them.
+fn segments(graph: &Graph, columns: &[Vec<Entry>]) -> BTreeSet<(usize, usize, usize)> {
+    let mut segments = BTreeSet::new();
+    for (column, pair) in columns.windows(2).enumerate() {
+        for (to, entry) in pair[1].iter().enumerate() {
+            for (from, before) in pair[0].iter().enumerate() {
+                let same = entry.passes && entry.node == before.node;
+                if same || (!entry.passes && graph.reads(entry.node).contains(&before.node)) {
+                    segments.insert((column, from, to));
+                }
+            }
+        }
+    }
+    segments
+}

@@ -1,0 +1,214 @@
+//! `run`: computes what is not known and writes the files of the sinks.
+
+mod trace;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use engine::{Engine, Event, Outcome, RunOptions, run_unchanged};
+use serde_json::{Value, json};
+use trace::Trace;
+
+use crate::session::origin::Origin;
+use crate::session::{
+    EngineArgs, Error, GraphArgs, Loaded, budget, cache_folder, locked, on_interrupt, time,
+};
+use crate::terminal::{self, Report};
+
+/// Runs a graph: computes what is not known and writes the files of its sinks.
+#[derive(Debug, Args)]
+pub struct Run {
+    #[command(flatten)]
+    graph: GraphArgs,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// Folder that sinks write to
+    #[arg(long, default_value = "out", value_name = "DIR")]
+    out: PathBuf,
+    /// Take samples until the standard error of the shadow and of the object is this, 0.01 say, at most as many as the
+    /// graph says, whatever a preset does: sets `max_error` of every node that has one
+    #[arg(long, value_name = "ERROR", conflicts_with = "time", allow_negative_numbers = true)]
+    max_error: Option<f64>,
+    /// Take as many samples, at most as many as the graph says, as there is time for by the forecast, such as 10s or
+    /// 5m; the number is told and fixed before the run. Where no forecast is known 4 are taken first, and kept
+    #[arg(long, value_name = "TIME")]
+    time: Option<String>,
+    /// Refuse inputs and kinds that are not those of the graph's lock, and fail where results are not
+    #[arg(long)]
+    locked: bool,
+    /// Write what each thread did when, for chrome://tracing or Perfetto
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// One JSON object a line on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Also tell nodes whose result was known
+    #[arg(long, short)]
+    verbose: bool,
+}
+
+impl Run {
+    /// Runs the graph; gives the exit code of the run.
+    pub fn run(self) -> Result<u8, Error> {
+        let begin = Instant::now();
+        let time = self.time.as_deref().map(time).transpose()?;
+        if time.is_some_and(|time| time.is_zero()) {
+            return Err(Error::usage("--time must be above 0"));
+        }
+        let mut texts = Vec::new();
+        let origin = self.graph.read(&mut texts)?;
+        if let Some(outcome) = self.unchanged(&origin)? {
+            return Ok(outcome.totals.exit_code());
+        }
+        let (mut loaded, engine) = self.graph.check_with(origin, &texts, &self.engine)?;
+        loaded.check_outputs(&self.out)?;
+        self.trace.as_deref().map_or(Ok(()), |trace| loaded.check_output(trace))?;
+        let cancel = on_interrupt()?;
+        if let Some(error) = self.max_error {
+            let says_so =
+                |set: &&String| set.split('=').next().is_some_and(|f| f.trim().ends_with(".max_error"));
+            if let Some(set) = self.graph.set.iter().find(says_so) {
+                let text =
+                    format!("`--max-error` and `--set {set}` both say an error; leave one of them out");
+                return Err(Error::usage(text));
+            }
+            let chosen;
+            (loaded, chosen) = budget::to_error(loaded, error)?;
+            if !chosen.is_empty() {
+                let why = "an error takes as many samples as the graph says, not as few as its preset";
+                self.tell_chosen(json!({"max_error": error}), &chosen, why);
+            }
+        }
+        if let Some(time) = time {
+            if let Some(code) = self.pilot(&loaded, &engine, &cancel)? {
+                return Ok(code);
+            }
+            loaded = self.in_time(loaded, &engine, time.saturating_sub(begin.elapsed()))?;
+        }
+        let (graph, only) = (&loaded.graph, &loaded.only);
+        let locked = self.locked.then(|| locked::read(&loaded)).transpose()?;
+        if let Some(lock) = &locked {
+            locked::refuse(&engine, graph, only, lock)?;
+        }
+        let mut report = self.report();
+        if let Some(text) = terminal::no_file(graph, only) {
+            report.tell(&Event::Warning { id: "no-file", text });
+        }
+        let options = RunOptions {
+            out: self.out,
+            texts: loaded.texts.clone(),
+            only: only.clone(),
+            cancel,
+            trace: self.trace.is_some(),
+            ..RunOptions::default()
+        };
+        let mut trace = Trace::default();
+        // What failed comes before the end, which is the last line of JSON.
+        let mut end = None;
+        let outcome = engine.run(graph, &options, |event| {
+            trace.tell(&event);
+            match event {
+                Event::Done(_) if self.json => end = Some(event),
+                event => report.tell(&event),
+            }
+        });
+        if let Some(path) = &self.trace {
+            cache::publish_file(path, &trace.finish())?;
+        }
+        if let Some(failures) = &outcome.failures {
+            terminal::mistakes(failures, self.json);
+        }
+        if let Some(time) = time.filter(|time| begin.elapsed() > *time) {
+            let [took, asked] =
+                [begin.elapsed(), time].map(|time| terminal::seconds_text(time.as_secs_f64()));
+            report.tell(&Event::Warning {
+                id: "time-missed",
+                text: format!("the run took {took}, where {asked} was asked for"),
+            });
+        }
+        end.iter().for_each(|end| report.tell(end));
+        if let Some(lock) = &locked {
+            let now = engine.lock(graph, only)?;
+            let results = lock.differences(&now).results;
+            if !results.is_empty() {
+                terminal::error(&format!("the results are not those of the lock:\n{}", results.join("\n")));
+                return Ok(1);
+            }
+        }
+        // The process ends: to take a large graph apart, piece by piece, would only take time.
+        std::mem::forget(loaded.graph);
+        Ok(outcome.totals.exit_code())
+    }
+
+    /// Tells what the last run told, where nothing is to be done; see [`run_unchanged`]. What asks more than that of
+    /// a run needs the graph.
+    fn unchanged(&self, origin: &Origin) -> Result<Option<Outcome>, Error> {
+        let asked = self.max_error.is_some() || self.time.is_some() || self.locked || self.trace.is_some();
+        if asked || !self.graph.only.is_empty() {
+            return Ok(None);
+        }
+        self.engine.memory()?;
+        let mut report = self.report();
+        let (folder, kinds) = (cache_folder(self.engine.cache.as_deref())?, nodes::registry());
+        let tell = |event| report.tell(&event);
+        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, tell))
+    }
+
+    fn report(&self) -> Report {
+        if self.json { Report::json() } else { Report::lines(self.verbose) }
+    }
+
+    /// Runs everything but the sinks with the fewest samples, where no forecast knows how long a sample takes. Gives an
+    /// exit code where that is all there is to do: it failed, or was stopped.
+    fn pilot(&self, loaded: &Loaded, engine: &Engine, cancel: &Arc<AtomicBool>) -> Result<Option<u8>, Error> {
+        let Some((graph, chosen)) = budget::pilot(loaded, engine)? else { return Ok(None) };
+        let why = "how long a sample takes is not known, so these come first; they are kept";
+        self.tell_chosen(json!({"pilot": true}), &chosen, why);
+        let targets = if loaded.only.is_empty() { graph.targets() } else { loaded.only.clone() };
+        let wanted = graph.above(&targets);
+        let only: Vec<usize> =
+            (0..wanted.len()).filter(|&node| wanted[node] && graph.nodes[node].sink_path.is_none()).collect();
+        let options =
+            RunOptions { rough: only.clone(), only, cancel: cancel.clone(), ..RunOptions::default() };
+        let mut report = self.report();
+        let outcome = engine.run(&graph, &options, |mut event| {
+            // The run itself tells what there is to say of its results.
+            if let Event::Node { notes, degraded, .. } = &mut event {
+                notes.clear();
+                *degraded = false;
+            }
+            if !matches!(event, Event::Done(_)) {
+                report.tell(&event);
+            }
+        });
+        if let Some(failures) = &outcome.failures {
+            terminal::mistakes(failures, self.json);
+        }
+        Ok((outcome.totals.stopped || outcome.failures.is_some()).then(|| outcome.totals.exit_code()))
+    }
+
+    /// The graph with the samples that there is time for, which are told.
+    fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
+        let seconds = time.as_secs_f64();
+        let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
+        let told = json!({"forecast": forecast, "time": seconds});
+        self.tell_chosen(told, &chosen, &terminal::forecast_text(&forecast));
+        if forecast.seconds > seconds && !self.json {
+            terminal::remark("even the fewest samples are forecast to take longer than that");
+        }
+        Ok(loaded)
+    }
+
+    /// Tells what was laid over the graph, and why: more of that to programs.
+    fn tell_chosen(&self, mut told: Value, chosen: &[String], why: &str) {
+        if self.json {
+            (told["event"], told["settings"]) = (json!("chosen"), json!(chosen));
+            return terminal::json_line(&told);
+        }
+        let settings: Vec<String> = chosen.iter().map(|setting| format!("--set {setting}")).collect();
+        terminal::remark(&format!("{}: {why}", settings.join(" ")));
+    }
+}

@@ -1,0 +1,176 @@
+//! `train-exposure`: makes the weights of the learned exposure prediction anew.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+use clap::{Args, ValueEnum};
+use nodes::kinds::predict_exposure::training::{self, Plan, Progress, Recipe, Score};
+
+mod lora;
+
+use lora::TrainLora;
+
+use crate::session::Error;
+use crate::terminal;
+
+/// Trains the learned exposure prediction on HDR panoramas.
+#[derive(Debug, Args)]
+pub struct TrainExposure {
+    /// A folder of whole HDR panoramas, .exr or .hdr, at least 256x128
+    panoramas: PathBuf,
+    /// The file of weights to write; networks that are done are kept beside it, so that a training that was
+    /// stopped goes on where it was
+    #[arg(long, default_value = "exposure.safetensors")]
+    out: PathBuf,
+    /// Seed of everything that is left to chance
+    #[arg(long, default_value_t = 7)]
+    seed: u64,
+    /// Networks whose predictions are averaged
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=64))]
+    members: u64,
+    /// Parts that the places are divided into for cross-validation; 0 for none
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(0..=64))]
+    folds: u64,
+    /// Panoramas made by formula, beside those of the folder
+    #[arg(long, default_value_t = 160, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    procedural: u32,
+    /// Steps of training of each network
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    steps: u64,
+    /// A folder for what the networks of the cross-validation recover of panoramas they never saw, and for what
+    /// they tell of each region (`regions.csv`)
+    #[arg(long)]
+    recovered: Option<PathBuf>,
+    /// A file for the numbers that the amount of hidden light was fitted to, as comma-separated values
+    #[arg(long)]
+    numbers: Option<PathBuf>,
+    /// What is trained
+    #[arg(long, value_enum, default_value_t = Backend::Networks)]
+    backend: Backend,
+    #[command(flatten)]
+    lora: TrainLora,
+}
+
+/// What is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Backend {
+    /// The networks that `predict-exposure` uses by itself
+    Networks,
+    /// A LoRA for `method: FluxKontext(..)`, with weights of your own
+    FluxKontext,
+}
+
+impl TrainExposure {
+    /// Exit code 0, 1 where a file cannot be read or written, or 130 when stopped.
+    pub fn run(self) -> Result<u8, Error> {
+        match self.train() {
+            Ok(code) => Ok(code),
+            Err(message) => {
+                terminal::error(&message);
+                Ok(1)
+            }
+        }
+    }
+
+    fn train(&self) -> Result<u8, String> {
+        if self.backend == Backend::FluxKontext {
+            return self.lora.run(&panoramas(&self.panoramas)?, &self.out, self.seed, self.steps);
+        }
+        let panoramas = read_folder(&self.panoramas)?;
+        let recipe = Recipe { steps: self.steps as usize, ..Recipe::default() };
+        let plan = Plan {
+            seed: self.seed,
+            members: self.members as usize,
+            folds: self.folds as usize,
+            procedural: self.procedural,
+            recipe,
+        };
+        let mut follow = Follow::new();
+        let stopped = follow.stopped();
+        let mut tell = |progress: Progress| {
+            match progress {
+                Progress::Examples(at, of) => follow.tell("photographs".to_owned(), at as u64, of as u64),
+                Progress::Step { network, networks, step, steps, loss } => {
+                    let text = format!("network {network} of {networks}, loss {loss:.3}");
+                    follow.tell(text, ((network - 1) * steps + step) as u64, (networks * steps) as u64);
+                }
+            }
+            !stopped.load(Ordering::Relaxed)
+        };
+        let parts = self.out.with_extension("parts");
+        let trained = training::train(panoramas, &plan, &parts, &mut tell).map_err(|e| e.to_string())?;
+        follow.end();
+        let Some(trained) = trained else {
+            terminal::error("stopped; the same command goes on from here");
+            return Ok(130);
+        };
+        cache::publish_file(&self.out, &trained.weights).map_err(|e| e.to_string())?;
+        if let Some(folder) = &self.recovered {
+            for (name, bytes) in &trained.recovered {
+                cache::publish_file(&folder.join(format!("{name}.exr")), bytes).map_err(|e| e.to_string())?;
+            }
+            let path = folder.join("regions.csv");
+            cache::publish_file(&path, trained.regions.as_bytes()).map_err(|e| e.to_string())?;
+        }
+        if let Some(path) = &self.numbers {
+            cache::publish_file(path, trained.numbers.as_bytes()).map_err(|e| e.to_string())?;
+        }
+        let text = format!(
+            "{}{}{}: {} bytes\n",
+            table("", &trained.scores),
+            table(", finer", &trained.finer),
+            self.out.display(),
+            trained.weights.len()
+        );
+        terminal::print(&text).map_err(|e| e.to_string())?;
+        Ok(0)
+    }
+}
+
+/// The HDR panoramas in a folder, by name.
+fn panoramas(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let told = |error: std::io::Error| format!("cannot read `{}`: {error}", folder.display());
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
+        .and_then(|entries| entries.map(|entry| entry.map(|e| e.path())).collect())
+        .map_err(told)?;
+    let is = |path: &PathBuf, end: &str| path.extension().is_some_and(|it| it.eq_ignore_ascii_case(end));
+    paths.retain(|path| is(path, "exr") || is(path, "hdr"));
+    paths.sort();
+    if paths.is_empty() {
+        return Err(format!("`{}` holds no .exr or .hdr file", folder.display()));
+    }
+    Ok(paths)
+}
+
+fn read_folder(folder: &Path) -> Result<Vec<(String, nodes::types::Image<nodes::types::Linear>)>, String> {
+    let read = |path: &PathBuf| {
+        let bytes = std::fs::read(path).map_err(|e| format!("cannot read `{}`: {e}", path.display()))?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let image = training::read(&path.display().to_string(), &bytes).map_err(|e| e.to_string())?;
+        Ok((name, image))
+    };
+    panoramas(folder)?.iter().map(read).collect()
+}
+
+/// Mean and median of the errors of panoramas that took no part, in stops; `of` what photographs, for the names of the rows.
+fn table(of: &str, scores: &[Score]) -> String {
+    if scores.is_empty() {
+        return String::new();
+    }
+    let mut text = String::new();
+    if of.is_empty() {
+        text += "cross-validated by place, |log2 error| in stops   mean  median\n";
+    }
+    let mut row = |name: &str, value: &dyn Fn(&Score) -> f64| {
+        let mut values: Vec<f64> = scores.iter().map(|score| value(score).abs()).collect();
+        values.sort_by(f64::total_cmp);
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let name = format!("{name}{of}");
+        text += &format!("{name:<48} {mean:>6.3} {:>7.3}\n", values[values.len() / 2]);
+    };
+    row("irradiance as photographed", &|s| s.irradiance[0]);
+    row("irradiance recovered", &|s| s.irradiance[1]);
+    row("contrast as photographed", &|s| s.contrast[0]);
+    row("contrast recovered", &|s| s.contrast[1]);
+    text
+}

@@ -1,0 +1,126 @@
+//! The cache, threads and memory that a verb uses.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use cache::{Fsync, Store};
+use clap::Args;
+use engine::Engine;
+
+use super::error::{Error, causes};
+
+/// Where results are kept and what may be used.
+#[derive(Debug, Clone, Args)]
+pub struct EngineArgs {
+    /// Folder of the cache [env: LIGHTHARMONY_CACHE; default: the user's cache folder]
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Threads; default, and 0: one for each core
+    #[arg(long, short, value_name = "N", value_parser = clap::value_parser!(u16).range(..=1024))]
+    pub jobs: Option<u16>,
+    /// Memory for values and running nodes, such as 4G; default, and 0: three quarters of what is free. Nodes wait
+    /// for their share, and one that would need more than all of it fails before it starts
+    #[arg(long, value_name = "SIZE")]
+    pub memory: Option<String>,
+    /// When results are forced onto the disk; it matters to a loss of power only
+    #[arg(long, value_name = "WHEN", default_value = "batch")]
+    pub fsync: When,
+}
+
+/// When results are forced onto the disk.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+pub enum When {
+    /// Once, at the end of a run
+    Batch,
+    /// After every result
+    Always,
+    /// Never
+    Off,
+}
+
+impl EngineArgs {
+    /// Bytes of memory for values; 0 for what the engine takes by itself.
+    pub fn memory(&self) -> Result<u64, Error> {
+        self.memory.as_deref().map_or(Ok(0), size)
+    }
+
+    /// Opens the store.
+    pub fn open(&self) -> Result<Engine, Error> {
+        let memory = self.memory()?;
+        let fsync = match self.fsync {
+            When::Batch => Fsync::Batch,
+            When::Always => Fsync::Always,
+            When::Off => Fsync::Off,
+        };
+        let options = cache::Options { fsync, ..cache::Options::default() };
+        let folder = cache_folder(self.cache.as_deref())?;
+        let store = Store::open(&folder, options).map_err(|error| {
+            Error::Cache(format!(
+                "cannot open the cache `{}`: {}; name another folder with `--cache` or LIGHTHARMONY_CACHE",
+                folder.display(),
+                causes(error)
+            ))
+        })?;
+        Ok(Engine::new(store, self.jobs(), memory))
+    }
+
+    /// How many threads; 0 for what the engine takes by itself.
+    pub fn jobs(&self) -> usize {
+        self.jobs.map_or(0, usize::from)
+    }
+}
+
+/// A flag that Ctrl-C sets: the first one asks, the second one is meant.
+pub fn on_interrupt() -> Result<Arc<AtomicBool>, Error> {
+    let cancel = Arc::new(AtomicBool::new(false));
+    let again = cancel.clone();
+    ctrlc::set_handler(move || {
+        if again.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    })?;
+    Ok(cancel)
+}
+
+/// The folder of the cache: the one that was named, else that of the environment, else the user's.
+pub fn cache_folder(named: Option<&Path>) -> Result<PathBuf, Error> {
+    match (named, std::env::var_os("LIGHTHARMONY_CACHE")) {
+        (Some(folder), _) => Ok(folder.to_owned()),
+        (None, Some(folder)) if !folder.is_empty() => Ok(folder.into()),
+        _ => {
+            let folders = directories::ProjectDirs::from("", "", "lightharmony");
+            folders.map(|folders| folders.cache_dir().to_owned()).ok_or_else(|| {
+                let why = "no folder for the cache: the user has no home folder";
+                Error::usage(format!("{why}; name one with `--cache` or LIGHTHARMONY_CACHE"))
+            })
+        }
+    }
+}
+
+/// Bytes, from a number with or without K, M, G or T.
+pub fn size(text: &str) -> Result<u64, Error> {
+    engine::parse_bytes(text).ok_or_else(|| {
+        Error::usage(format!("`{text}` is not a size; write a number with K, M or G, such as 4G"))
+    })
+}
+
+/// A time with its unit.
+pub fn time(text: &str) -> Result<Duration, Error> {
+    let wrong = || {
+        let how = "write a number with ms, s, m, h or d, such as 10s, 1.5h or 30d";
+        Error::usage(format!("`{text}` is not a time; {how}"))
+    };
+    let digits = text.trim_end_matches(|c: char| c.is_alphabetic());
+    let unit = match &text[digits.len()..] {
+        "ms" => 1e-3,
+        "s" => 1.0,
+        "m" => 60.0,
+        "h" => 60.0 * 60.0,
+        "d" => 24.0 * 60.0 * 60.0,
+        _ => return Err(wrong()),
+    };
+    let number: f64 = digits.parse().map_err(|_| wrong())?;
+    Duration::try_from_secs_f64(number * unit).map_err(|_| wrong())
+}

@@ -1,0 +1,240 @@
+//! The graph that a verb works on, with what is laid over it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use cache::{Store, TempFolder};
+use clap::Args;
+use engine::{EditError, Engine, Graph, ReadFiles, Registry, Setting, Source, SourceRoot};
+
+use super::engine::EngineArgs;
+use super::error::Error;
+use super::origin::{Origin, OriginArgs, is_picture};
+use crate::terminal::{self, names};
+
+/// Which graph, with which values in place of those written in it.
+#[derive(Debug, Args)]
+pub struct GraphArgs {
+    /// The graph file (RON), a bundle, or a picture that carries its recipe; `-` reads standard input
+    pub graph: PathBuf,
+    /// Sets one field for this run: node.field=value, as often as needed
+    #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Lays a preset over the graph, as often as needed: one of its own, or draft, preview, final, reference, which
+    /// set its knobs; `--overlay` and `--set` go over presets
+    #[arg(long, value_name = "NAME")]
+    pub preset: Vec<String>,
+    /// Lays the values of a file over the graph, as often as needed: Overlay(nodes: (trace: (samples: 4)))
+    #[arg(long, value_name = "FILE")]
+    pub overlay: Vec<PathBuf>,
+    /// Only these nodes and what they need, separated by commas; default: every sink
+    #[arg(long, value_name = "NODES", value_delimiter = ',')]
+    pub only: Vec<String>,
+    // Not flattened from `OriginArgs`: an optional `GraphArgs` is there only if clap sees an argument of its own.
+    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Vec<PathBuf>,
+    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    #[arg(long)]
+    pub other_versions: bool,
+}
+
+/// A checked graph and the nodes that are wanted of it.
+pub struct Loaded {
+    pub graph: Arc<Graph>,
+    pub only: Vec<usize>,
+    /// The files that it was read from.
+    pub texts: Vec<PathBuf>,
+    /// Where its lock lies, or would.
+    pub lock: Option<PathBuf>,
+    /// Where a bundle lies unpacked as long as this lives.
+    pub unpacked: Option<TempFolder>,
+}
+
+impl Loaded {
+    /// Refuses sinks that would write over the graph or a file it reads.
+    pub fn check_outputs(&self, out: &Path) -> Result<(), Error> {
+        self.graph.check_outputs(&self.only, out, &self.texts).map_err(Error::Graph)
+    }
+
+    /// Refuses to write anything else there.
+    pub fn check_output(&self, path: &Path) -> Result<(), Error> {
+        let read = ReadFiles::new(self.texts.iter().cloned().chain(self.graph.files()));
+        if read.has(path) {
+            let why = "is the graph or a file that it reads; name another one to write";
+            return Err(Error::usage(format!("`{}` {why}", path.display())));
+        }
+        Ok(())
+    }
+}
+
+impl GraphArgs {
+    /// Reads and checks the graph.
+    pub fn load(&self) -> Result<Loaded, Error> {
+        let mut texts = Vec::new();
+        let origin = self.read(&mut texts)?;
+        self.check(origin, &texts, |source, registry, root| {
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
+        })
+    }
+
+    /// The same for work on knobs, where it matters that the recipe of a picture knows less than its graph did.
+    pub fn load_to_turn(&self) -> Result<Loaded, Error> {
+        if is_picture(&self.graph) {
+            terminal::remark(
+                "the recipe of a picture has no presets of its graph and other names of nodes, so settings of these knobs fit \
+                 the picture and not the graph",
+            );
+        }
+        self.load()
+    }
+
+    /// The same for a watch. `known` is the graph as it was, where no file that its nodes read has changed since: what
+    /// the text says as it did is not read again. The files that the graph itself consists of go to `texts`, found
+    /// or not.
+    pub fn load_again(
+        &self,
+        known: Option<&(Arc<Graph>, Vec<usize>)>,
+        texts: &mut Vec<PathBuf>,
+    ) -> Result<Loaded, Error> {
+        if let Some((known, only)) = known
+            && let Some(graph) = self.edited(known)
+        {
+            texts.push(self.graph.clone());
+            return Ok(Loaded {
+                graph,
+                only: only.clone(),
+                texts: texts.clone(),
+                lock: None,
+                unpacked: None,
+            });
+        }
+        let origin = self.read(texts)?;
+        self.check(origin, texts, |source, registry, root| match known {
+            Some((known, _)) if known.source == source => Ok(known.clone()),
+            _ => Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph),
+        })
+    }
+
+    /// The graph as its file has it now, where that is one and the same file and little in it changed.
+    fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
+        let path = self.graph.canonicalize().ok()?;
+        let text = std::fs::read_to_string(&path).ok()?;
+        if path.parent() != Some(known.root.folder()) {
+            return None;
+        }
+        known.reparse(text, nodes::registry)
+    }
+
+    /// Checks a graph that was read, and opens an engine. A wrong graph leaves no cache behind.
+    pub fn check_with(
+        &self,
+        origin: Origin,
+        texts: &[PathBuf],
+        engine: &EngineArgs,
+    ) -> Result<(Loaded, Engine), Error> {
+        let loaded = self.check(origin, texts, |source, registry, root| {
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
+        })?;
+        Ok((loaded, engine.open()?))
+    }
+
+    /// Reads the graph, what is laid over it and what it includes. The files of that go to `texts`, found or not.
+    pub fn read(&self, texts: &mut Vec<PathBuf>) -> Result<Origin, Error> {
+        texts.push(self.graph.clone());
+        texts.extend(self.overlay.iter().cloned());
+        let origin = OriginArgs { inputs: self.inputs.clone(), other_versions: self.other_versions };
+        let Origin { mut source, root, lock, recipe, unpacked } = Origin::open(&self.graph, &origin)?;
+        if !self.preset.is_empty() {
+            // Presets speak of the nodes of included files, too.
+            let (joined, included) = source.including(&root);
+            texts.extend(included);
+            source = joined;
+        }
+        for preset in &self.preset {
+            source = source.with_preset(preset, &nodes::registry());
+        }
+        for path in &self.overlay {
+            if root.is_strange(path) {
+                return Err(Error::usage(format!(
+                    "`{}` came out of a bundle and could make this graph read any file; remove \
+                     `.lightharmony-bundle` from its folder if you trust it",
+                    path.display()
+                )));
+            }
+            let text = std::fs::read_to_string(path);
+            let text = text.map_err(|error| Error::unreadable("overlay", path, &error))?;
+            source = source.overlaid(&path.display().to_string(), &text);
+        }
+        let (mut settings, mut wrong) = (Vec::<Setting>::new(), Vec::new());
+        for text in &self.set {
+            match text.parse() {
+                Ok(setting) => settings.push(setting),
+                Err(EditError::Form(_)) => {
+                    wrong.push(format!("`--set {text}` is no setting; write --set node.field=value"));
+                }
+            }
+        }
+        if !wrong.is_empty() {
+            return Err(Error::usage(wrong.join("\n")));
+        }
+        // Last, since what is laid over may name other files.
+        let (source, included) = engine::apply(&source, &settings).including(&root);
+        texts.extend(included);
+        Ok(Origin { source, root, lock, recipe, unpacked })
+    }
+
+    fn check(
+        &self,
+        origin: Origin,
+        texts: &[PathBuf],
+        parse: impl FnOnce(Source, &Registry, SourceRoot) -> Result<Arc<Graph>, Error>,
+    ) -> Result<Loaded, Error> {
+        let Origin { source, root, lock, recipe, unpacked } = origin;
+        let graph = parse(source, &nodes::registry(), root)?;
+        let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
+        if let Some(recipe) = recipe.filter(|_| as_it_was) {
+            let other = recipe.other_sources(&graph, &Store::in_memory())?;
+            if !other.is_empty() {
+                let (path, other) = (self.graph.display(), other.join("\n"));
+                return Err(Error::usage(format!("`{path}` was made from other files:\n{other}")));
+            }
+        }
+        if self.only.iter().any(|name| name.trim().is_empty()) {
+            return Err(Error::usage("`--only` takes names of nodes separated by single commas"));
+        }
+        let only =
+            self.only.iter().map(|name| find_all(&graph, name.trim())).collect::<Result<Vec<_>, _>>()?;
+        Ok(Loaded { graph, only: only.concat(), texts: texts.to_vec(), lock, unpacked })
+    }
+}
+
+/// The one node of a name, or an error that lists those there are.
+pub fn find(graph: &Graph, name: &str) -> Result<usize, Error> {
+    match find_all(graph, name)?.as_slice() {
+        [node] => Ok(*node),
+        nodes => Err(Error::usage(format!(
+            "`{name}` is several nodes; name one of {}",
+            names(graph, nodes.iter().copied())
+        ))),
+    }
+}
+
+/// Every node of a name; axes make several of one.
+fn find_all(graph: &Graph, name: &str) -> Result<Vec<usize>, Error> {
+    let found = graph.find_all(name);
+    match found.as_slice() {
+        [] => {
+            if let Some(of) = graph.source.gathered(name) {
+                return Err(Error::usage(format!(
+                    "`{name}` is a Gather, not a node; use `{of}`, or a node that reads `{name}`"
+                )));
+            }
+            let near = engine::nearest(name, graph.nodes.iter().map(|node| node.id.as_str()));
+            let hint = near.map(|near| format!(" (did you mean `{near}`?)")).unwrap_or_default();
+            let known = names(graph, 0..graph.nodes.len());
+            Err(Error::usage(format!("the graph has no node `{name}`{hint}; its nodes are {known}")))
+        }
+        _ => Ok(found),
+    }
+}

@@ -1,0 +1,13 @@
+//! What most verbs begin with: a checked graph, a store, threads.
+
+pub mod budget;
+mod engine;
+mod error;
+mod graph;
+pub mod locked;
+pub mod origin;
+pub mod splats;
+
+pub use engine::{EngineArgs, cache_folder, on_interrupt, size, time};
+pub use error::Error;
+pub use graph::{GraphArgs, Loaded, find};

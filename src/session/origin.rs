@@ -1,0 +1,168 @@
+//! Where a graph comes from: a file of one's own, a bundle, a picture that carries its recipe.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use cache::{Store, TempFolder};
+use engine::{Bundle, Recipe, Source, SourceRoot, bundle_around};
+
+use super::error::Error;
+
+/// The text of a graph and where its files are.
+pub struct Origin {
+    pub source: Source,
+    pub root: SourceRoot,
+    /// Where its lock lies, if there is one.
+    pub lock: Option<PathBuf>,
+    /// The recipe, for a graph out of a picture.
+    pub recipe: Option<Recipe>,
+    /// Where a bundle lies unpacked as long as this lives.
+    pub unpacked: Option<TempFolder>,
+}
+
+/// Whether a file is a bundle or a picture, which is written once and then as it is.
+pub fn is_written_once(path: &Path) -> bool {
+    head(path) == BUNDLE || is_picture(path)
+}
+
+/// Whether a file is a picture of a format that can carry a recipe.
+pub fn is_picture(path: &Path) -> bool {
+    nodes::io::recipe::is_picture(&head(path))
+}
+
+/// The first bytes of a file that can be read.
+fn head(path: &Path) -> Vec<u8> {
+    let mut head = Vec::new();
+    let _ = File::open(path).and_then(|file| file.take(8).read_to_end(&mut head));
+    head
+}
+
+/// What may be read beside a stranger's graph, and how strictly its recipe is taken.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct OriginArgs {
+    /// For a bundle or a picture: a folder whose files the graph may read, as often as needed
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Vec<PathBuf>,
+    /// For a picture: run it although its kinds have other versions here, which may give another picture
+    #[arg(long)]
+    pub other_versions: bool,
+}
+
+/// What a bundle begins with.
+const BUNDLE: &[u8] = b"LHbundle";
+
+/// Most bytes of a picture, and of a graph, as in a bundle; a bundle is streamed.
+const LARGEST_PICTURE: u64 = 4 << 30;
+const LARGEST_GRAPH: u64 = 64 << 20;
+const MOST_AT_ONCE: u64 = 16 << 20;
+
+impl Origin {
+    /// Finds out what `path` is and opens it.
+    pub fn open(path: &Path, args: &OriginArgs) -> Result<Self, Error> {
+        let failed = |error| Error::unreadable("graph", path, &error);
+        if path == Path::new("-") {
+            let text = graph_text(Vec::new(), std::io::stdin().lock()).map_err(failed)?;
+            let folder = std::env::current_dir().map_err(failed)?;
+            return Self::own(Source::new("standard input", text), folder, None, args);
+        }
+        let mut file = File::open(path).map_err(failed)?;
+        let mut head = Vec::new();
+        file.by_ref().take(8).read_to_end(&mut head).map_err(failed)?;
+        if head == BUNDLE {
+            return Self::bundle(path, file, args);
+        }
+        // At once where the file says how long it is, and believed as far as graphs are long.
+        let told = file.metadata().map_err(failed)?;
+        let mut bytes = Vec::with_capacity(told.len().min(MOST_AT_ONCE) as usize + 1);
+        bytes.extend(head);
+        if nodes::io::recipe::is_picture(&bytes) {
+            file.take(LARGEST_PICTURE).read_to_end(&mut bytes).map_err(failed)?;
+            return Self::picture(path, &bytes, args);
+        }
+        let text = graph_text(bytes, file).map_err(failed)?;
+        if !told.is_file() {
+            // A pipe lies in no folder.
+            let folder = std::env::current_dir().map_err(failed)?;
+            return Self::own(Source::new(path.display().to_string(), text), folder, None, args);
+        }
+        let folder = path.canonicalize().map_err(failed)?;
+        let folder = folder.parent().unwrap_or(Path::new("/")).to_owned();
+        Self::own(
+            Source::new(path.display().to_string(), text),
+            folder,
+            Some(path.with_extension("lock")),
+            args,
+        )
+    }
+
+    /// A graph file. One that came out of a bundle, wherever in it, is a stranger's as long as the mark is there.
+    fn own(source: Source, folder: PathBuf, lock: Option<PathBuf>, args: &OriginArgs) -> Result<Self, Error> {
+        let root = if let Some(bundle) = bundle_around(&folder) {
+            confined(&bundle, &args.inputs)?.at(folder)
+        } else if args.inputs.is_empty() {
+            SourceRoot::new(folder)
+        } else {
+            return Err(Error::usage(
+                "--inputs is for bundles and pictures; the paths in a graph file are relative to its folder",
+            ));
+        };
+        Ok(Self { source, root, lock, recipe: None, unpacked: None })
+    }
+
+    fn bundle(path: &Path, file: File, args: &OriginArgs) -> Result<Self, Error> {
+        let named = |error: engine::BundleError| Error::of_file(path, &error);
+        let mut bundle = Bundle::open(file).map_err(named)?;
+        let place = TempFolder::private()?;
+        let folder = place.path().join("bundle");
+        bundle.unpack(&folder).map_err(named)?;
+        let source = Source::new(path.display().to_string(), bundle.graph_text().map_err(named)?);
+        let root = confined(&folder, &args.inputs)?;
+        let lock = Some(folder.join("graph.lock"));
+        Ok(Self { source, root, lock, recipe: None, unpacked: Some(place) })
+    }
+
+    fn picture(path: &Path, bytes: &[u8], args: &OriginArgs) -> Result<Self, Error> {
+        let named = |error: engine::RecipeError| Error::of_file(path, &error);
+        let text = nodes::io::recipe::recipe(bytes).ok_or(engine::RecipeError::NoRecipe).map_err(named)?;
+        let recipe = Recipe::parse(&text).map_err(named)?;
+        let registry = nodes::registry();
+        let other = recipe.other_kinds(&registry);
+        if !other.is_empty() && !args.other_versions {
+            return Err(Error::usage(format!(
+                "`{}` cannot be made again here:\n{}\nwith --other-versions it runs all the same, and the picture \
+                 may differ",
+                path.display(),
+                other.join("\n")
+            )));
+        }
+        let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let shown = format!("recipe of {}", path.display());
+        // Digests of one run are remembered by the store of the engine, which is not open yet.
+        let store = Store::in_memory();
+        let source = recipe.settle(&shown, &file, &registry, &args.inputs, &store).map_err(named)?;
+        let place = TempFolder::private()?;
+        let root = confined(place.path(), &args.inputs)?;
+        Ok(Self { source, root, lock: None, recipe: Some(recipe), unpacked: Some(place) })
+    }
+}
+
+/// The text of a graph that begins with some bytes; no more of it is read than a graph has.
+fn graph_text(mut bytes: Vec<u8>, from: impl Read) -> std::io::Result<String> {
+    let wrong = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what);
+    from.take(LARGEST_GRAPH + 1 - bytes.len() as u64).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > LARGEST_GRAPH {
+        return Err(wrong("it is longer than 64 MiB, and no graph"));
+    }
+    String::from_utf8(bytes).map_err(|_| wrong("it is not text"))
+}
+
+fn confined(folder: &Path, inputs: &[PathBuf]) -> Result<SourceRoot, Error> {
+    if let Some(missing) = inputs.iter().find(|folder| !folder.is_dir()) {
+        return Err(Error::usage(format!(
+            "there is no folder `{}`, which `--inputs` names",
+            missing.display()
+        )));
+    }
+    Ok(SourceRoot::confined(folder, inputs)?)
+}

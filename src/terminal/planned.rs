@@ -1,0 +1,34 @@
+//! What a plan says of a node, as JSON.
+
+use engine::{Change, Engine, Fate, Graph, Planned, Why};
+use serde_json::{Value, json};
+
+use super::causes::reason;
+
+/// What would become of a node, and what it took when it last ran.
+pub fn planned_json(engine: &Engine, graph: &Graph, index: usize, node: &Planned) -> Value {
+    let (fate, changes, after) = match &node.fate {
+        Fate::Unwanted => ("unwanted", &[][..], None),
+        Fate::Known => ("known", &[][..], None),
+        Fate::Lost => ("lost", &[][..], None),
+        Fate::Runs(Why::New) => ("runs", &[][..], None),
+        Fate::Runs(Why::Changed(changes)) => ("runs", changes.as_slice(), None),
+        Fate::Follows(above) => ("follows", &[][..], Some(above)),
+        Fate::Fails(_) => ("fails", &[][..], None),
+    };
+    let last = engine.past(graph, index, node).spent.map(|last| {
+        json!({"seconds": last.seconds, "cpu_seconds": last.cpu_seconds, "memory_bytes": last.memory,
+               "counts": last.counts})
+    });
+    json!({
+        "event": "planned", "id": node.id, "kind": node.kind, "fate": fate, "follows": after,
+        "forecast": node.forecast, "why": reason(graph, index, &node.fate),
+        "changes": changes_json(changes), "last": last,
+    })
+}
+
+/// What differs between two keys of a node.
+pub fn changes_json(changes: &[Change]) -> Vec<Value> {
+    let change = |change: &Change| json!({"path": change.path, "old": change.old, "new": change.new});
+    changes.iter().map(change).collect()
+}

@@ -1,0 +1,77 @@
+//! What trainings have in common: how far they are, and being stopped.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::output::remark;
+
+/// Follows a training: a bar on a terminal, elsewhere a line on stderr for each tenth of a stage.
+pub struct Follow {
+    bar: ProgressBar,
+    tenth: Option<u64>,
+    stopped: Arc<AtomicBool>,
+}
+
+impl Follow {
+    /// From now on Ctrl-C asks the training to stop.
+    pub fn new() -> Self {
+        let stopped = Arc::new(AtomicBool::new(false));
+        let heard = stopped.clone();
+        // A second handler in one program is our bug; without any, the program just ends.
+        drop(ctrlc::set_handler(move || heard.store(true, Ordering::Relaxed)));
+        let bar = ProgressBar::new(0);
+        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
+            bar.set_style(style);
+        }
+        Self { bar, tenth: None, stopped }
+    }
+
+    /// Whether it was asked to stop.
+    pub fn stopped(&self) -> Arc<AtomicBool> {
+        self.stopped.clone()
+    }
+
+    /// `at` of `of` parts of a stage are done.
+    pub fn tell(&mut self, text: String, at: u64, of: u64) {
+        if self.bar.is_hidden() {
+            if let Some(line) = line(&mut self.tenth, &text, at, of) {
+                remark(&line);
+            }
+            return;
+        }
+        self.bar.set_length(of);
+        self.bar.set_position(at);
+        self.bar.set_message(text);
+    }
+
+    /// Takes the bar away.
+    pub fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// What is written where there is no terminal, if a tenth more is done.
+fn line(tenth: &mut Option<u64>, text: &str, at: u64, of: u64) -> Option<String> {
+    let now = at.saturating_mul(10) / of.max(1);
+    (tenth.replace(now) != Some(now)).then(|| format!("{text}: {at}/{of}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Mutation: `!=` to `==` in `line`.
+    #[test]
+    fn a_line_for_each_tenth_of_each_stage() {
+        let mut tenth = None;
+        let mut lines = Vec::new();
+        for (text, of) in [("photographs", 234), ("networks", 8400)] {
+            lines.extend((1..=of).filter_map(|at| line(&mut tenth, text, at, of)));
+        }
+        assert_eq!(lines.len(), 22, "{lines:?}");
+        assert_eq!(lines[10], "photographs: 234/234");
+        assert_eq!(lines[21], "networks: 8400/8400");
+    }
+}

@@ -1,0 +1,31 @@
+//! The rooms of the program: which file imports which.
+
+use std::path::Path;
+
+#[path = "../support/arrows.rs"]
+mod arrows;
+
+/// The rooms from the lowest to the highest: a file imports only its own room and those below.
+const ROOMS: [&str; 3] = ["terminal", "session", "commands"];
+
+// A verb in a folder has files that belong to it alone.
+#[test]
+fn imports_lead_down_and_no_verb_imports_another() {
+    let imports = arrows::imports(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
+    assert!(imports["commands/run"].contains("terminal::Report"), "the imports were read");
+    assert_eq!(arrows::upward(&imports, &ROOMS), [""; 0]);
+    let verb = |path: &str| path.replace("::", "/").split('/').nth(1).unwrap_or_default().to_owned();
+    let verbs = imports.iter().filter(|(file, _)| file.starts_with("commands/"));
+    let across: Vec<String> = verbs
+        .flat_map(|(file, paths)| paths.iter().map(move |path| (file, path)))
+        .filter(|(file, path)| path.starts_with("commands") && verb(file) != verb(path))
+        .map(|(file, path)| format!("{file} -> {path}"))
+        .collect();
+    assert_eq!(across, [""; 0]);
+}
+
+#[test]
+fn the_crates_use_each_other_one_way() {
+    let trade = arrows::imports(&Path::new(env!("CARGO_MANIFEST_DIR")).join("trade/src"));
+    assert_eq!(arrows::circles(&trade), [[""; 0]; 0]);
+}

@@ -1,0 +1,85 @@
+//! Which node the error comes from: each set to the reference alone, and the reverse.
+
+use crate::bench::Bench;
+use crate::metric::Metric;
+use crate::tunables::Assignment;
+
+/// What setting one node to the reference gains, and what leaving it as it is costs.
+#[derive(Debug)]
+pub struct Attribution {
+    /// Name of the node.
+    pub node: String,
+    /// Error with this node alone at the reference.
+    pub alone: Option<f64>,
+    /// Error with all at the reference but this one: what it does by itself. `None` where it was not measured.
+    pub all_but: Option<f64>,
+    /// Work with this node alone at the reference.
+    pub work_alone: f64,
+}
+
+/// The node that comes first, and what is to be said of it.
+#[derive(Debug, PartialEq)]
+pub enum Blame<'a> {
+    /// By itself it makes this error.
+    Makes(&'a str, f64),
+    /// Setting it to the reference helps most; what it makes by itself was not measured.
+    Helps(&'a str),
+    /// None makes an error, or none helps.
+    None,
+    /// The error was not computed.
+    Unknown,
+}
+
+impl<'a> Blame<'a> {
+    /// That of the worst, which comes first, beside the error of the graph as it is.
+    pub fn of(attributions: &'a [Attribution], error: Option<f64>) -> Self {
+        let Some(first) = attributions.first() else { return Self::Unknown };
+        match (first.all_but, first.alone, error) {
+            (Some(own), ..) if own > 0.0 => Self::Makes(&first.node, own),
+            (Some(_), ..) => Self::None,
+            (None, Some(alone), Some(error)) if alone >= error => Self::None,
+            (None, Some(_), _) => Self::Helps(&first.node),
+            _ => Self::Unknown,
+        }
+    }
+}
+
+/// Every node that has something to turn, the worst first: the one whose own error is largest, and of equal ones
+/// the one whose repair leaves least. `measure` gives the index of a point; its failure ends it all.
+pub fn attributions<E>(
+    bench: &mut Bench<'_>,
+    metric: &Metric,
+    reverse: bool,
+    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<usize, E>,
+) -> Result<Vec<Attribution>, E> {
+    let (now, reference) = (bench.now(), bench.preset(3));
+    let mut attributions = Vec::new();
+    for node in bench.nodes_with_knobs() {
+        let with = |bench: &Bench<'_>, of: &Assignment, others: &Assignment| -> Assignment {
+            let tunables = bench.tunables.iter().zip(of.iter().zip(others));
+            tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
+        };
+        let assignment = with(bench, &reference, &now);
+        let alone = measure(bench, assignment)?;
+        let mut all_but = None;
+        if reverse {
+            let assignment = with(bench, &now, &reference);
+            let at = measure(bench, assignment)?;
+            all_but = metric.error(&bench.points[at].off);
+        }
+        let point = &bench.points[alone];
+        let (alone, work_alone) = (metric.error(&point.off), point.work);
+        attributions.push(Attribution { node, alone, all_but, work_alone });
+    }
+    let key = |attribution: &Attribution| {
+        (attribution.all_but.unwrap_or(0.0), attribution.alone.unwrap_or(f64::INFINITY))
+    };
+    attributions.sort_by(|a, b| {
+        let (a, b) = (key(a), key(b));
+        b.0.total_cmp(&a.0).then(a.1.total_cmp(&b.1))
+    });
+    Ok(attributions)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,222 @@
+//! Whether anything costs less than some bound: all that does, measured, or as much of it as may be.
+
+use std::collections::BTreeSet;
+
+use crate::search::{Steps, Tried};
+
+/// A knob turned up may save work elsewhere, since other light takes other paths. At least this share of the cost is
+/// allowed for what all of them may save together, and at least [`TIMES`] what any turns that were measured did. What is
+/// found holds as far as none saves more, which is measured and not proved.
+const MARGIN: f64 = 0.05;
+/// How many times what was seen is allowed for what was not.
+const TIMES: f64 = 2.0;
+
+/// What costs less than a bound.
+#[derive(Debug, PartialEq)]
+pub struct Below {
+    /// The cheapest position of those with every knob at its least.
+    pub least: Tried,
+    /// All that cost less than the bound, as far as no turns up save more than was allowed; what was known before, too.
+    pub all: Vec<Tried>,
+    /// Whether that is all, if no turns up save more than `margin`; else there are more than may be measured, or
+    /// measuring ended.
+    pub complete: bool,
+    /// The share of its cost that turning knobs up from a measured position would have to save, for one that was not
+    /// measured to cost less than the bound.
+    pub margin: f64,
+    /// What was seen of turns up.
+    pub saved: Saved,
+}
+
+/// What turning knobs up saved, of one or of several at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Saved {
+    /// How many pairs of measured positions tell, of which one has no knob below the other.
+    pub pairs: usize,
+    /// The largest share of the cost.
+    pub most: f64,
+}
+
+impl Saved {
+    fn of(knobs: &[Steps], tried: &[Tried]) -> Self {
+        let above = |a: &Tried, b: &Tried| {
+            let mut turned = knobs.iter().zip(a.assignment.iter().zip(&b.assignment));
+            a.assignment != b.assignment
+                && turned.all(|(knob, (a, b))| if knob.ordered { a >= b } else { a == b })
+        };
+        let pairs = tried.iter().flat_map(|b| tried.iter().filter(move |a| above(a, b)).map(move |a| (a, b)));
+        let saved = pairs.map(|(a, b)| if b.cost > 0.0 { 1.0 - a.cost / b.cost } else { 0.0 });
+        saved.fold(Self { pairs: 0, most: 0.0 }, |Self { pairs, most }, saved| Self {
+            pairs: pairs + 1,
+            most: most.max(saved),
+        })
+    }
+}
+
+/// Finds everything that costs less than a bound, from the positions with every knob at its least upwards. Values without
+/// an order are all gone through. A position is not gone on from where it costs so much more than the bound that its
+/// knobs turned up, all together, would have to save more than a margin, which is measured by `known` positions and by
+/// those on the way. At most `most` positions are measured, those first that lie above what errs least. `None` where measuring
+/// ended before the first.
+pub fn below(
+    knobs: &[Steps],
+    known: &[Tried],
+    bound: f64,
+    most: usize,
+    mut measure: impl FnMut(&[usize]) -> Option<(f64, f64)>,
+) -> Option<Below> {
+    let mut known = known.to_vec();
+    let mut saved = Saved::of(knobs, &known);
+    loop {
+        let margin = MARGIN.max(TIMES * saved.most);
+        let (measured, complete) = upwards(knobs, bound, margin, most, &mut measure);
+        for tried in &measured {
+            if known.iter().all(|known| known.assignment != tried.assignment) {
+                known.push(tried.clone());
+            }
+        }
+        saved = Saved::of(knobs, &known);
+        if complete && TIMES * saved.most > margin {
+            continue;
+        }
+        let at_least =
+            |tried: &&Tried| knobs.iter().zip(&tried.assignment).all(|(knob, at)| !knob.ordered || *at == 0);
+        let cheaper = |a: &'_ Tried, b: &'_ Tried| a.cost.total_cmp(&b.cost);
+        let least = measured.iter().filter(at_least).min_by(|a, b| cheaper(a, b))?.clone();
+        let all = known.into_iter().filter(|tried| tried.cost < bound).collect();
+        return Some(Below { least, all, complete, margin, saved });
+    }
+}
+
+/// Everything from the least upwards that costs less than a bound, or would if a margin were saved, and what is next to it;
+/// and whether that is all.
+fn upwards(
+    knobs: &[Steps],
+    bound: f64,
+    margin: f64,
+    most: usize,
+    measure: &mut impl FnMut(&[usize]) -> Option<(f64, f64)>,
+) -> (Vec<Tried>, bool) {
+    // With the error of what lies below, and how many turns on the way there left it as it was: those come last, so that
+    // a knob which does nothing here does not take the room of one that does.
+    let mut open = vec![(f64::INFINITY, 0_usize, vec![0; knobs.len()])];
+    let mut seen = BTreeSet::from([vec![0; knobs.len()]]);
+    let mut measured = Vec::new();
+    let least = |open: &[(f64, usize, Vec<usize>)]| {
+        let all = open.iter().enumerate();
+        all.min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0).then_with(|| (a.1, &a.2).cmp(&(b.1, &b.2))))
+            .map(|(at, _)| at)
+    };
+    while let Some(at) = least(&open) {
+        let (before, idle, assignment) = open.swap_remove(at);
+        if measured.len() == most {
+            return (measured, false);
+        }
+        let Some((cost, error)) = measure(&assignment) else { return (measured, false) };
+        let near = cost * (1.0 - margin) < bound;
+        let idle = if error < before { 0 } else { idle + 1 };
+        for (knob, Steps { values, ordered, .. }) in knobs.iter().enumerate() {
+            if assignment[knob] + 1 < *values && (near || !ordered) {
+                let mut above = assignment.clone();
+                above[knob] += 1;
+                if seen.insert(above.clone()) {
+                    open.push((error, idle, above));
+                }
+            }
+        }
+        measured.push(Tried { assignment, cost, error });
+    }
+    (measured, true)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests {
+    use super::*;
+
+    fn steps<const N: usize>(values: [usize; N]) -> [Steps; N] {
+        values.map(|values| Steps { values, step: 1, ordered: true })
+    }
+
+    #[test]
+    fn all_that_costs_less_is_found_and_little_else_is_measured() {
+        let knobs = steps([3, 4, 2]);
+        let cost = |assignment: &[usize]| {
+            // The second knob saves a little of what the first costs.
+            let [a, b, c] = [0, 1, 2].map(|knob| assignment[knob] as f64);
+            10.0 + 4.0 * a - if b > 0.0 { 0.3 } else { 0.0 } + 2.0 * b + 9.0 * c
+        };
+        for bound in [5.0, 10.0, 12.0, 14.1, 20.0, 100.0] {
+            let mut count = 0;
+            let found = below(&knobs, &[], bound, 30, |assignment| {
+                count += 1;
+                Some((cost(assignment), 0.5))
+            })
+            .unwrap();
+            let all = (0..3).flat_map(|a| (0..4).flat_map(move |b| (0..2).map(move |c| [a, b, c])));
+            let cheap = all.filter(|assignment| cost(assignment) < bound).count();
+            assert!(found.complete && found.all.len() == cheap, "{bound}");
+            assert!(found.all.iter().all(|t| t.cost < bound), "{bound}");
+            assert!(found.least.assignment == [0; 3] && count <= 4 * (1 + cheap), "{bound}: {count}");
+        }
+        for (most, complete) in [(23, false), (24, true)] {
+            let found = below(&knobs, &[], 100.0, most, |a| Some((cost(a), 0.5))).unwrap();
+            assert_eq!((found.all.len(), found.complete), (most, complete), "there are 24");
+        }
+        // What was measured before and costs as little counts, wherever it lies. Mutation: `all` of `measured` alone.
+        let known = [Tried { assignment: vec![2, 3, 1], cost: cost(&[2, 3, 1]), error: 0.1 }];
+        let found = below(&knobs, &known, 100.0, 3, |a| Some((cost(a), 0.5))).unwrap();
+        assert!(found.all.len() == 4 && found.all.iter().any(|tried| tried.error == 0.1));
+        let mut left = 3;
+        let found = below(&knobs, &[], 100.0, 30, |a| {
+            left -= 1;
+            (left >= 0).then(|| (cost(a), 0.5))
+        });
+        assert!(found.is_some_and(|found| !found.complete && found.all.len() == 3), "measuring ended");
+        assert_eq!(below(&knobs, &[], 5.0, 30, |_| None), None);
+    }
+
+    // The last knob changes nothing that counts. Mutation: `idle` always 0.
+    #[test]
+    fn a_knob_that_does_nothing_comes_after_those_that_do() {
+        let found = below(&steps([4, 50]), &[], 100.0, 10, |a| Some((1.0, 1.0 / (1 + a[0]) as f64))).unwrap();
+        assert!(found.all.iter().any(|tried| tried.assignment == [3, 0]), "{:?}", found.all);
+    }
+
+    // Three knobs save 4 % each and 11.5 % together, so that the only position below the bound lies beyond dearer ones
+    // than a fixed margin of 5 % goes through. Two measured positions tell.
+    #[test]
+    fn what_several_knobs_save_together_is_allowed_for_where_it_was_seen() {
+        let knobs = steps([2, 2, 2]);
+        let cost = |assignment: &[usize]| [100.0, 96.0, 92.16, 88.4736][assignment.iter().sum::<usize>()];
+        let known = |assignments: &[[usize; 3]]| -> Vec<Tried> {
+            let tried = |a: &[usize; 3]| Tried { assignment: a.to_vec(), cost: cost(a), error: 0.5 };
+            assignments.iter().map(tried).collect()
+        };
+        let found = |known: &[Tried]| below(&knobs, known, 90.0, 30, |a| Some((cost(a), 0.5))).unwrap();
+        let blind = found(&known(&[[0, 0, 0]]));
+        assert!(blind.all.is_empty() && blind.saved == Saved { pairs: 0, most: 0.0 });
+        let seen = found(&known(&[[0, 0, 0], [1, 1, 0]]));
+        assert!(seen.all.len() == 1 && seen.all[0].assignment == [1, 1, 1], "{seen:?}");
+        assert!((seen.saved.most - 0.115).abs() < 0.001 && seen.saved.pairs == 19, "{seen:?}");
+    }
+
+    // Where not all can be measured, those that err least come first.
+    #[test]
+    fn what_errs_least_is_gone_on_from_first() {
+        let knobs = steps([9, 9]);
+        let found = below(&knobs, &[], 100.0, 10, |a| Some((1.0, (9 - a[1]) as f64))).unwrap();
+        assert!(!found.complete && found.all.iter().any(|tried| tried.assignment == [0, 8]), "{found:?}");
+    }
+
+    // Of two methods neither is the lesser one, so both are asked, however dear the first is.
+    #[test]
+    fn values_without_an_order_are_all_gone_through() {
+        let mut knobs = steps([3, 2]);
+        knobs[0].ordered = false;
+        let cost = |a: &[usize]| [50.0, 70.0, 8.0][a[0]] + 4.0 * a[1] as f64;
+        let found = below(&knobs, &[], 10.0, 30, |a| Some((cost(a), 0.5))).unwrap();
+        assert_eq!((found.least.assignment.as_slice(), found.all.len()), ([2, 0].as_slice(), 1));
+        assert_eq!(found.saved.pairs, 1, "methods tell nothing of each other");
+    }
+}

@@ -1,0 +1,450 @@
+//! Runs a graph at given settings of its knobs, and measures what that costs and how far its pictures are off.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use engine::{
+    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Registry, RunOptions, Source,
+    Wire, overlay_text,
+};
+use nodes::kinds::compare::Space;
+use nodes::types::{Images, Report};
+
+use crate::error::Error;
+use crate::judge::{FlipMaps, Output, Truth, holds_data, is_bright, outputs};
+use crate::metric::Metric;
+use crate::off::Off;
+use crate::search::Steps;
+use crate::tunables::{Assignment, Tunable, same_nodes, tunables};
+use crate::work::work_of;
+
+/// What a node stands for, whatever of it was known.
+#[derive(Debug, Clone)]
+pub struct NodeCost {
+    /// Name of the node.
+    pub id: String,
+    /// Name of its kind.
+    pub kind: &'static str,
+    /// In rays.
+    pub work: f64,
+    /// Wall time of its code when it ran.
+    pub seconds: f64,
+    /// CPU time of its code when it ran.
+    pub cpu_seconds: f64,
+    /// Deterministic counts of its run.
+    pub counts: Counts,
+    /// Its notes.
+    pub notes: Vec<Note>,
+    /// Whether it is there once for each point of axes.
+    pub varies: bool,
+    /// Equal keys are one and the same action.
+    pub key: Option<Digest>,
+}
+
+/// The graph at one assignment.
+pub struct Point {
+    /// The setting of each knob.
+    pub assignment: Assignment,
+    /// Sum of the work of the nodes, in rays.
+    pub work: f64,
+    /// Sum of the wall times of the nodes.
+    pub seconds: f64,
+    /// Sum of the CPU times of the nodes.
+    pub cpu_seconds: f64,
+    /// All nodes that the pictures need, in the order of the file.
+    pub nodes: Vec<NodeCost>,
+    /// Errors of the pictures against the reference.
+    pub off: Vec<Off>,
+}
+
+impl Point {
+    /// The number of actions of a run: nodes of equal keys count once.
+    pub fn actions(&self) -> usize {
+        self.nodes.iter().filter_map(|node| node.key).collect::<BTreeSet<_>>().len()
+    }
+}
+
+/// Receives each event of the runs: the name of the setting, how many settings were measured before, and the event.
+pub type Observer<'e> = Box<dyn FnMut(&str, usize, &Event) + 'e>;
+
+/// A graph whose knobs can be turned.
+pub struct Bench<'e> {
+    engine: &'e Engine,
+    registry: Registry,
+    base: Graph,
+    outputs: Vec<Output>,
+    targets: Vec<usize>,
+    /// The knobs, and what else the presets of the graph set.
+    pub tunables: Vec<Tunable>,
+    /// Pictures that are not judged.
+    pub unjudged: Vec<String>,
+    /// What is to be said of pictures.
+    pub remarks: Vec<String>,
+    /// How many of these were told.
+    told: usize,
+    observer: Option<Observer<'e>>,
+    cancel: Arc<AtomicBool>,
+    truth: Option<Truth>,
+    /// What must be computed of every picture; of one where it cannot be is said why, and it does not count.
+    metric: Option<Metric>,
+    /// What was measured; the first point is the reference.
+    pub points: Vec<Point>,
+}
+
+/// The nodes that make pictures, each once.
+fn targets(outputs: &[Output]) -> Vec<usize> {
+    let nodes: BTreeSet<usize> = outputs.iter().map(|output| output.wire.node).collect();
+    nodes.into_iter().collect()
+}
+
+/// Why there is no point.
+pub enum Miss {
+    /// The run was asked to stop.
+    Stopped,
+    /// The graph cannot run at this assignment.
+    Failed(String),
+}
+
+impl<'e> Bench<'e> {
+    /// A bench for the pictures of some nodes, of all targets where none is named.
+    pub fn new(
+        engine: &'e Engine,
+        graph: &Graph,
+        only: &[usize],
+        cancel: Arc<AtomicBool>,
+    ) -> Result<Self, Error> {
+        // A name of its own, so that what is measured here is not taken for the last run of the graph.
+        let source = Source::new(format!("{} (measured)", graph.source.name), &*graph.source.text);
+        let registry = nodes::registry();
+        let base = Graph::parse(source, &registry, graph.root.clone()).map_err(Error::Graph)?;
+        let asked = if only.is_empty() { base.targets() } else { only.to_vec() };
+        let (outputs, layers) = outputs(&base, &asked);
+        if outputs.is_empty() {
+            return Err(Error::NoPicture);
+        }
+        let turned = |output: &Output| {
+            let tunables = tunables(&base, &[output.wire.node], &registry)?;
+            Ok::<bool, Error>(tunables.iter().any(|tunable| tunable.values.len() > 1))
+        };
+        let reached = outputs.iter().map(turned).collect::<Result<Vec<bool>, Error>>()?;
+        let (mut left, mut kept) = (Vec::new(), Vec::new());
+        for (output, reached) in outputs.into_iter().zip(reached) {
+            (if reached { &mut kept } else { &mut left }).push(output);
+        }
+        let unjudged: Vec<String> = left.into_iter().map(|output| output.name).collect();
+        if kept.is_empty() {
+            return Err(Error::NoKnob(unjudged.join("`, `")));
+        }
+        let unreached = |name: &String| format!("no knob reaches `{name}`, so it is left out");
+        let mut remarks: Vec<String> = layers.into_iter().chain(unjudged.iter().map(unreached)).collect();
+        let outputs = kept;
+        let targets = targets(&outputs);
+        let tunables = tunables(&base, &targets, &registry)?;
+        remarks.extend(tunables.iter().filter_map(Tunable::finer_than_the_reference));
+        let (truth, points) = (None, Vec::new());
+        Ok(Self {
+            engine,
+            registry,
+            base,
+            outputs,
+            targets,
+            tunables,
+            unjudged,
+            remarks,
+            told: 0,
+            observer: None,
+            cancel,
+            truth,
+            metric: None,
+            points,
+        })
+    }
+
+    /// Calls `observer` with each event of the runs that follow.
+    pub fn observe(&mut self, observer: Observer<'e>) {
+        self.observer = Some(observer);
+    }
+
+    /// Asks for a metric, so that pictures of which it cannot be computed are left out.
+    pub fn judge_by(&mut self, metric: &Metric) {
+        self.metric = Some(metric.clone());
+    }
+
+    /// Leaves out beforehand the pictures whose size a knob sets, so that no knob is turned that reaches them alone: their
+    /// files would be made worse, and nothing would tell. The reference and the preset farthest from it show which; they are
+    /// measured again as if it were the first time. What fails here fails there, too.
+    pub fn leave_out_resized(&mut self) -> Result<(), Error> {
+        if self.outputs.len() < 2 {
+            return Ok(());
+        }
+        for level in [3, 0] {
+            if self.measure(&self.preset(level)).is_err() {
+                break;
+            }
+        }
+        (self.truth, self.points) = (None, Vec::new());
+        if !self.outputs.is_empty() {
+            self.targets = targets(&self.outputs);
+            self.tunables = tunables(&self.base, &self.targets, &self.registry)?;
+        }
+        Ok(())
+    }
+
+    /// Says something once.
+    fn remark(&mut self, text: String) {
+        if !self.remarks.contains(&text) {
+            self.remarks.push(text);
+        }
+    }
+
+    /// How far each knob can be turned.
+    pub fn steps(&self) -> Vec<Steps> {
+        self.tunables
+            .iter()
+            .map(|tunable| Steps { values: tunable.values.len(), step: tunable.step, ordered: tunable.knob })
+            .collect()
+    }
+
+    /// The position of the graph as it is.
+    pub fn now(&self) -> Assignment {
+        self.tunables.iter().map(|tunable| tunable.now).collect()
+    }
+
+    /// That of a preset, by its index in [`PRESETS`].
+    pub fn preset(&self, level: usize) -> Assignment {
+        self.tunables.iter().map(|tunable| tunable.presets[level]).collect()
+    }
+
+    /// The overlay that sets an assignment.
+    pub fn overlay(&self, assignment: &Assignment) -> String {
+        let field = |(tunable, &at): (&'_ Tunable, &usize)| {
+            let value = tunable.values.get(at).map(String::as_str).unwrap_or_default();
+            (tunable.node.clone(), tunable.parameter, value.to_owned())
+        };
+        let fields: Vec<_> = self.tunables.iter().zip(assignment).map(field).collect();
+        overlay_text(
+            fields.iter().map(|(node, parameter, value)| (node.as_str(), *parameter, value.as_str())),
+        )
+    }
+
+    /// What an assignment is called: that of a preset, or what differs from the graph.
+    pub fn name(&self, assignment: &Assignment) -> String {
+        if let Some(level) = (0..PRESETS.len()).rev().find(|&level| self.preset(level) == *assignment) {
+            return PRESETS[level].to_owned();
+        }
+        let changed: Vec<String> = self
+            .tunables
+            .iter()
+            .zip(assignment)
+            .filter(|(tunable, at)| tunable.now != **at)
+            .map(|(tunable, at)| format!("{}.{}={}", tunable.node, tunable.parameter, tunable.values[*at]))
+            .collect();
+        if changed.is_empty() { "as it is".to_owned() } else { changed.join(" ") }
+    }
+
+    /// The graph at an assignment.
+    fn graph(&self, assignment: &Assignment) -> Result<Graph, Miss> {
+        let source = self.base.source.clone().overlaid("knobs", &self.overlay(assignment));
+        let graph = Graph::parse(source, &self.registry, self.base.root.clone())
+            .map_err(|mistakes| Miss::Failed(mistakes.to_string()))?;
+        same_nodes(&self.base, &graph).map_err(Miss::Failed)?;
+        Ok(graph)
+    }
+
+    /// The point of an assignment: known, or measured now. The first one measured is what others are compared with.
+    pub fn measure(&mut self, assignment: &Assignment) -> Result<usize, Miss> {
+        if let Some(known) = self.points.iter().position(|point| point.assignment == *assignment) {
+            return Ok(known);
+        }
+        let graph = self.graph(assignment)?;
+        let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
+        let options =
+            RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        let (name, before) = (self.name(assignment), self.points.len());
+        let observer = &mut self.observer;
+        let outcome = self.engine.run(&graph, &options, |event| {
+            if let Some(observer) = observer {
+                observer(&name, before, &event);
+            }
+            if let Event::Node { id, notes, key, .. } = event {
+                told.insert(id, (notes, key));
+            }
+        });
+        if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
+            return Err(Miss::Stopped);
+        }
+        if let Some(failures) = outcome.failures {
+            return Err(Miss::Failed(failures.to_string()));
+        }
+        let wanted = graph.above(&self.targets);
+        let (mut nodes, mut keys) = (Vec::new(), BTreeSet::new());
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
+            let (notes, key) = told.remove(&node.id).unwrap_or_default();
+            // What several instances of a node are is done once.
+            let first = key.is_none_or(|key| keys.insert(key));
+            let spent = self.engine.spent(&graph, index).filter(|_| first).unwrap_or_default();
+            nodes.push(NodeCost {
+                id: node.id.clone(),
+                kind: node.kind.name,
+                work: work_of(&spent.counts),
+                seconds: spent.seconds,
+                cpu_seconds: spent.cpu_seconds,
+                counts: spent.counts,
+                notes,
+                varies: !node.point.is_empty(),
+                key,
+            });
+        }
+        let mut pictures = self.pictures(&graph)?;
+        let off = self.off(&graph, &mut pictures)?;
+        let sum = |of: fn(&NodeCost) -> f64| nodes.iter().fold(0.0, |sum, node| sum + of(node));
+        let (work, seconds, cpu_seconds) = (sum(|n| n.work), sum(|n| n.seconds), sum(|n| n.cpu_seconds));
+        self.points.push(Point { assignment: assignment.clone(), work, seconds, cpu_seconds, nodes, off });
+        Ok(self.points.len() - 1)
+    }
+
+    /// How far pictures are off the reference, which the first ones are. Beside pictures of colours those of data are
+    /// not judged, such as a depth: other measures hold for them. Nor are those whose size a knob sets.
+    fn off(&mut self, graph: &Graph, pictures: &mut Vec<Arc<Images>>) -> Result<Vec<Off>, Miss> {
+        if self.truth.is_none() {
+            let data: Vec<bool> = pictures.iter().map(|images| holds_data(images)).collect();
+            if !data.iter().all(|data| *data) {
+                self.leave_out(pictures, &data, "holds data, where others hold colours");
+            }
+            let value = |wire| self.engine.value::<Images>(graph, wire).map(Arc::new);
+            self.truth = Some(Truth::of(&self.outputs, pictures, value));
+            self.mark_uncomputed()?;
+            let told = |of: &dyn Fn(&Output, &Images) -> bool, text: &str| {
+                let held = self.outputs.iter().zip(&*pictures).filter(|(output, images)| of(output, images));
+                let names: Vec<String> = held.map(|(output, _)| format!("`{}`", output.name)).collect();
+                (!names.is_empty()).then(|| format!("{}: {text}", names.join(", ")))
+            };
+            let linear = |output: &Output, _: &Images| output.space == Space::Linear;
+            let cut = |output: &Output, images: &Images| output.space == Space::Display && is_bright(images);
+            let remarks = [
+                told(&cut, "holds light far above white, which is judged as white"),
+                told(&linear, "goes to OpenEXR alone and is judged in linear light, FLIP as HDR-FLIP"),
+            ];
+            remarks.into_iter().flatten().for_each(|text| self.remark(text));
+        }
+        let fits =
+            |truth: &Truth| pictures.iter().enumerate().map(|(at, images)| !truth.fits(at, images)).collect();
+        let resized: Vec<bool> = self.truth.as_ref().map(fits).unwrap_or_default();
+        self.leave_out(pictures, &resized, "is of another size at other settings");
+        if self.outputs.is_empty() {
+            let why = "a knob sets the size of every picture, so there is nothing to compare";
+            return Err(Miss::Failed(why.to_owned()));
+        }
+        let Some(truth) = &self.truth else { return Ok(Vec::new()) };
+        truth.off(&self.outputs, pictures).map_err(|error| Miss::Failed(error.to_string()))
+    }
+
+    /// Marks what the metric cannot be computed of, such as HDR-FLIP of a picture that is black over half of its area: it
+    /// does not count for the error, and its other numbers are told.
+    fn mark_uncomputed(&mut self) -> Result<(), Miss> {
+        let Some((truth, metric)) = self.truth.as_ref().zip(self.metric.clone()) else { return Ok(()) };
+        let why =
+            truth.uncomputed(&self.outputs, &metric).map_err(|error| Miss::Failed(error.to_string()))?;
+        let way_out = "`--metric` or `--max-error` takes rmse, psnr, mae and relmse, which every picture has";
+        if let [Some(first), rest @ ..] = why.as_slice()
+            && rest.iter().all(Option::is_some)
+        {
+            let text = format!("{} cannot be computed of any picture here ({first})", metric.name);
+            return Err(Miss::Failed(format!("{text}; {way_out}")));
+        }
+        let mut told = Vec::new();
+        for (output, why) in self.outputs.iter_mut().zip(why) {
+            if let Some(why) = &why {
+                told.push(format!(
+                    "`{}` has no {} in linear light, in which what goes to OpenEXR alone is judged ({why}), so it does not \
+                     count for that",
+                    output.name, metric.name
+                ));
+            }
+            output.uncomputed = why;
+        }
+        if !told.is_empty() {
+            told.push(way_out.to_owned());
+        }
+        told.into_iter().for_each(|text| self.remark(text));
+        Ok(())
+    }
+
+    /// Judges some pictures no more.
+    fn leave_out(&mut self, pictures: &mut Vec<Arc<Images>>, which: &[bool], why: &str) {
+        for at in (0..which.len()).rev().filter(|at| which[*at]) {
+            let Output { name, .. } = self.outputs.remove(at);
+            pictures.remove(at);
+            if let Some(truth) = &mut self.truth {
+                truth.remove(at);
+            }
+            self.points.iter_mut().for_each(|point| point.off.retain(|row| row.output != name));
+            self.remark(format!("`{name}` {why}, so it is left out"));
+            self.unjudged.push(name);
+        }
+    }
+
+    /// The remarks that were not told yet.
+    pub fn new_remarks(&mut self) -> &[String] {
+        let told = std::mem::replace(&mut self.told, self.remarks.len());
+        &self.remarks[told..]
+    }
+
+    /// The pictures of the last run of a graph.
+    fn pictures(&self, graph: &Graph) -> Result<Vec<Arc<Images>>, Miss> {
+        let value = |output: &Output| {
+            let images = self.engine.value::<Images>(graph, output.wire).map(Arc::new);
+            images.ok_or_else(|| {
+                Miss::Failed(format!("the picture of `{}` cannot be had again from the cache", output.name))
+            })
+        };
+        self.outputs.iter().map(value).collect()
+    }
+
+    /// Pictures at an assignment that was measured, by output.
+    pub fn pictures_at(&self, point: usize) -> Result<Vec<(String, Arc<Images>)>, Miss> {
+        let graph = self.graph(&self.points[point].assignment)?;
+        let options =
+            RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        // Known, but for the names under which the last results of the graph are found.
+        if self.engine.run(&graph, &options, |_| ()).totals.stopped {
+            return Err(Miss::Stopped);
+        }
+        let names = self.outputs.iter().map(|output| output.name.clone());
+        Ok(names.zip(self.pictures(&graph)?).collect())
+    }
+
+    /// The reports that nodes of a point gave, by node and output.
+    pub fn reports_at(&self, point: usize) -> Vec<(String, Report)> {
+        let Ok(graph) = self.graph(&self.points[point].assignment) else { return Vec::new() };
+        let wanted = graph.above(&self.targets);
+        let mut reports = Vec::new();
+        for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| wanted[*index]) {
+            for (port, spec) in node.kind.outputs.iter().enumerate() {
+                if spec.artifact.name == Report::TYPE
+                    && let Some(report) = self.engine.value::<Report>(&graph, Wire { node: index, port })
+                {
+                    reports.push((format!("{}.{}", node.id, spec.name), report));
+                }
+            }
+        }
+        reports
+    }
+
+    /// FLIP of each pixel between pictures and those of the reference, by output, or why it was not computed.
+    pub fn flip_maps(&self, pictures: &[(String, Arc<Images>)]) -> Vec<Result<FlipMaps, NodeError>> {
+        self.truth.as_ref().map(|truth| truth.flip_maps(&self.outputs, pictures)).unwrap_or_default()
+    }
+
+    /// The names of the nodes that have a tunable with more than one value, in the order of the file.
+    pub fn nodes_with_knobs(&self) -> Vec<String> {
+        let mut seen = BTreeSet::new();
+        let names = self
+            .tunables
+            .iter()
+            .filter(|tunable| tunable.values.len() > 1)
+            .map(|tunable| tunable.node.clone());
+        names.filter(|name| seen.insert(name.clone())).collect()
+    }
+}

@@ -1,0 +1,61 @@
+//! Why a graph cannot be measured.
+
+use engine::Diagnostics;
+
+/// Why a graph cannot be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The graph has mistakes.
+    #[error("{0}")]
+    Graph(Diagnostics),
+    /// A measure of error that does not exist.
+    #[error("`{text}` is not a measure of error; write one of {known}, {regions}")]
+    Metric {
+        /// The text as it was written.
+        text: String,
+        /// The measures.
+        known: String,
+        /// The regions that may be named in front.
+        regions: &'static str,
+    },
+    /// A bound that cannot be read.
+    #[error(
+        "`{text}` is not a bound of an error; write METRIC=VALUE, such as flip=0.02, with a value of 0 or more and one of \
+         {known}, {regions}"
+    )]
+    Bound {
+        /// The text as it was written.
+        text: String,
+        /// The measures.
+        known: String,
+        /// The regions that may be named in front.
+        regions: &'static str,
+    },
+    /// None of the wanted nodes makes a picture.
+    #[error(
+        "none of the wanted nodes makes a picture, so there is nothing to compare; name one that does with --only"
+    )]
+    NoPicture,
+    /// No knob changes these pictures.
+    #[error(
+        "no knob changes `{0}`, so every setting gives the same picture; `lightharmony knobs` lists the knobs, and the \
+         graph's own `reference` preset may set any other field"
+    )]
+    NoKnob(String),
+    /// The metric is not defined for these pictures.
+    #[error("`{metric}` cannot be computed for every picture here; it needs {needs}")]
+    NotComputed {
+        /// The metric as it was named.
+        metric: String,
+        /// What it needs.
+        needs: &'static str,
+    },
+    /// The graph does not run at a setting.
+    #[error("with the setting {setting}:\n{why}")]
+    Setting {
+        /// The setting in words.
+        setting: String,
+        /// Why it does not run.
+        why: String,
+    },
+}

@@ -1,0 +1,354 @@
+//! What is judged: pictures beside those of the reference, and the parts of them that an object covers or changes.
+
+use std::sync::Arc;
+
+use engine::{Artifact, Context, Graph, Kind, NodeError, Notes, Wire};
+use nodes::kinds::compare::{Compare, In, Space};
+use nodes::kinds::composite::{self, Composite};
+use nodes::kinds::write_exr::WriteExr;
+use nodes::math::metrics::PIXELS_PER_DEGREE;
+use nodes::types::layers::linear;
+use nodes::types::{Cell, Data, Image, Images, Linear, NamedImage, Picture, Report};
+
+use crate::metric::Metric;
+use crate::off::Off;
+
+/// A picture to judge.
+pub struct Output {
+    /// Node and output: `final`, or `trace.object`.
+    pub name: String,
+    /// The output that gives the picture.
+    pub wire: Wire,
+    /// In linear light what goes to OpenEXR alone, and else what a display of 8 bits shows.
+    pub space: Space,
+    inserted: Option<Insertion>,
+    /// Why it has no number of the metric that is asked for, so that others alone are told of it.
+    pub uncomputed: Option<String>,
+}
+
+/// What a picture was put together from by `composite`, or by several on one another.
+struct Insertion {
+    /// What the first one puts its object over.
+    background: Wire,
+    /// From the first one on.
+    layers: Vec<Layer>,
+}
+
+/// What one `composite` puts in.
+struct Layer {
+    object: Wire,
+    front: Option<Wire>,
+    params: Composite,
+}
+
+impl Insertion {
+    /// That of the picture of a node; none where it is no `composite`.
+    fn of(graph: &Graph, node: usize) -> Option<Self> {
+        let (mut layers, mut at) = (Vec::new(), node);
+        loop {
+            let node = &graph.nodes[at];
+            let read = |name: &str| {
+                let mut ports = node.kind.inputs.iter().zip(&node.inputs);
+                ports.find(|(port, _)| port.name == name).and_then(|(_, wires)| wires.first().copied())
+            };
+            let (background, object) = (read("background")?, read("object")?);
+            layers.push(Layer { object, front: read("front"), params: node.params()? });
+            // A picture with an object in it is no background without one.
+            if graph.nodes[background.node].kind.name != Composite::NAME || background.port != 0 {
+                layers.reverse();
+                return Some(Self { background, layers });
+            }
+            at = background.node;
+        }
+    }
+}
+
+/// Pictures of the reference, and for those with an object put in what to see that beside.
+pub struct Truth {
+    pictures: Vec<Arc<Images>>,
+    inserted: Vec<Option<Inserted>>,
+}
+
+/// The parts of a picture that objects change, by name, and the two pictures that miss all of them or their shadows.
+#[derive(Clone)]
+struct Inserted {
+    regions: Vec<(&'static str, Arc<Images>)>,
+    nothing: Arc<Images>,
+    no_shadow: Option<Arc<Images>>,
+}
+
+impl Truth {
+    /// Pictures of the reference, and what is to see beside those that `composite` made, whose inputs `value` knows. Of
+    /// several `composite` on one another it is what all of them put in.
+    pub fn of(
+        outputs: &[Output],
+        pictures: &[Arc<Images>],
+        value: impl Fn(Wire) -> Option<Arc<Images>>,
+    ) -> Self {
+        let inserted = |(output, picture): (&Output, &Arc<Images>)| {
+            let Insertion { background, layers } = output.inserted.as_ref()?;
+            let background = value(*background)?;
+            let values = |Layer { object, front, params }: &Layer| {
+                let front = front.map(&value).map_or(Some(None), |front| front.map(Some))?;
+                Some((value(*object)?, front, params.clone()))
+            };
+            let layers: Vec<_> = layers.iter().map(values).collect::<Option<_>>()?;
+            let built = |shows_objects: bool| {
+                let put = |background: Arc<Images>, (object, front, params): &_| {
+                    let absent = || Arc::new(absent(&background));
+                    // What stands in front of an object stands there without its shadow, too.
+                    let (object, front) = if shows_objects {
+                        (Arc::clone(object), Option::clone(front))
+                    } else {
+                        (absent(), None)
+                    };
+                    let (shadow, added, variance) = (None, None, None);
+                    let layers = composite::In { background, object, shadow, added, front, variance };
+                    Some(Composite::run(params, layers, &detached()).ok()?.0.image)
+                };
+                layers.iter().try_fold(Arc::clone(&background), put)
+            };
+            let nothing = built(false)?;
+            let objects: Vec<&Images> = layers.iter().map(|(object, ..)| &**object).collect();
+            let regions = regions(picture, &nothing, &objects)?;
+            Some(Inserted { regions, nothing, no_shadow: built(true) })
+        };
+        let inserted = outputs.iter().zip(pictures).map(inserted).collect();
+        Self { pictures: pictures.to_vec(), inserted }
+    }
+
+    /// Whether a picture has the size of the reference in every view.
+    pub fn fits(&self, at: usize, images: &Images) -> bool {
+        let sizes = |images: &Images| -> Vec<(usize, usize)> {
+            let size = |view: &NamedImage| {
+                let (width, height, _) = view.picture.size();
+                (width, height)
+            };
+            images.0.iter().map(size).collect()
+        };
+        self.pictures.get(at).is_some_and(|picture| sizes(picture) == sizes(images))
+    }
+
+    /// Forgets a picture.
+    pub fn remove(&mut self, at: usize) {
+        self.pictures.remove(at);
+        self.inserted.remove(at);
+    }
+
+    /// How far pictures are off, by output, view and region.
+    pub fn off(&self, outputs: &[Output], pictures: &[Arc<Images>]) -> Result<Vec<Off>, NodeError> {
+        let mut all = Vec::new();
+        for (index, (output, picture)) in outputs.iter().zip(pictures).enumerate() {
+            let inserted = self.inserted[index].clone();
+            let (out, ..) = compare(picture, &self.pictures[index], inserted, output.space)?;
+            for table in &out.tables {
+                let rows = table.rows.iter().filter_map(|row| off_of(&output.name, &table.columns, row));
+                all.extend(rows.map(|row| Off { counts: output.uncomputed.is_none(), ..row }));
+            }
+        }
+        Ok(all)
+    }
+
+    /// Of each output why a metric cannot be computed of it, in the words of `compare`; `None` where it can be.
+    pub fn uncomputed(&self, outputs: &[Output], metric: &Metric) -> Result<Vec<Option<String>>, NodeError> {
+        let why = |(output, picture): (&Output, &Arc<Images>)| {
+            // On a display every picture has every metric.
+            let Some(id) = metric.missing_note().filter(|_| output.space == Space::Linear) else {
+                return Ok(None);
+            };
+            let (.., notes) = compare(picture, picture, None, output.space)?;
+            Ok(notes.iter().find(|note| note.id == id).map(|note| note.text.clone()))
+        };
+        outputs.iter().zip(&self.pictures).map(why).collect()
+    }
+
+    /// FLIP of each pixel, by output, and why some views have none; or why it was not computed.
+    pub fn flip_maps(
+        &self,
+        outputs: &[Output],
+        pictures: &[(String, Arc<Images>)],
+    ) -> Vec<Result<FlipMaps, NodeError>> {
+        let all = outputs.iter().zip(pictures).zip(&self.pictures);
+        all.map(|((output, (_, picture)), truth)| {
+            let (_, maps, notes) = compare(picture, truth, None, output.space)?;
+            let told = notes.iter().filter(|note| note.id == "no-flip");
+            Ok(FlipMaps { maps, missing: told.map(|note| note.text.clone()).collect() })
+        })
+        .collect()
+    }
+}
+
+/// FLIP of each pixel of the views of a picture.
+pub struct FlipMaps {
+    /// A map per view that has one.
+    pub maps: Arc<Images>,
+    /// Of what view there is none, and why.
+    pub missing: Vec<String>,
+}
+
+/// Whether a picture is of numbers that are no colours.
+pub fn holds_data(images: &Images) -> bool {
+    images.0.iter().any(|view| matches!(view.picture, Picture::Data(_)))
+}
+
+/// Whether a picture holds light two stops above white: that of an environment, say.
+pub fn is_bright(images: &Images) -> bool {
+    images.0.iter().any(|view| view.picture.samples().iter().any(|v| *v > 4.0))
+}
+
+/// `compare` as a library: its report, the map of FLIP, and what it says.
+fn compare(
+    image: &Arc<Images>,
+    reference: &Arc<Images>,
+    inserted: Option<Inserted>,
+    space: Space,
+) -> Result<(Report, Arc<Images>, Notes), NodeError> {
+    let (regions, background, no_shadow) = match inserted {
+        Some(Inserted { regions, nothing, no_shadow }) => (regions, Some(nothing), no_shadow),
+        None => (Vec::new(), None, None),
+    };
+    let (names, regions) = regions.into_iter().map(|(name, mask)| (name.to_owned(), mask)).unzip();
+    let params = Compare {
+        space,
+        quantise: true,
+        names,
+        gain: 1.0,
+        pixels_per_degree: PIXELS_PER_DEGREE,
+        lpips: None,
+        scores: Vec::new(),
+        lpips_scaled: true,
+    };
+    let inputs =
+        In { image: image.clone(), reference: reference.clone(), mask: None, regions, background, no_shadow };
+    let (out, notes) = Compare::run(&params, inputs, &detached())?;
+    Ok((Arc::unwrap_or_clone(out.report), out.flip, notes))
+}
+
+fn detached() -> Context {
+    Context::detached(engine::Scene { up: engine::Up::PlusZ, metres_per_unit: 1.0, seed: 0 }, ".")
+}
+
+/// An object that is in none of the views of a background.
+fn absent(background: &Images) -> Images {
+    let empty = |view: &NamedImage| {
+        let (width, height, _) = view.picture.size();
+        NamedImage { name: view.name.clone(), picture: Image::<Linear>::new(width, height, 4).into() }
+    };
+    Images(background.0.iter().map(empty).collect())
+}
+
+fn off_of(output: &str, columns: &[String], row: &[Cell]) -> Option<Off> {
+    let [Cell::Text(view), Cell::Text(judged), Cell::Text(region), Cell::Count(pixels), ..] = row else {
+        return None;
+    };
+    let number = |(column, cell): (&String, &Cell)| match cell {
+        Cell::Number(value) => Some((column.clone(), *value)),
+        Cell::Text(text) if text == "inf" => Some((column.clone(), f64::INFINITY)),
+        Cell::Text(text) if text == "-inf" => Some((column.clone(), f64::NEG_INFINITY)),
+        _ => None,
+    };
+    let values = columns.iter().zip(row).skip(4).filter_map(number).collect();
+    let [output, view, judged, region] = [output, view, judged, region].map(str::to_owned);
+    Some(Off { output, view, region, judged, pixels: *pixels, values, counts: true })
+}
+
+/// What objects change: all that they cover, shade or light (`touched`), of that what one of them covers by more than
+/// half (`object`), and the rest (`shadow`).
+fn regions(
+    picture: &Images,
+    nothing: &Images,
+    objects: &[&Images],
+) -> Option<Vec<(&'static str, Arc<Images>)>> {
+    let touched = touched(picture, nothing)?;
+    let part = |is_object: bool| -> Option<Images> {
+        let one = |view: &NamedImage| {
+            let (width, height, _) = view.picture.size();
+            let mut covered = vec![false; width * height];
+            for object in objects {
+                let picture = object.view(&view.name)?;
+                let (.., channels) = picture.size();
+                let covers = picture.samples().chunks_exact(channels);
+                let covers = covers.map(|pixel| channels < 4 || pixel[3] > 0.5);
+                covered.iter_mut().zip(covers).for_each(|(covered, covers)| *covered |= covers);
+            }
+            let samples = view.picture.samples().iter().zip(covered);
+            let samples = samples.map(|(touched, covers)| if covers == is_object { *touched } else { 0.0 });
+            let mask = Image::<Data>::from_samples(width, height, 1, samples.collect());
+            Some(NamedImage { name: view.name.clone(), picture: Picture::Data(mask) })
+        };
+        touched.0.iter().map(one).collect::<Option<Vec<_>>>().map(Images)
+    };
+    let (object, shadow) = (part(true)?, part(false)?);
+    Some(vec![("touched", Arc::new(touched)), ("object", Arc::new(object)), ("shadow", Arc::new(shadow))])
+}
+
+/// Where a picture differs from its background by more than one and a half codes of 8 bits in linear light near
+/// white, or by a hundredth of the light: what an inserted object covers, shades or lights.
+fn touched(picture: &Images, background: &Images) -> Option<Images> {
+    let mut masks = Vec::new();
+    for view in &picture.0 {
+        let behind = if background.0.len() == 1 {
+            background.0.first().map(|b| &b.picture)
+        } else {
+            background.view(&view.name)
+        };
+        let (a, b) = (linear(&view.picture, "image").ok()?, linear(behind?, "background").ok()?);
+        if (a.width, a.height) != (b.width, b.height) {
+            return None;
+        }
+        let differs = |(p, q): (&[f32], &[f32])| {
+            let far = |(p, q): (&f32, &f32)| (p - q).abs() > 0.002 + 0.01 * q.abs();
+            f32::from(p.iter().zip(q).take(3).any(far))
+        };
+        let pixels = a.samples.chunks_exact(a.channels).zip(b.samples.chunks_exact(b.channels));
+        let mask = Image::<Data>::from_samples(a.width, a.height, 1, pixels.map(differs).collect());
+        masks.push(NamedImage { name: view.name.clone(), picture: Picture::Data(mask) });
+    }
+    Some(Images(masks))
+}
+
+/// The pictures that come to the targets, each once, under the name of the node that makes them, and what is to be
+/// said of those that are left out. Layers are for later work, each in numbers of its own, so they are judged only where
+/// nothing else is.
+pub fn outputs(graph: &Graph, asked: &[usize]) -> (Vec<Output>, Vec<String>) {
+    let is_picture =
+        |wire: &Wire| graph.nodes[wire.node].kind.outputs[wire.port].artifact.name == Images::TYPE;
+    let (mut wires, mut layers, mut shown): (Vec<Wire>, Vec<Wire>, Vec<Wire>) = Default::default();
+    let mut told = Vec::new();
+    for &target in asked {
+        let node = &graph.nodes[target];
+        if node.sink_path.is_none() {
+            let first = Wire { node: target, port: 0 };
+            let first = Some(first).filter(|_| !node.kind.outputs.is_empty()).filter(is_picture);
+            wires.extend(first);
+            shown.extend(first);
+            continue;
+        }
+        for (port, read) in node.kind.inputs.iter().zip(&node.inputs) {
+            let pictures = read.iter().filter(|wire| is_picture(wire));
+            if node.kind.name != WriteExr::NAME {
+                shown.extend(pictures.clone());
+            }
+            if ["image", "frames"].contains(&port.name) { &mut wires } else { &mut layers }.extend(pictures);
+        }
+    }
+    wires.sort_unstable();
+    wires.dedup();
+    layers.retain(|layer| !wires.contains(layer));
+    if wires.is_empty() {
+        wires = layers;
+        wires.sort_unstable();
+        wires.dedup();
+    } else if !layers.is_empty() {
+        told.push("layers are for later work, so they are left out beside pictures".to_owned());
+    }
+    let output = |wire: Wire| {
+        let node = &graph.nodes[wire.node];
+        let port = node.kind.outputs[wire.port].name;
+        let name = if wire.port == 0 { node.id.clone() } else { format!("{}.{port}", node.id) };
+        let inserted = if node.kind.name == Composite::NAME { Insertion::of(graph, wire.node) } else { None };
+        let space = if shown.contains(&wire) { Space::Display } else { Space::Linear };
+        Output { name, wire, space, inserted, uncomputed: None }
+    };
+    (wires.into_iter().map(output).collect(), told)
+}

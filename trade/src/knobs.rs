@@ -1,0 +1,37 @@
+//! The knobs of a graph with their values in each preset.
+
+use engine::{Graph, GraphKnob, Registry};
+
+use crate::error::Error;
+use crate::tunables::presets;
+
+/// A knob of the graph and what the presets make of it.
+pub struct KnobRow {
+    /// The knob.
+    pub knob: GraphKnob,
+    /// Its value in each preset; `None` where it varies along an axis there.
+    pub levels: [Option<String>; 4],
+    /// The range of the parameter.
+    pub range: Option<(f64, f64)>,
+}
+
+/// The knobs that reach some nodes, or any sink where none is named.
+pub fn knob_rows(graph: &Graph, only: &[usize], registry: &Registry) -> Result<Vec<KnobRow>, Error> {
+    // A graph's own preset may set what the program's preset of that name does not.
+    let laid = presets(graph, registry)?.map(|laid| {
+        // By name, since a preset may take an axis away.
+        let asked = only.iter().filter_map(|&index| laid.find(&graph.nodes[index].id));
+        laid.knobs(&asked.collect::<Vec<_>>())
+    });
+    let row = |knob: GraphKnob| {
+        let same = |other: &&GraphKnob| other.node == knob.node && other.parameter == knob.parameter;
+        let levels = laid.each_ref().map(|laid| {
+            let knob = laid.iter().find(same).filter(|knob| !knob.varies);
+            knob.map(|knob| knob.value.clone())
+        });
+        let params = graph.find_all(&knob.node).first().map(|&node| &graph.nodes[node].kind.params);
+        let range = params.and_then(|params| params.iter().find(|spec| spec.name == knob.parameter)?.range);
+        KnobRow { levels, range, knob }
+    };
+    Ok(graph.knobs(only).into_iter().map(row).collect())
+}

@@ -1,0 +1,343 @@
+//! What a run left out because a check found that the scene does not need it, and what each check found.
+
+use std::collections::BTreeSet;
+
+use nodes::types::{Cell, Report};
+
+use crate::bench::NodeCost;
+use crate::plot::tick_text;
+
+/// Something that is modelled only where a check says that the scene needs it.
+struct Skip {
+    what: &'static str,
+    check: &'static str,
+    /// What has it modelled all the same.
+    force: &'static str,
+    /// The kinds that ask.
+    kinds: &'static [&'static str],
+    /// Whether it was left out, and what the check found.
+    judge: fn(&Evidence<'_>) -> Option<(bool, String)>,
+}
+
+/// What a check found at a node.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// What is modelled only where a check asks for it.
+    pub what: &'static str,
+    /// Where; several nodes that found the same stand together.
+    pub nodes: Vec<String>,
+    /// `None` where there was nothing to ask.
+    pub left_out: Option<bool>,
+    /// What the check found.
+    pub found: String,
+    /// The check.
+    pub check: &'static str,
+    /// What forces it to be modelled.
+    pub force: &'static str,
+}
+
+/// What a node told of a run.
+struct Evidence<'s> {
+    node: &'s NodeCost,
+    reports: &'s [(String, Report)],
+}
+
+impl Evidence<'_> {
+    fn note(&self, id: &str) -> Option<&str> {
+        self.node.notes.iter().find(|note| note.id == id).map(|note| note.text.as_str())
+    }
+
+    fn count(&self, name: &str) -> u64 {
+        self.node.counts.get(name).copied().unwrap_or_default()
+    }
+
+    /// The cells of a column of a table of its own report.
+    fn column(&self, table: &str, column: &str) -> Vec<&Cell> {
+        let own = |(name, _): &&(String, Report)| {
+            name.strip_prefix(&self.node.id).is_some_and(|rest| rest.starts_with('.'))
+        };
+        let tables = self.reports.iter().filter(own).flat_map(|(_, report)| &report.tables);
+        let cells = tables.filter(|of| of.name == table).flat_map(|of| {
+            let at = of.columns.iter().position(|name| name == column);
+            at.into_iter().flat_map(|at| of.rows.iter().filter_map(move |row| row.get(at)))
+        });
+        cells.collect()
+    }
+
+    /// The value beside a name in a table of two columns.
+    fn value(&self, table: &str, name: &str) -> Option<String> {
+        let names = self.column(table, "what").into_iter().zip(self.column(table, "value"));
+        names.into_iter().find_map(|(what, value)| match (what, value) {
+            (Cell::Text(what), Cell::Text(value)) if what == name => Some(value.clone()),
+            _ => None,
+        })
+    }
+}
+
+const SPLATS: &[&str] = &["splat-render", "splat-panorama"];
+const TRACE: &[&str] = &["path-trace"];
+
+const SKIPS: [Skip; 8] = [
+    Skip {
+        what: "the prediction of clipped light",
+        check: "no seen pixel of the panorama is clipped",
+        force: "`force: true`",
+        kinds: &["predict-exposure"],
+        judge: |seen| {
+            let text = match seen.column("prediction", "clipped pixels").first() {
+                Some(Cell::Count(n)) => format!("{n} clipped pixels"),
+                _ => return None,
+            };
+            Some((seen.note("nothing-clipped").is_some(), text))
+        },
+    },
+    Skip {
+        what: "telling the receiver from the light that it sends",
+        check: "light without a point of capture, or a receiver under a quarter of what is seen from there; else as set",
+        force: "`near_field: On`, and `env_block`",
+        kinds: TRACE,
+        judge: |seen| {
+            let near = seen.note("near-field")?;
+            let text = [near].into_iter().chain(seen.note("env-block")).collect::<Vec<_>>().join("; ");
+            // Light from infinitely far on what is solid: the receiver is no light, and hides none that is.
+            let plain = |name, wanted| seen.value("decisions", name).is_some_and(|value| value == wanted);
+            Some((plain("near_field", "Off") && plain("env_block", "Solid"), text))
+        },
+    },
+    Skip {
+        what: "the second render where objects change too little",
+        check: "a bound of what they take, send and have thrown back",
+        force: "`crop: 0`",
+        kinds: TRACE,
+        judge: |seen| match seen.note("cropped") {
+            Some(text) => Some((true, text.to_owned())),
+            None => Some((false, seen.value("decisions", "crop")?)),
+        },
+    },
+    Skip {
+        what: "rays where objects change nothing",
+        check: "no path of a chunk of pixels meets an object",
+        force: "none: the mean is the same wherever samples go",
+        kinds: TRACE,
+        judge: |seen| {
+            let shares = seen.column("views", "share of chunks that no object touches").into_iter();
+            let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
+            let shares: Vec<f64> = shares.collect();
+            let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();
+            let text = format!("{} of the chunks of each view", texts.join(", "));
+            (!shares.is_empty()).then(|| (shares.iter().any(|share| *share > 0.0), text))
+        },
+    },
+    Skip {
+        what: "directions and harmonics above degree 0",
+        check: "the degree of the scene, and `sh_degree`",
+        force: "`skip_harmonics: false`",
+        kinds: SPLATS,
+        judge: |seen| {
+            let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
+            let text = format!("{} of {} splats need one", directed, projected);
+            (projected > 0).then_some((directed == 0, text))
+        },
+    },
+    Skip {
+        what: "lobes that materials lack",
+        check: "the strength of each, after its texture",
+        force: "`skip_lobes: false`",
+        kinds: TRACE,
+        judge: |seen| {
+            let absent = seen.value("decisions", "lobes that no material has")?;
+            let text = match absent.as_str() {
+                "" => "every lobe is in some material".to_owned(),
+                _ => absent.clone(),
+            };
+            Some((!absent.is_empty(), text))
+        },
+    },
+    Skip {
+        what: "splats that no picture can see, in blocks",
+        check: "a box around their centres and longest axes",
+        force: "`skip_unseen: false`",
+        kinds: SPLATS,
+        judge: |seen| {
+            let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));
+            let all = (skipped + visited) as f64;
+            let text = format!("{:.0} % of {}", 100.0 * skipped as f64 / all.max(1.0), tick_text(all));
+            (all > 0.0).then_some((skipped > 0, text))
+        },
+    },
+    Skip {
+        what: "pixels of the panorama that nothing shows",
+        check: "texels across the smoothest lobe and the smallest light",
+        force: "`skip_fine: false` of `fit-probe`; without one `width_px` and `size_px` decide",
+        kinds: &["fit-probe", "path-trace"],
+        judge: |seen| match seen.note("probe-size") {
+            Some(text) => Some((text.contains("in place of"), text.to_owned())),
+            None => {
+                let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
+                Some((false, text.to_owned()))
+            }
+        },
+    },
+];
+
+/// What was left out and what was not, in the order of `docs/trade.md`; what no node of a run asks for, too.
+pub fn left_out(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<LeftOut> {
+    let mut all: Vec<LeftOut> = Vec::new();
+    for Skip { what, check, force, kinds, judge } in SKIPS {
+        let start = all.len();
+        let row = |nodes, left_out, found| LeftOut { what, nodes, left_out, found, check, force };
+        for node in nodes.iter().filter(|node| kinds.contains(&node.kind)) {
+            let Some((left_out, found)) = judge(&Evidence { node, reports }) else { continue };
+            let same = all[start..].iter_mut().find(|row| row.found == found);
+            match same {
+                Some(same) => same.nodes.push(node.id.clone()),
+                None => all.push(row(vec![node.id.clone()], Some(left_out), found)),
+            }
+        }
+        if all.len() == start {
+            all.push(row(Vec::new(), None, format!("no {} told of it", kinds.join(" or "))));
+        }
+    }
+    all.push(frames(nodes));
+    all
+}
+
+/// What the points of axes share.
+fn frames(nodes: &[NodeCost]) -> LeftOut {
+    let varying = || nodes.iter().filter(|node| node.varies);
+    let keys: BTreeSet<_> = varying().filter_map(|node| node.key).collect();
+    let (all, fixed) = (varying().count(), nodes.len() - varying().count());
+    let equal = varying().filter(|node| node.key.is_some()).count() - keys.len();
+    let found = if all == 0 {
+        "no axis: there is one frame".to_owned()
+    } else {
+        format!("{fixed} nodes read no axis and stand once; of {all} others {equal} are what another one is")
+    };
+    LeftOut {
+        what: "light and pictures that frames share",
+        nodes: Vec::new(),
+        left_out: (all > 0).then_some(fixed + equal > 0),
+        found,
+        check: "equal keys",
+        force: "a run of one frame into a cache of its own (`--cache`)",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use engine::{Digest, Level, Note};
+    use nodes::types::Table;
+
+    fn node(id: &str, kind: &'static str) -> NodeCost {
+        NodeCost {
+            id: id.to_owned(),
+            kind,
+            work: 0.0,
+            seconds: 0.0,
+            cpu_seconds: 0.0,
+            counts: engine::Counts::new(),
+            notes: Vec::new(),
+            varies: false,
+            key: None,
+        }
+    }
+
+    fn note(id: &str, text: &str) -> Note {
+        Note { level: Level::Decision, id: id.to_owned(), text: text.to_owned() }
+    }
+
+    fn table(name: &str, columns: &[&str], row: Vec<Cell>) -> Report {
+        Report { title: String::new(), tables: vec![Table::new(name, columns.iter().copied(), vec![row])] }
+    }
+
+    fn judged(nodes: &[NodeCost], reports: &[(String, Report)]) -> Vec<(Option<bool>, String)> {
+        left_out(nodes, reports).into_iter().map(|row| (row.left_out, row.found)).collect()
+    }
+
+    #[test]
+    fn every_check_has_its_line_whether_it_was_asked_or_not() {
+        let rows = left_out(&[], &[]);
+        assert_eq!(rows.len(), SKIPS.len() + 1);
+        assert!(rows.iter().all(|row| row.left_out.is_none() && !row.force.is_empty()));
+        assert_eq!(rows[0].found, "no predict-exposure told of it");
+    }
+
+    #[test]
+    fn checks_are_read_from_notes_counts_and_the_nodes_own_report() {
+        let mut dark = node("dark", "predict-exposure");
+        let clipped =
+            |n| table("prediction", &["method", "clipped pixels"], vec![Cell::Missing, Cell::Count(n)]);
+        let reports = |n| [("darker.report".to_owned(), clipped(9)), ("dark.report".to_owned(), clipped(n))];
+        assert_eq!(judged(&[dark.clone()], &reports(7))[0], (Some(false), "7 clipped pixels".to_owned()));
+        dark.notes.push(note("nothing-clipped", "no pixel"));
+        assert_eq!(judged(&[dark], &reports(0))[0].0, Some(true));
+
+        let mut faces = node("faces", "splat-render");
+        let counts = [
+            ("splats_projected", 10),
+            ("splats_directed", 0),
+            ("splats_visited", 30),
+            ("splats_skipped", 70),
+        ];
+        faces.counts = counts.map(|(name, n)| (name.to_owned(), n)).into();
+        let view = NodeCost { id: "view".to_owned(), ..faces.clone() };
+        let rows = left_out(&[faces, view], &[]);
+        assert_eq!(rows[4].nodes, ["faces", "view"], "what found the same stands together");
+        assert_eq!((rows[4].left_out, rows[4].found.as_str()), (Some(true), "0 of 10 splats need one"));
+        assert_eq!((rows[6].left_out, rows[6].found.as_str()), (Some(true), "70 % of 100"));
+
+        let trace = node("trace", "path-trace");
+        let lobes =
+            vec![Cell::Text("lobes that no material has".to_owned()), Cell::Text("sheen, brush".to_owned())];
+        let reports = [("trace.report".to_owned(), table("decisions", &["what", "value"], lobes))];
+        assert_eq!(judged(&[trace], &reports)[5], (Some(true), "sheen, brush".to_owned()));
+    }
+
+    // Whatever the light is far for, a solid receiver under it is told from no light. Mutation: `near_field` or `env_block`
+    // not asked.
+    #[test]
+    fn a_solid_receiver_under_far_light_is_told_from_no_light() {
+        let row = |near: &str, block: &str, why: &str| {
+            let mut trace = node("trace", "path-trace");
+            trace.notes.push(note("near-field", why));
+            let mut report = table("decisions", &["what", "value"], Vec::new());
+            let cells =
+                |what: &str, value: &str| vec![Cell::Text(what.to_owned()), Cell::Text(value.to_owned())];
+            report.tables[0].rows = vec![cells("env_block", block), cells("near_field", near)];
+            judged(&[trace], &[("trace.report".to_owned(), report)]).swap_remove(1)
+        };
+        for why in ["Off: the scene is open", "Off: the environment has no point of capture", "Off: as set"] {
+            assert_eq!(row("Off", "Solid", why), (Some(true), why.to_owned()));
+            assert_eq!(row("Off", "Pass", why).0, Some(false));
+        }
+        assert_eq!(row("On", "Solid", "On: as set").0, Some(false));
+    }
+
+    #[test]
+    fn a_probe_that_was_fitted_is_told_beside_advice() {
+        let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
+        let text = "views of 64 px in place of 512 do: the objects are matte";
+        fit.notes.push(note("probe-size", text));
+        let rows = judged(&[fit.clone(), trace], &[]);
+        assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
+        assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
+        fit.notes[0].text = "views of 64 px would do, and have 512, as is asked".to_owned();
+        let rows = judged(&[fit], &[]);
+        assert_eq!(rows[rows.len() - 2].0, Some(false));
+    }
+
+    #[test]
+    fn frames_share_what_reads_no_axis_and_what_has_the_key_of_another() {
+        let frame = |id: &str, key: &[u8]| NodeCost {
+            varies: true,
+            key: Some(Digest::of(key)),
+            ..node(id, "stitch")
+        };
+        let nodes =
+            [node("env", "fuse-hdr"), frame("a/f=1", b"a"), frame("a/f=2", b"a"), frame("a/f=3", b"b")];
+        let found = frames(&nodes);
+        assert_eq!(found.left_out, Some(true));
+        assert_eq!(found.found, "1 nodes read no axis and stand once; of 3 others 1 are what another one is");
+    }
+}

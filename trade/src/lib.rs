@@ -1,0 +1,27 @@
+//! Work against error, measured: the knobs of a graph, the search for settings that reach an error with little work,
+//! and the page that shows what each node costs and how much error it causes.
+//!
+//! A [`bench::Bench`] runs a graph at settings of its knobs and compares the pictures with those of the preset
+//! `reference`. [`tune`] searches with it, [`report`] makes a page of it. Nothing here prints: a verb of the command
+//! line does.
+
+pub mod attribution;
+pub mod below;
+pub mod bench;
+mod error;
+pub mod html;
+pub mod judge;
+pub mod knobs;
+pub mod left_out;
+mod metric;
+mod off;
+pub mod plot;
+pub mod report;
+pub mod search;
+pub mod tunables;
+pub mod tune;
+pub mod work;
+
+pub use error::Error;
+pub use metric::{Metric, number};
+pub use off::Off;

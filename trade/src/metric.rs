@@ -1,0 +1,182 @@
+//! Measures of error, by name.
+
+use serde_json::{Value, json};
+
+use crate::error::Error;
+use crate::off::Off;
+use crate::plot;
+
+/// A measure of error, in which less is better, and the part of the picture that it is taken over.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Metric {
+    /// As it was asked for: `touched.flip`.
+    pub name: String,
+    region: &'static str,
+    of: Of,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Of {
+    /// A column of `compare`.
+    Column(&'static str),
+    /// The root of the mean square of display values.
+    Rmse,
+    /// The same, told in decibels.
+    Psnr,
+}
+
+/// The parts of a picture that errors are taken over.
+const REGIONS: [&str; 4] = ["whole", "touched", "object", "shadow"];
+
+/// The regions that may be named in front of a metric, for messages.
+const IN_FRONT: &str = "with `touched.`, `object.` or `shadow.` in front for the pixels that the object changes, covers, or \
+    only shades and lights";
+
+/// Names of metrics, and what each takes.
+const METRICS: [(&str, Of); 7] = [
+    // Of a picture in linear light the column of HDR-FLIP.
+    ("flip", Of::Column("flip mean")),
+    ("flip95", Of::Column("flip p95")),
+    ("rmse", Of::Rmse),
+    ("psnr", Of::Psnr),
+    ("ciede2000", Of::Column("ciede2000 mean")),
+    ("mae", Of::Column("mean absolute error")),
+    ("relmse", Of::Column("relative mse (linear, eps 0.01)")),
+];
+
+impl Metric {
+    /// The metric of a name, such as `flip`, `touched.rmse`; `whole.` may stand in front.
+    pub fn of(name: &str) -> Option<Self> {
+        let (region, metric) = name.split_once('.').unwrap_or(("whole", name));
+        let region = REGIONS.into_iter().find(|known| *known == region)?;
+        let (_, of) = METRICS.iter().find(|(known, _)| *known == metric)?;
+        Some(Self { name: name.to_owned(), region, of: *of })
+    }
+
+    /// The metric of a name, or an error that lists those there are.
+    pub fn named(name: &str) -> Result<Self, Error> {
+        let unknown = || Error::Metric { text: name.to_owned(), known: Self::known(), regions: IN_FRONT };
+        Self::of(name).ok_or_else(unknown)
+    }
+
+    /// A bound such as `flip=0.02`, or an error that says how to write one.
+    pub fn bounded(text: &str) -> Result<(Self, f64), Error> {
+        let wrong = || Error::Bound { text: text.to_owned(), known: Self::known(), regions: IN_FRONT };
+        Self::bound(text).ok_or_else(wrong)
+    }
+
+    /// A bound `flip=0.02`; PSNR in dB, which becomes a root mean square.
+    pub fn bound(text: &str) -> Option<(Self, f64)> {
+        let (name, value) = text.split_once('=')?;
+        let metric = Self::of(name.trim())?;
+        let value: f64 = value.trim().parse().ok().filter(|v: &f64| v.is_finite() && *v >= 0.0)?;
+        let bound = if metric.of == Of::Psnr { nodes::math::num::pow(10.0, -value / 20.0) } else { value };
+        Some((metric, bound))
+    }
+
+    /// An error as it is told: of PSNR in dB, in which more is better; `None` is not computed.
+    pub fn told(&self, error: Option<f64>) -> String {
+        match error {
+            None => "not computed".to_owned(),
+            Some(error) if self.of == Of::Psnr => format!("{} dB", plot::tick_text(decibels(error))),
+            Some(error) => plot::tick_text(error),
+        }
+    }
+
+    /// The same for programs.
+    pub fn value(&self, error: f64) -> Value {
+        number(if self.of == Of::Psnr { decibels(error) } else { error })
+    }
+
+    /// The note of `compare` that says why it is not computed of pictures of colours; none where it always is.
+    pub fn missing_note(&self) -> Option<&'static str> {
+        match self.of {
+            Of::Column("flip mean" | "flip p95") => Some("no-flip"),
+            Of::Column("ciede2000 mean") => Some("no-ciede2000"),
+            _ => None,
+        }
+    }
+
+    /// What it takes to compute it, for messages.
+    pub fn needs(&self) -> &'static str {
+        match (self.region, self.of) {
+            ("touched" | "object" | "shadow", _) => {
+                "a composite with a background, and an object that some view shows"
+            }
+            (_, Of::Rmse | Of::Psnr) => "pictures whose values are finite",
+            _ => "pictures of colours, not of data",
+        }
+    }
+
+    /// What there is to choose from, for messages.
+    pub fn known() -> String {
+        METRICS.map(|(name, _)| name).join(", ")
+    }
+
+    /// The largest error over outputs and the views that show any of the region; `None` where it was not computed for
+    /// one of them, or none shows it.
+    pub fn error(&self, off: &[Off]) -> Option<f64> {
+        self.worst(off, "image")
+    }
+
+    /// The same of a baseline.
+    pub fn worst(&self, off: &[Off], judged: &str) -> Option<f64> {
+        let rows =
+            off.iter().filter(|row| row.region == self.region && row.judged == judged && row.pixels > 0);
+        let value = |row: &Off| match self.of {
+            Of::Column(column) => row.value(column),
+            Of::Rmse | Of::Psnr => row.value("psnr (dB)").map(|db| nodes::math::num::pow(10.0, -db / 20.0)),
+        };
+        let counting =
+            rows.map(|row| (row.counts, value(row))).filter(|(counts, value)| *counts || value.is_some());
+        counting.map(|(_, value)| value).reduce(|a, b| Some(a?.max(b?))).flatten()
+    }
+}
+
+/// PSNR of values of which the largest is 1.
+fn decibels(rmse: f64) -> f64 {
+    // Not -0 dB, where no light is common.
+    if rmse > 0.0 { 0.0 - 20.0 * nodes::math::num::f64::log10(rmse) } else { f64::INFINITY }
+}
+
+/// A number in JSON, which has no infinity: that is a text.
+pub fn number(value: f64) -> Value {
+    if value.is_finite() { json!(value) } else { json!(value.to_string()) }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bounds_are_read_and_the_worst_view_counts() {
+        let (metric, bound) = Metric::bound("touched.psnr = 40").unwrap();
+        assert!((bound - 0.01).abs() < 1e-15 && metric.region == "touched");
+        for wrong in ["flip", "flip=-1", "flip=x", "sky.flip=1", "flop=1", "flip=NaN"] {
+            assert_eq!(Metric::bound(wrong), None, "{wrong}");
+        }
+        let row = |region: &str, psnr: f64| Off {
+            output: "final".to_owned(),
+            view: "a".to_owned(),
+            region: region.to_owned(),
+            judged: "image".to_owned(),
+            pixels: 1,
+            values: [("psnr (dB)".to_owned(), psnr)].into(),
+            counts: true,
+        };
+        // The object is out of sight in one view, of which nothing can be computed there.
+        let unseen = Off { pixels: 0, values: [].into(), ..row("touched", 0.0) };
+        assert_eq!(metric.error(std::slice::from_ref(&unseen)), None);
+        let off = [row("touched", 20.0), row("touched", 40.0), row("whole", 10.0), unseen];
+        assert!((metric.error(&off).unwrap() - 0.1).abs() < 1e-15);
+        assert_eq!(metric.error(&[row("touched", f64::INFINITY)]), Some(0.0));
+        let told = [Some(0.1), Some(0.0), Some(1.0), None].map(|error| metric.told(error));
+        assert_eq!(told, ["20 dB", "inf dB", "0 dB", "not computed"]);
+        assert!(
+            (metric.value(0.1).as_f64().unwrap() - 20.0).abs() < 1e-9 && metric.value(0.0) == json!("inf")
+        );
+        assert_eq!(Metric::of("rmse").unwrap().told(Some(0.1)), "0.1");
+        assert_eq!(Metric::of("flip").unwrap().error(&off), None, "not computed is not 0");
+    }
+}

@@ -1,0 +1,305 @@
+//! The page of `report`.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use engine::{Level, PRESETS};
+use nodes::types::{Images, Picture};
+
+use crate::attribution::{Attribution, Blame};
+use crate::bench::{Bench, Miss, Point};
+use crate::html::Page;
+use crate::left_out::{LeftOut, left_out};
+use crate::metric::Metric;
+use crate::off::Off;
+use crate::plot::{self, Dot, tick_text};
+use crate::search::{Tried, pareto};
+
+/// The page of a measured graph.
+pub fn page(
+    bench: &Bench<'_>,
+    metric: &Metric,
+    presets: &[usize],
+    now: usize,
+    attributions: &[Attribution],
+) -> Result<Page, Miss> {
+    let mut page = Page::default();
+    facts(&mut page, bench, metric, now, attributions);
+    page.words(&format!(
+        "Errors are {} against the preset `reference`, the worst of all views. Work is in rays; other counts are \
+         weighed as rays. Work and errors are the same in every run. CPU-s are the CPU seconds of the nodes' code on \
+         all threads when it ran: one measurement, which differs by some per cent from run to run, and which \
+         nothing here is decided by. Wall times are not told.",
+        metric.name
+    ));
+    if !bench.remarks.is_empty() {
+        page.words(&format!("Of the pictures: {}.", bench.remarks.join("; ")));
+    }
+    pictures(&mut page, bench, presets, now)?;
+    plots(&mut page, bench, metric, presets, now);
+    page.heading("Presets");
+    let mut rows = Vec::new();
+    for (name, &at) in PRESETS.iter().chain(&["as it is"]).zip(presets.iter().chain([&now])) {
+        let point = &bench.points[at];
+        let mut row = vec![(*name).to_owned(), tick_text(point.work), tick_text(point.cpu_seconds)];
+        for region in ["whole", "touched"] {
+            for of in ["flip", "rmse"] {
+                let column = Metric::of(&format!("{region}.{of}"));
+                row.push(column.map(|m| m.told(m.error(&point.off))).unwrap_or_default());
+            }
+        }
+        rows.push(row);
+    }
+    let columns = ["preset", "work", "CPU-s", "FLIP, whole", "RMSE, whole", "FLIP, touched", "RMSE, touched"];
+    page.table(&columns, &rows);
+    attribution(&mut page, bench, metric, now, attributions);
+    baselines(&mut page, bench, now);
+    let reports = bench.reports_at(now);
+    unmodelled(&mut page, &left_out(&bench.points[now].nodes, &reports));
+    costs(&mut page, &bench.points[now]);
+    notes(&mut page, &bench.points[now]);
+    page.heading("What nodes found");
+    for (name, report) in reports {
+        page.report(&name, &report);
+    }
+    page.heading("Settings");
+    page.words("The graph as it is, as an overlay: `run --overlay` takes it, `tune` writes one like it.");
+    page.code(&bench.overlay(&bench.points[now].assignment));
+    Ok(page)
+}
+
+/// What one asks first.
+fn facts(page: &mut Page, bench: &Bench<'_>, metric: &Metric, now: usize, attributions: &[Attribution]) {
+    let point = &bench.points[now];
+    let worst = point.nodes.iter().flat_map(|node| &node.notes).map(|note| note.level).max();
+    let stands = match worst {
+        Some(Level::Degraded) => "degraded",
+        Some(Level::Warning) => "with warnings",
+        _ => "as asked",
+    };
+    let bottleneck = match Blame::of(attributions, metric.error(&point.off)) {
+        Blame::Makes(node, _) | Blame::Helps(node) => node.to_owned(),
+        Blame::None => "none".to_owned(),
+        Blame::Unknown => "not known".to_owned(),
+    };
+    page.facts(&[
+        ("error", format!("{} {}", metric.name, metric.told(metric.error(&point.off)))),
+        ("work", format!("{} rays", tick_text(point.work))),
+        ("code ran", format!("{} CPU-s", tick_text(point.cpu_seconds))),
+        ("nodes", point.actions().to_string()),
+        ("bottleneck", bottleneck),
+        ("result", stands.to_owned()),
+    ]);
+}
+
+fn pictures(page: &mut Page, bench: &Bench<'_>, presets: &[usize], now: usize) -> Result<(), Miss> {
+    let reference = bench.pictures_at(presets[3])?;
+    let pictures = bench.pictures_at(now)?;
+    let maps = bench.flip_maps(&pictures);
+    page.heading("Pictures");
+    page.words("As it is, the reference, and FLIP between them: black is 0, white 1, along the root.");
+    for (index, (name, images)) in pictures.iter().enumerate() {
+        let map = maps.get(index).and_then(|map| map.as_ref().ok());
+        if let Some(Err(why)) = maps.get(index) {
+            page.words(&format!("There is no map of FLIP of `{name}`: {why}."));
+        }
+        for why in map.iter().flat_map(|map| &map.missing) {
+            page.words(&format!("There is no map of FLIP of `{name}`, {why}."));
+        }
+        for view in &images.0 {
+            if map.is_some_and(|map| map.missing.is_empty() && map.maps.view(&view.name).is_none()) {
+                let why = "it takes colours, all of them finite";
+                page.words(&format!("There is no map of FLIP of `{name} {}`: {why}.", view.name));
+            }
+            let other = |of: Option<&Arc<Images>>| of.and_then(|images| images.view(&view.name)).cloned();
+            let reference = other(reference.get(index).map(|(_, images)| images));
+            let row = [
+                (Some(view.picture.clone()), "as it is"),
+                (reference, "reference"),
+                (other(map.map(|map| &map.maps)), "FLIP"),
+            ];
+            let row: Vec<(Picture, String)> = row
+                .into_iter()
+                .filter_map(|(picture, what)| Some((picture?, format!("{name} {}, {what}", view.name))))
+                .collect();
+            let row: Vec<_> = row.iter().map(|(picture, text)| (picture, text.clone())).collect();
+            page.pictures(&row, 520);
+        }
+    }
+    Ok(())
+}
+
+fn plots(page: &mut Page, bench: &Bench<'_>, metric: &Metric, presets: &[usize], now: usize) {
+    let mut outputs: Vec<&str> = bench.points[now].off.iter().map(|row| row.output.as_str()).collect();
+    outputs.dedup();
+    let mut plots = Vec::new();
+    for output in outputs {
+        let error = |point: &Point| {
+            let rows: Vec<_> = point.off.iter().filter(|row| row.output == output).cloned().collect();
+            metric.error(&rows)
+        };
+        let points = bench.points.iter().enumerate().filter(|(_, point)| error(point).is_some());
+        let tried: Vec<(usize, Tried)> = points
+            .map(|(index, point)| {
+                let assignment = point.assignment.clone();
+                (index, Tried { assignment, cost: point.work, error: error(point).unwrap_or_default() })
+            })
+            .collect();
+        let plain: Vec<Tried> = tried.iter().map(|(_, t)| t.clone()).collect();
+        let front = pareto(&plain);
+        let dots: Vec<Dot> = tried
+            .iter()
+            .enumerate()
+            .map(|(at, (index, t))| Dot {
+                cost: t.cost,
+                error: t.error,
+                name: if *index == now && !presets.contains(index) {
+                    "as it is".to_owned()
+                } else {
+                    bench.name(&t.assignment)
+                },
+                front: front.contains(&at),
+                named: presets.contains(index) || *index == now,
+            })
+            .collect();
+        let axis = format!("error ({})", metric.name);
+        let svg = plot::svg(&dots, "work (rays)", &axis, |error| metric.told(Some(error)), None);
+        plots.extend(svg.map(|svg| (output, svg)));
+    }
+    page.heading("Error over work");
+    page.plots(&plots);
+}
+
+fn attribution(
+    page: &mut Page,
+    bench: &Bench<'_>,
+    metric: &Metric,
+    now: usize,
+    attributions: &[Attribution],
+) {
+    page.heading("Which node is to blame");
+    let error = metric.error(&bench.points[now].off);
+    let both = attributions.iter().any(|b| b.all_but.is_some());
+    let mut text = format!("As it is the error is {}. ", metric.told(error));
+    text.push_str("First column: what it falls to when this node alone is set to the reference");
+    text.push_str(if both {
+        "; second: what is left when all others are. What neither tells is interaction."
+    } else {
+        "."
+    });
+    page.words(&text);
+    page.words(&match Blame::of(attributions, error) {
+        Blame::Makes(node, own) => {
+            let own = metric.told(Some(own));
+            format!("`{node}` is the bottleneck: by itself it makes an error of {own}.")
+        }
+        Blame::Helps(node) => format!("Setting `{node}` to the reference helps most."),
+        Blame::None if both => "No node makes an error by itself.".to_owned(),
+        Blame::None => "Setting a node to the reference helps nowhere.".to_owned(),
+        Blame::Unknown => {
+            format!("No node can be named: {} was not computed. It needs {}.", metric.name, metric.needs())
+        }
+    });
+    let row = |b: &Attribution| {
+        let all_but = both.then(|| metric.told(b.all_but));
+        [b.node.clone(), metric.told(b.alone)].into_iter().chain(all_but).chain([tick_text(b.work_alone)])
+    };
+    let rows: Vec<Vec<String>> = attributions.iter().map(|b| row(b).collect()).collect();
+    let mut columns = vec!["node", "it alone at the reference", "work with it alone"];
+    if both {
+        columns.insert(2, "all but it at the reference");
+    }
+    page.table(&columns, &rows);
+}
+
+fn baselines(page: &mut Page, bench: &Bench<'_>, now: usize) {
+    page.heading("Regions");
+    page.words(
+        "As it is, beside two baselines against the same reference: nothing inserted, and the reference's object without \
+         its shadow. `touched` is what the object covers, shades or lights in the reference, `object` the part that it \
+         covers by more than half, `shadow` the rest.",
+    );
+    let rows = &bench.points[now].off;
+    let has = |output: &str| rows.iter().any(|row| row.output == output && row.judged != "image");
+    let bare: BTreeSet<&str> = rows.iter().map(|row| &*row.output).filter(|output| !has(output)).collect();
+    if !bare.is_empty() {
+        let names: Vec<String> = bare.iter().map(|name| format!("`{name}`")).collect();
+        page.words(&format!(
+            "Baselines and these regions are not computed of {}: no `composite` makes it.",
+            names.join(", ")
+        ));
+    }
+    let cell = |row: &Off, column: &str| row.value(column).map_or("not computed".to_owned(), tick_text);
+    let rows: Vec<Vec<String>> = bench.points[now]
+        .off
+        .iter()
+        .map(|row| {
+            let mut cells =
+                vec![format!("{} {}", row.output, row.view), row.judged.clone(), row.region.clone()];
+            cells.push(row.pixels.to_string());
+            let columns = ["psnr (dB)", "ssim_3dgs_zero_pad", "flip mean", "flip p95", "ciede2000 mean"];
+            cells.extend(columns.map(|column| cell(row, column)));
+            cells
+        })
+        .collect();
+    let columns = ["view", "picture", "region", "pixels", "PSNR dB", "SSIM", "FLIP", "FLIP p95", "CIEDE2000"];
+    page.table(&columns, &rows);
+}
+
+fn unmodelled(page: &mut Page, rows: &[LeftOut]) {
+    page.heading("Left out, and the check behind it");
+    page.words(
+        "What is modelled only where the scene needs it. Whatever a check leaves out can be had all the same, by the \
+         last column; `docs/trade.md` has the error of each.",
+    );
+    let told = |row: &LeftOut| {
+        let nodes = match row.nodes.as_slice() {
+            [first, second, third, rest @ ..] if !rest.is_empty() => {
+                format!("{first}, {second}, {third} and {} more", rest.len())
+            }
+            nodes => nodes.join(", "),
+        };
+        let left_out = match row.left_out {
+            Some(true) => "left out",
+            Some(false) => "modelled",
+            None => "not asked",
+        };
+        [row.what, &nodes, left_out, &row.found, row.check, row.force].map(str::to_owned).to_vec()
+    };
+    let columns = ["what", "at", "here", "what was found", "left out where", "forced by"];
+    page.table(&columns, &rows.iter().map(told).collect::<Vec<_>>());
+}
+
+fn costs(page: &mut Page, point: &Point) {
+    page.heading("Cost of each node");
+    let mut nodes: Vec<_> = point.nodes.iter().collect();
+    nodes.sort_by(|a, b| b.work.total_cmp(&a.work).then(b.cpu_seconds.total_cmp(&a.cpu_seconds)));
+    let rows: Vec<Vec<String>> = nodes
+        .iter()
+        .map(|node| {
+            let share = format!("{:.1} %", 100.0 * node.work / point.work.max(1e-300));
+            let counts: Vec<String> =
+                node.counts.iter().map(|(name, n)| format!("{name} {}", tick_text(*n as f64))).collect();
+            let (id, kind) = (node.id.clone(), node.kind.to_owned());
+            vec![id, kind, tick_text(node.work), share, tick_text(node.cpu_seconds), counts.join(", ")]
+        })
+        .collect();
+    page.table(&["node", "kind", "work", "share", "CPU-s", "counts"], &rows);
+}
+
+fn notes(page: &mut Page, point: &Point) {
+    page.heading("What was decided");
+    let levels = |level: Level| match level {
+        Level::Count => "count",
+        Level::Decision => "decision",
+        Level::Warning => "warning",
+        Level::Degraded => "degraded",
+    };
+    let notes = point.nodes.iter().flat_map(|node| {
+        node.notes.iter().map(|note| {
+            vec![node.id.clone(), levels(note.level).to_owned(), note.id.clone(), note.text.clone()]
+        })
+    });
+    page.words("What each node assumed, passed over or chose by itself, and what it saw that it did.");
+    page.table(&["node", "sort", "check", "what it found"], &notes.collect::<Vec<_>>());
+}

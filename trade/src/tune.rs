@@ -1,0 +1,297 @@
+//! `tune`: the search for settings of the knobs, and what it found in words and as JSON.
+
+use engine::PRESETS;
+use serde_json::{Value, json};
+
+use crate::below::{Below, below};
+use crate::bench::{Bench, Miss};
+use crate::error::Error;
+use crate::metric::Metric;
+use crate::plot::tick_text;
+use crate::search::{self, Goal, SearchResult, Tried, pareto, search};
+use crate::tunables::Assignment;
+
+/// What the cost of a setting is counted in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unit {
+    /// Deterministic counts, weighed as rays.
+    Rays,
+    /// CPU seconds of node code, as measured when it ran.
+    CpuSeconds,
+}
+
+impl Unit {
+    /// `rays` or `CPU-s`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rays => "rays",
+            Self::CpuSeconds => "CPU-s",
+        }
+    }
+}
+
+/// What is searched for.
+#[derive(Debug)]
+pub struct Wanted {
+    /// The measure of error.
+    pub metric: Metric,
+    /// The bound on error or on cost.
+    pub goal: Goal,
+    /// The unit of cost.
+    pub unit: Unit,
+    /// Maximum number of settings to measure.
+    pub budget: usize,
+}
+
+/// What a search found.
+pub struct Tuned {
+    /// All settings measured.
+    pub tried: Vec<Tried>,
+    /// The index of the best setting that reaches the goal.
+    pub best: Option<usize>,
+    /// The preset that reaches the goal at the least cost, or the best one within the cost.
+    pub naive: Option<(&'static str, Tried)>,
+    /// What costs less than half of that preset, where the best setting does not.
+    pub half: Option<Below>,
+    /// Whether the search ended by itself.
+    pub finished: bool,
+    /// How many settings could still have been measured.
+    pub left: usize,
+    /// Why measuring failed, where it did.
+    pub wrong: Option<Error>,
+}
+
+/// Searches for the best setting. Calls `each` after every setting that is new, with the index of its point.
+pub fn tune(bench: &mut Bench<'_>, wanted: &Wanted, each: impl FnMut(&mut Bench<'_>, usize)) -> Tuned {
+    let steps = bench.steps();
+    // The first one is what others are compared with.
+    let starts = [bench.preset(3), bench.preset(2), bench.preset(1), bench.preset(0), bench.now()];
+    let mut measuring = Measuring { wanted, bench, left: wanted.budget, wrong: None, each };
+    let SearchResult { mut tried, mut best, finished } =
+        search(&starts, &steps, wanted.goal, |at| measuring.measure(at));
+    let naive = naive(&starts, &tried, wanted.goal);
+    let mut half = None;
+    if let (true, Goal::Error(_), Some(found), Some((_, preset))) = (finished, wanted.goal, best, &naive)
+        && tried[found].cost >= 0.5 * preset.cost
+    {
+        half = below(&steps, &tried, 0.5 * preset.cost, wanted.budget, |at| measuring.measure(at));
+        for more in half.iter().flat_map(|half| half.all.iter().chain([&half.least])) {
+            if !tried.contains(more) {
+                tried.push(more.clone());
+            }
+        }
+        best = search::best(&tried, wanted.goal);
+    }
+    let Measuring { left, wrong, .. } = measuring;
+    Tuned { tried, best, naive, half, finished, left, wrong }
+}
+
+/// Measures settings, within the budget.
+struct Measuring<'t, 'e, E> {
+    wanted: &'t Wanted,
+    bench: &'t mut Bench<'e>,
+    /// How many may still be measured.
+    left: usize,
+    wrong: Option<Error>,
+    each: E,
+}
+
+impl<E: FnMut(&mut Bench<'_>, usize)> Measuring<'_, '_, E> {
+    /// Cost and error; `None` ends the search.
+    fn measure(&mut self, assignment: &[usize]) -> Option<(f64, f64)> {
+        let assignment = assignment.to_vec();
+        let known = self.bench.points.len();
+        if self.left == 0 && !self.bench.points.iter().any(|point| point.assignment == assignment) {
+            return None;
+        }
+        let at = match self.bench.measure(&assignment) {
+            Ok(at) => at,
+            Err(Miss::Stopped) => return None,
+            Err(Miss::Failed(why)) => {
+                self.wrong = Some(Error::Setting { setting: self.bench.name(&assignment), why });
+                return None;
+            }
+        };
+        if at == known {
+            self.left -= 1;
+            (self.each)(self.bench, at);
+        }
+        let metric = &self.wanted.metric;
+        let point = &self.bench.points[at];
+        let error = metric.error(&point.off);
+        if error.is_none() {
+            self.wrong = Some(Error::NotComputed { metric: metric.name.clone(), needs: metric.needs() });
+        }
+        let cost = match self.wanted.unit {
+            Unit::CpuSeconds => point.cpu_seconds,
+            Unit::Rays => point.work,
+        };
+        Some((cost, error?))
+    }
+}
+
+impl Tuned {
+    /// Why the search ended; `stopped` says that the user interrupted it.
+    pub fn ended(&self, stopped: bool) -> &'static str {
+        match (self.finished, stopped) {
+            (true, _) => "changing any one knob by one step does not help",
+            (false, true) => "interrupted, so there may be better ones",
+            (false, false) if self.left == 0 => "the budget is used up, so there may be better ones",
+            (false, false) => "a setting failed, so there may be better ones",
+        }
+    }
+
+    /// One line on the best setting beside the presets, and on why the search ended. Empty without a best setting.
+    pub fn summary(&self, wanted: &Wanted, stopped: bool) -> String {
+        let Some(found) = self.best.map(|best| &self.tried[best]) else { return String::new() };
+        let mut text = summary(&wanted.metric, wanted.goal, found, wanted.unit.name(), self.naive.as_ref());
+        if let (Some(half), Some((_, preset))) = (&self.half, &self.naive)
+            && found.cost >= 0.5 * preset.cost
+        {
+            text.push_str(&format!("; {}", none_below_half(&wanted.metric, half)));
+        }
+        format!("{text}; {} settings measured: {}", self.tried.len(), self.ended(stopped))
+    }
+
+    /// What came nearest to a goal that no setting reaches.
+    pub fn nearest(&self, wanted: &Wanted, stopped: bool) -> String {
+        let least = |of: fn(&Tried) -> f64| self.tried.iter().map(of).reduce(f64::min);
+        let nearest = match wanted.goal {
+            Goal::Error(_) => format!("the least error is {}", wanted.metric.told(least(|t| t.error))),
+            Goal::Cost(_) => {
+                let unit = wanted.unit.name();
+                let cost = tick_text(least(|t| t.cost).unwrap_or(0.0));
+                match self.finished {
+                    true => format!("the least cost is {cost} {unit}, with every knob at its least"),
+                    false => {
+                        format!("the least cost is {cost} {unit}; every knob at its least was not measured")
+                    }
+                }
+            }
+        };
+        match (self.tried.len(), stopped) {
+            (0, _) => "interrupted before anything was measured".to_owned(),
+            (count, false) => format!("none of the {count} settings measured reaches the goal; {nearest}"),
+            (count, true) => {
+                format!("interrupted; none of the {count} settings measured reaches the goal; {nearest}")
+            }
+        }
+    }
+
+    /// A row per setting measured: mark, work, CPU seconds, error, name; the first row is the heading.
+    pub fn rows(&self, bench: &Bench<'_>, metric: &Metric) -> Vec<Vec<String>> {
+        let front = pareto(&self.tried);
+        let mut rows = vec![["", "work", "CPU-s", "error", "setting"].map(str::to_owned).to_vec()];
+        for (index, t) in self.tried.iter().enumerate() {
+            let Some(point) = bench.points.iter().find(|point| point.assignment == t.assignment) else {
+                continue;
+            };
+            let mark = if Some(index) == self.best {
+                "best"
+            } else if front.contains(&index) {
+                "front"
+            } else {
+                ""
+            };
+            let (work, seconds, error) =
+                (tick_text(point.work), tick_text(point.cpu_seconds), metric.told(Some(t.error)));
+            rows.push(vec![mark.to_owned(), work, seconds, error, bench.name(&t.assignment)]);
+        }
+        rows
+    }
+
+    /// The same as JSON, with why the search ended.
+    pub fn json(&self, bench: &Bench<'_>, metric: &Metric, stopped: bool) -> Value {
+        let front = pareto(&self.tried);
+        let point = |(index, t): (usize, &Tried)| {
+            let point = bench.points.iter().find(|point| point.assignment == t.assignment);
+            json!({
+                "setting": bench.name(&t.assignment),
+                "error": metric.value(t.error),
+                "work": point.map(|p| p.work),
+                "seconds": point.map(|p| p.seconds),
+                "cpu_seconds": point.map(|p| p.cpu_seconds),
+                "front": front.contains(&index),
+                "best": Some(index) == self.best,
+            })
+        };
+        let below_half = self.half.as_ref().map_or(json!(null), |half| {
+            let least = half.all.iter().map(|t| t.error).reduce(f64::min).map(|error| metric.value(error));
+            json!({"settings": half.all.len(), "complete": half.complete, "least_error": least, "least_cost": half.least.cost,
+                   "pairs": half.saved.pairs, "most_saved": half.saved.most, "margin": half.margin})
+        });
+        json!({
+            "measured": self.tried.iter().enumerate().map(point).collect::<Vec<_>>(),
+            "finished": self.finished,
+            "ended": self.ended(stopped),
+            "below_half": below_half,
+        })
+    }
+}
+
+/// The preset that one would take without measuring: the cheapest that fits, or the best within a cost.
+fn naive(starts: &[Assignment], tried: &[Tried], goal: Goal) -> Option<(&'static str, Tried)> {
+    let presets = PRESETS.into_iter().rev().zip(starts);
+    let known =
+        presets.filter_map(|(name, start)| Some((name, tried.iter().find(|t| t.assignment == *start)?)));
+    let (names, tried): (Vec<_>, Vec<_>) = known.map(|(name, t)| (name, t.clone())).unzip();
+    search::best(&tried, goal).map(|at| (names[at], tried[at].clone()))
+}
+
+/// What was found out of settings that cost less than half of what the preset does, and how far that holds.
+fn none_below_half(metric: &Metric, half: &Below) -> String {
+    let least = half.all.iter().map(|t| t.error).reduce(f64::min);
+    let found = match least {
+        Some(_) if !half.complete => {
+            let (count, least) = (half.all.len(), metric.told(least));
+            format!(
+                "{count} settings that cost less than half of it were measured, and none reaches it (least error {least}); there \
+                 may be more, for which --budget makes room"
+            )
+        }
+        None if !half.complete => {
+            "whether anything costs less than half of it was not found out: --budget makes room for that"
+                .to_owned()
+        }
+        Some(_) => {
+            let (count, least) = (half.all.len(), metric.told(least));
+            format!(
+                "none of the {count} settings that were found to cost less than half of it reaches it (least error {least})"
+            )
+        }
+        None => {
+            let cost = tick_text(half.least.cost);
+            format!(
+                "none was found that costs less than half of it: with every knob at its least it is {cost}"
+            )
+        }
+    };
+    let (most, pairs) = (100.0 * half.saved.most, half.saved.pairs);
+    let saved = format!("turning knobs up saved at most {most:.1} % elsewhere in {pairs} pairs of settings");
+    if half.complete {
+        let margin = 100.0 * half.margin;
+        format!("{found}; for another one it would have to save more than {margin:.1} %, and {saved}")
+    } else {
+        format!("{found}; {saved}")
+    }
+}
+
+fn summary(metric: &Metric, goal: Goal, found: &Tried, unit: &str, naive: Option<&(&str, Tried)>) -> String {
+    let error = metric.told(Some(found.error));
+    let mut text = format!("{} {error} for {} {unit}", metric.name, tick_text(found.cost));
+    if let Some((name, preset)) = naive {
+        match goal {
+            Goal::Error(_) => {
+                let ratio = found.cost / preset.cost;
+                text.push_str(&format!(
+                    ", {ratio:.2} of that of `{name}`, the cheapest preset that reaches it"
+                ));
+            }
+            Goal::Cost(_) => {
+                let other = metric.told(Some(preset.error));
+                text.push_str(&format!("; `{name}`, the best preset within it, has {other}"));
+            }
+        }
+    }
+    text
+}
