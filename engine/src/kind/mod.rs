@@ -1,4 +1,4 @@
-//! The contract with the crates of kinds: what a kind declares, and what its code may ask for.
+//! The contract with crates of kinds: declarations of kinds, and the services available to their code.
 
 pub(crate) mod context;
 pub(crate) mod contract;

@@ -1,8 +1,9 @@
-//! Tiles: parts of one node's work, run on as many threads as are free.
+//! Tiles: parts of one node's work that run on all free threads.
 //!
-//! The thread that runs a node's code takes its tiles in turn, and *helpers* take tiles, too, while fewer threads are
-//! busy than there may be. A helper asks for that before each tile. So a node that begins to run has its processor
-//! within the time of one tile, whatever else is running, and no thread ever runs one node's code inside another's.
+//! The thread that runs the code of a node works through its tiles, and *helpers* join in as long as fewer than the
+//! permitted number of threads are busy. A helper checks this before each tile. So a node that starts gets its
+//! processor within the time of one tile, whatever else is running, and no thread ever runs the code of one node
+//! within that of another.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::OnceLock;
@@ -11,17 +12,17 @@ use std::time::{Duration, Instant};
 
 use crate::value::error::NodeError;
 
-/// A helper runs tiles for this long before it looks for other work.
+/// Time after which a helper looks for other work.
 const TURN: Duration = Duration::from_millis(1);
 
-/// How many threads may compute at once, and the threads that help with tiles.
+/// The number of threads that may compute at once, and the threads that help with tiles.
 pub(crate) struct Threads {
     limit: usize,
     busy: AtomicUsize,
     helpers: OnceLock<rayon::ThreadPool>,
 }
 
-/// A thread that computes; it counts as busy until this is dropped.
+/// Counts a thread as busy until it is dropped.
 struct Busy<'t>(&'t AtomicUsize);
 
 impl Drop for Busy<'_> {
@@ -31,12 +32,12 @@ impl Drop for Busy<'_> {
 }
 
 impl Threads {
-    /// At most `limit` threads compute at once, for one tile's time more.
+    /// At most `limit` threads compute at once, exceeded only for the time of one tile.
     pub fn new(limit: usize) -> Self {
         Self { limit: limit.max(1), busy: AtomicUsize::new(0), helpers: OnceLock::new() }
     }
 
-    /// Runs code that needs a thread of its own now; helpers make room for it.
+    /// Runs code that must start at once; helpers make room for it.
     pub fn occupied<T>(&self, code: impl FnOnce() -> T) -> T {
         self.busy.fetch_add(1, Ordering::Relaxed);
         let _busy = Busy(&self.busy);
@@ -47,13 +48,13 @@ impl Threads {
         self.busy.load(Ordering::Relaxed) < self.limit
     }
 
-    /// Counts the calling thread as busy, where fewer than the limit are.
+    /// Counts the calling thread as busy, unless the limit is reached.
     fn join(&self) -> Option<Busy<'_>> {
         let free = |busy| (busy < self.limit).then_some(busy + 1);
         self.busy.fetch_update(Ordering::Relaxed, Ordering::Relaxed, free).ok().map(|_| Busy(&self.busy))
     }
 
-    /// The helpers; `None` where one thread is all there may be.
+    /// The helpers; `None` if the limit is one thread.
     fn helpers(&self) -> Result<Option<&rayon::ThreadPool>, NodeError> {
         if self.limit == 1 {
             return Ok(None);
@@ -70,8 +71,8 @@ impl Threads {
     }
 }
 
-/// Runs `tile` for every index below `count`, unless `stopped` says so before one of them. Without `threads` the helpers
-/// are those of the rayon pool around the caller.
+/// Runs `tile` for every index below `count`, or until `stopped` returns true. If `threads` is `None`, helpers come
+/// from the rayon pool of the caller.
 pub(crate) fn run_tiles(
     threads: Option<&Threads>,
     count: usize,
@@ -105,10 +106,10 @@ pub(crate) fn run_tiles(
 struct Tiles<'t> {
     next: AtomicUsize,
     count: usize,
-    /// Helpers that were called and have not left.
+    /// Number of helpers that were started and have not left.
     helping: AtomicUsize,
     most: usize,
-    /// Set where the run is to stop or a tile panicked: the rest is left out.
+    /// Set when the run is cancelled or a tile panicked; the remaining tiles are skipped.
     ended: AtomicBool,
     threads: Option<&'t Threads>,
     stopped: &'t (dyn Fn() -> bool + Sync),
@@ -116,7 +117,7 @@ struct Tiles<'t> {
 }
 
 impl<'t> Tiles<'t> {
-    /// The thread of the node itself: it takes tiles until there are no more.
+    /// The loop of the node's own thread.
     fn lead<'s>(&'s self, scope: &rayon::Scope<'s>) {
         for _ in 0..self.most {
             self.call_helper(scope);
@@ -126,7 +127,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Calls one more helper where a thread is free for it.
+    /// Starts another helper if a thread is free.
     fn call_helper<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let wanted = |helping| (helping < self.most).then_some(helping + 1);
         if self.next.load(Ordering::Relaxed) < self.count
@@ -137,8 +138,8 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// One turn of a helper. It calls itself again rather than stay, since a thread that waits for its own tiles may have
-    /// taken it over.
+    /// One turn of a helper. It then respawns itself rather than continue, since it may run on a thread that waits
+    /// for its own tiles.
     fn help<'s>(&'s self, scope: &rayon::Scope<'s>) {
         let start = Instant::now();
         loop {
@@ -155,7 +156,7 @@ impl<'t> Tiles<'t> {
         }
     }
 
-    /// Runs the next tile; false where there is none.
+    /// Runs the next tile; false if there is none.
     fn run_next(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;
@@ -212,7 +213,7 @@ mod tests {
         assert_eq!(sorted(made), (0..1000).collect::<Vec<_>>());
     }
 
-    // Mutation: helpers that do not ask `join` before each tile go on beside the other node.
+    // Mutation: helpers that do not call `join` before each tile keep running.
     #[test]
     fn helpers_make_room_within_a_tile() {
         let (threads, helped) = (Threads::new(2), AtomicUsize::new(0));
@@ -226,7 +227,7 @@ mod tests {
                 while !both.load(Ordering::Relaxed) {
                     pause();
                 }
-                // Another node begins to run: at most the tile that a helper is at is still its own.
+                // Another node starts. The helper may finish its current tile, but no more.
                 threads.busy.fetch_add(1, Ordering::Relaxed);
                 std::thread::sleep(Duration::from_millis(30));
                 let before = helped.load(Ordering::Relaxed);
