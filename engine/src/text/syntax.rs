@@ -1,7 +1,7 @@
-//! From RON text to nodes and fields, each with its place in the text.
+//! The parser of RON text into nodes and fields with their places.
 //!
-//! A scan finds the structure, `ron` reads the values. The engine so needs no knowledge of kinds here, sees
-//! duplicates, and can report all mistakes together.
+//! The scanner finds the structure, and `ron` parses the values later. So the parser needs no knowledge of kinds,
+//! detects duplicates, and reports all mistakes together.
 
 use std::ops::Range;
 
@@ -11,17 +11,16 @@ use crate::text::scan::Scanner;
 
 const TOP: [&str; 7] = ["version", "include", "parameters", "scene", "axes", "presets", "nodes"];
 
-/// What a text is to be read as.
+/// The expected content of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sort {
     /// `Graph(..)`.
     Graph,
-    /// `Overlay(..)`, whose nodes need not say their kind.
+    /// `Overlay(..)`, whose nodes may omit their kind.
     Overlay,
 }
 
-/// Finds the structure of one file, which is the named part of the text. What cannot be read is reported and
-/// left out.
+/// Parses one file, which is the given range of the text. Fields with mistakes are reported and omitted.
 pub(crate) fn parse_part<'t>(
     text: &'t str,
     part: Range<usize>,
@@ -31,7 +30,7 @@ pub(crate) fn parse_part<'t>(
     Parser::read(text, part, sort, diagnostics, Parser::graph)
 }
 
-/// Reads `(trace: (samples: 4), ..)`, which is the named part of the text.
+/// Parses `(trace: (samples: 4), ..)` in the given range of the text.
 pub(crate) fn parse_preset<'t>(
     text: &'t str,
     part: Range<usize>,
@@ -43,7 +42,7 @@ pub(crate) fn parse_preset<'t>(
     })
 }
 
-/// Reads `trace.samples=4`, which is the named part of the text.
+/// Parses `trace.samples=4` in the given range of the text.
 pub(crate) fn parse_setting<'t>(
     text: &'t str,
     part: Range<usize>,
@@ -52,7 +51,7 @@ pub(crate) fn parse_setting<'t>(
     Parser::read(text, part, Sort::Overlay, diagnostics, Parser::setting)
 }
 
-/// Reads `name: Kind(..)`, which is the named part of the text; `None` where it is not that and nothing else.
+/// Parses `name: Kind(..)` in the given range of the text; `None` if it is anything else.
 pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> {
     let (end, mut mistakes) = (part.end, Vec::new());
     let mut document = Parser::read(text, part, Sort::Graph, &mut mistakes, |parser| {
@@ -65,7 +64,7 @@ pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> 
             parser.add_node(name, span);
         }
     });
-    // What ends in anything else may go on behind the part.
+    // Any other ending might continue after the range.
     let node = document.nodes.pop().filter(|node| node.span.end == end && text[..end].ends_with(')'))?;
     (mistakes.is_empty() && document.broken.is_empty()).then_some(node)
 }
@@ -74,7 +73,7 @@ struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
     sort: Sort,
-    /// A node was found outside of `nodes`.
+    /// Whether a node was found outside of `nodes`.
     stray: bool,
 }
 
@@ -97,7 +96,7 @@ impl<'t> Parser<'t> {
 
     fn graph(&mut self) {
         self.scan.skip_space();
-        // `#![enable(..)]` names extensions of RON; the one we need is always on.
+        // `#![enable(..)]` enables RON extensions; the one that is needed is always enabled.
         while self.scan.eat(b'#') {
             self.scan.eat(b'!');
             self.scan.value();
@@ -122,7 +121,7 @@ impl<'t> Parser<'t> {
             seen.push((name, span.clone()));
             match name {
                 "version" => parser.document.version = parser.value(name, span),
-                // Laid over, all blocks are alike.
+                // In an overlay, all blocks have the same form.
                 "scene" | "axes" | "parameters" if parser.sort == Sort::Overlay => {
                     parser.add_node(name, span);
                 }
@@ -138,7 +137,7 @@ impl<'t> Parser<'t> {
                     parser.document.presets = parser.block(span, how).unwrap_or_default();
                 }
                 "nodes" => parser.nodes(span),
-                // A parenthesis too many ends `nodes` early, and every node after it would be a mistake.
+                // A surplus `)` ends `nodes` early; without this, every following node would be reported.
                 other if parser.scan.peek().is_ascii_uppercase() => {
                     if !std::mem::replace(&mut parser.stray, true) {
                         parser.scan.report(
@@ -200,7 +199,7 @@ impl<'t> Parser<'t> {
         self.document.nodes.push(node);
     }
 
-    /// Walks over `(name: .., name: ..)`; `each` reads one value. The current place is the parenthesis.
+    /// Parses `(name: .., name: ..)` at the current position; `each` parses one value.
     fn fields(&mut self, each: impl FnMut(&mut Self, &'t str, Range<usize>)) {
         let open = self.scan.at;
         self.scan.at += 1;
@@ -252,7 +251,7 @@ impl<'t> Parser<'t> {
         }
     }
 
-    /// In an overlay, a name goes on to those inside of a subgraph: `left.pose`.
+    /// In an overlay, a name may refer to a node in a subgraph: `left.pose`.
     fn nested(&mut self, name: &'t str, start: usize) -> &'t str {
         while self.sort == Sort::Overlay && self.scan.eat(b'.') {
             self.scan.word();
@@ -260,7 +259,7 @@ impl<'t> Parser<'t> {
         self.scan.text.get(start..self.scan.at).unwrap_or(name)
     }
 
-    /// Goes on with what looks like the next field: a name and a colon, or what follows a comma.
+    /// Skips to what looks like the next field: an identifier with a colon, or text after a comma.
     fn after_mistake(&mut self) {
         loop {
             self.scan.skip_space();
@@ -284,7 +283,7 @@ impl<'t> Parser<'t> {
     fn value(&mut self, name: &'t str, name_span: Range<usize>) -> Option<RawField<'t>> {
         let before = self.scan.diagnostics.len();
         match self.scan.value() {
-            // What was reported already needs no second report from whoever reads the value.
+            // A mistake that was reported already is not reported again by the reader of the value.
             Some(_) if self.scan.diagnostics.len() > before => None,
             Some(span) => {
                 Some(RawField { name, name_span, text: &self.scan.text[span.clone()], span, scope: 0 })
@@ -310,7 +309,7 @@ impl<'t> Parser<'t> {
         self.document.axes = self.block(name_span, how).unwrap_or_default();
     }
 
-    /// `(name: value, ..)`, each name once; `how` is said where it is none.
+    /// Parses `(name: value, ..)` with distinct names; `how` is the hint if the text has another form.
     fn block(&mut self, name_span: Range<usize>, how: &str) -> Option<Vec<RawField<'t>>> {
         if self.scan.peek() != b'(' {
             self.scan.report(Diagnostic::new(name_span, how));
@@ -361,7 +360,7 @@ impl<'t> Parser<'t> {
             self.scan.value();
             return None;
         };
-        // The kebab-case name of a kind is no RON, but clear.
+        // The kebab-case name of a kind is not valid RON, but its meaning is clear.
         while self.scan.eat(b'-') {
             self.scan.word();
             kind = &self.scan.text[start..self.scan.at];
