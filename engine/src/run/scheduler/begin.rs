@@ -1,4 +1,4 @@
-//! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
+//! The start of a run: with all needed nodes, or with those that changed since the previous run.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Sender, channel};
@@ -21,7 +21,7 @@ use crate::run::trace::Tracer;
 use crate::value::cpu;
 
 impl<'a> Run<'a> {
-    /// A run in which nothing is done yet.
+    /// A run that has not started.
     pub fn new(
         engine: &'a Engine,
         graph: &'a Graph,
@@ -105,7 +105,7 @@ impl<'a> Run<'a> {
 }
 
 impl Engine {
-    /// Runs a graph. Every event is told on the calling thread, in order.
+    /// Runs a graph. Events are sent to `tell` on the calling thread, in order.
     pub fn run(&self, graph: &Graph, options: &RunOptions, mut tell: impl FnMut(Event)) -> Outcome {
         let cancelled = || options.cancel.load(Ordering::Relaxed);
         let _running = self.store.begin_run(&last_keys(graph), &cancelled);
