@@ -1,7 +1,7 @@
-//! From the recipe in a picture back to a graph that can run.
+//! Turns the recipe in a picture back into a graph that can run.
 //!
-//! A recipe names the files that were read without their folders, each with its digest. They are looked for by
-//! name and digest in folders that the user names, so that what runs is what ran, or nothing does.
+//! A recipe names its source files without folders, with digests. They are found by name and digest in folders
+//! given by the user, so that either the same graph runs or nothing does.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -24,18 +24,18 @@ use crate::text::source::Source;
 use crate::text::syntax::{Sort, parse_part};
 use crate::value::error::NodeError;
 
-/// What a picture says about how it was made.
+/// The recipe of a picture.
 #[derive(Debug, Clone)]
 pub struct Recipe {
     text: String,
     /// Kind, version and profile.
     kinds: Vec<(String, u32, String)>,
-    /// Files by node: name and digest.
+    /// Source files by node, as (name, digest).
     sources: BTreeMap<String, Vec<(String, Digest)>>,
 }
 
 impl Recipe {
-    /// Reads the text that a picture carries.
+    /// Parses the recipe in a picture.
     ///
     /// # Errors
     /// [`RecipeError::NoRecipe`] for any other text.
@@ -58,12 +58,12 @@ impl Recipe {
         Ok(Self { text: text.to_owned(), kinds: kinds.ok_or(RecipeError::NoRecipe)?, sources })
     }
 
-    /// The text as it was given.
+    /// The text of the recipe.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Kinds that this program has not, or has in another version: what it made would be another picture.
+    /// Kinds that this program does not have, or has in another version, so that the picture would differ.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
             None => Some(format!("there is no kind `{name}` here")),
@@ -76,19 +76,18 @@ impl Recipe {
         self.kinds.iter().filter_map(other).collect()
     }
 
-    /// What two recipes say otherwise, node by node: kinds with their versions, fields, and the content of the files
-    /// that were read. Numbers of nodes say nothing: `pairing.rs` tells which nodes are each other's.
-    /// They are called as in the first recipe; what only the second has is called `b.n3`. What the picture was called
-    /// is in neither.
+    /// Differences between two recipes by node: kinds with versions, fields, and the content of source files. Node
+    /// numbers are not compared; see the module `pairing`. Nodes have their names in the first recipe; nodes that
+    /// only the second has are named `b.n3`. The file name of the picture is not part of a recipe.
     ///
     /// # Errors
-    /// When one of the graphs cannot be read.
+    /// If one of the graphs cannot be parsed.
     pub fn differences(&self, other: &Recipe) -> Result<Vec<(String, NodeDifference)>, RecipeError> {
         let (a, b) = (self.nodes()?, other.nodes()?);
         Ok(said_otherwise(&a, &b))
     }
 
-    /// What it says of the scene and of each node, what is read before what reads it.
+    /// The scene and the nodes in topological order.
     fn nodes(&self) -> Result<Vec<Said>, RecipeError> {
         let document = self.document("recipe")?;
         let field = |field: &RawField<'_>| (field.name.to_owned(), field.text.to_owned());
@@ -100,7 +99,7 @@ impl Recipe {
                 kind.map_or_else(|| node.kind.to_owned(), |(name, n, how)| format!("{name} {n} {how}"));
             let mut fields = vec![("kind".to_owned(), version)];
             fields.extend(node.fields.iter().map(field));
-            // Of files of one name the second is called so.
+            // Files of the same name are numbered.
             let mut count: BTreeMap<&str, usize> = BTreeMap::new();
             for (file, digest) in self.sources.get(&*node.id).into_iter().flatten() {
                 let n = count.entry(file).or_default();
@@ -123,12 +122,12 @@ impl Recipe {
         Err(Diagnostics::new(Source::new(name, self.text.as_str()), diagnostics).into())
     }
 
-    /// The graph with the path of each file as it lies in one of `folders`: of a node that reads several files of one
-    /// name, the second that it names is the second that was read. `file` becomes the name of what it writes, where
-    /// that is one file. `store` remembers digests.
+    /// The graph with the path of each source file in one of `folders`. If a node reads several files of the same
+    /// name, they are matched in order. `file` becomes the name of the output, if there is only one. `store`
+    /// remembers digests.
     ///
     /// # Errors
-    /// When the graph cannot be read, or a file is not found or not told apart from others: all such, at once.
+    /// If the graph cannot be parsed, or files are not found or ambiguous; all of them are reported.
     pub fn settle(
         &self,
         name: &str,
@@ -181,11 +180,11 @@ impl Recipe {
         Ok(Source::new(name, text))
     }
 
-    /// Files that a graph made from this recipe reads and that are not those of the recipe, such as a texture
-    /// beside a model, and nodes that read more of them, fewer, or in another order.
+    /// Source files of a graph made from this recipe that differ from those in the recipe, such as a texture next
+    /// to a model, and nodes that read more files, fewer, or in another order.
     ///
     /// # Errors
-    /// When a file cannot be read.
+    /// If a file cannot be read.
     pub fn other_sources(&self, graph: &Graph, store: &Store) -> Result<Vec<String>, NodeError> {
         let mut other = Vec::new();
         for (index, node) in graph.nodes.iter().enumerate() {
@@ -216,5 +215,5 @@ impl Recipe {
     }
 }
 
-/// Said where not all files could be looked at.
+/// The message if not all files could be inspected.
 const CUT: &str = "(the folders of `--inputs` hold more files than are looked through; name smaller ones)";
