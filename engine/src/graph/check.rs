@@ -129,7 +129,7 @@ impl<'t, 'a> Check<'t, 'a> {
         for ((node, kind), reads) in raw.iter().zip(&kinds).zip(&mut wiring) {
             let before = self.mistakes();
             templates.push(kind.as_ref().and_then(|kind| self.node(node, kind, &kinds, reads)));
-            self.tell_use(node, before);
+            self.add_use(node, before);
         }
         self.sink_paths(&templates);
         (templates, wiring)
@@ -255,7 +255,7 @@ impl<'t, 'a> Check<'t, 'a> {
     }
 
     /// Adds the use of the subgraph to mistakes inside it, and the place of reading to mistakes in given values.
-    fn tell_use(&mut self, node: &RawNode<'t>, before: usize) {
+    fn add_use(&mut self, node: &RawNode<'t>, before: usize) {
         let scope = &self.scopes[node.scope];
         let Some((used, _)) = &scope.used else { return };
         for mistake in &mut self.diagnostics[before..] {

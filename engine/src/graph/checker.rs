@@ -31,7 +31,7 @@ pub(crate) struct Check<'t, 'a> {
     pub axes: Arc<[Axis<'t>]>,
     pub gathers: HashMap<usize, Gather>,
     /// Number of wires so far that lead to missing nodes.
-    pub strangers: usize,
+    pub missing_nodes: usize,
 }
 
 impl<'t, 'a> Check<'t, 'a> {
@@ -56,7 +56,7 @@ impl<'t, 'a> Check<'t, 'a> {
             files: Vec::new(),
             axes: Arc::new([]),
             gathers: HashMap::new(),
-            strangers: 0,
+            missing_nodes: 0,
         }
     }
 

@@ -160,8 +160,8 @@ impl<'t> Check<'t, '_> {
         for (template, grid) in templates.iter().zip(&grids) {
             let Some(template) = template else { continue };
             for index in 0..grid.len().unwrap_or_default() {
-                let (point, told) = (grid.point(index), self.mistakes());
-                let node = self.instance(template, &point).filter(|_| self.mistakes() == told);
+                let (point, before_this) = (grid.point(index), self.mistakes());
+                let node = self.instance(template, &point).filter(|_| self.mistakes() == before_this);
                 // A mistake at one value is not repeated for the others.
                 let Some(mut node) = node else { break };
                 node.inputs = wires(template, &point, &grids, &first);

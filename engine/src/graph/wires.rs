@@ -13,7 +13,7 @@ use crate::text::diag::{Code, Diagnostic, nearest, shown};
 use crate::text::document::{RawField, RawNode, Scope};
 use crate::text::scan::Scanner;
 use crate::text::subgraph::value_of;
-use crate::text::values::{parse_value, sort_of};
+use crate::text::values::{form_of, parse_value};
 
 /// Number of wires to missing nodes that get a suggestion.
 const MOST_SUGGESTIONS: usize = 20;
@@ -143,8 +143,8 @@ impl<'t, 'a> Check<'t, 'a> {
         let mistake =
             Diagnostic::of(Code::UnknownNode, span.clone(), format!("no node is named `{}`", shown(id)));
         // Thousands of wires may refer to one renamed node, and each suggestion compares all names.
-        self.strangers += 1;
-        let near = (self.strangers <= MOST_SUGGESTIONS)
+        self.missing_nodes += 1;
+        let near = (self.missing_nodes <= MOST_SUGGESTIONS)
             .then(|| nearest(id, self.names.iter().filter_map(|id| id.strip_prefix(prefix))));
         self.report(match near.flatten() {
             Some(near) => mistake.hint(format!("did you mean `{near}`?")),
@@ -258,7 +258,7 @@ pub(crate) fn wire_names<'t>(
                             span.clone(),
                             format!("`{}` is not a wire", shown(text)),
                         );
-                        match sort_of(text) {
+                        match form_of(text) {
                             _ if text.ends_with(')') => mistake
                                 .label("a node stands in `nodes`, under a name")
                                 .hint("write `name: Kind(..)` there and \"name\" here"),

@@ -99,12 +99,12 @@ pub(crate) fn look_up(store: &Store, node: &Node, key: &Digest) -> Option<Record
 }
 
 /// Name of the history that holds the last keys of a graph's nodes.
-pub(crate) fn last_keys(graph: &Graph) -> String {
-    book(&graph.source, &graph.root)
+pub(crate) fn history_of(graph: &Graph) -> String {
+    history_name(&graph.source, &graph.root)
 }
 
 /// The same for a graph that was not parsed yet.
-pub(crate) fn book(source: &Source, root: &SourceRoot) -> String {
+pub(crate) fn history_name(source: &Source, root: &SourceRoot) -> String {
     let file = source.name.rsplit('/').next().unwrap_or_default();
     format!("last key\n{}\n{file}\n", root.folder().display())
 }
@@ -121,7 +121,7 @@ pub(crate) fn sizes<'s>(node: &Node, sources: &[ReadSource], output: impl Fn(Wir
 
 /// The last key and the key before it of a node with this name in a graph file with this name.
 fn keys_of(store: &Store, graph: &Graph, node: &Node) -> Vec<Digest> {
-    let bytes = store.history_get(&last_keys(graph), &node.id).unwrap_or_default();
+    let bytes = store.history_get(&history_of(graph), &node.id).unwrap_or_default();
     bytes.as_chunks::<32>().0.iter().map(|key| Digest::from_bytes(*key)).collect()
 }
 
@@ -143,11 +143,11 @@ pub(crate) fn manifest_before(store: &Store, graph: &Graph, node: &Node, now: &D
 }
 
 /// Adds the key of a node to the history of its graph, which keeps it and the one before.
-pub(crate) fn remember(store: &Store, book: &str, node: &Node, key: &Digest) {
-    let known = store.history_get(book, &node.id).unwrap_or_default();
+pub(crate) fn remember(store: &Store, history_name: &str, node: &Node, key: &Digest) {
+    let known = store.history_get(history_name, &node.id).unwrap_or_default();
     if !known.starts_with(key.as_bytes()) {
         let mut keys = key.as_bytes().to_vec();
         keys.extend(known.iter().take(32));
-        store.history_put(book, &node.id, &keys);
+        store.history_put(history_name, &node.id, &keys);
     }
 }

@@ -8,7 +8,7 @@ use cache::Store;
 use crate::kind::registry::KindEntry;
 
 /// Name of the history of paces.
-const BOOK: &str = "pace";
+const HISTORY: &str = "pace";
 /// Number of runs kept per kind.
 const KEPT: usize = 16;
 /// Bytes per run.
@@ -20,7 +20,7 @@ pub(crate) struct Pace(Vec<(f64, f64)>);
 impl Pace {
     /// The runs of this version of a kind in the store.
     pub fn of(store: &Store, kind: &KindEntry) -> Self {
-        let bytes = store.history_get(BOOK, &name(kind)).unwrap_or_default();
+        let bytes = store.history_get(HISTORY, &name(kind)).unwrap_or_default();
         let number = |bytes: &[u8]| bytes.first_chunk().map_or(0.0, |raw| f64::from_le_bytes(*raw));
         let runs = bytes.as_chunks::<RUN>().0.iter().map(|run| (number(&run[..8]), number(&run[8..])));
         let sound = |(work, seconds): &(f64, f64)| *work > 0.0 && work.is_finite() && *seconds >= 0.0;
@@ -37,7 +37,7 @@ impl Pace {
             .flat_map(|(work, seconds)| [work.to_le_bytes(), seconds.to_le_bytes()])
             .flatten()
             .collect();
-        store.history_put(BOOK, &name(kind), &bytes);
+        store.history_put(HISTORY, &name(kind), &bytes);
     }
 
     /// Forecast in seconds, in proportion to the run with the nearest work by ratio (the newest of equal ones).

@@ -77,7 +77,7 @@ pub(crate) fn recipe<'s>(
                 files,
                 "// n{}{READS}{} {}",
                 number[index],
-                told_name(&source.file.name),
+                one_line_name(&source.file.name),
                 source.digest
             );
         }
@@ -87,20 +87,20 @@ pub(crate) fn recipe<'s>(
 }
 
 /// The last component of a path. The name of a folder written as `.` or `..` depends on where the graph is, so it
-/// becomes `.` ([`HERE`]).
+/// becomes `.` ([`ANY_FOLDER`]).
 pub(crate) fn last(path: &str) -> &str {
     let path = path.trim_end_matches('/');
     match path.rsplit('/').next().unwrap_or(path) {
-        ".." => HERE,
+        ".." => ANY_FOLDER,
         name => name,
     }
 }
 
 /// Stands for a folder with any name.
-pub(crate) const HERE: &str = ".";
+pub(crate) const ANY_FOLDER: &str = ".";
 
 /// The name of a source file as written at the end of a recipe, on one line.
-pub(crate) fn told_name(path: &str) -> String {
+pub(crate) fn one_line_name(path: &str) -> String {
     last(path).replace(char::is_control, "_")
 }
 

@@ -12,7 +12,7 @@ use cache::{Digest, FileStamp, Store};
 
 use crate::graph::graph::Graph;
 use crate::kind::registry::{KindEntry, Registry};
-use crate::record::action::book;
+use crate::record::action::history_name;
 use crate::record::record;
 use crate::record::record::Record;
 use crate::run::event::{Event, State, Totals};
@@ -53,7 +53,7 @@ pub(crate) fn keep(store: &Store, graph: &Graph, out: &Path, slots: &[Slot]) {
 }
 
 fn name(source: &Source, root: &SourceRoot) -> String {
-    format!("unchanged\n{}", book(source, root))
+    format!("unchanged\n{}", history_name(source, root))
 }
 
 /// Digest of everything that a run depends on except kinds and files.

@@ -13,7 +13,7 @@ use crate::text::edit::replace_strings;
 
 /// A node of a recipe, or its scene, for comparison.
 #[derive(Debug, Clone)]
-pub(crate) struct Said {
+pub(crate) struct Described {
     /// Its name, which is a number.
     pub id: String,
     /// Its kind without the version; empty for the scene.
@@ -22,7 +22,7 @@ pub(crate) struct Said {
     pub fields: Vec<(String, String)>,
 }
 
-impl Said {
+impl Described {
     pub fn new(id: String, kind: String, fields: Vec<(String, String)>) -> Self {
         Self { id, kind, fields }
     }
@@ -30,7 +30,7 @@ impl Said {
 
 /// A node of a recipe and its inputs.
 struct Node<'s> {
-    said: &'s Said,
+    said: &'s Described,
     /// (node, output) by field.
     wires: Vec<(&'s str, Vec<(usize, String)>)>,
     /// Digest of the node and everything above it, without names.
@@ -44,7 +44,7 @@ fn wire<'t>(text: &'t str, above: &HashMap<&str, usize>) -> Option<(usize, &'t s
     Some((*above.get(id)?, output))
 }
 
-fn read(all: &[Said]) -> Vec<Node<'_>> {
+fn read(all: &[Described]) -> Vec<Node<'_>> {
     let mut above: HashMap<&str, usize> = HashMap::new();
     let mut nodes: Vec<Node<'_>> = Vec::with_capacity(all.len());
     for (index, said) in all.iter().enumerate() {
@@ -81,7 +81,7 @@ struct Pairs<'s> {
 }
 
 impl<'s> Pairs<'s> {
-    fn new(a: &'s [Said], b: &'s [Said]) -> Self {
+    fn new(a: &'s [Described], b: &'s [Described]) -> Self {
         let (of_a, of_b) = (vec![None; a.len()], vec![None; b.len()]);
         let mut pairs = Self { a: read(a), b: read(b), of_a, of_b, open: VecDeque::new() };
         // The scenes and the sinks, which are last.
@@ -173,7 +173,7 @@ fn inputs<'s>(node: &Node<'s>) -> Vec<(&'s str, Vec<usize>)> {
 /// The differences between two recipes, each given as its scene and then its nodes. Nodes have the names of the
 /// first recipe, and nodes that only the second has are named `b.n3`. Kinds are included for nodes without a
 /// counterpart.
-pub(crate) fn said_otherwise(a: &[Said], b: &[Said]) -> Vec<(String, NodeDifference)> {
+pub(crate) fn recipe_differences(a: &[Described], b: &[Described]) -> Vec<(String, NodeDifference)> {
     let pairs = Pairs::new(a, b);
     let own: HashMap<&str, usize> = b.iter().enumerate().map(|(index, said)| (&*said.id, index)).collect();
     let name = |index: usize| match pairs.of_b[index] {

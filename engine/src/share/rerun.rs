@@ -13,15 +13,15 @@ use crate::kind::param_type::Role;
 use crate::kind::registry::{Registry, camel};
 use crate::plan::diff::NodeDifference;
 use crate::record::action::read_sources;
-use crate::record::recipe::{HEAD, READS, told_name};
-use crate::share::pairing::{Said, said_otherwise};
+use crate::record::recipe::{HEAD, READS, one_line_name};
+use crate::share::pairing::{Described, recipe_differences};
 use crate::share::recipe_error::RecipeError;
-use crate::share::source_index::Shelf;
+use crate::share::source_index::SourceIndex;
 use crate::text::diag::Diagnostics;
 use crate::text::document::{Document, RawField};
 use crate::text::edit::replace_strings;
 use crate::text::source::Source;
-use crate::text::syntax::{Sort, parse_part};
+use crate::text::syntax::{FileKind, parse_part};
 use crate::value::error::NodeError;
 
 /// The recipe of a picture.
@@ -84,15 +84,15 @@ impl Recipe {
     /// If one of the graphs cannot be parsed.
     pub fn differences(&self, other: &Recipe) -> Result<Vec<(String, NodeDifference)>, RecipeError> {
         let (a, b) = (self.nodes()?, other.nodes()?);
-        Ok(said_otherwise(&a, &b))
+        Ok(recipe_differences(&a, &b))
     }
 
     /// The scene and the nodes in topological order.
-    fn nodes(&self) -> Result<Vec<Said>, RecipeError> {
+    fn nodes(&self) -> Result<Vec<Described>, RecipeError> {
         let document = self.document("recipe")?;
         let field = |field: &RawField<'_>| (field.name.to_owned(), field.text.to_owned());
         let scene = document.scene.iter().flat_map(|scene| &scene.fields).map(field).collect();
-        let mut nodes = vec![Said::new("scene".to_owned(), String::new(), scene)];
+        let mut nodes = vec![Described::new("scene".to_owned(), String::new(), scene)];
         for node in &document.nodes {
             let kind = self.kinds.iter().find(|(name, ..)| camel(name) == node.kind);
             let version =
@@ -108,14 +108,14 @@ impl Recipe {
                 fields.push((format!("the content of {file}{which}"), digest.short()));
             }
             let kind = kind.map_or(node.kind, |(name, ..)| name).to_owned();
-            nodes.push(Said::new(node.id.to_string(), kind, fields));
+            nodes.push(Described::new(node.id.to_string(), kind, fields));
         }
         Ok(nodes)
     }
 
     fn document(&self, name: &str) -> Result<Document<'_>, RecipeError> {
         let mut diagnostics = Vec::new();
-        let document = parse_part(&self.text, 0..self.text.len(), Sort::Graph, &mut diagnostics);
+        let document = parse_part(&self.text, 0..self.text.len(), FileKind::Graph, &mut diagnostics);
         if diagnostics.is_empty() {
             return Ok(document);
         }
@@ -137,7 +137,7 @@ impl Recipe {
         store: &Store,
     ) -> Result<Source, RecipeError> {
         let document = self.document(name)?;
-        let shelf = if self.sources.is_empty() { Shelf::default() } else { Shelf::of(folders)? };
+        let index = if self.sources.is_empty() { SourceIndex::default() } else { SourceIndex::of(folders)? };
         let mut missing = Vec::new();
         let mut edits = Vec::new();
         for node in &document.nodes {
@@ -149,12 +149,12 @@ impl Recipe {
             let mut wanted = Vec::new();
             for field in inputs() {
                 replace_strings(field.text, |path| {
-                    wanted.push(told_name(path));
+                    wanted.push(one_line_name(path));
                     String::new()
                 });
             }
             let sources = self.sources.get(&*node.id).map_or(&[][..], Vec::as_slice);
-            match shelf.settle(&wanted, sources, store) {
+            match index.settle(&wanted, sources, store) {
                 Ok(paths) => {
                     let mut paths = paths.into_iter();
                     for field in inputs() {
@@ -169,7 +169,7 @@ impl Recipe {
             edits.extend(one.map(|field| (field.span.clone(), format!("{file:?}"))));
         }
         if !missing.is_empty() {
-            missing.extend(shelf.is_cut().then(|| CUT.to_owned()));
+            missing.extend(index.is_cut().then(|| CUT.to_owned()));
             return Err(RecipeError::Missing(missing));
         }
         let mut text = self.text.clone();
@@ -191,7 +191,7 @@ impl Recipe {
             let known = self.sources.get(&node.id).map_or(&[][..], Vec::as_slice);
             let found = read_sources(graph, index, store)?;
             for (place, source) in found.iter().enumerate() {
-                let now = (told_name(&source.file.name), source.digest);
+                let now = (one_line_name(&source.file.name), source.digest);
                 if known.get(place) != Some(&now) {
                     let path = source.file.path.display();
                     let what = if known.contains(&now) {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use cache::{Digest, Store};
 
-use crate::record::recipe::{HERE, told_name};
+use crate::record::recipe::{ANY_FOLDER, one_line_name};
 use crate::share::recipe_error::RecipeError;
 
 /// Maximum number of files in the index.
@@ -17,20 +17,20 @@ type Read = (String, Digest);
 
 /// The folders of the user, and all files in them by file name.
 #[derive(Default)]
-pub(crate) struct Shelf {
+pub(crate) struct SourceIndex {
     roots: Vec<PathBuf>,
     files: BTreeMap<String, Vec<PathBuf>>,
     digests: RefCell<HashMap<PathBuf, Option<Digest>>>,
     cut: bool,
 }
 
-impl Shelf {
+impl SourceIndex {
     /// Indexes folders in order of their names. Links are not followed.
     ///
     /// # Errors
     /// If a folder cannot be read.
     pub fn of(folders: &[PathBuf]) -> Result<Self, RecipeError> {
-        let mut shelf = Self::default();
+        let mut index = Self::default();
         let mut count = 0;
         for folder in folders {
             let failed = |folder: &Path| {
@@ -38,7 +38,7 @@ impl Shelf {
                 move |source| RecipeError::Folder { folder, source }
             };
             let first = folder.canonicalize().map_err(failed(folder))?;
-            shelf.roots.push(first.clone());
+            index.roots.push(first.clone());
             let mut open = vec![first];
             while let Some(folder) = open.pop() {
                 let entries = std::fs::read_dir(&folder).map_err(failed(&folder))?;
@@ -49,18 +49,18 @@ impl Shelf {
                     let Ok(kind) = entry.file_type() else { continue };
                     let Ok(name) = entry.file_name().into_string() else { continue };
                     if count > MOST_FILES {
-                        shelf.cut = true;
-                        return Ok(shelf);
+                        index.cut = true;
+                        return Ok(index);
                     }
                     if kind.is_dir() {
                         open.push(entry.path());
                     } else if kind.is_file() {
-                        shelf.files.entry(told_name(&name)).or_default().push(entry.path());
+                        index.files.entry(one_line_name(&name)).or_default().push(entry.path());
                     }
                 }
             }
         }
-        Ok(shelf)
+        Ok(index)
     }
 
     /// Whether there are more files than the index holds.
@@ -89,7 +89,7 @@ impl Shelf {
                 true => before.iter().rposition(|(source, _)| source == name),
                 false => before.len().checked_sub(1),
             };
-            let Some(place) = place else { return Err(vec![untold(name, wanted, sources)]) };
+            let Some(place) = place else { return Err(vec![ambiguous(name, wanted, sources)]) };
             latest[which] = place;
         }
         let (mut paths, mut missing, mut at) = (Vec::new(), Vec::new(), 0);
@@ -103,7 +103,7 @@ impl Shelf {
                 false => Some(at),
             };
             let Some(begin) = begin.filter(|begin| *begin <= latest[which]) else {
-                missing.push(untold(name, wanted, sources));
+                missing.push(ambiguous(name, wanted, sources));
                 break;
             };
             missing.extend(folder.take().filter(|_| begin != at).map(|folder| absent(folder, None)));
@@ -123,7 +123,7 @@ impl Shelf {
                     at = begin + count;
                     folder = (!is_file).then_some(name);
                     // A folder without a name of its own keeps none, so that the recipe stays the same.
-                    paths.push(if name == HERE { format!("{path}/{HERE}") } else { path });
+                    paths.push(if name == ANY_FOLDER { format!("{path}/{ANY_FOLDER}") } else { path });
                 }
                 None => {
                     missing.push(absent(name, is_file.then(|| &sources[begin].1)));
@@ -147,8 +147,8 @@ impl Shelf {
     fn folder(&self, name: &str, run: &[Read], store: &Store) -> Option<(String, usize)> {
         let inside = |path: &&Path| self.roots.iter().any(|root| path.starts_with(root));
         let is_meant = |path: &&Path| {
-            let own = || path.file_name().and_then(|own| own.to_str()).map(told_name);
-            name == HERE || own().as_deref() == Some(name)
+            let own = || path.file_name().and_then(|own| own.to_str()).map(one_line_name);
+            name == ANY_FOLDER || own().as_deref() == Some(name)
         };
         let around = self.first_of(run, store).flat_map(|path| path.ancestors().skip(1));
         let all = around.filter(inside).filter(is_meant);
@@ -205,7 +205,7 @@ fn absent(name: &str, digest: Option<&Digest>) -> String {
         Some(digest) => {
             format!("`{name}` with the content {} is in none of the folders of `--inputs`", digest.short())
         }
-        None if name == HERE => {
+        None if name == ANY_FOLDER => {
             "none of the folders of `--inputs`, nor one in them, holds what it read".to_owned()
         }
         None => format!(
@@ -215,7 +215,7 @@ fn absent(name: &str, digest: Option<&Digest>) -> String {
 }
 
 /// The message if the names in a recipe match several files, or no file.
-fn untold(name: &str, wanted: &[String], sources: &[Read]) -> String {
+fn ambiguous(name: &str, wanted: &[String], sources: &[Read]) -> String {
     let times = wanted.iter().filter(|other| *other == name).count();
     let read = sources.iter().filter(|(source, _)| source == name).count();
     format!(

@@ -9,7 +9,7 @@ use crate::text::document::{Document, RawField};
 use crate::text::overlay::{Overlays, PRESETS};
 use crate::text::source::{Piece, PieceRole, Source, folder_of, plain};
 use crate::text::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
-use crate::text::syntax::{Sort, parse_part, parse_preset, parse_setting};
+use crate::text::syntax::{FileKind, parse_part, parse_preset, parse_setting};
 use crate::text::values::parse_value;
 use crate::value::root::{InputFile, SourceRoot};
 
@@ -87,9 +87,9 @@ fn named(source: &Source) -> BTreeSet<(PieceRole, String)> {
 fn read<'t>(source: &'t Source, piece: &Piece<'t>, diagnostics: &mut Vec<Diagnostic>) -> Document<'t> {
     match piece.role {
         PieceRole::Graph | PieceRole::Include | PieceRole::Subgraph => {
-            parse_part(&source.text, piece.span.clone(), Sort::Graph, diagnostics)
+            parse_part(&source.text, piece.span.clone(), FileKind::Graph, diagnostics)
         }
-        PieceRole::Overlay => parse_part(&source.text, piece.span.clone(), Sort::Overlay, diagnostics),
+        PieceRole::Overlay => parse_part(&source.text, piece.span.clone(), FileKind::Overlay, diagnostics),
         PieceRole::Setting => parse_setting(&source.text, piece.span.clone(), diagnostics),
         PieceRole::Preset => Document::default(),
     }

@@ -43,8 +43,8 @@ impl<'t> Overlays<'t> {
             let (nodes, block): (Vec<_>, Vec<_>) =
                 self.nodes.remove(name).unwrap_or_default().into_iter().partition(is_nodes);
             if name == "parameters" {
-                let strangers = block.iter().flat_map(|over| &over.fields);
-                diagnostics.extend(strangers.filter(|field| !known.contains(&field.name)).map(|field| {
+                let unknown = block.iter().flat_map(|over| &over.fields);
+                diagnostics.extend(unknown.filter(|field| !known.contains(&field.name)).map(|field| {
                     let what = format!("the graph has no parameter `{}`", shown(field.name));
                     Diagnostic::of(Code::UnknownField, field.name_span.clone(), what)
                         .suggest(field.name, known.iter().copied())
@@ -85,7 +85,7 @@ impl<'t> Overlays<'t> {
     }
 
     /// Reports overlays of nodes that do not exist, and axes that nothing reads.
-    pub fn strangers(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
+    pub fn report_unused(self, document: &Document<'t>, diagnostics: &mut Vec<Diagnostic>) {
         let given = || document.scopes.iter().flat_map(|scope| &scope.values);
         let fields = || document.nodes.iter().flat_map(|node| &node.fields).chain(given());
         for (axis, span) in self.axes {

@@ -100,7 +100,7 @@ pub(crate) fn expand<'t>(
         document.broken.extend(broken);
         document.scopes.push(scope);
     }
-    overlays.strangers(document, diagnostics);
+    overlays.report_unused(document, diagnostics);
 }
 
 type Used<'f, 't> = (&'f Document<'t>, Scope<'t>, Vec<Diagnostic>);

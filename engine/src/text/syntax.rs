@@ -13,7 +13,7 @@ const TOP: [&str; 7] = ["version", "include", "parameters", "scene", "axes", "pr
 
 /// The expected content of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Sort {
+pub(crate) enum FileKind {
     /// `Graph(..)`.
     Graph,
     /// `Overlay(..)`, whose nodes may omit their kind.
@@ -24,7 +24,7 @@ pub(crate) enum Sort {
 pub(crate) fn parse_part<'t>(
     text: &'t str,
     part: Range<usize>,
-    sort: Sort,
+    sort: FileKind,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Document<'t> {
     Parser::read(text, part, sort, diagnostics, Parser::graph)
@@ -36,7 +36,7 @@ pub(crate) fn parse_preset<'t>(
     part: Range<usize>,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Document<'t> {
-    Parser::read(text, part, Sort::Overlay, diagnostics, |parser| {
+    Parser::read(text, part, FileKind::Overlay, diagnostics, |parser| {
         let start = parser.scan.at;
         parser.nodes(start..start + 1);
     })
@@ -48,13 +48,13 @@ pub(crate) fn parse_setting<'t>(
     part: Range<usize>,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Document<'t> {
-    Parser::read(text, part, Sort::Overlay, diagnostics, Parser::setting)
+    Parser::read(text, part, FileKind::Overlay, diagnostics, Parser::setting)
 }
 
 /// Parses `name: Kind(..)` in the given range of the text; `None` if it is anything else.
 pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> {
     let (end, mut mistakes) = (part.end, Vec::new());
-    let mut document = Parser::read(text, part, Sort::Graph, &mut mistakes, |parser| {
+    let mut document = Parser::read(text, part, FileKind::Graph, &mut mistakes, |parser| {
         let start = parser.scan.at;
         let Some(name) = parser.scan.word() else { return };
         let span = start..parser.scan.at;
@@ -72,7 +72,7 @@ pub(crate) fn parse_node(text: &str, part: Range<usize>) -> Option<RawNode<'_>> 
 struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
-    sort: Sort,
+    sort: FileKind,
     /// Whether a node was found outside of `nodes`.
     stray: bool,
 }
@@ -81,7 +81,7 @@ impl<'t> Parser<'t> {
     fn read(
         text: &'t str,
         part: Range<usize>,
-        sort: Sort,
+        sort: FileKind,
         diagnostics: &mut Vec<Diagnostic>,
         read: impl FnOnce(&mut Self),
     ) -> Document<'t> {
@@ -105,9 +105,9 @@ impl<'t> Parser<'t> {
         let start = self.scan.at;
         let name = self.scan.word();
         self.scan.skip_space();
-        let wanted = if self.sort == Sort::Graph { "Graph" } else { "Overlay" };
+        let wanted = if self.sort == FileKind::Graph { "Graph" } else { "Overlay" };
         if name != Some(wanted) || self.scan.peek() != b'(' {
-            let file = if self.sort == Sort::Graph { "a graph file" } else { "an overlay" };
+            let file = if self.sort == FileKind::Graph { "a graph file" } else { "an overlay" };
             let what = format!("{file} begins with `{wanted}(`");
             return self.scan.report(Diagnostic::new(start..self.scan.at.max(start), what));
         }
@@ -122,7 +122,7 @@ impl<'t> Parser<'t> {
             match name {
                 "version" => parser.document.version = parser.value(name, span),
                 // In an overlay, all blocks have the same form.
-                "scene" | "axes" | "parameters" if parser.sort == Sort::Overlay => {
+                "scene" | "axes" | "parameters" if parser.sort == FileKind::Overlay => {
                     parser.add_node(name, span);
                 }
                 "scene" => parser.scene(span),
@@ -131,8 +131,10 @@ impl<'t> Parser<'t> {
                     let how = "`parameters` is written `parameters: (yaw_deg: 0.0, object: Required)`";
                     parser.document.parameters = parser.block(span, how).unwrap_or_default();
                 }
-                "include" if parser.sort == Sort::Graph => parser.document.include = parser.value(name, span),
-                "presets" if parser.sort == Sort::Graph => {
+                "include" if parser.sort == FileKind::Graph => {
+                    parser.document.include = parser.value(name, span)
+                }
+                "presets" if parser.sort == FileKind::Graph => {
                     let how = "`presets` is written `presets: (draft: (trace: (samples: 4)))`";
                     parser.document.presets = parser.block(span, how).unwrap_or_default();
                 }
@@ -253,7 +255,7 @@ impl<'t> Parser<'t> {
 
     /// In an overlay, a name may refer to a node in a subgraph: `left.pose`.
     fn nested(&mut self, name: &'t str, start: usize) -> &'t str {
-        while self.sort == Sort::Overlay && self.scan.eat(b'.') {
+        while self.sort == FileKind::Overlay && self.scan.eat(b'.') {
             self.scan.word();
         }
         self.scan.text.get(start..self.scan.at).unwrap_or(name)
@@ -353,7 +355,7 @@ impl<'t> Parser<'t> {
 
     fn node(&mut self, id: &'t str, id_span: Range<usize>) -> Option<RawNode<'t>> {
         let start = self.scan.at;
-        let bare = self.sort == Sort::Overlay && self.scan.peek() == b'(';
+        let bare = self.sort == FileKind::Overlay && self.scan.peek() == b'(';
         let Some(mut kind) = (if bare { Some("") } else { self.scan.word() }) else {
             let what = format!("`{}` is not a node", shown(id));
             self.scan.report(Diagnostic::new(id_span, what).label("expected `name: Kind(field: value, ..)`"));

@@ -17,7 +17,7 @@ pub(crate) fn parse_value<'t, T: serde::Deserialize<'t>>(text: &'t str) -> Resul
 }
 
 /// The everyday name of the form of a value.
-pub(crate) fn sort_of(text: &str) -> &'static str {
+pub(crate) fn form_of(text: &str) -> &'static str {
     match text.bytes().next().unwrap_or_default() {
         b'"' => "text",
         b'\'' => "a letter",
@@ -42,7 +42,7 @@ pub(crate) fn with_article(described: &str) -> String {
 
 /// The mistake inside a group or list of numbers of the right form: their count, or an item that is not a number.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
-    let (numbers, sort) = (described.contains("number"), sort_of(text));
+    let (numbers, sort) = (described.contains("number"), form_of(text));
     let wanted: Option<usize> =
         described.split_once(" numbers in ( )").and_then(|(count, _)| count.parse().ok());
     if !numbers || sort != if wanted.is_some() { "a group in ( )" } else { "a list" } {
@@ -130,7 +130,7 @@ pub(crate) fn value_mistake(
             mistake(format!("`{name}`: {}{rest}", first.to_lowercase())).label(format!("expected {wanted}"))
         }
         _ => {
-            let sort = sort_of(text);
+            let sort = form_of(text);
             let is_number = sort == "a number";
             let found = if is_number { shown(text) } else { sort.into() };
             let mistake = mistake(format!("`{name}` takes {wanted}, not {found}"));

@@ -100,8 +100,8 @@ impl Engine {
                 prepare(graph, index, sources[index].clone(), output, above, Vec::new()).map_err(refused)?;
             let manifest = action.key.as_ref().map(|key| &key.manifest).expect("a prepared action has a key");
             // Times are left out.
-            let told = Record { spent: Spent::default(), ..record.clone() };
-            parts.record(action.digest(), told.encode(manifest));
+            let timeless = Record { spent: Spent::default(), ..record.clone() };
+            parts.record(action.digest(), timeless.encode(manifest));
             packed.known += 1;
             let chosen = match results {
                 Results::Digests => false,

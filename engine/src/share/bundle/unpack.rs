@@ -36,7 +36,7 @@ impl<R: Read + Seek> Bundle<R> {
         let parent =
             target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::create_dir_all(parent).map_err(failed("create", parent))?;
-        let passing = TempFolder::create_in(parent).map_err(|error| BundleError::Refused(told(error)))?;
+        let passing = TempFolder::create_in(parent).map_err(|error| BundleError::Refused(cause(error)))?;
         let files: Vec<String> = self.files().map(|(name, ..)| name.to_owned()).collect();
         for name in files {
             // The name was checked when the bundle was opened: it is relative and does not lead upwards.
@@ -129,7 +129,7 @@ impl<R: Read + Seek> Bundle<R> {
 }
 
 /// Operation, path and system error in one line.
-pub(super) fn told(error: cache::Error) -> String {
+pub(super) fn cause(error: cache::Error) -> String {
     crate::value::error::NodeError::from(error).to_string()
 }
 

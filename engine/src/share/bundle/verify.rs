@@ -19,7 +19,7 @@ use crate::run::job::stored_value;
 use crate::run::options::RunOptions;
 use crate::share::bundle::container::{Bundle, BundleError};
 use crate::share::bundle::names::{GRAPH, LOCK};
-use crate::share::bundle::unpack::told as cause;
+use crate::share::bundle::unpack::cause;
 use crate::text::diag::Diagnostics;
 use crate::text::source::Source;
 use crate::value::artifact::Difference;
@@ -106,9 +106,9 @@ pub fn verify<R: Read + Seek>(
     };
 
     // The results claimed by the bundle, by the keys of this program.
-    let told = open("told")?;
-    bundle.fill(told.store())?;
-    let mut outlook = Outlook::new(&told, &graph);
+    let claimed = open("claimed")?;
+    bundle.fill(claimed.store())?;
+    let mut outlook = Outlook::new(&claimed, &graph);
     let mut known: BTreeMap<usize, (Digest, Record)> = BTreeMap::new();
     for &index in graph.order() {
         let fate = outlook.fate(index);
@@ -117,7 +117,7 @@ pub fn verify<R: Read + Seek>(
             known.insert(index, (outlook.actions[index].digest(), record.clone()));
         }
     }
-    let now = told.lock(&graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(|e| refused(&e))?;
+    let now = claimed.lock(&graph, &(0..graph.nodes.len()).collect::<Vec<_>>()).map_err(|e| refused(&e))?;
     let mut differences = lock.differences(&now).before;
     // Kinds and source files are equal, but the lock has a result without a record in the bundle.
     if differences.is_empty() {
@@ -138,16 +138,16 @@ pub fn verify<R: Read + Seek>(
     let chosen_keys: BTreeSet<[u8; 32]> = chosen.iter().map(|index| *known[index].0.as_bytes()).collect();
 
     // A store with all results except theirs. Their values are left out as well, since they may be wrong.
-    let anew = open("anew")?;
+    let recomputed = open("recomputed")?;
     let kept = bundle.values().into_iter().map(|(digest, _)| digest).collect();
     for (key, content) in bundle.records() {
         if !chosen_keys.contains(key.as_bytes()) {
-            bundle.put_record(anew.store(), &key, content, &kept)?;
+            bundle.put_record(recomputed.store(), &key, content, &kept)?;
         }
     }
     for (digest, content) in bundle.values() {
         let bytes = bundle.read(content)?;
-        anew.store().put_blob_as(&digest, &bytes).map_err(|e| refused(&e))?;
+        recomputed.store().put_blob_as(&digest, &bytes).map_err(|e| refused(&e))?;
     }
     if chosen.is_empty() {
         return Ok(Verified { nodes: Vec::new(), known: known.len(), differences, failures: None });
@@ -155,9 +155,9 @@ pub fn verify<R: Read + Seek>(
     let only: Vec<usize> = chosen.iter().copied().collect();
     let (out, cancel) = (place.path().join("out"), options.cancel.clone());
     let run = RunOptions { out, only, cancel, ..RunOptions::default() };
-    let outcome = anew.run(&graph, &run, &mut tell);
+    let outcome = recomputed.run(&graph, &run, &mut tell);
 
-    let mut made = Outlook::new(&anew, &graph);
+    let mut made = Outlook::new(&recomputed, &graph);
     let mut nodes = Vec::new();
     for &index in graph.order() {
         let fate = made.fate(index);
@@ -175,7 +175,7 @@ pub fn verify<R: Read + Seek>(
                     let value = |engine: &Engine, digest: &Digest| {
                         stored_value(engine.store(), &port.artifact, digest)
                     };
-                    let pair = value(&told, &then.digest).zip(value(&anew, &now.digest));
+                    let pair = value(&claimed, &then.digest).zip(value(&recomputed, &now.digest));
                     let difference = pair.map(|(then, now)| port.artifact.difference(&then, &now));
                     Verdict::Differs { output: port.name.to_owned(), difference }
                 })
