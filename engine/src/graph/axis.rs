@@ -55,7 +55,7 @@ impl<'t> Axis<'t> {
             }
             Ok(Values::Range(from, to, step)) => range(from, to, step.unwrap_or(1.0))
                 .map_err(|why| wrong(format!("`{}` {why}", field.name)))?,
-            Err(_) => return Err(wrong(format!("`{}` is no axis: {}", field.name, shown(field.text)))),
+            Err(_) => return Err(wrong(format!("`{}` is not an axis: {}", field.name, shown(field.text)))),
         };
         let values: Vec<String> = values;
         if values.is_empty() || values.len() > MOST_VALUES {
@@ -89,13 +89,11 @@ impl<'t> Axis<'t> {
 /// The values of a range as text: whole numbers if start and step are whole.
 fn range(from: f64, to: f64, step: f64) -> Result<Vec<String>, String> {
     if ![from, to, step].iter().all(|number| number.is_finite()) || step == 0.0 {
-        return Err("is no range: its numbers are finite, and its step is not 0".to_owned());
+        return Err("is not a valid range: its numbers must be finite and its step must not be 0".to_owned());
     }
     let count = ((to - from) / step).ceil();
     if count < 1.0 {
-        return Err(format!(
-            "has no value: steps of {step} lead nowhere from {from} to {to}, which is left out"
-        ));
+        return Err(format!("has no values: steps of {step} from {from} do not approach {to} (exclusive)"));
     }
     if count > MOST_VALUES as f64 {
         return Err(format!("has more than {MOST_VALUES} values"));
@@ -134,7 +132,7 @@ pub(crate) fn axes_read(
         let place = if as_written { span.start + call.start..span.start + call.end } else { span.clone() };
         let text = &text[call];
         let call = parse_value::<Call<'_>>(text).map_err(|_| {
-            Diagnostic::new(place.clone(), format!("`{}` is not how an axis is read", shown(text)))
+            Diagnostic::new(place.clone(), format!("`{}` does not read an axis", shown(text)))
                 .hint("write `Axis(\"yaw\")`, or `Track(\"frame\", [(0, 1.0), (11, 2.5)])`")
         })?;
         let (Call::Axis(name) | Call::Track(name, _)) = &call;
@@ -142,7 +140,7 @@ pub(crate) fn axes_read(
             let mistake = Diagnostic::new(place, format!("the graph has no axis `{}`", shown(name)));
             return Err(match nearest(name, axes.iter().map(|axis| axis.name)) {
                 Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-                None => mistake.hint("axes stand beside `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
+                None => mistake.hint("axes are declared next to `nodes`: `axes: (yaw: List([0.0, 15.0]))`"),
             });
         };
         if let Call::Track(_, keys) = &call
@@ -196,7 +194,7 @@ fn track(keys: &[(f64, &RawValue)], place: &str) -> Result<String, String> {
         || keys.windows(2).any(|pair| pair[0].0 >= pair[1].0 || pair[0].1.len() != pair[1].1.len())
     {
         return Err(
-            "the places of a track ascend, and its values are all numbers or all of one length".to_owned()
+            "the keys of a track must be in ascending order, and its values all numbers or all of the same length".to_owned()
         );
     }
     let after = keys.partition_point(|(at, _)| *at <= place);
@@ -256,14 +254,14 @@ mod tests {
             ("Range(0, 0)", "has no value: steps of 1 lead nowhere from 0 to 0"),
             ("Range(4, 0)", "has no value"),
             ("Range(0, 1e9)", "has more than 100000 values"),
-            ("Range(0, NaN)", "is no range"),
+            ("Range(0, NaN)", "is not a valid range"),
             ("Range(0, 1, 0)", "its step is not 0"),
             ("Range(0, inf, 1)", "its numbers are finite"),
         ] {
             assert!(values(text).is_err_and(|why| why.contains(wanted)), "{text}");
         }
         for text in ["3", "Range(0)", "List(1)", "Rnge(0, 3)"] {
-            assert!(values(text).is_err_and(|why| why.contains("is no axis")), "{text}");
+            assert!(values(text).is_err_and(|why| why.contains("is not an axis")), "{text}");
         }
         assert!(values("List([])").is_err_and(|why| why.contains("has 0 values")));
         assert!(values("List([1, 2, 1])").is_err_and(|why| why.contains("has the value 1 twice")));
@@ -294,7 +292,7 @@ mod tests {
         let wrong = |text| read(text).expect_err(text);
         assert_eq!(wrong("(1, Axis(\"yow\"))").span, 9..20);
         assert!(wrong("Axis(\"yow\")").hints[0].contains("did you mean `yaw`?"));
-        assert!(wrong("Axis(yaw)").message.contains("is not how an axis is read"));
+        assert!(wrong("Axis(yaw)").message.contains("does not read an axis"));
         assert!(wrong("Track(\"file\", [(0, 1)])").message.contains("needs an axis of numbers"));
         assert!(wrong("Track(\"frame\", [])").message.contains("ascend"));
         assert!(wrong("Track(\"frame\", [(1, 1), (1, 2)])").message.contains("ascend"));

@@ -37,7 +37,7 @@ impl<'t, 'a> Check<'t, 'a> {
         }
         if document.version.is_none() && document.whole {
             self.report(
-                Diagnostic::of(Code::Missing, whole.clone(), "the graph does not state its version")
+                Diagnostic::of(Code::Missing, whole.clone(), "the graph has no `version`")
                     .hint("begin it with `version: 1,`"),
             );
         }

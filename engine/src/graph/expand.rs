@@ -145,7 +145,10 @@ impl<'t> Check<'t, '_> {
             let widest = counts().max_by_key(|(_, grid)| grid.len().unwrap_or(usize::MAX));
             let span = widest.and_then(|(template, _)| template.as_ref()).map(|t| t.raw.id_span.clone());
             let what = format!("the axes make more than {MOST_INSTANCES} nodes of the graph");
-            self.report(Diagnostic::new(span.unwrap_or_default(), what).label("most of them of this one"));
+            self.report(
+                Diagnostic::new(span.unwrap_or_default(), what)
+                    .label("most of them are instances of this node"),
+            );
         }
         if self.mistakes() > before {
             return Vec::new();
@@ -187,7 +190,8 @@ impl<'t> Check<'t, '_> {
                     );
                     if let Some(&axis) = gathered.iter().find(|axis| !above.has(**axis)) {
                         let name = templates[wire.node].as_ref().map_or("", |t| &*t.raw.id);
-                        let what = format!("`{}` is the same along `{}`", shown(name), self.axes[axis].name);
+                        let what =
+                            format!("`{}` does not vary along `{}`", shown(name), self.axes[axis].name);
                         let span = template.node.place(Some(template.node.kind.inputs[port].name));
                         self.report(Diagnostic::new(span, what).label("there is nothing to gather"));
                     }
@@ -210,10 +214,11 @@ impl<'t> Check<'t, '_> {
                 self.file_names(axis, &span());
             }
             if grid.has(index) && !named {
-                let what = format!("`{path}` is one file, there is one for each value of `{}`", axis.name);
+                let what =
+                    format!("`{path}` names one file, but there is one for each value of `{}`", axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
             } else if !grid.has(index) && path.contains(&holder) {
-                let what = format!("`{}` is the same along `{}`", template.node.id, axis.name);
+                let what = format!("`{}` does not vary along `{}`", template.node.id, axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("leave `{holder}` out of the path")));
             }
         }
@@ -225,8 +230,8 @@ impl<'t> Check<'t, '_> {
         for value in 0..axis.values.len() {
             if let Some(first) = seen.insert(file_text(axis, value), value) {
                 let (a, b) = (shown(&axis.values[first]), shown(&axis.values[value]));
-                let what = format!("the values {a} and {b} of `{}` would be one file", axis.name);
-                return self.report(Diagnostic::new(span.clone(), what).hint("name one of them otherwise"));
+                let what = format!("the values {a} and {b} of `{}` give the same file name", axis.name);
+                return self.report(Diagnostic::new(span.clone(), what).hint("rename one of them"));
             }
         }
     }

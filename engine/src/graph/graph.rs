@@ -137,7 +137,7 @@ impl Graph {
             let error = match node.step.sources(&self.root) {
                 Err(error) => error,
                 Ok(sources) => match sources.iter().find(|source| !source.path.is_file()) {
-                    Some(source) => NodeError::new(format!("`{}` is no file", source.path.display())),
+                    Some(source) => NodeError::new(format!("`{}` is not a file", source.path.display())),
                     None => continue,
                 },
             };
@@ -204,7 +204,7 @@ impl Graph {
         for index in sinks {
             let node = &self.nodes[index];
             if let (Some(views @ 2..), Some(path)) = (views[index], &node.sink_path) {
-                let what = format!("`{path}` names one file, but {views} views come to it");
+                let what = format!("`{path}` names one file, but there are {views} views");
                 let hint = format!("put `{{view}}` into the path: \"{}\"", with_view(path));
                 mistakes
                     .push(Diagnostic::of(Code::OutputPath, self.place(index, Some("path")), what).hint(hint));

@@ -62,9 +62,9 @@ pub(crate) fn describe_cycle(raw: &[RawNode<'_>], wiring: &Wiring, group: &[usiz
     let place = |node: usize| inside(node).map_or(raw[node].id_span.clone(), |(_, span)| span.clone());
     let mut diagnostic =
         Diagnostic::of(Code::Cycle, place(cycle[0]), format!("a cycle: {}", names.join(" -> ")))
-            .label(format!("`{}` reads what is made from it", raw[cycle[0]].id));
+            .label(format!("`{}` depends on itself", raw[cycle[0]].id));
     for &node in cycle.iter().skip(1).take(shown) {
-        diagnostic = diagnostic.related(place(node), format!("by way of `{}`", raw[node].id));
+        diagnostic = diagnostic.related(place(node), format!("through `{}`", raw[node].id));
     }
     diagnostic
 }

@@ -53,7 +53,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         raw.kind_span.clone(),
                         format!("`{}` needs the input `{}`", kind.camel_name(), port.name),
                     )
-                    .label(format!("wire it to an output of type `{}`", port.artifact.name)),
+                    .label(format!("connect an output of type `{}`", port.artifact.name)),
                 );
             }
             return Vec::new();
@@ -201,7 +201,7 @@ impl<'t, 'a> Check<'t, 'a> {
             )
             .label(format!("this is of type `{given}`"));
             if !fitting.is_empty() {
-                diagnostic = diagnostic.hint(format!("{} would fit", fitting.join(" or ")));
+                diagnostic = diagnostic.hint(format!("use {}", fitting.join(" or ")));
             }
             self.report(diagnostic);
             return None;
@@ -244,7 +244,7 @@ pub(crate) fn wire_names<'t>(
                         let what = format!("`{}` is not a wire", shown(value.text));
                         return Err(Diagnostic::of(Code::Wiring, value.span.clone(), what)
                             .label(how())
-                            .related(span, "it is read as one here"));
+                            .related(span, "used as a wire here"));
                     }
                 }
                 Some(plain) if !plain.contains('\\') => {
@@ -260,7 +260,7 @@ pub(crate) fn wire_names<'t>(
                         );
                         match form_of(text) {
                             _ if text.ends_with(')') => mistake
-                                .label("a node stands in `nodes`, under a name")
+                                .label("a node must be in `nodes` and have a name")
                                 .hint("write `name: Kind(..)` there and \"name\" here"),
                             "a word" if !text.is_empty() => {
                                 mistake.label(format!("write \"{}\"", shown(text)))
@@ -279,7 +279,10 @@ pub(crate) fn wire_names<'t>(
             }
             steps += 1;
             if steps > MOST_WIRES {
-                return Err(Diagnostic::new(field.span.clone(), "these are too many wires, or in a circle"));
+                return Err(Diagnostic::new(
+                    field.span.clone(),
+                    "too many wires, or parameters that refer to each other in a cycle",
+                ));
             }
             match value {
                 Some(value) => {

@@ -31,7 +31,7 @@ pub struct Lock {
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// The text does not parse.
-    #[error("{name}: this is no lock: {why}")]
+    #[error("{name}: not a lock: {why}")]
     Form {
         /// Name of the file.
         name: String,
@@ -39,7 +39,7 @@ pub enum LockError {
         why: String,
     },
     /// The lock has another format.
-    #[error("{name}: the lock is of format {format}, and this program reads {FORMAT}")]
+    #[error("{name}: the lock has format {format}, but this program reads format {FORMAT}")]
     Format {
         /// Name of the file.
         name: String,
@@ -119,7 +119,7 @@ impl Lock {
             match self.kinds.get(kind) {
                 None => found.before.push(format!("the lock has no kind `{kind}`")),
                 Some(known) if *known != (*version, profile.clone()) => found.before.push(format!(
-                    "`{kind}` is version {version} ({profile}), and the lock has {} ({})",
+                    "`{kind}` is version {version} ({profile}), but the lock has {} ({})",
                     known.0, known.1
                 )),
                 _ => {}
@@ -129,7 +129,7 @@ impl Lock {
             match self.inputs.get(name) {
                 None => found.before.push(format!("the lock has no input `{name}`")),
                 Some(known) if known != digest => found.before.push(format!(
-                    "`{name}` has other content: {}, and the lock has {}",
+                    "`{name}` has the content {}, but the lock has {}",
                     short(digest),
                     short(known)
                 )),
@@ -141,7 +141,9 @@ impl Lock {
             for (port, digest) in outputs {
                 if let Some(known) = known.get(port).filter(|known| *known != digest) {
                     let (now, then) = (short(digest), short(known));
-                    found.results.push(format!("`{node}.{port}` came out as {now}, and the lock has {then}"));
+                    found
+                        .results
+                        .push(format!("the result of `{node}.{port}` is {now}, but the lock has {then}"));
                 }
             }
         }

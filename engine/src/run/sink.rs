@@ -25,7 +25,7 @@ pub(crate) fn targets(
     let mut seen: BTreeMap<String, &str> = BTreeMap::new();
     for file in files {
         if let Some(first) = seen.insert(plain_name(&file.view), &file.view) {
-            let message = format!("the views `{first}` and `{}` would be one file", file.view);
+            let message = format!("the views `{first}` and `{}` give the same file name", file.view);
             return Err(NodeError::new(message).at("path"));
         }
     }

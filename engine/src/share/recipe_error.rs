@@ -8,7 +8,7 @@ use crate::text::diag::Diagnostics;
 #[derive(Debug, thiserror::Error)]
 pub enum RecipeError {
     /// There is no recipe, or it has another format.
-    #[error("the picture carries no recipe that this program reads")]
+    #[error("the picture has no recipe that this program can read")]
     NoRecipe,
     /// Its graph has mistakes.
     #[error(transparent)]
@@ -17,7 +17,7 @@ pub enum RecipeError {
     #[error("{}", .0.join("\n"))]
     Missing(Vec<String>),
     /// A folder cannot be read.
-    #[error("cannot look into `{}`: {source}", folder.display())]
+    #[error("cannot read the folder `{}`: {source}", folder.display())]
     Folder {
         /// Path of the folder.
         folder: PathBuf,

@@ -66,7 +66,7 @@ impl Recipe {
     /// Kinds that this program does not have, or has in another version, so that the picture would differ.
     pub fn other_kinds(&self, registry: &Registry) -> Vec<String> {
         let other = |(name, version, profile): &(String, u32, String)| match registry.get(name) {
-            None => Some(format!("there is no kind `{name}` here")),
+            None => Some(format!("this program has no kind `{name}`")),
             Some(kind) if kind.version != *version || kind.profile != profile => Some(format!(
                 "the picture was made by `{name}` {version} ({profile}), and this is {} ({})",
                 kind.version, kind.profile
@@ -196,7 +196,7 @@ impl Recipe {
                     let path = source.file.path.display();
                     let what = if known.contains(&now) {
                         format!(
-                            "`{path}`, which `{}` reads, is not in the place where the picture had it",
+                            "`{path}`, which `{}` reads, was not one of the source files of the picture",
                             node.id
                         )
                     } else {
@@ -207,8 +207,7 @@ impl Recipe {
             }
             for (name, digest) in known.iter().skip(found.len()) {
                 let digest = digest.short();
-                other
-                    .push(format!("`{}` does not read `{name}` with the content {digest} any more", node.id));
+                other.push(format!("`{}` no longer reads `{name}` with the content {digest}", node.id));
             }
         }
         Ok(other)
@@ -216,4 +215,4 @@ impl Recipe {
 }
 
 /// The message if not all files could be inspected.
-const CUT: &str = "(the folders of `--inputs` hold more files than are looked through; name smaller ones)";
+const CUT: &str = "(the folders of `--inputs` contain too many files to search; name smaller folders)";

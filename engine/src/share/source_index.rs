@@ -203,13 +203,11 @@ impl SourceIndex {
 fn absent(name: &str, digest: Option<&Digest>) -> String {
     match digest {
         Some(digest) => {
-            format!("`{name}` with the content {} is in none of the folders of `--inputs`", digest.short())
+            format!("no folder of `--inputs` contains `{name}` with the content {}", digest.short())
         }
-        None if name == ANY_FOLDER => {
-            "none of the folders of `--inputs`, nor one in them, holds what it read".to_owned()
-        }
+        None if name == ANY_FOLDER => "no folder of `--inputs` contains the files that it read".to_owned(),
         None => format!(
-            "`{name}`, with the files that were read, is none of the folders of `--inputs` and in none of them"
+            "no folder of `--inputs` is or contains `{name}` with the files this picture was made from"
         ),
     }
 }

@@ -173,13 +173,15 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
     if root.is_outside(&file) {
         outside(name, place)
     } else if root.is_strange(&file.path) {
-        Diagnostic::new(place, format!("`{}` came out of a bundle", shown(name)))
-            .label("it would read whatever this graph may")
-            .hint("remove `.lightharmony-bundle` from its folder to make it your own, or run it by itself")
+        Diagnostic::new(place, format!("`{}` belongs to an unpacked bundle", shown(name)))
+            .label("included, it could read whatever this graph may")
+            .hint(
+                "if you trust it, remove `.lightharmony-bundle` from its folder; otherwise run it on its own",
+            )
     } else {
         let why = match std::fs::read_to_string(&file.path) {
             Err(error) => error.to_string(),
-            Ok(_) => "too many files, or too long".to_owned(),
+            Ok(_) => "too many files, or too many bytes".to_owned(),
         };
         Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read: {why}", shown(name)))
             .hint("paths are relative to the folder of the file that names them")
@@ -190,7 +192,7 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
 pub(crate) fn outside(name: &str, place: Range<usize>) -> Diagnostic {
     Diagnostic::new(place, format!("`{}` may not be read", shown(name)))
         .label("outside of the bundle")
-        .hint("a graph of a bundle or a picture reads inside the bundle and the folders of `--inputs`")
+        .hint("a graph from a bundle or a picture may only read in the bundle and the folders of `--inputs`")
 }
 
 /// A document merged with its includes, recursively. Its own scene takes precedence, then that of the first file
@@ -249,13 +251,13 @@ fn preset<'t>(
     let mistake = Diagnostic::new(piece.span.clone(), format!("the graph has no preset `{}`", shown(name)));
     diagnostics.push(match known().next() {
         None => mistake.suggest(name, PRESETS).hint(format!(
-            "every graph has {}; its own stand beside `nodes`: `presets: (dark: (trace: (samples: 4)))`",
+            "built-in presets are {}; own presets are declared next to `nodes`: `presets: (dark: (trace: (samples: 4)))`",
             PRESETS.join(", ")
         )),
         Some(_) => {
             let list: Vec<&str> = known().collect();
             mistake.suggest(name, known().chain(PRESETS)).hint(format!(
-                "it has {}, and every graph {}",
+                "its presets are {}; built-in presets are {}",
                 list.join(", "),
                 PRESETS.join(", ")
             ))

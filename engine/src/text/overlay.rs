@@ -105,9 +105,7 @@ impl<'t> Overlays<'t> {
                 (Some(near), _) => mistake.hint(format!("did you mean `{near}`?")),
                 (None, Some((id, rest))) if known(id) => {
                     let parameter = rest.split('.').next().unwrap_or(rest);
-                    mistake.hint(format!(
-                        "a parameter is set whole, with all that is in it: `{id}.{parameter}=..`"
-                    ))
+                    mistake.hint(format!("set the whole parameter: `{id}.{parameter}=..`"))
                 }
                 (None, _) => mistake,
             });

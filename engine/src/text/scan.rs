@@ -95,7 +95,7 @@ impl<'t> Scanner<'t> {
             }
         }
         self.endless = true;
-        self.report(Diagnostic::new(start..start + 2, "a comment is not closed").hint("end it with `*/`"));
+        self.report(Diagnostic::new(start..start + 2, "unterminated comment").hint("end it with `*/`"));
     }
 
     /// Reads an identifier: letters, digits and `_`, not beginning with a digit.
@@ -160,7 +160,7 @@ impl<'t> Scanner<'t> {
         let end = line.find([',', ')', ']']).unwrap_or(line.len());
         self.at = start + 1 + line[..end].trim_end().len();
         self.report(
-            Diagnostic::new(start..self.at, "this text is not closed")
+            Diagnostic::new(start..self.at, "unterminated string")
                 .label("a `\"` is missing at its end or its start"),
         );
     }
@@ -183,7 +183,7 @@ impl<'t> Scanner<'t> {
                 self.endless = true;
                 let opening = start..start + hashes + 1;
                 self.report(
-                    Diagnostic::new(opening, "this text is not closed").label(format!("ends with {close}")),
+                    Diagnostic::new(opening, "unterminated string").label(format!("ends with {close}")),
                 );
             }
         }
@@ -301,7 +301,7 @@ fn closing(open: u8) -> u8 {
 }
 
 fn quotes(span: Range<usize>, inside: Option<&str>) -> Diagnostic {
-    let plain = Diagnostic::new(span, "text stands in straight double quotes");
+    let plain = Diagnostic::new(span, "strings are written in straight double quotes");
     match inside {
         Some(inside) => plain.label(format!("write \"{inside}\"")),
         None => plain.label("write \"..\""),

@@ -80,9 +80,10 @@ pub(crate) fn expand<'t>(
         };
         let nodes = document.nodes.len() + open.len() + file.nodes.len();
         if nodes > MOST_NODES || document.scopes.len() > MOST_USES {
-            let what =
-                format!("subgraphs make more than {MOST_NODES} nodes of the graph, or are {MOST_USES}");
-            return diagnostics.push(Diagnostic::new(node.id_span, what).label("this one is one too many"));
+            let what = format!(
+                "subgraphs expand to more than {MOST_NODES} nodes, or are used more than {MOST_USES} times"
+            );
+            return diagnostics.push(Diagnostic::new(node.id_span, what).label("exceeded here"));
         }
         let number = document.scopes.len();
         let inside = |inner: &RawNode<'t>| {
@@ -115,7 +116,7 @@ fn use_of<'f, 't>(
 ) -> Result<Used<'f, 't>, Box<Diagnostic>> {
     let Some(field) = node.fields.iter().find(|field| field.name == FILE) else {
         let what = format!("`{SUBGRAPH}` needs `{FILE}`");
-        let how = "the file whose nodes it stands for: graph: \"chair.ron\"";
+        let how = "name the graph file: graph: \"chair.ron\"";
         return Err(Diagnostic::of(Code::Missing, node.kind_span.clone(), what).label(how).into());
     };
     let Ok(path) = parse_value::<String>(field.text) else {
@@ -132,7 +133,7 @@ fn use_of<'f, 't>(
         match &around.used {
             Some((_, outer)) if depth <= DEEPEST => around = &scopes[*outer],
             Some(_) => {
-                let what = format!("subgraphs lie in each other more than {DEEPEST} deep");
+                let what = format!("subgraphs are nested more than {DEEPEST} deep");
                 return Err(Diagnostic::new(field.span.clone(), what).into());
             }
             None => return Ok(fill(node, file, document, depth)),
@@ -153,7 +154,7 @@ fn fill<'f, 't>(node: &RawNode<'t>, file: &'t str, document: &'f Document<'t>, d
             let what = format!("`{}` has no parameter `{}`", shown(file), shown(field.name));
             let list: Vec<&str> = known().collect();
             let hint = if list.is_empty() {
-                "it states none; `parameters: (yaw_deg: 0.0)` stands beside its `nodes`".to_owned()
+                "it has no parameters; declare them next to `nodes`: `parameters: (yaw_deg: 0.0)`".to_owned()
             } else {
                 format!("it has {}", list.join(", "))
             };
@@ -200,7 +201,7 @@ pub(crate) fn value_of<'s, 't>(
     place: Range<usize>,
 ) -> Result<&'s RawField<'t>, Diagnostic> {
     let Some(name) = parameter_read(text) else {
-        let what = format!("`{}` is not how a parameter is read", shown(text));
+        let what = format!("`{}` does not read a parameter", shown(text));
         return Err(Diagnostic::new(place, what).hint("write `Param(\"yaw_deg\")`"));
     };
     let Scope { values, file, .. } = &scopes[scope];
@@ -213,7 +214,7 @@ pub(crate) fn value_of<'s, 't>(
         );
         match nearest(&name, values.iter().map(|value| value.name)) {
             Some(near) => mistake.hint(format!("did you mean `{near}`?")),
-            None => mistake.hint("parameters stand beside `nodes`: `parameters: (yaw_deg: 0.0)`"),
+            None => mistake.hint("parameters are declared next to `nodes`: `parameters: (yaw_deg: 0.0)`"),
         }
     })
 }
@@ -235,10 +236,7 @@ fn in_place_within<'t>(
     depth: usize,
 ) -> Result<(Cow<'t, str>, Range<usize>), Diagnostic> {
     if depth > 2 * DEEPEST {
-        return Err(Diagnostic::new(
-            field.span.clone(),
-            "the values of parameters read each other in a circle",
-        ));
+        return Err(Diagnostic::new(field.span.clone(), "parameters refer to each other in a cycle"));
     }
     let folder = folder_at.map_or("", |folder_at| folder_at(field.span.start));
     let calls = calls(field.text, &["Param"]);
@@ -258,10 +256,7 @@ fn in_place_within<'t>(
         out.push_str(&text);
         end = span.end;
         if out.len() > LONGEST {
-            return Err(Diagnostic::new(
-                field.span.clone(),
-                "this gets too long once parameters are in place",
-            ));
+            return Err(Diagnostic::new(field.span.clone(), "too long after parameters are inserted"));
         }
     }
     out.push_str(&moved(folder, &field.text[end..]));

@@ -108,7 +108,7 @@ impl<'t> Parser<'t> {
         let wanted = if self.sort == FileKind::Graph { "Graph" } else { "Overlay" };
         if name != Some(wanted) || self.scan.peek() != b'(' {
             let file = if self.sort == FileKind::Graph { "a graph file" } else { "an overlay" };
-            let what = format!("{file} begins with `{wanted}(`");
+            let what = format!("{file} must begin with `{wanted}(`");
             return self.scan.report(Diagnostic::new(start..self.scan.at.max(start), what));
         }
         let mut seen: Vec<(&str, Range<usize>)> = Vec::new();
@@ -145,9 +145,9 @@ impl<'t> Parser<'t> {
                         parser.scan.report(
                             Diagnostic::new(
                                 span.clone(),
-                                format!("`{}` stands outside of `nodes`", shown(other)),
+                                format!("`{}` is outside of `nodes`", shown(other)),
                             )
-                            .hint("a `)` too many stands before it, or `nodes: (` is missing"),
+                            .hint("there is a surplus `)` before it, or `nodes: (` is missing"),
                         );
                     }
                     parser.add_node(other, span);
@@ -173,8 +173,8 @@ impl<'t> Parser<'t> {
         if !self.scan.is_at_end() && !self.stray {
             let rest = self.scan.at..self.scan.text.trim_end().len().max(self.scan.at);
             self.scan.report(
-                Diagnostic::new(rest, "nothing may follow the graph")
-                    .hint("if more nodes were to follow, a `)` too many stands before them"),
+                Diagnostic::new(rest, "unexpected text after the graph")
+                    .hint("if these are nodes, there is a surplus `)` before them"),
             );
         }
     }
@@ -194,7 +194,7 @@ impl<'t> Parser<'t> {
         let fields = self.value(name, id_span.end + 1..equals).into_iter().collect();
         if !self.scan.is_at_end() {
             let rest = self.scan.at..self.scan.text.len();
-            self.scan.report(Diagnostic::of(Code::Setting, rest, "nothing may follow the value"));
+            self.scan.report(Diagnostic::of(Code::Setting, rest, "unexpected text after the value"));
         }
         let (kind_span, span) = (id_span.clone(), start..self.scan.at);
         let node = RawNode { id: id.into(), id_span, kind: "", kind_span, span, fields, scope: 0 };
@@ -221,7 +221,7 @@ impl<'t> Parser<'t> {
             let Some(name) = self.scan.word() else {
                 self.scan.report(
                     Diagnostic::new(self.scan.here(), "expected `name: value`")
-                        .hint("names are plain words: letters, digits and `_`, the first no digit"),
+                        .hint("names consist of letters, digits and `_`, and do not begin with a digit"),
                 );
                 self.after_mistake();
                 continue;

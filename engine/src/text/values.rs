@@ -63,7 +63,7 @@ fn wrong_items(described: &str, text: &str) -> Option<String> {
         }
     }
     if let Some(item) = items.iter().find(|item| parse_value::<f64>(item).is_err()) {
-        return Some(format!("and `{}` is none", shown(item)));
+        return Some(format!("but `{}` is not a number", shown(item)));
     }
     let wanted = wanted.filter(|wanted| *wanted != items.len())?;
     Some(match items.len() {
@@ -106,9 +106,7 @@ pub(crate) fn value_mistake(
         ron::Error::MissingStructField { field, .. } => {
             mistake(format!("`{name}` needs `{field}`")).label(format!("expected {wanted}"))
         }
-        ron::Error::ExceededRecursionLimit => {
-            mistake(format!("`{name}` has too many brackets in each other"))
-        }
+        ron::Error::ExceededRecursionLimit => mistake(format!("`{name}` has too many nested brackets")),
         ron::Error::Message(why) => mistake(format!("`{name}`: {why}")).label(format!("expected {wanted}")),
         ron::Error::IntegerOutOfBounds => mistake(format!("`{name}` is out of range: {}", shown(text)))
             .label(range.unwrap_or_else(|| format!("expected {wanted}"))),
@@ -117,7 +115,7 @@ pub(crate) fn value_mistake(
         | ron::Error::SuggestRawIdentifier(_)
             if let Some(choice) = described.split(" | ").find(|choice| begins(choice, text)) =>
         {
-            mistake(format!("`{name}`: what stands in the brackets needs its name"))
+            mistake(format!("`{name}`: fields in the brackets need names"))
                 .label(format!("expected {choice}"))
         }
         _ if let Some(what) = wrong_items(described, text) => {

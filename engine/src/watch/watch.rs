@@ -117,7 +117,7 @@ impl Watch {
         let (sender, inputs) = channel();
         let handle = Handle(sender);
         let ears = match options.poll {
-            true => Err("as asked for".to_owned()),
+            true => Err("polling was requested".to_owned()),
             false => listen(handle.clone()),
         };
         Self { options, inputs, handle, files: Files::new(ears) }
@@ -358,8 +358,10 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             }
             let new = self.files.follow(&paths);
             if let Some(why) = self.files.take_deafness() {
-                let text =
-                    format!("folders are not listened to ({why}): looking every {} ms", POLL.as_millis());
+                let text = format!(
+                    "no notifications from the system ({why}): checking files every {} ms",
+                    POLL.as_millis()
+                );
                 (self.tell)(Event::Warning { id: "watch-polls", text });
             }
             if !new {

@@ -80,13 +80,13 @@ impl<'a> Run<'a> {
             let beside = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
-                format!(" beside the {} of its inputs", bytes_text(held))
+                format!(" in addition to the {} of its inputs", bytes_text(held))
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{beside}, the budget is {budget}"
+                "needs about {needs} of memory{beside}, but the budget is {budget}"
             ))
-            .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
+            .hint("reduce the size or the number of views, or raise `--memory`"));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)
@@ -166,7 +166,7 @@ impl<'a> Run<'a> {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
-                    "`{id}` waits for another process that computes it in the same cache; should that be stopped, end it"
+                    "`{id}` waits for another process that is computing it in the same cache; if that process is suspended, end it"
                 );
                 (self.tell)(Event::Warning { id: "waits", text });
             }

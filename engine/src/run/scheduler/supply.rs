@@ -71,7 +71,7 @@ impl<'a> Run<'a> {
             return self.arrive(node, port, value);
         }
         if !output.stored {
-            return self.remake(node, "only its digest was kept");
+            return self.remake(node, "only its digest was stored");
         }
         if slot.begin_loading(port) {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
@@ -97,7 +97,7 @@ impl<'a> Run<'a> {
             (self.tell)(Event::Warning { id: "cache-damage", text });
         }
         if let (false, Some(digest)) = (told, digest) {
-            let text = format!("`{}`: its stored value {} is gone", node.id, digest.short());
+            let text = format!("`{}`: its stored value {} is missing", node.id, digest.short());
             (self.tell)(Event::Warning { id: "cache-damage", text });
         }
         self.remake(index, "its stored bytes were missing or damaged");
@@ -137,8 +137,8 @@ impl<'a> Run<'a> {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
-            let error = NodeError::new("made once more, it gave another result for the same inputs").hint(
-                "its kind is not deterministic, or a file changed while the graph ran; please report the former",
+            let error = NodeError::new("a rerun gave another result for the same inputs").hint(
+                "a file changed while the graph ran, or its kind is not deterministic; please report the latter",
             );
             return self.lose(index, Some(&error));
         }
@@ -214,7 +214,7 @@ impl<'a> Run<'a> {
     /// Warns once that not all results are stored.
     pub fn warn_unstored(&mut self, id: &'static str, why: String) {
         if !std::mem::replace(&mut self.store_failed, true) {
-            let text = format!("results of this run are not all kept: {why}");
+            let text = format!("not all results of this run were stored: {why}");
             (self.tell)(Event::Warning { id, text });
         }
     }

@@ -35,13 +35,13 @@ const LONGEST_INDEX: u64 = 64 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum BundleError {
     /// The file is not a bundle.
-    #[error("this is no bundle of lightharmony")]
+    #[error("not a lightharmony bundle")]
     NoBundle,
     /// The bundle has another format.
-    #[error("this bundle is of format {0}, and this program reads {FORMAT}; take a newer program")]
+    #[error("the bundle has format {0}, but this program reads format {FORMAT}; use a newer program")]
     Format(u32),
     /// The bundle is inconsistent.
-    #[error("the bundle is damaged or not whole: {0}")]
+    #[error("the bundle is damaged or incomplete: {0}")]
     Damaged(String),
     /// A name in the bundle is not permitted.
     #[error("the bundle names a file `{}`: {why}", name.escape_debug())]
@@ -129,7 +129,8 @@ impl Parts {
             }
         }
         if let Some(name) = clash(self.files.keys().map(String::as_str)) {
-            let what = format!("`{name}`, which the graph reads, cannot lie in a bundle: {CLASH}; rename it");
+            let what =
+                format!("`{name}`, which the graph reads, cannot be part of a bundle: {CLASH}; rename it");
             return Err(BundleError::Refused(what));
         }
         let place: BTreeMap<[u8; 32], u32> = self.contents.keys().copied().zip(0..).collect();
@@ -168,7 +169,9 @@ impl Parts {
                         std::fs::File::open(&path).map_err(failed(&format!("cannot read `{name}`")))?;
                     let found = copy(&mut file.take(length), to, length).map_err(failed(&name))?;
                     if *found.as_bytes() != key {
-                        return Err(BundleError::Refused(format!("`{name}` changed meanwhile; pack again")));
+                        return Err(BundleError::Refused(format!(
+                            "`{name}` changed while it was packed; pack again"
+                        )));
                     }
                 }
             }
@@ -178,7 +181,7 @@ impl Parts {
 }
 
 const CLASH: &str =
-    "another file has the same name or is a folder of it, on systems where case does not count";
+    "another file has the same name, or is a folder with that name, on systems that ignore case";
 
 fn head(index: &[u8]) -> Vec<u8> {
     let mut head = MAGIC.to_vec();
@@ -241,12 +244,12 @@ impl<R: Read + Seek> Bundle<R> {
         let (length, digest) = (fields.u64()?, read_digest(&mut fields)?);
         let damaged = |what: &str| BundleError::Damaged(what.to_owned());
         if length > LONGEST_INDEX || length > whole - HEAD as u64 {
-            return Err(damaged("its index is longer than it can be"));
+            return Err(damaged("its index is too long"));
         }
-        let mut index = vec![0; usize::try_from(length).map_err(|_| damaged("its index is very long"))?];
+        let mut index = vec![0; usize::try_from(length).map_err(|_| damaged("its index is too long"))?];
         from.read_exact(&mut index).map_err(failed)?;
         if Digest::of(&index) != digest {
-            return Err(damaged("its index has another digest"));
+            return Err(damaged("the digest of its index is wrong"));
         }
         let mut bundle = Self {
             from,
@@ -271,11 +274,11 @@ impl<R: Read + Seek> Bundle<R> {
                 offset.checked_add(length).ok_or_else(|| damaged("a content is longer than the bundle"))?;
         }
         if offset != whole {
-            return Err(damaged("it does not end where its last content does"));
+            return Err(damaged("it does not end after its last content"));
         }
         let place = |from: &mut Decoder<'_>| -> Result<usize, BundleError> {
             let place = from.u32()? as usize;
-            if place < count { Ok(place) } else { Err(damaged("it names a content that it does not hold")) }
+            if place < count { Ok(place) } else { Err(damaged("it refers to a content that is missing")) }
         };
         for _ in 0..from.length(12)? {
             let (name, content) = (from.str()?, place(&mut from)?);
@@ -298,7 +301,7 @@ impl<R: Read + Seek> Bundle<R> {
             && self.records.is_sorted_by(|a, b| bytes(&a.0) < bytes(&b.0))
             && self.values.is_sorted_by(|a, b| a < b);
         if !ordered {
-            return Err(damaged("its lists are not in order, or hold something twice"));
+            return Err(damaged("its lists are not sorted, or have duplicates"));
         }
         match clash(self.files.iter().map(|(name, _)| name.as_str())) {
             Some(name) => Err(BundleError::Name { name, why: CLASH }),
@@ -339,10 +342,10 @@ impl<R: Read + Seek> Bundle<R> {
     /// Copies a content; an error if its digest is wrong.
     pub(crate) fn copy(&mut self, content: usize, to: &mut impl Write) -> Result<(), BundleError> {
         let (offset, length, digest) = self.contents[content];
-        let failed = |source| BundleError::Io { what: "cannot copy out of the bundle".to_owned(), source };
+        let failed = |source| BundleError::Io { what: "cannot copy from the bundle".to_owned(), source };
         self.from.seek(SeekFrom::Start(offset)).map_err(failed)?;
         if copy(&mut self.from, to, length).map_err(failed)? != digest {
-            let what = format!("the content {} has other bytes", digest.short());
+            let what = format!("the digest of the content {} is wrong", digest.short());
             return Err(BundleError::Damaged(what));
         }
         Ok(())

@@ -23,7 +23,7 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
     }
     // These characters have other meanings on other systems.
     if name.contains(['\\', ':', '*', '?', '"', '<', '>', '|']) || name.chars().any(char::is_control) {
-        return Some("it holds a character that some systems do not allow");
+        return Some("it contains a character that some systems do not allow");
     }
     name.split('/').find_map(|part| {
         let stem = part.split('.').next().unwrap_or_default().to_lowercase();
@@ -31,12 +31,12 @@ pub(crate) fn wrong_name(name: &str) -> Option<&'static str> {
         let device = DEVICES.contains(&stem.as_str())
             || numbered.is_some_and(|n| n.len() == 1 && n.starts_with(|c: char| c.is_ascii_digit()));
         match part {
-            "" => Some("it begins or ends with `/`, or holds two together"),
-            BUNDLE_MARK => Some("a folder with it counts as unpacked from a bundle"),
+            "" => Some("it begins or ends with `/`, or contains `//`"),
+            BUNDLE_MARK => Some("it marks folders of unpacked bundles"),
             "." | ".." => Some("`.` and `..` could lead elsewhere"),
             _ if part.len() > LONGEST_PART => Some("a part of it is very long"),
             _ if part.ends_with(['.', ' ']) => Some("a part of it ends with a dot or a space"),
-            _ if device => Some("some systems keep this name for a device"),
+            _ if device => Some("some systems reserve this name for a device"),
             _ => None,
         }
     })

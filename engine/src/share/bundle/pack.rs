@@ -77,8 +77,9 @@ impl Engine {
                 let plain = moved.file.name.replace("/./", "/");
                 if let Some(why) = wrong_name(&plain) {
                     let (file, node) = (&source.file.name, &node.id);
-                    let what =
-                        format!("`{file}`, which `{node}` reads, cannot lie in a bundle: {why}; rename it");
+                    let what = format!(
+                        "`{file}`, which `{node}` reads, cannot be part of a bundle: {why}; rename it"
+                    );
                     return Err(BundleError::Refused(what));
                 }
                 parts.source(&plain, source.file.path, source.digest, source.bytes);
@@ -202,8 +203,9 @@ impl Places {
         let below = |span: &Range<usize>| !folder_of(&graph.source.piece(span.start)).is_empty();
         if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
             let (field, file) = (&graph.source.text[span.clone()], graph.source.piece(span.start).name);
-            let what =
-                format!("`{field}` in `{file}` lies where a bundle cannot hold it; put it beside the graph");
+            let what = format!(
+                "`{field}` in `{file}` is at a path that a bundle cannot contain; move it next to the graph"
+            );
             return Err(BundleError::Refused(what));
         }
         // A field occurs once in the text, however many instances the node has.
@@ -211,7 +213,7 @@ impl Places {
         edits.dedup();
         if let Some(pair) = edits.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             let field = &graph.source.text[pair[0].0.clone()];
-            let what = format!("`{field}` names files that lie elsewhere; put them beside the graph");
+            let what = format!("`{field}` names files elsewhere; move them next to the graph");
             return Err(BundleError::Refused(what));
         }
         let mut text = graph.source.text.to_string();

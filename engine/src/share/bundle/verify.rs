@@ -92,7 +92,7 @@ pub fn verify<R: Read + Seek>(
 ) -> Result<Verified, BundleError> {
     let refused = |error: &dyn std::fmt::Display| BundleError::Refused(error.to_string());
     bundle.check()?;
-    let failed = |source| BundleError::Io { what: "cannot make a folder to verify in".to_owned(), source };
+    let failed = |source| BundleError::Io { what: "cannot create a temporary folder".to_owned(), source };
     let place = TempFolder::create_in(options.folder).map_err(|error| BundleError::Refused(cause(error)))?;
     let folder = place.path().join("graph");
     bundle.unpack(&folder)?;
@@ -122,7 +122,7 @@ pub fn verify<R: Read + Seek>(
     // Kinds and source files are equal, but the lock has a result without a record in the bundle.
     if differences.is_empty() {
         let missing = lock.results.keys().filter(|id| !now.results.contains_key(*id));
-        let text = |id| format!("the lock has a result of `{id}`, and the bundle has none that fits");
+        let text = |id| format!("the lock has a result of `{id}`, but the bundle has no record of it");
         differences.extend(missing.map(text));
     }
     differences.extend(lock.differences(&now).results);
