@@ -148,7 +148,8 @@ impl Kind for Denoise {
     const VERSION: u32 = 6;
     // The time grows with the square of the radius; a preview has so few samples that the nearest pixels are
     // enough.
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("radius_px", "2")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
