@@ -21,6 +21,7 @@ const HELD: &[&str] = &[
     "README.md",
     "CHANGELOG.md",
     "extras",
+    "trade",
     "cache/tests",
     "nodes/benches",
     "nodes/fuzz",

@@ -76,10 +76,12 @@ mod tests {
         std::fs::create_dir_all(&folder).expect("a folder");
         let path = folder.join(name);
         let params = WriteMesh { path: OutputFile(name.to_owned()) };
-        let (out, _) = WriteMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("writes");
+        let (out, _) =
+            WriteMesh::run(&params, In { mesh: Arc::new(mesh.clone()) }, &context()).expect("writes");
         std::fs::write(&path, &out.files.0[0].bytes).expect("is written");
         let frame = if name.ends_with("glb") { MeshFrame::Gltf } else { MeshFrame::World };
-        let params = LoadMesh { path: InputFile(path.display().to_string()), colours: ColourEncoding::Auto, frame };
+        let params =
+            LoadMesh { path: InputFile(path.display().to_string()), colours: ColourEncoding::Auto, frame };
         let read = LoadMesh::run(&params, load_mesh::In {}, &context()).expect("reads").0.mesh;
         std::fs::remove_file(&path).expect("is there");
         read
@@ -103,7 +105,10 @@ mod tests {
         for mesh in [&plain, &far, &bare] {
             for name in ["a.ply", "a.glb"] {
                 let read = read_back(mesh, name);
-                assert_eq!((read.triangles.clone(), read.colours.len()), (mesh.triangles.clone(), mesh.colours.len()));
+                assert_eq!(
+                    (read.triangles.clone(), read.colours.len()),
+                    (mesh.triangles.clone(), mesh.colours.len())
+                );
                 for i in 0..4 {
                     assert!((read.position(i) - mesh.position(i)).length() < 1e-6, "{name} {i}");
                 }

@@ -167,9 +167,11 @@ fn the_depth_of_peaks_is_that_of_the_surface() {
     for depth in [DepthMode::Expected, DepthMode::Median, DepthMode::Transmittance, DepthMode::RayMedian] {
         let mut row = Vec::new();
         for camera in &rig("views").cameras {
-            let seen = render(&splats, camera, None, &Settings { depth, ..Settings::default() }, &context()).unwrap();
+            let seen = render(&splats, camera, None, &Settings { depth, ..Settings::default() }, &context())
+                .unwrap();
             let both = seen.depth.iter().zip(truth(&camera.name)).filter(|(a, b)| a.is_finite() && *b < 1e5);
-            let mut off: Vec<f64> = both.map(|(a, b)| 100.0 * (f64::from(*a) / f64::from(b) - 1.0).abs()).collect();
+            let mut off: Vec<f64> =
+                both.map(|(a, b)| 100.0 * (f64::from(*a) / f64::from(b) - 1.0).abs()).collect();
             off.sort_unstable_by(f64::total_cmp);
             let (median, most) = (off[off.len() / 2], off[off.len() * 9 / 10]);
             row.push(format!("{median:.3} ({most:.2})"));
@@ -181,7 +183,9 @@ fn the_depth_of_peaks_is_that_of_the_surface() {
 
 #[test]
 fn a_mesh_of_the_courtyard_is_nearer_to_the_truth_than_the_given_one() {
-    println!("| mesh | off within 1 m, mm, median (p90), three views | holes, % | backs, % | triangles |\n|---|---|---|---|---|");
+    println!(
+        "| mesh | off within 1 m, mm, median (p90), three views | holes, % | backs, % | triangles |\n|---|---|---|---|---|"
+    );
     let splats = load("bench-case/point_cloud.ply", &[]);
     let given = scores("the given one", &given());
     for ((tilt, jitter), bars) in [((0.0, 0.0), 0.3), ((5.0, 0.005), 1.0), ((10.0, 0.01), 1.1)] {

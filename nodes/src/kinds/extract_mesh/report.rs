@@ -34,13 +34,7 @@ fn mm(units: Option<f64>, metre: f64) -> Cell {
 }
 
 /// Height, slope and roughness of the surface around a focus, and how well it is known.
-pub(super) fn ground(
-    surface: &Surface,
-    seen: &[Seen],
-    focus: Vec3,
-    axes: [DVec3; 3],
-    metre: f64,
-) -> Table {
+pub(super) fn ground(surface: &Surface, seen: &[Seen], focus: Vec3, axes: [DVec3; 3], metre: f64) -> Table {
     let (radius, height) = ((GROUND_METRES * metre) as f32, (HEIGHT_METRES * metre) as f32);
     let [right, forward, up] = axes.map(|axis| axis.as_vec3());
     let mut points = Vec::new();

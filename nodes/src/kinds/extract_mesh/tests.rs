@@ -31,7 +31,10 @@ impl Scene {
         let (columns, rows) = ((u.length() / 0.025).round() as usize, (v.length() / 0.025).round() as usize);
         for y in 0..rows {
             for x in 0..columns {
-                let (a, b) = ((x as f32 + 0.5) / columns as f32 * 2.0 - 1.0, (y as f32 + 0.5) / rows as f32 * 2.0 - 1.0);
+                let (a, b) = (
+                    (x as f32 + 0.5) / columns as f32 * 2.0 - 1.0,
+                    (y as f32 + 0.5) / rows as f32 * 2.0 - 1.0,
+                );
                 let of = noise(self.splats.len());
                 let straight = u.cross(v).normalize();
                 let normal = straight + (u.normalize() * of[0] + v.normalize() * of[1]) * self.tilt;
@@ -116,7 +119,13 @@ fn a_room_is_closed_and_faces_inwards() {
     // A wall is where its splats are; along the edges of the room a vertex is cut short by up to half the diagonal of a
     // cell, 26 mm, of the finer two sizes here 30 and 60 mm.
     let far = off(&out.mesh, |p| to_sides(p, middle, half));
-    assert!(at(&far, 0.5) < 1.0 && at(&far, 0.9) < 6.0 && at(&far, 1.0) < 45.0, "{} {} {}", at(&far, 0.5), at(&far, 0.9), at(&far, 1.0));
+    assert!(
+        at(&far, 0.5) < 1.0 && at(&far, 0.9) < 6.0 && at(&far, 1.0) < 45.0,
+        "{} {} {}",
+        at(&far, 0.5),
+        at(&far, 0.9),
+        at(&far, 1.0)
+    );
     let corners = corners(&out.mesh);
     let tree = Bvh::build(&corners);
     let eye = Vec3::new(0.3, 0.2, 0.8);
@@ -231,7 +240,8 @@ fn nothing_to_start_from_is_an_error_and_nothing_to_see_is_degraded() {
 #[test]
 fn a_stopped_run_ends() {
     let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.2, 0.0)) };
-    let inputs = || In { splats: Arc::new(Scene::room().splats), cameras: None, around: Some(Arc::new(pose.clone())) };
+    let inputs =
+        || In { splats: Arc::new(Scene::room().splats), cameras: None, around: Some(Arc::new(pose.clone())) };
     for fraction in [0.1, 0.55, 0.75, 0.85] {
         let cx = context().stopping_at(fraction);
         assert!(ExtractMesh::run(&coarse(), inputs(), &cx).is_err(), "{fraction}");

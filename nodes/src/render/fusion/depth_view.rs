@@ -92,7 +92,11 @@ impl DepthView {
             view.marks.push([trust, cosine].map(byte));
             let shown = |c: f32| {
                 let c = c / alpha.max(1e-6);
-                byte(if encoding == SplatEncoding::Linear { crate::math::color::srgb_from_linear(c) } else { c })
+                byte(if encoding == SplatEncoding::Linear {
+                    crate::math::color::srgb_from_linear(c)
+                } else {
+                    c
+                })
             };
             view.colours.push([shown(pixel[0]), shown(pixel[1]), shown(pixel[2])]);
         }

@@ -50,7 +50,10 @@ impl Block {
     /// Whether the surface passes between two of its corners, the one behind it having been seen often enough.
     pub fn crosses(&self, from: usize, to: usize) -> bool {
         let ((a, a_views), (b, b_views)) = (self.at(from), self.at(to));
-        a_views > 0 && b_views > 0 && (a < 0.0) != (b < 0.0) && (if a < 0.0 { a_views } else { b_views }) >= VIEWS
+        a_views > 0
+            && b_views > 0
+            && (a < 0.0) != (b < 0.0)
+            && (if a < 0.0 { a_views } else { b_views }) >= VIEWS
     }
 
     /// Whether all corners of a cell have a distance.
@@ -64,7 +67,8 @@ impl Block {
         for (z, bits) in self.whole.iter_mut().enumerate() {
             for y in 0..side {
                 for x in 0..side {
-                    let known = |k: usize| self.views[corner(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))] > 0;
+                    let known =
+                        |k: usize| self.views[corner(x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))] > 0;
                     *bits |= u64::from((0..8).all(known)) << (y * side + x);
                 }
             }
@@ -122,12 +126,8 @@ fn fused(cube: Cube, views: &[DepthView], levels: &Levels, far: f32) -> Block {
             }
         }
     }
-    let mut block = Block {
-        cube,
-        distance: Box::new([0.0; ALL]),
-        views: Box::new([0; ALL]),
-        whole: [0; SIDE as usize],
-    };
+    let mut block =
+        Block { cube, distance: Box::new([0.0; ALL]), views: Box::new([0; ALL]), whole: [0; SIDE as usize] };
     for at in 0..ALL {
         if weights[at] > 0.0 {
             block.distance[at] = sums[at] / weights[at];
@@ -173,7 +173,8 @@ impl<'a> Field<'a> {
         let far = 1.0 / (half_at * half_at);
         let groups = cx.for_each_tile(cubes.len().div_ceil(GROUP), |group| {
             let cubes = &cubes[group * GROUP..((group + 1) * GROUP).min(cubes.len())];
-            let kept = cubes.iter().map(|cube| fused(*cube, views, levels, far)).filter(|block| block.is_of_use());
+            let kept =
+                cubes.iter().map(|cube| fused(*cube, views, levels, far)).filter(|block| block.is_of_use());
             kept.collect::<Vec<_>>()
         })?;
         let mut field = Self { levels, blocks: groups.into_iter().flatten().collect() };
@@ -201,7 +202,8 @@ impl<'a> Field<'a> {
                 (0..self.blocks.len()).filter(|i| self.blocks[*i].cube.level == level).collect();
             let field = &*self;
             let changes = cx.for_each_tile(blocks.len(), |i| field.from_finer(&field.blocks[blocks[i]]))?;
-            for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty()) {
+            for (block, changes) in blocks.into_iter().zip(changes).filter(|(_, changes)| !changes.is_empty())
+            {
                 let block = &mut self.blocks[block];
                 for (corner, distance, views) in changes {
                     block.distance[corner] = distance;

@@ -75,8 +75,14 @@ impl Ground<'_> {
         let (forward, up) = (forward * cos + up * sin, up * cos - forward * sin);
         let half = 0.5 * f64::from(self.size_px);
         let focal = half / num::f64::tan((45.0 + GUARD_DEG).to_radians());
-        let faces =
-            [(right, forward), (-forward, right), (-right, -forward), (forward, -right), (right, up), (right, -up)];
+        let faces = [
+            (right, forward),
+            (-forward, right),
+            (-right, -forward),
+            (forward, -right),
+            (right, up),
+            (right, -up),
+        ];
         let see = |(x, z): (DVec3, DVec3)| {
             self.view(&Camera::centred("face", [self.size_px; 2], focal, [x, z.cross(x), z], eye), cx)
         };
@@ -196,7 +202,8 @@ impl Places {
                         let turns = azimuth as f32 / AZIMUTHS as f32 + 0.618_034 * (place * 3 + i) as f32;
                         let (sin, cos) = crate::geometry::sampling::circle(turns.fract());
                         for rise in RISES {
-                            let ahead = (right * cos + forward * sin) * (step * clearance) + up * (rise * clearance);
+                            let ahead =
+                                (right * cos + forward * sin) * (step * clearance) + up * (rise * clearance);
                             let height = (eye + ahead).dot(up);
                             if (low..=high).contains(&height)
                                 && room(self.faces(place), ahead, clearance) >= ahead.length()
@@ -245,7 +252,13 @@ impl Places {
     }
 
     /// Adds views from above a focus, from all around: at a slant, depth is biased whatever is blended.
-    fn look_down(&mut self, ground: &Ground<'_>, focus: Vec3, up: Vec3, cx: &Context) -> Result<(), NodeError> {
+    fn look_down(
+        &mut self,
+        ground: &Ground<'_>,
+        focus: Vec3,
+        up: Vec3,
+        cx: &Context,
+    ) -> Result<(), NodeError> {
         let [right, forward] = [ground.axes[0].as_vec3(), ground.axes[1].as_vec3()];
         let room = 0.3 * self.clearance;
         let size = ground.size_px * 4 / 3;
@@ -273,7 +286,10 @@ fn farthest_first(points: &[Vec3], most: usize) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = points.first().copied().into_iter().collect();
     let mut apart: Vec<f32> = points.iter().map(|point| (*point - kept[0]).length_squared()).collect();
     while kept.len() < most.max(1) {
-        let best = apart.iter().enumerate().fold((0, 0.0), |best, (i, far)| if *far > best.1 { (i, *far) } else { best });
+        let best = apart
+            .iter()
+            .enumerate()
+            .fold((0, 0.0), |best, (i, far)| if *far > best.1 { (i, *far) } else { best });
         if best.1 == 0.0 {
             break;
         }

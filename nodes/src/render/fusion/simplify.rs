@@ -120,9 +120,8 @@ impl Mesh<'_> {
         let (cost, place, _) = self.joined(a, b);
         let level = self.levels[a as usize].min(self.levels[b as usize]);
         let (error, _) = (self.bounds)(level);
-        (cost <= error * error && place.is_finite()).then(|| {
-            Reverse((cost.to_bits(), a, b, self.stamps[a as usize], self.stamps[b as usize]))
-        })
+        (cost <= error * error && place.is_finite())
+            .then(|| Reverse((cost.to_bits(), a, b, self.stamps[a as usize], self.stamps[b as usize])))
     }
 
     fn joined(&self, a: u32, b: u32) -> (f64, DVec3, Quadric) {
@@ -145,7 +144,10 @@ impl Mesh<'_> {
         // Points of a border have a neighbour with which they share but one triangle.
         let on_border = |around: &[u32]| around.chunk_by(|x, y| x == y).any(|same| same.len() == 1);
         let manifold = |around: &[u32]| around.chunk_by(|x, y| x == y).all(|same| same.len() <= 2);
-        if !manifold(around_a) || !manifold(around_b) || shared == 2 && on_border(around_a) && on_border(around_b) {
+        if !manifold(around_a)
+            || !manifold(around_b)
+            || shared == 2 && on_border(around_a) && on_border(around_b)
+        {
             return false;
         }
         around_a.dedup();
@@ -259,7 +261,8 @@ pub fn simplified(
         let along = mesh.points[b as usize] - mesh.points[a as usize];
         let side = along.cross(mesh.normal(mesh.triangles[t as usize]));
         if side.length() > 0.0 {
-            let mut wall = Quadric::plane(side.normalize(), mesh.points[a as usize], BORDER * along.length_squared());
+            let mut wall =
+                Quadric::plane(side.normalize(), mesh.points[a as usize], BORDER * along.length_squared());
             wall.weight = 0.0;
             mesh.quadrics[a as usize].add(&wall);
             mesh.quadrics[b as usize].add(&wall);

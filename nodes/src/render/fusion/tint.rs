@@ -20,7 +20,12 @@ pub struct Seen {
 }
 
 /// What the views say of each point of a surface.
-pub fn seen(surface: &Surface, views: &[DepthView], levels: &Levels, cx: &Context) -> Result<Vec<Seen>, NodeError> {
+pub fn seen(
+    surface: &Surface,
+    views: &[DepthView],
+    levels: &Levels,
+    cx: &Context,
+) -> Result<Vec<Seen>, NodeError> {
     const GROUP: usize = 1024;
     let linear = linear_from_srgb8();
     let count = surface.points.len();

@@ -4,9 +4,9 @@ use std::sync::{Mutex, PoisonError};
 
 use engine::Context;
 
-use super::{DepthMode, Settings};
 use super::bin::TILE;
 use super::project::Projected;
+use super::{DepthMode, Settings};
 use crate::types::{Data, Image};
 
 /// The rows of a picture that a row of tiles shows: tiles put their pixels there as they are finished.

@@ -46,7 +46,9 @@ fn depth_is_where_the_splat_is_densest_along_the_ray() {
             assert!(off < 1.001 * most + 3e-6, "{off} of {most}");
             far += usize::from(off > 1e-3);
             pixels += 1;
-            held += usize::from((f64::from(*depth) - centre).abs() > 1.99 * covariance(&splats, 0).z_axis.z.sqrt());
+            held += usize::from(
+                (f64::from(*depth) - centre).abs() > 1.99 * covariance(&splats, 0).z_axis.z.sqrt(),
+            );
         }
     }
     assert!(pixels > 1000 && held > 5 && far > 5, "{pixels} pixels, {held} held, {far} far off");
