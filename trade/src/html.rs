@@ -7,6 +7,8 @@ use nodes::io::png::{self, Raster};
 use nodes::math::color::srgb_from_linear;
 use nodes::types::{Cell, Picture, Report};
 
+use crate::escape::escaped;
+
 /// The parts of a page, in order.
 #[derive(Default)]
 pub struct Page {
@@ -157,11 +159,6 @@ fn is_number(cell: &str) -> bool {
     (unit && first.parse::<f64>().is_ok()) || matches!(cell, "not computed" | "not measured")
 }
 
-/// Escapes text for HTML and SVG, in content and in attributes.
-pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 fn cell_text(cell: &Cell) -> String {
     match cell {
         Cell::Text(text) => text.clone(),
@@ -172,7 +169,7 @@ fn cell_text(cell: &Cell) -> String {
 }
 
 fn raster(width: usize, height: usize, codes: Vec<u16>) -> Raster {
-    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new() }
+    Raster { width, height, channels: 3, largest: 255, codes, ignored: Vec::new(), linear: false }
 }
 
 fn code(value: f32) -> u16 {
