@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 use clap::Args;
+use engine::PRESETS;
 use serde_json::json;
 use trade::Metric;
 use trade::bench::Bench;
@@ -11,8 +13,9 @@ use trade::plot::tick_text;
 use trade::search::Goal;
 use trade::tune::{Unit, Wanted, tune};
 
-use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt};
+use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
+use crate::terminal::measuring::{Measuring, outlook_text};
 
 /// Looks for settings of the knobs that reach an error with little work, by measuring.
 ///
@@ -42,6 +45,9 @@ pub struct Tune {
     /// Most settings to measure
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
+    /// Measure only until this time is over, such as 10m; the best setting so far is written
+    #[arg(long, value_name = "TIME")]
+    time: Option<String>,
     /// The overlay to write
     #[arg(long, short, value_name = "FILE", default_value = "tuned.ron")]
     out: PathBuf,
@@ -53,29 +59,38 @@ pub struct Tune {
 impl Tune {
     /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was stopped.
     pub fn run(self) -> Result<u8, Error> {
+        let begin = Instant::now();
         let wanted = self.wanted()?;
+        let limit = self.time.as_deref().map(time).transpose()?;
         let loaded = self.graph.load_to_turn()?;
         loaded.check_output(&self.out)?;
         let engine = self.engine.open()?;
         let cancel = on_interrupt()?;
         let mut bench = Bench::new(&engine, &loaded.graph, &loaded.only, cancel.clone())?;
-        if !self.json {
-            bench.observe(terminal::measuring::forecast_of_the_first());
+        if let Some(limit) = limit {
+            bench.end_at(begin + limit);
         }
         bench.judge_by(&wanted.metric);
+        let shown = Measuring::new(None);
+        if !self.json {
+            let first = bench.outlook(&[bench.preset(PRESETS.len() - 1)]);
+            let how = if limit.is_none() { "; `--time` and `--budget` bound the search" } else { "" };
+            let (most, first) = (self.budget, outlook_text(&first));
+            shown.line(&format!("up to {most} settings, the preset `reference` first: {first}{how}"));
+            bench.observe(shown.observer());
+        }
         bench.leave_out_resized()?;
         let mut tuned = tune(&mut bench, &wanted, |bench, at| {
-            bench.new_remarks().iter().for_each(|remark| terminal::remark(remark));
+            bench.new_remarks().iter().for_each(|remark| shown.line(remark));
             if !self.json {
                 let point = &bench.points[at];
                 let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
                 let error = wanted.metric.told(wanted.metric.error(&point.off));
                 let name = bench.name(&point.assignment);
-                terminal::remark(&format!(
-                    "measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"
-                ));
+                shown.line(&format!("measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"));
             }
         });
+        shown.end();
         if tuned.best.is_none()
             && let Some(wrong) = tuned.wrong.take()
         {

@@ -3,14 +3,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use engine::{
-    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Registry, RunOptions, Source,
-    Wire, overlay_text,
+    Artifact, Counts, Digest, Engine, Event, Graph, NodeError, Note, PRESETS, Planned, Registry, RunOptions,
+    Source, Wire, overlay_text,
 };
 use nodes::kinds::compare::Space;
 use nodes::types::{Images, Report};
 
+use crate::deadline::Deadline;
 use crate::error::Error;
 use crate::judge::{FlipMaps, Output, Truth, holds_data, is_bright, outputs};
 use crate::metric::Metric;
@@ -73,6 +75,8 @@ pub struct Bench<'e> {
     engine: &'e Engine,
     registry: Registry,
     base: Graph,
+    /// The name of the graph, under which its own runs are remembered.
+    name: String,
     outputs: Vec<Output>,
     targets: Vec<usize>,
     /// The knobs, and what else the presets of the graph set.
@@ -85,6 +89,8 @@ pub struct Bench<'e> {
     told: usize,
     observer: Option<Observer<'e>>,
     cancel: Arc<AtomicBool>,
+    /// When measuring ends.
+    deadline: Option<Instant>,
     truth: Option<Truth>,
     /// What must be computed of every picture; of one where it cannot be is said why, and it does not count.
     metric: Option<Metric>,
@@ -100,8 +106,10 @@ fn targets(outputs: &[Output]) -> Vec<usize> {
 
 /// Why there is no point.
 pub enum Miss {
-    /// The run was asked to stop.
+    /// The user interrupted the run.
     Stopped,
+    /// The time for measuring is over.
+    Late,
     /// The graph cannot run at this assignment.
     Failed(String),
 }
@@ -147,6 +155,7 @@ impl<'e> Bench<'e> {
             engine,
             registry,
             base,
+            name: graph.source.name.clone(),
             outputs,
             targets,
             tunables,
@@ -155,6 +164,7 @@ impl<'e> Bench<'e> {
             told: 0,
             observer: None,
             cancel,
+            deadline: None,
             truth,
             metric: None,
             points,
@@ -164,6 +174,30 @@ impl<'e> Bench<'e> {
     /// Calls `observer` with each event of the runs that follow.
     pub fn observe(&mut self, observer: Observer<'e>) {
         self.observer = Some(observer);
+    }
+
+    /// Ends measuring at a time: a run at work is then stopped, and what it finished is kept in the cache.
+    pub fn end_at(&mut self, time: Instant) {
+        self.deadline = Some(time);
+    }
+
+    /// The graph as it is.
+    pub(crate) fn base(&self) -> &Graph {
+        &self.base
+    }
+
+    /// The nodes that make the pictures.
+    pub(crate) fn targets(&self) -> &[usize] {
+        &self.targets
+    }
+
+    /// What a run at a setting would do, by what is remembered of the runs of the graph itself. `None` where the graph is wrong
+    /// at that setting.
+    pub(crate) fn plan(&self, assignment: &Assignment) -> Option<Vec<Planned>> {
+        let source = Source::new(self.name.clone(), &*self.base.source.text);
+        let source = source.overlaid("knobs", &self.overlay(assignment));
+        let graph = Graph::parse(source, &self.registry, self.base.root.clone()).ok()?;
+        Some(self.engine.plan(&graph, &self.targets))
     }
 
     /// Asks for a metric, so that pictures of which it cannot be computed are left out.
@@ -261,6 +295,10 @@ impl<'e> Bench<'e> {
         let mut told: BTreeMap<String, (Vec<Note>, Option<Digest>)> = BTreeMap::new();
         let options =
             RunOptions { only: self.targets.clone(), cancel: self.cancel.clone(), ..RunOptions::default() };
+        if self.deadline.is_some_and(|deadline| deadline <= Instant::now()) {
+            return Err(Miss::Late);
+        }
+        let deadline = self.deadline.map(|deadline| Deadline::at(deadline, self.cancel.clone()));
         let (name, before) = (self.name(assignment), self.points.len());
         let observer = &mut self.observer;
         let outcome = self.engine.run(&graph, &options, |event| {
@@ -271,6 +309,10 @@ impl<'e> Bench<'e> {
                 told.insert(id, (notes, key));
             }
         });
+        if deadline.is_some_and(Deadline::end) {
+            self.cancel.store(false, Ordering::Relaxed);
+            return Err(Miss::Late);
+        }
         if outcome.totals.stopped || self.cancel.load(Ordering::Relaxed) {
             return Err(Miss::Stopped);
         }

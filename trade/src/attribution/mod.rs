@@ -44,32 +44,43 @@ impl<'a> Blame<'a> {
     }
 }
 
+/// For each node with knobs the settings that attribute error to it: with it alone at the reference, and with all but it there.
+pub fn attribution_settings(bench: &Bench<'_>) -> Vec<(String, Assignment, Assignment)> {
+    let (now, reference) = (bench.now(), bench.preset(3));
+    let with = |node: &str, of: &Assignment, others: &Assignment| -> Assignment {
+        let tunables = bench.tunables.iter().zip(of.iter().zip(others));
+        tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
+    };
+    let nodes = bench.nodes_with_knobs().into_iter();
+    nodes
+        .map(|node| {
+            let (alone, all_but) = (with(&node, &reference, &now), with(&node, &now, &reference));
+            (node, alone, all_but)
+        })
+        .collect()
+}
+
 /// Every node that has something to turn, the worst first: the one whose own error is largest, and of equal ones
-/// the one whose repair leaves least. `measure` gives the index of a point; its failure ends it all.
+/// the one whose repair leaves least. `measure` gives the index of a point, or `None` where there is no more time, which ends it
+/// with the nodes that were measured; its failure ends it without any.
 pub fn attributions<E>(
     bench: &mut Bench<'_>,
     metric: &Metric,
     reverse: bool,
-    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<usize, E>,
+    mut measure: impl FnMut(&mut Bench<'_>, Assignment) -> Result<Option<usize>, E>,
 ) -> Result<Vec<Attribution>, E> {
-    let (now, reference) = (bench.now(), bench.preset(3));
     let mut attributions = Vec::new();
-    for node in bench.nodes_with_knobs() {
-        let with = |bench: &Bench<'_>, of: &Assignment, others: &Assignment| -> Assignment {
-            let tunables = bench.tunables.iter().zip(of.iter().zip(others));
-            tunables.map(|(tunable, (of, others))| if tunable.node == node { *of } else { *others }).collect()
-        };
-        let assignment = with(bench, &reference, &now);
-        let alone = measure(bench, assignment)?;
-        let mut all_but = None;
-        if reverse {
-            let assignment = with(bench, &now, &reference);
-            let at = measure(bench, assignment)?;
-            all_but = metric.error(&bench.points[at].off);
-        }
-        let point = &bench.points[alone];
+    let settings = attribution_settings(bench);
+    for (node, alone, _) in &settings {
+        let Some(at) = measure(bench, alone.clone())? else { break };
+        let point = &bench.points[at];
         let (alone, work_alone) = (metric.error(&point.off), point.work);
-        attributions.push(Attribution { node, alone, all_but, work_alone });
+        attributions.push(Attribution { node: node.clone(), alone, all_but: None, work_alone });
+    }
+    // What costs most comes last, so that there is something of each node where the time is short.
+    for ((_, _, all_but), attribution) in settings.iter().zip(&mut attributions).filter(|_| reverse) {
+        let Some(at) = measure(bench, all_but.clone())? else { break };
+        attribution.all_but = metric.error(&bench.points[at].off);
     }
     let key = |attribution: &Attribution| {
         (attribution.all_but.unwrap_or(0.0), attribution.alone.unwrap_or(f64::INFINITY))
