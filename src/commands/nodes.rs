@@ -186,7 +186,7 @@ fn doc(text: &mut String, doc: &str, indent: usize, width: usize) {
     for (at, paragraph) in paragraphs(doc).iter().enumerate() {
         match paragraph.strip_prefix("- ").or_else(|| paragraph.strip_prefix("* ")) {
             Some(item) => {
-                text.push_str(&wrapped(item, &format!("{}- ", " ".repeat(indent)), indent + 2, width))
+                text.push_str(&wrapped(item, &format!("{}- ", " ".repeat(indent)), indent + 2, width));
             }
             None => {
                 text.push_str(if at > 0 { "\n" } else { "" });
