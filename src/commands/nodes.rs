@@ -75,7 +75,7 @@ impl Nodes {
     }
 }
 
-/// The stage of a kind; those that no stage names come under `other`.
+/// The stage of a kind; kinds that no stage names belong to `other`.
 fn stage(name: &str) -> &'static str {
     let named = STAGES.iter().find(|(_, kinds)| kinds.contains(&name)).map(|(stage, _)| *stage);
     named.unwrap_or(match name {
@@ -139,7 +139,7 @@ fn found(registry: &Registry, word: &str, width: usize) -> Result<String, Error>
     Ok(text)
 }
 
-/// Column of the text beside names.
+/// Column at which text next to names begins.
 const COLUMN: usize = 23;
 
 fn describe(kind: &KindEntry, width: usize) -> String {

@@ -15,10 +15,10 @@ use crate::terminal::measuring::{Measuring, outlook_text};
 
 /// Writes one page on what a graph costs, how large its error is, and which node causes it.
 ///
-/// Measures the graph at its presets and as it is, then with each node that has knobs at the reference alone, and the
-/// reverse. Prints beforehand how long that takes. Everything is compared with the preset `reference`, so give the graph one
-/// of its own where the program's takes too long, or bound the time with `--time`. Results are kept in the cache, so a second
-/// report measures only what changed.
+/// Measures the graph at its presets and as it is, then with one node at a time at the reference, and with all
+/// nodes but one at the reference. Prints beforehand how long that takes. Everything is compared with the preset
+/// `reference`, so give the graph one of its own where the program's takes too long, or bound the time with
+/// `--time`. Results are kept in the cache, so a second report measures only what changed.
 #[derive(Debug, Args)]
 pub struct MakeReport {
     #[command(flatten)]

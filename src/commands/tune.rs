@@ -17,32 +17,32 @@ use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
 use crate::terminal::measuring::{Measuring, outlook_text};
 
-/// Looks for settings of the knobs that reach an error with little work, by measuring.
+/// Measures settings of the knobs to find one that reaches an error with the least work.
 ///
-/// Runs the graph at the preset `reference`, which the pictures are compared with, at the other presets, and then at
-/// settings next to the best of them, one knob at a time. What was computed is kept in the cache, so a setting
-/// costs what it does not share with others. Writes the best as an overlay.
+/// Runs the graph at the preset `reference`, which all pictures are compared with, at the other presets, and then
+/// at settings near the best of them. Results are kept in the cache, so that a setting costs only what it does not
+/// share with others. Writes the best setting as an overlay.
 #[derive(Debug, Args)]
 pub struct Tune {
     #[command(flatten)]
     graph: GraphArgs,
     #[command(flatten)]
     engine: EngineArgs,
-    /// The least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.` counts
-    /// only what the object changes, `object.` of that what it covers, `shadow.` the rest
+    /// Find the least work with at most this error, such as flip=0.02, psnr=40 or touched.rmse=0.01; `touched.`
+    /// counts only the pixels that the object changes, `object.` those that it covers, `shadow.` the rest of these
     #[arg(long, value_name = "METRIC=VALUE", conflicts_with_all = ["max_seconds", "max_work"])]
     max_error: Option<String>,
-    /// The least error with at most so many CPU seconds of node code, as measured when it ran
+    /// Find the least error with at most this many CPU seconds of node code, as measured when it ran
     #[arg(long, value_name = "SECONDS", conflicts_with = "max_work", allow_negative_numbers = true)]
     max_seconds: Option<f64>,
-    /// The least error with at most so much work, in rays (other counts are weighed as rays)
+    /// Find the least error with at most this much work, in rays (other counts are weighted as rays)
     #[arg(long, value_name = "RAYS", allow_negative_numbers = true)]
     max_work: Option<f64>,
-    /// What is least where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000, mae, relmse, with
-    /// `touched.`, `object.` or `shadow.` in front
+    /// The measure of error to minimise where a cost is bounded: flip (default), flip95, rmse, psnr, ciede2000,
+    /// mae, relmse, with `touched.`, `object.` or `shadow.` in front
     #[arg(long, value_name = "METRIC", conflicts_with = "max_error")]
     metric: Option<String>,
-    /// Most settings to measure
+    /// Maximum number of settings to measure
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = at_least_one)]
     budget: usize,
     /// Measure only until this time is over, such as 10m; the best setting so far is written
@@ -57,7 +57,7 @@ pub struct Tune {
 }
 
 impl Tune {
-    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was stopped.
+    /// Exit code 0 where the goal was reached, 1 where it was not, 130 where it was interrupted.
     pub fn run(self) -> Result<u8, Error> {
         let begin = Instant::now();
         let wanted = self.wanted()?;
@@ -142,5 +142,5 @@ fn no_goal() -> Error {
 }
 
 fn at_least_one(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "a whole number of 1 or more is wanted".to_owned())
+    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "expected a whole number of 1 or more".to_owned())
 }

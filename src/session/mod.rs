@@ -1,4 +1,4 @@
-//! What most verbs begin with: a checked graph, a store, threads.
+//! What most verbs need first: a checked graph, a store, threads.
 
 pub mod budget;
 mod engine;

@@ -13,23 +13,23 @@ use trade::bench::Observer;
 use super::output::remark;
 use super::words::seconds_text;
 
-/// Shows how far measuring is. Clones show the same.
+/// Shows the progress of measuring. Clones share one bar.
 #[derive(Clone)]
 pub struct Measuring(Rc<RefCell<State>>);
 
 struct State {
     bar: ProgressBar,
     begin: Instant,
-    /// How many settings are measured in all, where that is known.
+    /// Total number of settings, where that is known.
     of: Option<usize>,
-    /// What is left, and since when.
+    /// The remaining settings, and when that was computed.
     left: Option<(Outlook, Instant)>,
-    /// The node at work and how far it is, from 0 to 1.
+    /// The running node and its progress, from 0 to 1.
     node: Option<(String, f32)>,
 }
 
 impl Measuring {
-    /// `of` settings are measured, where that is known beforehand.
+    /// A display for `of` settings, where that number is known.
     pub fn new(of: Option<usize>) -> Self {
         let target = if std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(12)
@@ -43,12 +43,12 @@ impl Measuring {
         Self(Rc::new(RefCell::new(State { bar, begin, of, left: None, node: None })))
     }
 
-    /// What is left from now on.
+    /// Sets what is left from now on.
     pub fn expect(&self, outlook: Outlook) {
         self.0.borrow_mut().left = Some((outlook, Instant::now()));
     }
 
-    /// What a bench calls with the events of its runs.
+    /// The callback for the events of a bench.
     pub fn observer<'e>(&self) -> Observer<'e> {
         let shown = self.clone();
         Box::new(move |name, before, event| shown.0.borrow_mut().show(name, before, event))
@@ -60,7 +60,7 @@ impl Measuring {
         bar.suspend(|| remark(text));
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn end(&self) {
         self.0.borrow().bar.finish_and_clear();
     }
