@@ -34,7 +34,7 @@ fn files(folder: &Path) {
     ] {
         let code = |i: usize| if noisy { noise(i) & largest } else { 7 };
         let codes = (0..width * height * channels).map(code).collect();
-        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new() };
+        let raster = Raster { width, height, channels, largest, codes, ignored: Vec::new(), linear: false };
         put(name, png::write_for(&raster, Packing::Fast, true, &[], Stretch::ALONE).expect("packs"));
         if name == "noise.png" {
             put("noise.jpg", jpeg::write(&raster, 90, None).expect("packs"));

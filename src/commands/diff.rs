@@ -238,14 +238,14 @@ impl Diff {
                 files_difference,
             );
             equal &= came.unequal.is_empty();
-            text.push_str(&self.told(&came));
+            text.push_str(&self.differences(&came));
         }
         terminal::print(&text)?;
         Ok(u8::from(!equal))
     }
 
     /// The results that differ, and the nodes without a known result.
-    fn told(&self, came: &ResultDifferences) -> String {
+    fn differences(&self, came: &ResultDifferences) -> String {
         let mut lines = Lines::default();
         for node in &came.unequal {
             let word = if node.first { "first" } else { "then" };

@@ -37,15 +37,15 @@ impl Explain {
         let node = &plan[index];
         let past = engine.past(graph, index, node);
         if self.json {
-            let mut told = planned_json(&engine, graph, index, node);
-            told["event"] = "explained".into();
-            told["because"] = trail.roots.into();
-            told["trail"] = trail.lines.into();
-            told["before"] = changes_json(&past.changes).into();
+            let mut object = planned_json(&engine, graph, index, node);
+            object["event"] = "explained".into();
+            object["because"] = trail.roots.into();
+            object["trail"] = trail.lines.into();
+            object["before"] = changes_json(&past.changes).into();
             if let Some(manifest) = node.manifest.as_ref().filter(|_| self.key) {
-                told["key"] = manifest.to_string().lines().map(str::to_owned).collect::<Vec<_>>().into();
+                object["key"] = manifest.to_string().lines().map(str::to_owned).collect::<Vec<_>>().into();
             }
-            terminal::json_line(&told);
+            terminal::json_line(&object);
             return Ok(0);
         }
         let mut text = String::new();

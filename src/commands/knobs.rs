@@ -28,15 +28,15 @@ impl Knobs {
         let loaded = self.graph.load_to_turn()?;
         let knobs = knob_rows(&loaded.graph, &loaded.only, &nodes::registry())?;
         if self.json {
-            let told = |KnobRow { knob, levels, range }: &KnobRow| {
-                let mut told = json!(knob);
-                (told["presets"], told["range"]) = (json!(levels), json!(range));
+            let object = |KnobRow { knob, levels, range }: &KnobRow| {
+                let mut row = json!(knob);
+                (row["presets"], row["range"]) = (json!(levels), json!(range));
                 // From the least work to the least error.
-                told["values"] = json!(knob.knob.values());
-                told
+                row["values"] = json!(knob.knob.values());
+                row
             };
-            let told: Vec<_> = knobs.iter().map(told).collect();
-            terminal::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": told})))?;
+            let objects: Vec<_> = knobs.iter().map(object).collect();
+            terminal::print(&format!("{}\n", json!({"presets": PRESETS, "knobs": objects})))?;
             return Ok(0);
         }
         if knobs.is_empty() {

@@ -31,7 +31,7 @@ impl Plan {
         let engine = self.engine.open()?;
         let plan = engine.plan(graph, only);
         if self.json {
-            return Ok(tell_json(&engine, graph, &plan));
+            return Ok(print_json(&engine, graph, &plan));
         }
         let mut text = String::new();
         for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
@@ -67,7 +67,7 @@ fn exit_code(plan: &[Planned]) -> u8 {
     u8::from(plan.iter().any(|node| matches!(node.fate, Fate::Fails(_))))
 }
 
-fn tell_json(engine: &Engine, graph: &Graph, plan: &[Planned]) -> u8 {
+fn print_json(engine: &Engine, graph: &Graph, plan: &[Planned]) -> u8 {
     for (index, node) in plan.iter().enumerate().filter(|(_, node)| node.fate != Fate::Unwanted) {
         terminal::json_line(&planned_json(engine, graph, index, node));
     }

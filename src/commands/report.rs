@@ -7,7 +7,7 @@ use clap::Args;
 use trade::Metric;
 use trade::bench::{Bench, Miss};
 use trade::plot::tick_text;
-use trade::report::{Stop, measure_all, page, settings, told};
+use trade::report::{Stop, as_json, measure_all, page, settings};
 
 use crate::session::{EngineArgs, Error, GraphArgs, on_interrupt, time};
 use crate::terminal;
@@ -72,7 +72,7 @@ impl MakeReport {
         let measured = measure_all(&mut bench, &metric, !self.no_reverse, |bench, at| {
             bench.new_remarks().iter().for_each(|remark| shown.line(remark));
             let point = &bench.points[at];
-            let (name, error) = (bench.name(&point.assignment), metric.told(metric.error(&point.off)));
+            let (name, error) = (bench.name(&point.assignment), metric.shown(metric.error(&point.off)));
             shown.line(&format!("measured {name}: work {}, error {error}", tick_text(point.work)));
             shown.expect(bench.outlook(&all));
         });
@@ -100,7 +100,7 @@ impl MakeReport {
         })?;
         cache::publish_file(&self.out, page.finish(&format!("Work and error of {name}")).as_bytes())?;
         if self.json {
-            let numbers = told(&bench, &metric, measured.now, &measured.attributions);
+            let numbers = as_json(&bench, &metric, measured.now, &measured.attributions);
             terminal::print(&format!("{numbers}\n"))?;
         } else {
             terminal::print(&format!("{}\n", self.out.display()))?;

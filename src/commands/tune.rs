@@ -85,7 +85,7 @@ impl Tune {
             if !self.json {
                 let point = &bench.points[at];
                 let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
-                let error = wanted.metric.told(wanted.metric.error(&point.off));
+                let error = wanted.metric.shown(wanted.metric.error(&point.off));
                 let name = bench.name(&point.assignment);
                 shown.line(&format!("measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"));
             }
@@ -105,9 +105,9 @@ impl Tune {
         let text = format!("// {summary}\n{}", bench.overlay(&tuned.tried[best].assignment));
         cache::publish_file(&self.out, text.as_bytes())?;
         if self.json {
-            let mut told = tuned.json(&bench, &wanted.metric, stopped);
-            told["overlay"] = json!(self.out);
-            terminal::print(&format!("{told}\n"))?;
+            let mut object = tuned.json(&bench, &wanted.metric, stopped);
+            object["overlay"] = json!(self.out);
+            terminal::print(&format!("{object}\n"))?;
         } else {
             terminal::print(&terminal::columns(&tuned.rows(&bench, &wanted.metric)))?;
             terminal::print(&format!("{summary}\n{}\n", self.out.display()))?;

@@ -51,12 +51,12 @@ impl Verify {
         };
         let mut report = Report::lines(false);
         let verbose = self.verbose;
-        let tell = |event: engine::Event| {
+        let show = |event: engine::Event| {
             if verbose || matches!(event, engine::Event::Warning { .. }) {
                 report.show(&event);
             }
         };
-        let verified = verify(&mut bundle, &nodes::registry(), &options, tell).map_err(named)?;
+        let verified = verify(&mut bundle, &nodes::registry(), &options, show).map_err(named)?;
         // An interrupted run is not a failure.
         let stopped = options.cancel.load(Ordering::Relaxed);
         if let Some(failures) = verified.failures.as_ref().filter(|_| !stopped) {

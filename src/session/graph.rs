@@ -133,24 +133,17 @@ impl GraphArgs {
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. A large graph is read in its compiled form where there is
-    /// one; a small graph with mistakes creates no cache.
+    /// Checks a graph that was read, and opens an engine. A wrong graph leaves no cache behind.
     pub fn check_with(
         &self,
         origin: Origin,
         texts: &[PathBuf],
         engine: &EngineArgs,
     ) -> Result<(Loaded, Engine), Error> {
-        let mut opened = None;
         let loaded = self.check(origin, texts, |source, registry, root| {
-            if source.text.len() < Graph::WORTH_COMPILING {
-                return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
-            }
-            let engine = opened.insert(engine.open()?);
-            Graph::parse_cached(source, registry, root, engine.store()).map(Arc::new).map_err(Error::Graph)
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
         })?;
-        let engine = opened.map_or_else(|| engine.open(), Ok)?;
-        Ok((loaded, engine))
+        Ok((loaded, engine.open()?))
     }
 
     /// Reads the graph with its includes, presets, overlays and settings. Their files are added to `texts`, whether
@@ -172,7 +165,7 @@ impl GraphArgs {
         for path in &self.overlay {
             if root.is_strange(path) {
                 return Err(Error::usage(format!(
-                    "`{}` came out of a bundle and could make this graph read any file; remove \
+                    "`{}` belongs to an unpacked bundle and could make this graph read any file; remove \
                      `.lightharmony-bundle` from its folder if you trust it",
                     path.display()
                 )));

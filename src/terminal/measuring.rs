@@ -1,4 +1,4 @@
-//! What `tune` and `report` print while they measure: a forecast, a bar, a line for each setting.
+//! Output of `tune` and `report` while they measure: a forecast, a bar, a line for each setting.
 
 use std::cell::RefCell;
 use std::io::IsTerminal;

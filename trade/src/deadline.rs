@@ -6,7 +6,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// Asks a run to stop when a time is over, as long as it lives.
+/// Stops a run when a time is over, until it is dropped.
 pub(crate) struct Deadline {
     end: Option<Sender<()>>,
     thread: Option<JoinHandle<bool>>,
@@ -19,13 +19,13 @@ impl Deadline {
         let wait = move || {
             let left = time.saturating_duration_since(Instant::now());
             let over = ended.recv_timeout(left) == Err(RecvTimeoutError::Timeout);
-            // Interrupted by the user is not over.
+            // An interruption by the user does not count.
             over && !cancel.swap(true, Ordering::Relaxed)
         };
         Self { end: Some(end), thread: Some(std::thread::spawn(wait)) }
     }
 
-    /// Ends the wait; whether the time was over before.
+    /// Ends the wait; returns true if the time was over before.
     pub fn end(mut self) -> bool {
         drop(self.end.take());
         self.thread.take().is_some_and(|thread| thread.join().unwrap_or(false))

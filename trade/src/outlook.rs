@@ -1,4 +1,4 @@
-//! How long measuring will take, before it is done.
+//! Forecasts how long measuring will take.
 
 use std::collections::BTreeMap;
 
@@ -7,35 +7,35 @@ use engine::{Graph, Planned};
 use crate::bench::{Bench, Point};
 use crate::tunables::{Assignment, Tunable};
 
-/// How long some settings take to measure.
+/// Forecast of the time to measure some settings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outlook {
-    /// Settings that were not measured.
+    /// Number of settings that are not measured yet.
     pub settings: usize,
-    /// Seconds, as far as they are known.
+    /// Seconds, without the unknown runs.
     pub seconds: f64,
-    /// How many runs of nodes that does not cover, since their kinds never ran.
+    /// Number of runs of nodes without a forecast, whose kinds never ran.
     pub unknown: usize,
 }
 
-/// What a node depends on.
+/// The tunables that the result of a node depends on.
 struct Reach {
     /// The tunables at the node and above it.
     tunables: Vec<usize>,
-    /// The one in whose steps its work is kept in parts, such as `samples`: a larger value pays the difference.
+    /// The tunable whose steps are cached in parts, such as `samples`: a larger value costs the difference.
     refines: Option<usize>,
 }
 
 impl Bench<'_> {
-    /// How long some settings take to measure. A node that comes out alike in several of them is counted once, and not at all
-    /// where it was measured.
+    /// Forecasts the time to measure some settings. A node with equal settings at and above it is counted once, and
+    /// not at all if it was measured.
     pub fn outlook(&self, settings: &[Assignment]) -> Outlook {
         let graph = self.base();
         let reach = reach(graph, &self.tunables);
         let wanted = graph.above(self.targets());
         let is_new = |setting: &&Assignment| self.points.iter().all(|point| point.assignment != **setting);
         let mut outlook = Outlook::default();
-        // By node and what it depends on, but for what refines it: the largest of that.
+        // By node and the values it depends on without the refining one: the largest cost.
         let mut costs: BTreeMap<(usize, Vec<usize>), Option<f64>> = BTreeMap::new();
         for setting in settings.iter().filter(is_new) {
             outlook.settings += 1;
@@ -65,7 +65,7 @@ impl Bench<'_> {
         outlook
     }
 
-    /// Seconds that a node takes at a setting: as the most similar setting that was measured took, else by the plan.
+    /// Seconds that a node takes at a setting: those of the most similar measured setting, else by the plan.
     fn cost(
         &self,
         node: usize,
@@ -100,7 +100,7 @@ fn reach(graph: &Graph, tunables: &[Tunable]) -> Vec<Reach> {
     for (at, tunable) in tunables.iter().enumerate() {
         for node in graph.find_all(&tunable.node) {
             all[node].push(at);
-            if graph.nodes[node].kind.refines == Some(tunable.parameter) {
+            if graph.nodes[node].kind.preview.refines == Some(tunable.parameter) {
                 refines[node] = Some(at);
             }
         }

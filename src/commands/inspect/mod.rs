@@ -68,7 +68,7 @@ impl Inspect {
                 // `inspect` reads coordinates as stored, so this note about graphs does not apply.
                 let notes = notes.iter().filter(|note| note.id != "frame").cloned().collect();
                 (answer.scene, answer.notes) = (Some(&scene), &notes);
-                return self.tell(&answer);
+                return self.print(&answer);
             }
             Err(failed) => failed,
         };
@@ -78,7 +78,7 @@ impl Inspect {
             Ok((found, notes)) if !found.triangles.is_empty() => {
                 let found = mesh::inspect(&found);
                 (answer.holds, answer.mesh, answer.notes) = ("mesh", Some(&found), &notes);
-                return self.tell(&answer);
+                return self.print(&answer);
             }
             Err(of_mesh) if is_mesh => return Ok(splats::failed(&of_mesh)),
             _ => {}
@@ -92,7 +92,7 @@ impl Inspect {
         Ok(splats::failed(&failed))
     }
 
-    fn tell(&self, answer: &Answer<'_>) -> Result<u8, Error> {
+    fn print(&self, answer: &Answer<'_>) -> Result<u8, Error> {
         let text = if self.json {
             let json = serde_json::to_string(answer).map_err(std::io::Error::from)?;
             format!("{json}\n")

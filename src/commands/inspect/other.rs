@@ -49,19 +49,19 @@ mod tests {
 
     #[test]
     fn files_are_known_by_what_they_hold() {
-        let told = |name: &str, bytes: &[u8]| other(Path::new(name), bytes).unwrap_or_default();
-        assert!(told("a.hdr", b"#?RADIANCE\n").starts_with("a picture"));
-        assert!(told("a.RON", b"Graph(").starts_with("a graph"));
+        let found = |name: &str, bytes: &[u8]| other(Path::new(name), bytes).unwrap_or_default();
+        assert!(found("a.hdr", b"#?RADIANCE\n").starts_with("a picture"));
+        assert!(found("a.RON", b"Graph(").starts_with("a graph"));
         assert!(
-            told("a.json", br#" [{"id": 0, "rotation": [], "fx": 1.0}]"#).starts_with("a file of cameras")
+            found("a.json", br#" [{"id": 0, "rotation": [], "fx": 1.0}]"#).starts_with("a file of cameras")
         );
-        assert!(told("transforms.json", br#"{"fl_x": 1, "frames": []}"#).starts_with("a file of cameras"));
-        assert_eq!(told("a.gltf", br#"{"asset": {}, "frames": 1, "rotation": 2}"#), "");
-        assert_eq!(told("a.ply", b"ply\n"), "");
+        assert!(found("transforms.json", br#"{"fl_x": 1, "frames": []}"#).starts_with("a file of cameras"));
+        assert_eq!(found("a.gltf", br#"{"asset": {}, "frames": 1, "rotation": 2}"#), "");
+        assert_eq!(found("a.ply", b"ply\n"), "");
     }
 
     #[test]
-    fn heads_tell_meshes_from_splats() {
+    fn headers_distinguish_meshes_from_splats() {
         assert!(is_mesh(b"ply\nformat ascii 1.0\nelement vertex 3\nelement face 0\nend_header\n"));
         assert!(!is_mesh(b"ply\nelement vertex 3\nproperty float scale_0\nelement face 0\nend_header\n"));
         assert!(!is_mesh(b"ply\nelement vertex 3\nend_header\nelement face"));

@@ -159,8 +159,8 @@ impl Run {
         self.engine.memory()?;
         let mut report = self.report();
         let (folder, kinds) = (cache_folder(self.engine.cache.as_deref())?, nodes::registry());
-        let tell = |event| report.show(&event);
-        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, tell))
+        let show = |event| report.show(&event);
+        Ok(run_unchanged(&folder, &origin.source, &kinds, &origin.root, &self.out, show))
     }
 
     fn report(&self) -> Report {
@@ -200,8 +200,8 @@ impl Run {
     fn in_time(&self, loaded: Loaded, engine: &Engine, time: Duration) -> Result<Loaded, Error> {
         let seconds = time.as_secs_f64();
         let (loaded, chosen, forecast) = budget::to_time(loaded, engine, seconds)?;
-        let told = json!({"forecast": forecast, "time": seconds});
-        self.print_chosen(told, &chosen, &terminal::forecast_text(&forecast));
+        let object = json!({"forecast": forecast, "time": seconds});
+        self.print_chosen(object, &chosen, &terminal::forecast_text(&forecast));
         if forecast.seconds > seconds && !self.json {
             terminal::remark("the forecast for the minimum number of samples is longer than --time");
         }

@@ -53,7 +53,7 @@ impl TrainLora {
         let stopped = follow.stopped();
         // The mean of the last losses: each has another noise level, so a single one means little.
         let mut smooth: Option<f32> = None;
-        let mut tell = |progress: LoraProgress| {
+        let mut show = |progress: LoraProgress| {
             let (text, at, of) = match progress {
                 LoraProgress::Pairs(at, of) => ("panoramas".to_owned(), at as u64, of as u64),
                 LoraProgress::Step(at, of, loss) => {
@@ -65,7 +65,7 @@ impl TrainLora {
             follow.show(text, at, of);
         };
         let is_stopped = || stopped.load(Ordering::Relaxed);
-        let done = lora::train(panoramas, &plan, out, &is_stopped, &mut tell).map_err(|e| e.to_string())?;
+        let done = lora::train(panoramas, &plan, out, &is_stopped, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         if !done {
             terminal::error("interrupted; the same command continues from here");

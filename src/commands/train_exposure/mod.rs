@@ -88,7 +88,7 @@ impl TrainExposure {
         };
         let mut follow = Follow::new();
         let stopped = follow.stopped();
-        let mut tell = |progress: Progress| {
+        let mut show = |progress: Progress| {
             match progress {
                 Progress::Examples(at, of) => follow.show("photographs".to_owned(), at as u64, of as u64),
                 Progress::Step { network, networks, step, steps, loss } => {
@@ -99,7 +99,7 @@ impl TrainExposure {
             !stopped.load(Ordering::Relaxed)
         };
         let parts = self.out.with_extension("parts");
-        let trained = training::train(panoramas, &plan, &parts, &mut tell).map_err(|e| e.to_string())?;
+        let trained = training::train(panoramas, &plan, &parts, &mut show).map_err(|e| e.to_string())?;
         follow.end();
         let Some(trained) = trained else {
             terminal::error("interrupted; the same command continues from here");

@@ -31,7 +31,7 @@ pub struct Measured {
     pub now: usize,
     /// The error of each node that has knobs, largest first.
     pub attributions: Vec<Attribution>,
-    /// Whether the time was over before everything was measured.
+    /// True if the time was over before everything was measured.
     pub late: bool,
 }
 
