@@ -1,5 +1,6 @@
 //! Renderers that kinds share: Gaussian splats, light transport, and where in what they show an object may stand.
 
+pub(crate) mod fusion;
 pub mod layout;
 pub mod look;
 pub mod pick;

@@ -6,7 +6,7 @@ use std::path::Path;
 use engine::Up;
 use glam::DVec3;
 
-use super::survey::{SIZE, Survey};
+use super::survey::{SIZE, Survey, is_known};
 use crate::session::standing::UpBy;
 
 /// A text as a graph has it, in quotes.
@@ -105,12 +105,13 @@ pub fn text(survey: &Survey) -> String {
         }
     };
     line(&format!("    // {by}"));
-    let scale = if s.standing.stand.scale.metres_per_unit.is_some()
-        && s.standing.stand.scale.confidence >= 0.5
-    {
+    let scale = if is_known(&s.standing.stand) {
         format!("`metres_per_unit` was measured: {}.", s.standing.stand.scale.reason)
     } else {
-        "`metres_per_unit` is NOT KNOWN: measure something in the capture, and write metres divided by units here.".to_owned()
+        let fitted = if arranged.fitted { " With this one the object fits." } else { "" };
+        format!(
+            "`metres_per_unit` is NOT KNOWN: write metres divided by units of something measured.{fitted}"
+        )
     };
     line(&format!("    // {scale}"));
     line(&format!(
@@ -136,7 +137,7 @@ pub fn text(survey: &Survey) -> String {
     line(
         "        // This is the line you will edit most. `yaw_deg` turns it, counter-clockwise seen from above.",
     );
-    let fitted = if arranged.fitted {
+    let fitted = if arranged.fitted && is_known(&s.standing.stand) {
         format!(" Its own size is {:.2} m; `scale` fits it to the space.", size.max_element())
     } else {
         String::new()
@@ -154,11 +155,15 @@ pub fn text(survey: &Survey) -> String {
             line("        // The mesh of the place takes shadows and gives light back.");
             line(&format!("        proxy:  LoadMesh(path: {}{turned}),", quoted(mesh)));
         }
+        None if arranged.surface.is_none() => {
+            line("        // No level surface was found, so a plane takes the shadows.");
+            line("        proxy:  Plane(at: \"pose\", splats: \"scene\"),");
+        }
         None => {
             line(
-                "        // The mesh of the place, made from the splats, takes shadows and gives light back.",
+                "        // The mesh of the place, made from the splats, receives shadows and reflects light.",
             );
-            line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose\"),");
+            line("        proxy:  ExtractMesh(splats: \"scene\", around: \"pose\", cameras: \"camera\"),");
         }
     }
     line(
@@ -289,7 +294,7 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         "pose:",
     );
     match s.standing.stand.scale.metres_per_unit {
-        Some(_) if s.standing.stand.scale.confidence >= 0.5 => line(
+        Some(_) if is_known(&s.standing.stand) => line(
             "scale",
             format!("{} m a unit: {}", number(s.metres_per_unit), s.standing.stand.scale.reason),
             Some(s.standing.stand.scale.confidence),
@@ -319,28 +324,28 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
         }
     }
     let size = s.extents.size().max_element();
-    if s.arranged.fitted {
-        let units = size / s.metres_per_unit * s.arranged.scale;
-        line(
-            "size",
-            format!("scaled by {} to {} units, to fit", number(s.arranged.scale), length(units, digits)),
-            None,
-            "pose:",
-        );
+    let units = length(size / s.metres_per_unit * s.arranged.scale, digits);
+    if s.arranged.fitted && is_known(&s.standing.stand) {
+        let text = format!("scaled by {} to {units} units, to fit", number(s.arranged.scale));
+        line("size", text, None, "pose:");
     } else {
-        line("size", format!("its own, {size:.2} m"), None, "pose:");
+        line("size", format!("its own, {size:.2} m, which is {units} units"), None, "pose:");
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
             line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:")
         }
-        (None, Some(view)) => line("camera", format!("at {}", vector(view.eye)), Some(view.score), "camera:"),
+        (None, Some(view)) => {
+            let shows = if view.score >= 0.6 { "sees the object well" } else { "sees the object NOT WELL" };
+            line("camera", format!("at {}, {shows}", vector(view.eye)), None, "camera:");
+        }
         (None, None) => {
             line("camera", "NO FREE PLACE was found that sees the object".to_owned(), None, "camera:")
         }
     }
     if s.mesh.is_none() {
-        line("mesh", "made from the splats".to_owned(), None, "proxy:");
+        let made = if s.arranged.surface.is_some() { "extracted from the splats" } else { "a plane" };
+        line("mesh", made.to_owned(), None, "proxy:");
     }
     out
 }

@@ -1,4 +1,4 @@
-//! `init`: a folder to begin in, with a made-up place or with files of the user.
+//! `init`: a folder with a first graph, of a synthetic scene or of files of the user.
 
 mod graph;
 mod survey;
@@ -11,14 +11,14 @@ use crate::session::Error;
 use crate::terminal;
 use survey::Survey;
 
-/// Makes a folder with a graph that runs as it is, and is made to be edited.
+/// Creates a folder with a commented graph that runs as it is.
 ///
-/// Without files the place is made up. With `--splats` and `--object` it looks at them: which way is up, where the floor
-/// lies, how long a unit is, where there is room for the object and from where it is seen. It prints what it assumed,
-/// how sure it is, and the line to edit.
+/// Without files the scene is synthetic. With `--splats` and `--object` it measures which way is up, where the floor lies
+/// and how long a unit is, and chooses a place for the object and a camera. It prints what it assumed, how sure it is, and
+/// the line to edit.
 #[derive(Debug, Args)]
 pub struct Init {
-    /// The folder; made if it is not there
+    /// The folder; created if it does not exist
     #[arg(default_value = ".")]
     folder: PathBuf,
     /// The captured place: a file or folder of splats (PLY, SPZ, SOG, .splat, .ksplat, glTF)
@@ -52,18 +52,18 @@ be made of, and `lightharmony nodes path-trace` describes one kind.
 ";
 
 const MADE_UP: &str = "
-The scene in it is made up. For your own:
+The scene in it is synthetic. For your own scene:
 
     lightharmony init FOLDER --splats capture.ply --object chair.glb
 ";
 
 const HAND_ON: &str = "
-To hand it on: `lightharmony pack graph.ron picture.lhb`; whoever gets it runs `lightharmony verify picture.lhb`.
+To share it: `lightharmony pack graph.ron picture.lhb`; the receiver runs `lightharmony verify picture.lhb`.
 ";
 
 impl Init {
-    /// Writes the files; refuses where the graph is there already. Of the others, one that is there stays as it is: most
-    /// folders of a repository have them. Exit code 0, or 1 where a file cannot be used.
+    /// Writes the files; refuses where the graph exists already. The other files are kept where they exist, since
+    /// most folders of a repository have them. Exit code 0, or 1 where a file cannot be used.
     pub fn run(self) -> Result<u8, Error> {
         let path = |name: &str| self.folder.join(name);
         let is_there = |name: &str| std::fs::symlink_metadata(path(name)).is_ok();
@@ -95,7 +95,7 @@ impl Init {
         let ignored = "# What runs write.\n/out/\n";
         for (name, text) in [(GRAPH, text.as_str()), (".gitignore", ignored), ("README.md", &readme)] {
             if is_there(name) {
-                terminal::remark(&format!("{} is there already and stays as it is", path(name).display()));
+                terminal::remark(&format!("{} exists already and is kept", path(name).display()));
             } else {
                 cache::publish_file(&path(name), text.as_bytes())?;
             }

@@ -116,8 +116,14 @@ impl Survey {
         let object = LoadObject::run(&params, load_object::In {}, &cx)?.0.object;
         let extents = Extents::of(&object)
             .ok_or_else(|| NodeError::new(format!("`{}` has no triangles", files.object.display())))?;
-        let metres_per_unit = metres(stand);
+        let mut metres_per_unit = metres(stand);
         let mut arranged = arrange(&standing.splats, stand, &extents, metres_per_unit, cameras, &cx)?;
+        if arranged.fitted && !is_known(stand) {
+            // Lengths of the graph are in metres: the object keeps its own, and the place is measured by it.
+            let exact = metres_per_unit / arranged.scale;
+            metres_per_unit = three_digits(exact);
+            arranged.scale = 1.0;
+        }
         let photo = files.photo.map(|path| photo(path, files, cameras)).transpose()?;
         let decimals = decimals(stand);
         let round = |v: DVec3| DVec3::from_array(v.to_array().map(|c| rounded(c, decimals)));
@@ -150,6 +156,19 @@ impl Survey {
     pub fn decimals(&self) -> usize {
         decimals(&self.standing.stand)
     }
+}
+
+/// Whether the scale of a scene was measured well enough to be written.
+pub fn is_known(stand: &LevelEstimate) -> bool {
+    stand.scale.metres_per_unit.is_some() && stand.scale.confidence >= 0.5
+}
+
+fn three_digits(value: f64) -> f64 {
+    let mut unit = 1e-9;
+    while unit * 1000.0 <= value {
+        unit *= 10.0;
+    }
+    (value / unit).round() * unit
 }
 
 /// The scale that is written: what was measured, or metres, or what makes the scene ten metres wide.

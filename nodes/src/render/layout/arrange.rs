@@ -14,6 +14,10 @@ use crate::types::{Object, Rig, Splats};
 const KNOWN: f64 = 0.5;
 /// Heights over the floor at which things are put, in metres, where the scale is known.
 const HEIGHTS: [f64; 2] = [-0.1, 1.15];
+/// Radius of a level surface that counts without a floor, in radii of the scene.
+const SMALL: f64 = 0.1;
+/// Distance from the middle of a thing without a ground to what is put beside it, in radii of the scene.
+const ASIDE: f64 = 0.35;
 /// An object may reach so far from the middle of its place to the rim.
 const ROOM: f64 = 0.7;
 
@@ -83,7 +87,7 @@ pub fn arrange(
     let reach = (object.reach() / metres_per_unit).max(1e-9);
     // Where the scale is not known, the object's own size counts within what looks right in the scene.
     let enough =
-        if known { reach / ROOM } else { (reach / ROOM).clamp(0.03 * stand.radius, 0.08 * stand.radius) };
+        if known { reach / ROOM } else { (reach / ROOM).clamp(0.008 * stand.radius, 0.08 * stand.radius) };
     let heights =
         if known { HEIGHTS.map(|h| h / metres_per_unit) } else { [-0.05 * stand.radius, 0.45 * tall] };
     let centre = DVec3::from_array(stand.centre);
@@ -100,8 +104,15 @@ pub fn arrange(
     let found = surfaces(&grid, stand.floor, &wish);
     cx.check()?;
     let size = object.size();
-    let surface = found.first().map(|surface| settled(splats, &grid, surface, stand.floor));
-    let place = surface.map_or_else(|| centre + up * (stand.floor - centre.dot(up)), |surface| surface.place);
+    // Without a floor, what is level on a thing is as good as its size.
+    let worth = |surface: &&Surface| stand.floor_confidence >= 0.3 || surface.radius > SMALL * stand.radius;
+    let surface = found.first().filter(worth).map(|surface| settled(splats, &grid, surface, stand.floor));
+    // Beside a thing that stands alone, level with its lowest point.
+    let alone = || {
+        let lowest = lowest(splats, stand, up);
+        centre + grid.axes.x_axis * (ASIDE * stand.radius) + up * (lowest - centre.dot(up))
+    };
+    let place = surface.map_or_else(alone, |surface| surface.place);
     let (room, clearance) =
         surface.map_or((0.2 * stand.radius, f64::INFINITY), |s| (ROOM * s.radius, 0.9 * s.clearance));
     let largest = (room / reach).min(clearance / (size.y / metres_per_unit)).max(1e-9);
@@ -116,6 +127,15 @@ pub fn arrange(
     let subject = Subject { place, height, extent };
     let view = best_view(splats, &grid, &subject, &hint, cx)?;
     Ok(Arrangement { surface, place, scale, fitted: !fits, view })
+}
+
+/// The height along up that all but a thousandth of the splats of a scene lie over.
+fn lowest(splats: &Splats, stand: &LevelEstimate, up: DVec3) -> f64 {
+    let centre = DVec3::from_array(stand.centre);
+    let inside = |i: &usize| splats.opacities[*i] > 0.3 && (splats.mean(*i) - centre).length() < stand.radius;
+    let mut heights: Vec<f64> = (0..splats.len()).filter(inside).map(|i| splats.mean(i).dot(up)).collect();
+    heights.sort_by(f64::total_cmp);
+    heights.get(heights.len() / 1000).copied().unwrap_or(stand.floor)
 }
 
 /// A surface at the height of the splats around its place, which its cells are coarser than.

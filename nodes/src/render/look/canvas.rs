@@ -117,6 +117,7 @@ impl Canvas {
             largest: 255,
             codes,
             ignored: Vec::new(),
+            linear: false,
         };
         write(&raster, true, &[])
     }
