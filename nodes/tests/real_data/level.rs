@@ -9,6 +9,7 @@ use nodes::geometry::level::{self, LevelEstimate};
 use nodes::io::splats::{Frame, Row, Turn};
 use nodes::kinds::demo_scene::{self, DemoScene, Setting};
 use nodes::kinds::load_splats::{self, LoadSplats};
+use nodes::math::num;
 use nodes::types::Splats;
 
 use super::data;
@@ -78,8 +79,12 @@ fn rotations() -> Vec<DMat3> {
     let mut all: Vec<DMat3> = axes.map(|a| DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, a))).into();
     all.extend((0..10).map(|i| {
         let t = f64::from(i);
-        let q =
-            DQuat::from_xyzw((t * 2.3).sin(), (t * 1.7 + 1.0).cos(), (t * 0.9 + 2.0).sin(), (t * 3.1).cos());
+        let q = DQuat::from_xyzw(
+            num::f64::sin(t * 2.3),
+            num::f64::cos(t * 1.7 + 1.0),
+            num::f64::sin(t * 0.9 + 2.0),
+            num::f64::cos(t * 3.1),
+        );
         DMat3::from_quat(q.normalize())
     }));
     all
@@ -104,7 +109,7 @@ fn turned(splats: &Splats, rotation: DMat3) -> Splats {
 }
 
 fn degrees(a: DVec3, b: DVec3) -> f64 {
-    a.cross(b).length().atan2(a.dot(b)).to_degrees()
+    num::atan2(a.cross(b).length(), a.dot(b)).to_degrees()
 }
 
 /// How far the floor is off, where it matters: over the middle of the scene, along the true up.

@@ -320,7 +320,7 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
             "pose:",
         ),
         None => {
-            line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:")
+            line("place", format!("{}; NO LEVEL SURFACE was found", vector(s.translation)), None, "pose:");
         }
     }
     let size = s.extents.size().max_element();
@@ -333,14 +333,14 @@ pub fn assumptions(survey: &Survey, graph: &str, path: &Path) -> String {
     }
     match (&s.photo, s.arranged.view) {
         (Some(photo), _) => {
-            line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:")
+            line("camera", format!("that of the photograph, `{}`", photo.camera), None, "camera:");
         }
         (None, Some(view)) => {
             let shows = if view.score >= 0.6 { "sees the object well" } else { "sees the object NOT WELL" };
             line("camera", format!("at {}, {shows}", vector(view.eye)), None, "camera:");
         }
         (None, None) => {
-            line("camera", "NO FREE PLACE was found that sees the object".to_owned(), None, "camera:")
+            line("camera", "NO FREE PLACE was found that sees the object".to_owned(), None, "camera:");
         }
     }
     if s.mesh.is_none() {

@@ -131,9 +131,16 @@ pub(super) fn of_mesh(_file: &Path, mesh: &Mesh, declared: Option<Up>) -> Result
     let named = [Up::PlusZ, Up::PlusY, Up::MinusY].into_iter().find(|up| Some(up.name()) == axis);
     let up = declared.or(named).unwrap_or(Up::PlusZ);
     let splats = splats_of_mesh(mesh);
+    let mut lines = String::new();
+    if declared.is_some() {
+        let points = || (0..mesh.positions.len() as u32).map(|v| mesh.position(v));
+        let low = points().fold(DVec3::INFINITY, DVec3::min);
+        let [x, y, z] = (points().fold(DVec3::NEG_INFINITY, DVec3::max) - low).to_array();
+        let text = "wide, high and deep, in metres as glTF has them";
+        let _ = writeln!(lines, "{:>14}  {x:.3} x {y:.3} x {z:.3}, {text}", "size");
+    }
     let stand = level::upright(&splats, axes(up)[2], None)
         .ok_or_else(|| NodeError::new("the mesh has no surface that could be seen"))?;
-    let mut lines = String::new();
     let cx = splats::context(up);
     let png = Shown { splats: &splats, stand: &stand, cameras: None, up }.draw(&mut lines, &cx)?;
     Ok((png, lines))
@@ -155,7 +162,7 @@ pub(super) fn of_panorama(file: &Path, bytes: &[u8]) -> Result<Drawn, NodeError>
     let lumas: Vec<f32> = (0..width * height).map(|i| luminance(pixel(i % width, i / width))).collect();
     let peak =
         lumas.iter().enumerate().fold((0, 0.0), |best, (i, &v)| if v > best.1 { (i, v) } else { best });
-    let mut sorted = lumas.clone();
+    let mut sorted = lumas;
     sorted.sort_by(f32::total_cmp);
     let white = sorted.get(sorted.len() * 19 / 20).copied().unwrap_or(1.0).max(1e-6);
     let out = [PANORAMA.min(width), PANORAMA.min(width) / 2];

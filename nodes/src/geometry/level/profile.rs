@@ -233,9 +233,9 @@ pub(super) fn profile(patches: &Patches, up: DVec3) -> Profile {
     let sky: [f64; 2] = patches.far.iter().fold([0.0; 2], |mut sum, p| {
         let v = (p.middle - patches.centre).normalize().dot(up);
         if v > 0.25 {
-            sum[1] += p.weight
+            sum[1] += p.weight;
         } else if v < -0.25 {
-            sum[0] += p.weight
+            sum[0] += p.weight;
         }
         sum
     });

@@ -247,12 +247,12 @@ fn cameras_of_gltf_come_into_the_world_as_objects_do() {
                   {"camera": 1}],
         "cameras": [{"type": "perspective", "perspective": {"yfov": 1.5707963267948966, "aspectRatio": 2.0, "znear": 0.1}},
                     {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9}}]}"#;
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("a.gltf"), json).unwrap();
+    let folder = tempfile::tempdir().unwrap_or_else(|e| panic!("{e}"));
+    std::fs::write(folder.path().join("a.gltf"), json).unwrap_or_else(|e| panic!("{e}"));
     let scene = Scene { up: Up::PlusZ, metres_per_unit: 0.5, seed: 0 };
     let cx = Context::detached(scene, folder.path().display().to_string());
     let p = LoadCameras { resolution: 0.5, ..node("a.gltf") };
-    let (out, notes) = LoadCameras::run(&p, In {}, &cx).unwrap();
+    let (out, notes) = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}"));
     let [camera] = &out.rig.cameras[..] else { panic!("{:?}", out.rig) };
     assert_eq!((camera.name.as_str(), camera.width_px, camera.height_px), ("shot", 1080, 540));
     assert!((camera.fy - 270.0).abs() < 1e-9);
@@ -263,7 +263,7 @@ fn cameras_of_gltf_come_into_the_world_as_objects_do() {
     assert!(notes.iter().any(|note| note.id == "parallel-cameras"));
     let turned = [0.0, -1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let p = LoadCameras { matrix: Some(turned), ..p };
-    let camera = LoadCameras::run(&p, In {}, &cx).unwrap().0.rig.cameras[0].clone();
+    let camera = LoadCameras::run(&p, In {}, &cx).unwrap_or_else(|e| panic!("{e}")).0.rig.cameras[0].clone();
     assert!((camera.eye() - DVec3::new(7.0, 2.0, 4.0)).length() < 1e-9);
     assert!((camera.direction(camera.cx, camera.cy) - DVec3::NEG_Y).length() < 1e-9);
 }

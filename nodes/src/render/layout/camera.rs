@@ -93,7 +93,7 @@ fn judge(
     let steps: f64 = lumas.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>() / pixels;
     let exposed = (mean / 0.25).min(1.0) * ((1.0 - mean) / 0.15).min(1.0);
     let detail = (steps / 0.03).min(1.0);
-    Ok(ground * alpha * alpha * (1.0 - close).powi(2) * (0.4 + 0.3 * exposed + 0.3 * detail))
+    Ok(ground * alpha * alpha * (1.0 - close) * (1.0 - close) * (0.4 + 0.3 * exposed + 0.3 * detail))
 }
 
 /// The camera that sees a subject best, among those that stand in free space: by small pictures. `hint`: cameras of the

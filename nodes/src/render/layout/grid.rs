@@ -105,7 +105,7 @@ impl Grid {
         let v = (p - self.low) / self.cell;
         let inside = |v: f64, n: usize| v >= 0.0 && v < n as f64;
         let whole = inside(v.x, self.size[0]) && inside(v.y, self.size[1]) && inside(v.z, self.size[2]);
-        whole.then(|| [v.x as usize, v.y as usize, v.z as usize])
+        if whole { Some([v.x as usize, v.y as usize, v.z as usize]) } else { None }
     }
 
     /// Whether a cell is solid.

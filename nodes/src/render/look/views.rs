@@ -34,7 +34,7 @@ fn judge(splats: &Splats, view: &View, up: DVec3, radius: f64, cx: &Context) -> 
     let mean = lumas.iter().sum::<f64>() / pixels;
     let detail: f64 = lumas.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum::<f64>() / pixels;
     let exposed = (mean / 0.2).min(1.0) * ((1.0 - mean) / 0.1).min(1.0);
-    Ok(alpha * (1.0 - close).powi(2) * (0.3 + 0.3 * exposed + 0.4 * (detail / 0.04).min(1.0)))
+    Ok(alpha * (1.0 - close) * (1.0 - close) * (0.3 + 0.3 * exposed + 0.4 * (detail / 0.04).min(1.0)))
 }
 
 /// The views that show most, the best first and no two alike: at eye height from free places of the floor, from around the scene
