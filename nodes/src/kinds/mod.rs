@@ -12,6 +12,7 @@ pub mod crop_mesh;
 pub mod cube_rig;
 pub mod demo_scene;
 pub mod denoise;
+pub mod fit_lights;
 pub mod fit_probe;
 pub mod fuse_hdr;
 pub mod join_reports;
