@@ -8,13 +8,13 @@ use nodes::kinds::composite::{self, Composite};
 use nodes::kinds::crop_mesh::{self, CropMesh};
 use nodes::kinds::cube_rig::{self, CubeRig};
 use nodes::kinds::fuse_hdr::{self, FuseHdr};
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::kinds::place::{self, Place};
 use nodes::kinds::predict_exposure::{self, Method, PredictExposure};
 use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::kinds::snap::{self, Snap};
 use nodes::kinds::splat_render::{self, SplatRender};
 use nodes::kinds::stitch::{self, Stitch};
-use nodes::path_trace::{self, PathTrace};
 use nodes::render::splat::Drawing;
 use nodes::types::{Images, Mesh, Object, Pose, Rig, Splats};
 
