@@ -34,11 +34,12 @@ pub(super) enum Seen {
 
 impl Place {
     pub fn new(mesh: &Mesh) -> Self {
-        let (low, high) = (0..mesh.positions.len() as u32)
-            .map(|v| mesh.position(v))
-            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+        let (low, high) = (0..mesh.positions.len() as u32).map(|v| mesh.position(v)).fold(
+            (DVec3::INFINITY, DVec3::NEG_INFINITY),
+            |(low, high), p| {
                 if p.is_finite() { (low.min(p), high.max(p)) } else { (low, high) }
-            });
+            },
+        );
         let middle = if low.is_finite() && high.is_finite() { (low + high) * 0.5 } else { DVec3::ZERO };
         let corners: Vec<[Vec3; 3]> =
             mesh.triangles.iter().map(|t| t.map(|v| (mesh.position(v) - middle).as_vec3())).collect();
