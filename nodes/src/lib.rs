@@ -44,6 +44,7 @@ pub fn registry() -> Registry {
         KindEntry::of::<demo_scene::DemoScene>(),
         KindEntry::of::<denoise::Denoise>(),
         KindEntry::of::<extract_mesh::ExtractMesh>(),
+        KindEntry::of::<fit_lights::FitLights>(),
         KindEntry::of::<fit_probe::FitProbe>(),
         KindEntry::of::<fuse_hdr::FuseHdr>(),
         KindEntry::of::<join_reports::JoinReports>(),
