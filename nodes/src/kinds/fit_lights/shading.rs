@@ -76,9 +76,10 @@ impl Shading {
         let (mut sum, mut next, mut drawn) = (0.0, 0.5, Vec::new());
         for surface in &surfaces {
             sum += weight(surface);
-            if sum * count as f64 > next * total {
+            let reached = sum * count as f64 / total;
+            if reached > next {
                 drawn.push(surface);
-                next = (sum * count as f64 / total).floor() + 0.5;
+                next = (reached - 0.5).floor() + 1.5;
             }
         }
         let tiles = cx.for_each_tile(drawn.len().div_ceil(TILE), |tile| {
