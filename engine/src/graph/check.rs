@@ -244,10 +244,8 @@ impl<'t, 'a> Check<'t, 'a> {
 
     /// A field with its parameters inserted, and the axes that it reads.
     fn field(&self, raw: &RawField<'t>, is_path: bool) -> Result<(Field<'t>, Vec<usize>), Diagnostic> {
-        let folder_at = |offset: usize| {
-            let index = self.pieces.iter().rposition(|piece| piece.span.start <= offset).unwrap_or_default();
-            folder_of(&self.pieces[index])
-        };
+        let source = self.source;
+        let folder_at = |offset: usize| folder_of(source.piece(offset));
         let folders: Option<&dyn Fn(usize) -> &'t str> = if is_path { Some(&folder_at) } else { None };
         let (text, span) = in_place(raw, self.scopes, folders)?;
         let axes = axes_read(&text, &span, &self.axes)?;

@@ -209,7 +209,7 @@ fn a_circle_of_includes_through_the_graph_itself_is_no_trouble() {
         let graph = Graph::parse(source.clone(), &registry(), root.clone()).unwrap();
         assert_eq!(graph.nodes.len(), nodes, "{name}");
         // The joined text is a graph by itself, as in a bundle, wherever it lies.
-        let (again, _) = Source::new("bundle.lhb", source.text.clone()).including(&root);
+        let (again, _) = Source::packed("bundle.lhb", source.text.clone()).including(&root);
         assert_eq!(again.text, source.text);
     }
 }
@@ -250,7 +250,7 @@ fn presets_of_one_name_are_laid_together_the_graphs_own_last() {
         "sum: Add(terms: [\"a\", \"b\"]), s: WriteNumber(number: \"sum\", path: \"s.txt\"),",
     )
     .replace("nodes:", "presets: (big: (a: (value: 2.0))), nodes:");
-    let source = Source::new("graph.ron", lab.joined(&text)).with_preset("big", &registry());
+    let source = Source::packed("graph.ron", lab.joined(&text)).with_preset("big", &registry());
     lab.run_text(&source.text);
     assert_eq!(lab.out("s.txt"), "7.0\n");
 }

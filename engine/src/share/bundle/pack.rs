@@ -200,9 +200,9 @@ impl Places {
             });
         }
         // Paths in an included file are relative to its folder, from which `inputs` may be unreachable.
-        let below = |span: &Range<usize>| !folder_of(&graph.source.piece(span.start)).is_empty();
+        let below = |span: &Range<usize>| !folder_of(graph.source.piece(span.start)).is_empty();
         if let Some((span, _)) = edits.iter().find(|(span, _)| below(span)) {
-            let (field, file) = (&graph.source.text[span.clone()], graph.source.piece(span.start).name);
+            let (field, file) = (&graph.source.text[span.clone()], &graph.source.piece(span.start).name);
             let what = format!(
                 "`{field}` in `{file}` is at a path that a bundle cannot contain; move it next to the graph"
             );
@@ -216,11 +216,7 @@ impl Places {
             let what = format!("`{field}` names files elsewhere; move them next to the graph");
             return Err(BundleError::Refused(what));
         }
-        let mut text = graph.source.text.to_string();
-        for (span, with) in edits {
-            text.replace_range(span, &with);
-        }
-        Ok(text)
+        Ok(graph.source.pack(&edits))
     }
 }
 

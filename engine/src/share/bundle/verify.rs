@@ -98,7 +98,7 @@ pub fn verify<R: Read + Seek>(
     bundle.unpack(&folder)?;
     let root = SourceRoot::confined(&folder, &[]).map_err(failed)?;
     let graph =
-        Graph::parse(Source::new(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
+        Graph::parse(Source::packed(GRAPH, bundle.graph_text()?), registry, root).map_err(|e| refused(&e))?;
     let lock = Lock::parse(&Source::new(LOCK, bundle.lock_text()?)).map_err(|e| refused(&e))?;
     let open = |name: &str| -> Result<Engine, BundleError> {
         let store = Store::open(&place.path().join(name), Options::default()).map_err(|e| refused(&e))?;
