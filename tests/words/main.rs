@@ -26,7 +26,7 @@ const HELD: &[&str] = &[
     "cache/tests",
     "nodes/benches",
     "nodes/fuzz",
-    "engine/examples",
+    "engine",
 ];
 
 fn workspace() -> &'static Path {

@@ -25,7 +25,7 @@ pub struct Graph {
     pub nodes: Vec<Arc<Node>>,
     /// Resolves paths in the graph.
     pub root: SourceRoot,
-    /// Whether the graph is a single file without axes, gathers and subgraphs.
+    /// True if the graph is a single file without axes, gathers and subgraphs.
     pub(crate) plain: bool,
     /// Offset of each node in the text.
     starts: Vec<usize>,
@@ -241,7 +241,7 @@ impl Graph {
         readers.flat_map(|node| node.named_files(&self.root))
     }
 
-    /// Whether another graph has the same meaning, whatever its layout.
+    /// True if another graph has the same meaning, whatever its layout.
     pub fn same(&self, other: &Graph) -> bool {
         let alike = |(a, b): (&Arc<Node>, &Arc<Node>)| {
             Arc::ptr_eq(a, b)
@@ -284,7 +284,7 @@ impl Graph {
         self.nodes.iter().position(|node| node.id == id)
     }
 
-    /// The default targets of a run: the sinks, or all nodes that nothing reads if there are no sinks.
+    /// The default targets of a run: the sinks, or all nodes that nothing reads if the graph has no sinks.
     pub fn targets(&self) -> Vec<usize> {
         let all = 0..self.nodes.len();
         let sinks: Vec<usize> = all.clone().filter(|&n| self.nodes[n].sink_path.is_some()).collect();
@@ -318,7 +318,7 @@ fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// Whether `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
+/// True if `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
 fn stands_at(point: &[(String, String)], values: &str) -> bool {
     let mut left = values;
     for (axis, value) in point {

@@ -116,7 +116,7 @@ fn difference(old: &str, new: &str) -> (Range<usize>, Range<usize>) {
     (start..old_end, start..new.len() - (old.len() - old_end))
 }
 
-/// Whether two texts between nodes differ only in comments and white space.
+/// True if two texts between nodes differ only in comments and white space.
 fn same_but_for_space(old: &str, new: &str) -> bool {
     let words = |text: &str| -> Option<Vec<String>> {
         let mut scan = Scanner::new(text);

@@ -141,7 +141,7 @@ pub struct Context {
     pub(crate) root: SourceRoot,
     pub(crate) sources: Vec<ReadSource>,
     pub(crate) cancel: Arc<AtomicBool>,
-    /// Whether the node has seen that the run is cancelled. Its result may then be incomplete.
+    /// True if the node has seen that the run is cancelled. Its result may then be incomplete.
     pub(crate) told: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
@@ -220,7 +220,7 @@ impl Context {
         self.points.iter().find(|(port, _)| *port == input).map_or(&[], |(_, points)| points)
     }
 
-    /// Whether the run was cancelled.
+    /// True if the run was cancelled.
     pub fn cancelled(&self) -> bool {
         let cancelled = self.cancel.load(Ordering::Relaxed);
         if cancelled {

@@ -98,7 +98,7 @@ pub struct KindEntry {
     pub(crate) folders: bool,
     /// [`Kind::SUPPLIED`].
     pub(crate) supplied: Option<&'static str>,
-    /// Whether a parameter names a source file.
+    /// True if a parameter names a source file.
     pub(crate) reads_files: bool,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }

@@ -23,7 +23,7 @@ use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::{NodeError, guarded};
 
-/// What a run would do with a node.
+/// Planned treatment of a node.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fate {
     /// Not needed by any target.
@@ -56,7 +56,7 @@ pub struct Planned {
     pub id: String,
     /// Kind of the node.
     pub kind: &'static str,
-    /// What would happen.
+    /// Planned treatment.
     pub fate: Fate,
     /// Forecast of its time in seconds, from earlier runs of its kind; `None` if there are none or if it would not
     /// run. Cached parts make it shorter.

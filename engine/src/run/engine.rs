@@ -17,7 +17,7 @@ pub struct Engine {
     limits: OnceLock<Limits>,
     threads: OnceLock<Arc<Threads>>,
     prepared: OnceLock<Arc<ValueCache>>,
-    /// What is kept from one run to the next; see [`keeping`](Self::keeping).
+    /// State kept from one run to the next; see [`keeping`](Self::keeping).
     pub(crate) warm: Option<Warm>,
 }
 

@@ -42,7 +42,7 @@ pub(crate) struct Job<'a> {
     pub key: Digest,
     /// Without a key if only values are needed, since there is a record then.
     pub action: Action,
-    /// Whether only values are needed.
+    /// True if only values are needed.
     pub remake: bool,
     pub work: f64,
     /// Memory in bytes that it was admitted with.

@@ -52,7 +52,7 @@ pub(crate) struct Finished {
     pub values: Vec<AnyArtifact>,
     /// Work done in this run.
     pub effort: Effort,
-    /// Whether the code ran here.
+    /// True if the code ran here.
     pub ran: bool,
 }
 

@@ -22,11 +22,11 @@ pub enum Code {
     Missing,
     /// A name is given twice.
     Duplicate,
-    /// There is no kind with this name.
+    /// Unknown name of a kind.
     UnknownKind,
-    /// There is no field with this name.
+    /// Unknown name of a field.
     UnknownField,
-    /// There is no node with this name.
+    /// Unknown name of a node.
     UnknownNode,
     /// The node has no output with this name.
     UnknownOutput,

@@ -19,7 +19,7 @@ pub(crate) trait Ears: Send {
 /// The watched files.
 pub(crate) struct Files {
     ears: Option<Box<dyn Ears>>,
-    /// Why there are no notifications; `None` once it was reported.
+    /// Reason for missing notifications; `None` once it was reported.
     deaf: Option<String>,
     /// Stamp of each file when it was last inspected; `None` if it is missing.
     stamps: BTreeMap<PathBuf, Option<FileStamp>>,
@@ -51,12 +51,12 @@ impl Files {
         }
     }
 
-    /// Whether there are notifications, so that polling is not needed.
+    /// True if there are notifications, so that polling is not needed.
     pub fn hears(&self) -> bool {
         self.ears.is_some()
     }
 
-    /// Why there are no notifications; returned once.
+    /// Reason for missing notifications; returned once.
     pub fn take_deafness(&mut self) -> Option<String> {
         self.deaf.take()
     }
@@ -258,10 +258,10 @@ mod tests {
             std::fs::write(self.path(name), text).unwrap();
         }
 
-        /// Whether the file counts as changed, exactly once.
+        /// True if the file counts as changed, exactly once.
         fn changed(&mut self) -> bool {
             let changed = !self.files.look().is_empty();
-            assert!(self.files.look().is_empty(), "told once");
+            assert!(self.files.look().is_empty(), "reported once");
             changed
         }
 

@@ -34,7 +34,7 @@ impl Pace {
         self.pending.map(|(_, due)| due)
     }
 
-    /// Whether it is time to inspect; true once.
+    /// True if it is time to inspect; true once.
     pub fn take(&mut self, now: Instant) -> bool {
         let come = self.due().is_some_and(|due| due <= now);
         if come {

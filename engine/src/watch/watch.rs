@@ -31,7 +31,7 @@ pub struct Load {
     pub texts: Vec<PathBuf>,
 }
 
-/// Why there is no graph to run.
+/// Reason why a graph cannot run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refusal {
     /// The mistakes with their places.
@@ -178,7 +178,7 @@ struct Session<'a, L, T> {
     shown: BTreeMap<PathBuf, SinkFile>,
     /// The graph has mistakes but may be half written.
     doubted: bool,
-    /// Whether the last run was successful.
+    /// True if the last run was successful.
     good: bool,
 }
 

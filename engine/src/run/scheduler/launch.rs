@@ -77,14 +77,14 @@ impl<'a> Run<'a> {
         let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
         let (held, budget) = (self.input_bytes(index), self.memory.limit());
         if bytes.saturating_add(held) > budget {
-            let beside = if bytes > budget || held < budget / 16 {
+            let inputs = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
                 format!(" in addition to the {} of its inputs", bytes_text(held))
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{beside}, but the budget is {budget}"
+                "needs about {needs} of memory{inputs}, but the budget is {budget}"
             ))
             .hint("reduce the size or the number of views, or raise `--memory`"));
         }

@@ -76,7 +76,7 @@ pub(crate) struct Run<'a> {
     scratch: Vec<u8>,
     /// The files of sinks.
     claims: Claims,
-    /// Whether all nodes were inspected and no file was written.
+    /// True if all nodes were inspected and no file was written.
     unchanged: bool,
     /// Number of messages that threads are still to send.
     owed: usize,
@@ -436,7 +436,7 @@ impl<'a> Run<'a> {
         (Outcome { totals: self.totals, failures }, self.slots)
     }
 
-    /// Whether all sinks were up to date and nothing had to be done.
+    /// True if all sinks were up to date and nothing had to be done.
     fn all_is_known(&self) -> bool {
         let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
             return false;

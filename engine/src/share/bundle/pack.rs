@@ -220,7 +220,7 @@ impl Places {
     }
 }
 
-/// Whether a path ends in `.` or `..`.
+/// True if a path ends in `.` or `..`.
 fn is_dots(path: &str) -> bool {
     matches!(path.trim_end_matches('/').rsplit('/').next(), Some("." | ".."))
 }

@@ -156,5 +156,5 @@ fn mutations_of_the_index_never_panic_and_leave_nothing() {
         }
         opened += usize::from(unpack(&sealed(&index, &bytes[end..])).is_ok());
     }
-    assert!(opened < rounds, "most of them are no bundles");
+    assert!(opened < rounds, "most of them are not bundles");
 }

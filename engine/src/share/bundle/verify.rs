@@ -73,7 +73,7 @@ pub struct Verified {
 }
 
 impl Verified {
-    /// Whether everything that was compared is equal.
+    /// True if everything that was compared is equal.
     pub fn is_good(&self) -> bool {
         self.differences.is_empty() && self.nodes.iter().all(|(_, verdict)| *verdict == Verdict::Equal)
     }
