@@ -9,39 +9,44 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::digest::Digest;
+use crate::digest_hasher::DigestHasher;
 use crate::entry::{self, Entry, MAX_PAYLOAD};
 use crate::error::{At, Error, Result};
 use crate::failpoint::{self, reach};
 use crate::file_lock::{FileGuard, FileLock};
-use crate::fold::Fold;
 use crate::index::{Damaged, Index};
+use crate::location::{EntryId, Location, LogSizes};
 use crate::log_head;
-use crate::slot::{Health, Place, Slot};
+use crate::page_cache::PageCache;
+use crate::regular;
 use crate::stamp::same_file;
 use crate::temp::{TempFile, sync_folder};
-use crate::window::Window;
 
 /// An entry of this kind plus another's removes the other.
 const REMOVED: u8 = 0x80;
 
-/// How much is read at once.
-const WINDOW: u64 = 1 << 20;
+/// Bytes per read.
+const READ_BYTES: u64 = 1 << 20;
 
-/// Compaction leaves logs with less dead weight than this alone, in bytes.
-const DEAD_ENOUGH: u64 = 1 << 20;
+/// Logs with fewer dead bytes than this are not compacted.
+const MIN_DEAD: u64 = 1 << 20;
 
-/// An index is renewed when at least this much of the log is not in it, in bytes, and a sixteenth of all.
-const UNINDEXED_ENOUGH: u64 = 64 << 10;
+/// An index is rewritten when at least this many bytes of the log are not in it, and a sixteenth of all.
+const MIN_UNINDEXED: u64 = 64 << 10;
 
-/// How long an append waits for another process, once. A stopped one must not stop us: appending without the
-/// lock is safe but for the last instant of a compaction, which would cost us the entry.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// How long an append waits for another process, once: a stopped process must not stop us. Appending without the lock is
+/// safe. Bytes of a log are never changed or cut off, and a writer without the lock finds out if a compaction replaced
+/// the file meanwhile.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Where a log lives and how it is treated.
+/// How often an append is repeated while compactions replace the file.
+const APPEND_ATTEMPTS: usize = 5;
+
+/// Where a log is stored and how it is written.
 #[derive(Clone, Debug)]
 pub(crate) struct Settings {
     pub path: PathBuf,
-    /// Locked while the log is written; never replaced, unlike the log.
+    /// The file that is locked while the log is written. Unlike the log it is never replaced.
     pub lock: PathBuf,
     pub temp: PathBuf,
     pub quarantine: PathBuf,
@@ -50,29 +55,31 @@ pub(crate) struct Settings {
     pub sync: bool,
 }
 
-/// The last entry of each kind and key in a file, or in memory only.
+/// The last entry of each kind and key, in a file or in memory only.
 #[derive(Debug)]
 pub(crate) struct Log {
     settings: Option<Arc<Settings>>,
     open: Option<Open>,
     lock: Option<FileLock>,
-    /// The index of the first part of the file, and whether it turned out wrong.
+    /// The index of the first part of the file.
     index: Option<Index>,
-    distrusted: bool,
-    /// The entries after that part; `None` where one was removed.
-    recent: HashMap<Place, Option<Slot>, BuildHasherDefault<Fold>>,
-    /// All bytes of a log without a file.
+    /// Whether an index turned out wrong; none is read again.
+    index_rejected: bool,
+    /// The entries after the part that is indexed; `None` for one that was removed.
+    recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
+    /// All entries of a log without a file.
     memory: Vec<u8>,
-    window: Window,
-    /// How far the file is understood, and how long it was when last looked at.
-    scanned: u64,
-    seen: u64,
-    health: Health,
-    /// Damaged bytes that were not told of yet.
-    news: u64,
+    pages: PageCache,
+    /// The end of the last entry that was read, as an offset in the file.
+    parsed: u64,
+    /// The length of the file when it was last read.
+    length: u64,
+    sizes: LogSizes,
+    /// Damaged bytes that were not reported yet.
+    unreported: u64,
     unsynced: bool,
-    /// The last wait for the lock was in vain; the next one is not repeated.
-    impatient: bool,
+    /// The last request for the lock timed out; the next one does not wait.
+    lock_timed_out: bool,
 }
 
 #[derive(Debug)]
@@ -92,23 +99,23 @@ impl Settings {
 }
 
 impl Log {
-    /// A log without a file.
+    /// An empty log without a file.
     pub fn in_memory() -> Log {
         Log {
             settings: None,
             open: None,
             lock: None,
             index: None,
-            distrusted: false,
+            index_rejected: false,
             recent: HashMap::default(),
             memory: Vec::new(),
-            window: Window::default(),
-            scanned: 0,
-            seen: 0,
-            health: Health::default(),
-            news: 0,
+            pages: PageCache::default(),
+            parsed: 0,
+            length: 0,
+            sizes: LogSizes::default(),
+            unreported: 0,
             unsynced: false,
-            impatient: false,
+            lock_timed_out: false,
         }
     }
 
@@ -126,24 +133,24 @@ impl Log {
         Ok(log)
     }
 
-    /// Whether the entry is there, as far as this process has read.
+    /// Whether the entry exists, as far as this process has read.
     pub fn contains(&mut self, kind: u8, key: &Digest) -> Result<bool> {
         Ok(self.find(&(kind, *key))?.is_some())
     }
 
-    /// The payload of the entry, as far as this process has read: checked, whenever it was written.
+    /// The payload of the entry, as far as this process has read. Its checksums are verified by every call.
     pub fn get(&mut self, kind: u8, key: &Digest) -> Result<Option<Vec<u8>>> {
-        let place = (kind, *key);
+        let id = (kind, *key);
         for _ in 0..2 {
-            let Some(slot) = self.find(&place)? else { return Ok(None) };
+            let Some(location) = self.find(&id)? else { return Ok(None) };
             let salt = self.open.as_ref().map_or(0, |open| open.salt);
-            let raw = self.read(slot.offset, Entry::length(slot.length as usize))?;
+            let raw = self.read(location.offset, Entry::length(location.length as usize))?;
             if let Some(entry) = entry::decode(salt, raw)
-                && (entry.kind, entry.key) == place
+                && (entry.kind, entry.key) == id
             {
                 return Ok(Some(entry.payload.to_vec()));
             }
-            // It went bad since it was indexed. Reading everything shows what else did.
+            // Damaged since it was indexed. Reading everything shows what else is.
             self.rescan()?;
         }
         self.drop_entry(kind, key);
@@ -157,7 +164,7 @@ impl Log {
     }
 
     /// Every entry, sorted by key and then kind.
-    fn all(&mut self) -> Result<Vec<(Place, Slot)>> {
+    fn all(&mut self) -> Result<Vec<(EntryId, Location)>> {
         let mut all = match self.index.as_mut().map(Index::all) {
             None => Vec::new(),
             Some(Ok(all)) => all,
@@ -166,97 +173,90 @@ impl Log {
                 Vec::new()
             }
         };
-        all.retain(|(place, _)| !self.recent.contains_key(place));
+        all.retain(|(id, _)| !self.recent.contains_key(id));
         #[allow(clippy::iter_over_hash_type, reason = "sorted below")]
-        all.extend(self.recent.iter().filter_map(|(place, slot)| Some((*place, (*slot)?))));
+        all.extend(self.recent.iter().filter_map(|(id, location)| Some((*id, (*location)?))));
         all.sort_unstable_by_key(|((kind, key), _)| (*key, *kind));
         Ok(all)
     }
 
-    fn find(&mut self, place: &Place) -> Result<Option<Slot>> {
-        if let Some(known) = self.recent.get(place) {
+    fn find(&mut self, id: &EntryId) -> Result<Option<Location>> {
+        if let Some(known) = self.recent.get(id) {
             return Ok(*known);
         }
-        match self.index.as_mut().map(|index| index.find(place)) {
+        match self.index.as_mut().map(|index| index.find(id)) {
             None => Ok(None),
-            Some(Ok(slot)) => Ok(slot),
+            Some(Ok(location)) => Ok(location),
             Some(Err(Damaged)) => {
                 self.rescan()?;
-                Ok(self.recent.get(place).copied().flatten())
+                Ok(self.recent.get(id).copied().flatten())
             }
         }
     }
 
     /// Forgets the index and reads the whole log.
     fn rescan(&mut self) -> Result<()> {
-        self.distrusted = true;
+        self.index_rejected = true;
         self.reopen()?;
         self.read_tail()
     }
 
-    /// Reads the whole file once more, whatever the index says, and gives its damaged bytes: what a writer may
-    /// be writing is none.
+    /// Reads the whole file again without the index and returns the number of damaged bytes. What may be an entry that
+    /// is being written does not count.
     pub fn reread(&mut self) -> Result<u64> {
         self.rescan()?;
-        Ok(self.health.damaged)
+        Ok(self.sizes.damaged)
     }
 
-    /// Bytes of entries that were replaced or removed.
+    /// Bytes of entries that were replaced, removed or cut short.
     pub fn dead(&self) -> u64 {
-        self.health.dead
+        self.sizes.dead
     }
 
     /// The length of the payload of every entry of a kind, by key.
     pub fn lengths(&mut self, kind: u8) -> Result<Vec<(Digest, u64)>> {
         let all = self.all()?.into_iter().filter(|((found, _), _)| *found == kind);
-        Ok(all.map(|((_, key), slot)| (key, slot.length.into())).collect())
+        Ok(all.map(|((_, key), location)| (key, location.length.into())).collect())
     }
 
-    /// How many damaged bytes were found since the last call.
+    /// The number of damaged bytes found since the last call.
     pub fn take_damaged(&mut self) -> u64 {
-        std::mem::take(&mut self.news)
+        std::mem::take(&mut self.unreported)
     }
 
-    /// Reads what other processes appended since the last look; says whether there was something to read.
+    /// Reads what other processes appended since the last call. Returns whether there was anything to read.
     pub fn refresh(&mut self) -> Result<bool> {
         if self.is_current()? {
             return Ok(false);
         }
-        // So that no entry is seen half written; where there is no lock, the checksums see to that.
+        // Prevents reading half an entry; without the lock, the checksums prevent it.
         let _shared = self.lock.as_ref().and_then(FileLock::shared);
         self.catch_up()?;
         Ok(true)
     }
 
-    /// Whether the file is the one known, and no longer than known.
+    /// Whether the file is the one that was read, and has not grown.
     fn is_current(&self) -> Result<bool> {
         let (Some(settings), Some(open)) = (&self.settings, &self.open) else {
             return Ok(self.settings.is_none());
         };
-        match fs::metadata(&settings.path) {
-            Ok(metadata) => {
-                // A tail that is not understood yet may be replaced by one of the same length.
-                let understood = self.scanned == self.seen && metadata.len() == self.seen;
-                Ok(understood && same_file(&open.metadata, &metadata))
-            }
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
-            Err(error) => Err(Error::io("read", &settings.path, error)),
-        }
+        let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {
+            return Ok(false);
+        };
+        // What follows the last whole entry may be another one by now.
+        let complete = self.parsed == self.length && metadata.len() == self.length;
+        Ok(complete && same_file(&open.metadata, &metadata))
     }
 
-    /// `refresh` for those who hold the lock: taking it twice would give it up.
+    /// The same as [`refresh`](Self::refresh) for a caller that holds the lock, which must not be taken twice.
     fn catch_up(&mut self) -> Result<()> {
         let Some(settings) = self.settings.clone() else { return Ok(()) };
-        let metadata = match fs::metadata(&settings.path) {
-            Ok(metadata) => metadata,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                self.forget();
-                return Ok(());
-            }
-            Err(error) => return Err(Error::io("read", &settings.path, error)),
+        let Some(metadata) = regular::metadata(&settings.path).at("read", &settings.path)? else {
+            self.forget();
+            return Ok(());
         };
         let known = self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &metadata));
-        if !known || metadata.len() < self.scanned {
+        if !known || metadata.len() < self.parsed {
             self.reopen()?;
         }
         self.read_tail()
@@ -269,7 +269,7 @@ impl Log {
         }
         let Some(settings) = self.settings.clone() else {
             let bytes = encode(items, 0);
-            self.take_in(0, self.memory.len() as u64, &bytes);
+            self.parse(0, self.memory.len() as u64, &bytes);
             self.memory.extend_from_slice(&bytes);
             return Ok(());
         };
@@ -277,29 +277,39 @@ impl Log {
             return Ok(());
         }
         let guard = self.exclusive();
-        self.catch_up()?;
-        self.ensure_file(&settings, guard.is_some())?;
-        let Some(open) = &self.open else { return Ok(()) };
-        let bytes = encode(items, open.salt);
-        if guard.is_some() && self.scanned < self.seen {
-            // What a killed writer left. Best effort: if it stays, readers step over it.
-            let _ = open.file.set_len(self.scanned);
-            self.seen = open.file.metadata().at("read", &settings.path)?.len();
+        self.append_to_file(&settings, items, guard.is_some())
+    }
+
+    /// Appends to the file, which is `locked` or not.
+    fn append_to_file(&mut self, settings: &Settings, items: &[Item<'_>], locked: bool) -> Result<()> {
+        for _ in 0..APPEND_ATTEMPTS {
+            self.catch_up()?;
+            self.ensure_file(settings, locked)?;
+            let Some(open) = &self.open else { break };
+            let bytes = encode(items, open.salt);
+            // On an error a part of an entry may be left, which readers skip.
+            write_halves(&open.file, &bytes).at("append to", &settings.path)?;
+            if settings.sync {
+                open.file.sync_data().at("sync", &settings.path)?;
+            }
+            self.unsynced = true;
+            if locked && self.parsed == self.length {
+                let salt = open.salt;
+                self.parse(salt, self.parsed - log_head::LENGTH, &bytes);
+                self.parsed += bytes.len() as u64;
+                self.length = self.parsed;
+                return Ok(());
+            }
+            // Without the lock, the file may have been replaced between opening and writing it. The one that replaced
+            // it may lack these entries.
+            let written = open.metadata.clone();
+            self.catch_up()?;
+            if locked || self.open.as_ref().is_some_and(|open| same_file(&open.metadata, &written)) {
+                return Ok(());
+            }
         }
-        // On an error half an entry may be left: the next append cuts it off.
-        write_halves(&open.file, &bytes).at("append to", &settings.path)?;
-        if settings.sync {
-            open.file.sync_data().at("sync", &settings.path)?;
-        }
-        self.unsynced = true;
-        if guard.is_none() || self.scanned != self.seen {
-            return self.catch_up();
-        }
-        let salt = open.salt;
-        self.take_in(salt, self.scanned - log_head::LENGTH, &bytes);
-        self.scanned += bytes.len() as u64;
-        self.seen = self.scanned;
-        Ok(())
+        let source = io::Error::other("it is replaced again and again");
+        Err(Error::io("append to", &settings.path, source))
     }
 
     /// Removes an entry, for every process.
@@ -311,7 +321,7 @@ impl Log {
         self.append(&[(kind | REMOVED, *key, &[])])
     }
 
-    /// Forgets an entry that turned out bad, for every process if possible and for this one in any case.
+    /// Removes an entry that turned out damaged, for every process if possible and for this one in any case.
     pub fn drop_entry(&mut self, kind: u8, key: &Digest) {
         let _ = self.remove(kind, key);
         self.recent.insert((kind, *key), None);
@@ -327,15 +337,15 @@ impl Log {
         Ok(())
     }
 
-    /// Whether so much of the file is dead or damaged that rewriting it pays.
+    /// Whether enough of the file is dead or damaged that it should be rewritten.
     pub fn wants_compaction(&self) -> bool {
-        let Health { live, dead, damaged } = self.health;
-        damaged > 0 || (dead > live && dead > DEAD_ENOUGH)
+        let LogSizes { live, dead, damaged } = self.sizes;
+        damaged > 0 || (dead > live && dead > MIN_DEAD)
     }
 
-    /// Rewrites the file with only its live entries that `keep` wants. Other processes go on reading the old
-    /// file until they look again, and append to the new one. Does nothing where locks do not work; says
-    /// whether it did something.
+    /// Rewrites the file with only those of its live entries that `keep` accepts. Other processes go on reading the old
+    /// file until their next refresh, and append to the new one. Does nothing where locks do not work; returns whether
+    /// the file was rewritten.
     pub fn compact(&mut self, keep: impl Fn(u8, &Digest) -> bool) -> Result<bool> {
         let Some(settings) = self.settings.clone().filter(|settings| settings.writable) else {
             return Ok(false);
@@ -344,53 +354,68 @@ impl Log {
         self.catch_up()?;
         let Some(open) = &self.open else { return Ok(false) };
         let old_salt = open.salt;
-        let old_length = self.seen;
+        let old_length = self.length;
         let all = self.all()?.into_iter();
-        let mut slots: Vec<Slot> =
-            all.filter(|((kind, key), _)| keep(*kind, key)).map(|(_, slot)| slot).collect();
-        slots.sort_unstable_by_key(|slot| slot.offset);
+        let mut locations: Vec<Location> =
+            all.filter(|((kind, key), _)| keep(*kind, key)).map(|(_, location)| location).collect();
+        locations.sort_unstable_by_key(|location| location.offset);
 
         let salt = log_head::fresh_salt();
         let mut temp = TempFile::create(&settings.temp, &failpoint::LOG)?;
         let mut bytes = log_head::with(salt);
-        for slot in slots {
-            let raw = self.read(slot.offset, Entry::length(slot.length as usize))?;
-            // Checked once more: what went bad since it was read is left behind, not signed anew.
+        for location in locations {
+            let raw = self.read(location.offset, Entry::length(location.length as usize))?;
+            // Verified again, so that an entry damaged since it was read does not get good checksums.
             if let Some(entry) = entry::decode(old_salt, raw) {
                 entry.encode(salt, &mut bytes);
             }
-            if bytes.len() as u64 > WINDOW {
+            if bytes.len() as u64 > READ_BYTES {
                 temp.write(&bytes)?;
                 bytes.clear();
             }
         }
         temp.write(&bytes)?;
-        // Somebody was too impatient for the lock.
+        // Another process has appended without the lock.
         let now = self.open.as_ref().and_then(|open| open.file.metadata().ok());
         if now.is_none_or(|now| now.len() != old_length) {
             return Ok(false);
         }
-        // Always: the old file is about to go, and with it all that was safe.
+        // Always synced: the old file, which may be safely on the disk, is about to go.
         temp.sync()?;
-        temp.persist(&settings.path)?;
-        settings.path.parent().into_iter().for_each(sync_folder);
-        self.catch_up()?;
+        self.replace_file(&settings, temp, old_length)?;
         Ok(true)
     }
 
-    /// Writes the index anew where much of the log is not in it. A log whose index is lost is read whole.
+    /// Renames a compacted log over the file, and moves to it what was appended without the lock to the old file, of
+    /// which `old_length` bytes were compacted.
+    fn replace_file(&mut self, settings: &Settings, new: TempFile, old_length: u64) -> Result<()> {
+        let Some(old) = self.open.take() else { return Ok(()) };
+        new.persist(&settings.path)?;
+        settings.path.parent().into_iter().for_each(sync_folder);
+        // From here on, writers without the lock find out that the file was replaced.
+        let mut late = Vec::new();
+        let mut file = &old.file;
+        file.seek(SeekFrom::Start(old_length)).at("read", &settings.path)?;
+        file.read_to_end(&mut late).at("read", &settings.path)?;
+        self.catch_up()?;
+        let mut items: Vec<Item<'_>> = Vec::new();
+        entry::scan(old.salt, &late, |_, entry| items.push((entry.kind, entry.key, entry.payload)));
+        if items.is_empty() { Ok(()) } else { self.append_to_file(settings, &items, true) }
+    }
+
+    /// Rewrites the index if much of the log is not in it. A log without an index is read whole.
     pub fn save_index(&mut self) -> Result<()> {
         let (Some(settings), Some(open)) = (self.settings.clone(), &self.open) else { return Ok(()) };
         let salt = open.salt;
         let indexed = self.index.as_ref().map_or(0, |index| index.covered);
-        if !settings.writable || self.scanned - indexed < UNINDEXED_ENOUGH.max(self.scanned / 16) {
+        if !settings.writable || self.parsed - indexed < MIN_UNINDEXED.max(self.parsed / 16) {
             return Ok(());
         }
         let all = self.all()?;
         let path = settings.index();
-        Index::write(&path, &settings.temp, salt, self.scanned, self.health, &all)?;
-        // Another process may have put an older one in its place already, which leaves recent entries out.
-        let index = Index::open(&path, salt, self.scanned).filter(|index| index.covered == self.scanned);
+        Index::write(&path, &settings.temp, salt, self.parsed, self.sizes, &all)?;
+        // Another process may have replaced it by an older one, which lacks recent entries.
+        let index = Index::open(&path, salt, self.parsed).filter(|index| index.covered == self.parsed);
         if index.is_some() {
             (self.index, self.recent) = (index, HashMap::default());
         }
@@ -398,9 +423,9 @@ impl Log {
     }
 
     fn exclusive(&mut self) -> Option<FileGuard> {
-        let patience = if self.impatient { Duration::ZERO } else { PATIENCE };
-        let guard = self.lock.as_ref()?.exclusive(patience);
-        self.impatient = guard.is_none();
+        let timeout = if self.lock_timed_out { Duration::ZERO } else { LOCK_TIMEOUT };
+        let guard = self.lock.as_ref()?.exclusive(timeout);
+        self.lock_timed_out = guard.is_none();
         guard
     }
 
@@ -408,17 +433,20 @@ impl Log {
         *self = Log {
             settings: self.settings.take(),
             lock: self.lock.take(),
-            impatient: self.impatient,
-            distrusted: self.distrusted,
-            news: self.news,
+            lock_timed_out: self.lock_timed_out,
+            index_rejected: self.index_rejected,
+            unreported: self.unreported,
             ..Log::in_memory()
         };
     }
 
-    /// Opens whatever file is there now and starts over.
+    /// Forgets everything and opens the file that is there now.
     fn reopen(&mut self) -> Result<()> {
         self.forget();
         let Some(settings) = &self.settings else { return Ok(()) };
+        if regular::metadata(&settings.path).at("read", &settings.path)?.is_none() {
+            return Ok(());
+        }
         let mut file = match OpenOptions::new().read(true).append(settings.writable).open(&settings.path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
             result => result.at("open", &settings.path)?,
@@ -426,13 +454,13 @@ impl Log {
         let metadata = file.metadata().at("read", &settings.path)?;
         let mut head = Vec::new();
         Read::by_ref(&mut file).take(log_head::LENGTH).read_to_end(&mut head).at("read", &settings.path)?;
-        // Without its salt nothing in the file can be believed; the next append puts it aside.
+        // Without its salt no entry can be verified; the next append moves the file to the quarantine.
         if let Some(salt) = log_head::salt(&head) {
-            self.scanned = log_head::LENGTH;
-            if !self.distrusted
+            self.parsed = log_head::LENGTH;
+            if !self.index_rejected
                 && let Some(index) = Index::open(&settings.index(), salt, metadata.len())
             {
-                (self.scanned, self.health) = (index.covered, index.health);
+                (self.parsed, self.sizes) = (index.covered, index.sizes);
                 self.index = Some(index);
             }
             self.open = Some(Open { file, metadata, salt });
@@ -440,62 +468,62 @@ impl Log {
         Ok(())
     }
 
-    /// Takes in everything after what is understood.
+    /// Reads everything after the last entry that was read.
     fn read_tail(&mut self) -> Result<()> {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else { return Ok(()) };
         let (salt, path) = (open.salt, settings.path.clone());
         let mut file = open.file.try_clone().at("read", &path)?;
-        file.seek(SeekFrom::Start(self.scanned)).at("read", &path)?;
+        file.seek(SeekFrom::Start(self.parsed)).at("read", &path)?;
         let mut window = Vec::new();
         loop {
-            let read = Read::by_ref(&mut file).take(WINDOW).read_to_end(&mut window).at("read", &path)?;
-            let end = self.take_in(salt, self.scanned - log_head::LENGTH, &window);
-            self.scanned += end as u64;
+            let read = Read::by_ref(&mut file).take(READ_BYTES).read_to_end(&mut window).at("read", &path)?;
+            let end = self.parse(salt, self.parsed - log_head::LENGTH, &window);
+            self.parsed += end as u64;
             window.drain(..end);
             if read == 0 {
-                self.seen = self.scanned + window.len() as u64;
+                self.length = self.parsed + window.len() as u64;
                 return Ok(());
             }
         }
     }
 
-    /// Indexes the entries in `bytes`, which lie `base` bytes after the file's head.
-    fn take_in(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
-        let Log { index, recent, health, .. } = self;
+    /// Registers the entries in `bytes`, which start `base` bytes after the file's head. Returns the end of the last.
+    fn parse(&mut self, salt: u32, base: u64, bytes: &[u8]) -> usize {
+        let Log { index, recent, sizes, .. } = self;
         let scanned = entry::scan(salt, bytes, |at, entry| {
             let length = entry.payload.len() as u32;
             let size = Entry::length(entry.payload.len()) as u64;
-            let place = (entry.kind & !REMOVED, entry.key);
-            let slot = (entry.kind & REMOVED == 0).then_some(Slot { offset: base + at as u64, length });
-            *if slot.is_some() { &mut health.live } else { &mut health.dead } += size;
-            let old = match recent.insert(place, slot) {
+            let id = (entry.kind & !REMOVED, entry.key);
+            let location =
+                (entry.kind & REMOVED == 0).then_some(Location { offset: base + at as u64, length });
+            *if location.is_some() { &mut sizes.live } else { &mut sizes.dead } += size;
+            let old = match recent.insert(id, location) {
                 Some(known) => known,
-                // A damaged page shows when its entry is asked for, and until then only these sums are wrong.
-                None => index.as_mut().and_then(|index| index.find(&place).unwrap_or(None)),
+                // A damaged page is detected when its entry is asked for; until then only these sums are wrong.
+                None => index.as_mut().and_then(|index| index.find(&id).unwrap_or(None)),
             };
             if let Some(old) = old {
                 let size = Entry::length(old.length as usize) as u64;
-                health.live = health.live.saturating_sub(size);
-                health.dead += size;
+                sizes.live = sizes.live.saturating_sub(size);
+                sizes.dead += size;
             }
         });
-        self.health.damaged += scanned.damaged as u64;
-        self.news += scanned.damaged as u64;
+        self.sizes.dead += scanned.torn as u64;
+        self.sizes.damaged += scanned.damaged as u64;
+        self.unreported += scanned.damaged as u64;
         scanned.end
     }
 
-    /// Bytes at an offset from the end of the file's head; fewer if the file was cut meanwhile.
+    /// Bytes at an offset from the end of the file's head; fewer if the file is shorter.
     fn read(&mut self, offset: u64, length: usize) -> Result<&[u8]> {
         let (Some(open), Some(settings)) = (&self.open, &self.settings) else {
             return Ok(self.memory.get(offset as usize..offset as usize + length).unwrap_or_default());
         };
-        // What lies behind may be half an entry, which the next append cuts off.
-        self.window
-            .read(&open.file, self.scanned, log_head::LENGTH + offset, length)
-            .at("read", &settings.path)
+        // What follows may be an entry that is still being written.
+        self.pages.read(&open.file, self.parsed, log_head::LENGTH + offset, length).at("read", &settings.path)
     }
 
-    /// Makes sure that there is a file to append to. Called under the lock.
+    /// Creates the file if there is none with a good head.
     fn ensure_file(&mut self, settings: &Settings, locked: bool) -> Result<()> {
         if self.open.is_some() {
             return Ok(());
@@ -507,7 +535,7 @@ impl Log {
             return Ok(());
         }
         if settings.path.exists() {
-            // Its head is gone. Kept for whoever wants to know why; if that fails, it is replaced.
+            // Its head is damaged. Kept for inspection; if that fails, it is replaced.
             let name = format!("{:016x}.log", u64::from(log_head::fresh_salt()));
             let _ = fs::create_dir_all(&settings.quarantine);
             let _ = fs::rename(&settings.path, settings.quarantine.join(name));
@@ -525,8 +553,8 @@ fn encode(items: &[Item<'_>], salt: u32) -> Vec<u8> {
     bytes
 }
 
-/// Appends in one call, so that even without a lock no other writer comes between; in two where a test may
-/// stop us in the middle.
+/// Appends in one call, so that even without a lock no other writer interferes; in two calls where a test may stop the
+/// process in the middle.
 fn write_halves(mut file: &File, bytes: &[u8]) -> io::Result<()> {
     reach(failpoint::APPEND_BEFORE)?;
     let (first, second) = bytes.split_at(if cfg!(feature = "failpoints") { bytes.len() / 2 } else { 0 });
