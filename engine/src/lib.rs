@@ -136,6 +136,7 @@ pub use value::error::NodeError;
 pub use value::files::{FileBytes, Files};
 pub use value::note::{Level, Note, Notes};
 pub use value::root::{FileHead, InputFile, SourceFile, SourceRoot, bundle_around};
+pub use value::text_file::{MAX_GRAPH_BYTES, read_text};
 pub use value::units::{bytes_text, parse_bytes};
 pub use watch::handle::Handle;
 pub use watch::watch::{Load, Refusal, Watch, WatchOptions};

@@ -119,7 +119,7 @@ impl GraphArgs {
     /// The graph as its file has it now, where that is one and the same file and little in it changed.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
-        let text = std::fs::read_to_string(&path).ok()?;
+        let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
         if path.parent() != Some(known.root.folder()) {
             return None;
         }
@@ -169,7 +169,7 @@ impl GraphArgs {
                     path.display()
                 )));
             }
-            let text = std::fs::read_to_string(path);
+            let text = engine::read_text(path, engine::MAX_GRAPH_BYTES);
             let text = text.map_err(|error| Error::unreadable("overlay", path, &error))?;
             source = source.overlaid(&path.display().to_string(), &text);
         }

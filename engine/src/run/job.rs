@@ -66,7 +66,8 @@ impl Job<'_> {
         let finish = |outcome: Result<Finished, NodeError>| {
             let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
         };
-        let LeaseState::Acquired(lease) = store.lease(&key) else {
+        // A stalled one is not waited for: equal keys give equal bytes.
+        let (LeaseState::Acquired(lease) | LeaseState::Stalled(lease)) = store.lease(&key) else {
             let _ = tell.send(Message::Busy { node: index, key, spent: Effort::default() });
             return;
         };
@@ -243,7 +244,7 @@ impl PartStore for StoredParts {
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError> {
         let Some(key) = self.key(part, extra) else { return Ok(None) };
         match self.store.lease(&key) {
-            LeaseState::Acquired(lease) => Ok(Some(lease)),
+            LeaseState::Acquired(lease) | LeaseState::Stalled(lease) => Ok(Some(lease)),
             LeaseState::Busy => Err(NodeError::busy(key)),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use cache::{Digest, LeaseState};
+use cache::{Digest, LeaseState, STALLED_AFTER};
 
 use crate::graph::node::Wire;
 use crate::record::action::{Action, sizes};
@@ -149,11 +149,23 @@ impl<'a> Run<'a> {
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;
-        let (free, rest): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut self.parked).into_iter().partition(|parked| {
-                parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
-            });
-        self.parked = rest;
+        let mut free = Vec::new();
+        for parked in std::mem::take(&mut self.parked) {
+            let state = (parked.when <= now).then(|| store.lease(&parked.key));
+            match state {
+                None | Some(LeaseState::Busy) => self.parked.push(parked),
+                Some(LeaseState::Acquired(_)) => free.push(parked),
+                Some(LeaseState::Stalled(_)) => {
+                    let (id, seconds) = (&self.graph.nodes[parked.node].id, STALLED_AFTER.as_secs());
+                    let text = format!(
+                        "`{id}` is computed here as well: the other process that computes it has not moved for \
+                         {seconds} s"
+                    );
+                    (self.tell)(Event::Warning { id: "stalled", text });
+                    free.push(parked);
+                }
+            }
+        }
         // Where code of this run is at work it may be that which is waited for.
         let idle = self.running == 0;
         for parked in self.parked.iter_mut().filter(|parked| parked.when <= now) {
@@ -163,7 +175,9 @@ impl<'a> Run<'a> {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
-                    "`{id}` waits for another process that computes it in the same cache; should that be stopped, end it"
+                    "`{id}` waits for another process that computes it in the same cache, for {} s should that be \
+                     stopped",
+                    STALLED_AFTER.as_secs()
                 );
                 (self.tell)(Event::Warning { id: "waits", text });
             }

@@ -34,6 +34,9 @@ use crate::value::cpu;
 use crate::value::error::NodeError;
 use crate::value::error::guarded;
 
+/// How often other processes are shown that the holder of this process's leases is at work.
+const RENEW_EVERY: Duration = Duration::from_secs(1);
+
 /// What the deciding thread has yet to do.
 pub(crate) enum Task {
     Resolve(usize),
@@ -167,7 +170,12 @@ impl<'a> Run<'a> {
     where
         'a: 's,
     {
+        let mut renewed = Instant::now();
         loop {
+            if renewed.elapsed() >= RENEW_EVERY {
+                self.engine.store.renew_leases();
+                renewed = Instant::now();
+            }
             self.decide();
             for Errand { act, .. } in self.errands.drain(..) {
                 scope.spawn(move |_| act());
