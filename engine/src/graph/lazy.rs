@@ -179,17 +179,17 @@ impl Step for Unreadable {
     fn check_wires(&self, _: &Wired) -> Result<(), NodeError> {
         Err(Self::error())
     }
-    fn views(&self, _: &SourceRoot) -> ViewCount {
-        ViewCount::Unknown
+    fn views(&self, _: &SourceRoot) -> Result<ViewCount, NodeError> {
+        Ok(ViewCount::Unknown)
     }
-    fn work(&self, _: &Sizes) -> f64 {
-        0.0
+    fn work(&self, _: &Sizes) -> Result<f64, NodeError> {
+        Ok(0.0)
     }
-    fn estimate(&self, _: Vec<Vec<AnyArtifact>>) -> Cost {
-        Cost::default()
+    fn estimate(&self, _: Vec<Vec<AnyArtifact>>) -> Result<Cost, NodeError> {
+        Ok(Cost::default())
     }
-    fn estimate_files(&self, _: &[FileHead<'_>]) -> Cost {
-        Cost::default()
+    fn estimate_files(&self, _: &[FileHead<'_>]) -> Result<Cost, NodeError> {
+        Ok(Cost::default())
     }
     fn run(&self, _: Vec<Vec<AnyArtifact>>, _: &Context) -> Result<(Vec<AnyArtifact>, Notes), NodeError> {
         Err(Self::error())
