@@ -1,5 +1,5 @@
 //! How often the true value lies within the standard errors that a run tells, over twenty seeds: of the ratio
-//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/trade.md`.
+//! `with / without` by `path-trace`, and of the finished picture by `composite`. The tables of `docs/evidence/trade.md`.
 //! `cargo bench -p lightharmony-nodes --bench coverage`, of a checkout that has `shared` beside it; `-- small` only tries it.
 #![allow(clippy::print_stdout, clippy::unwrap_used, reason = "a bench prints, and may stop")]
 
@@ -198,7 +198,7 @@ fn main() {
     let small = std::env::args().any(|word| word == "small");
     let Effort { seeds, truth: (truth_seeds, truth_samples), most } = if small { SMALL } else { WHOLE };
     println!(
-        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | told over true error | mean off by |"
+        "| of | scene | samples | pixels with noise | within 1 | within 2 | within 3 | reported over true error | mean off by |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     let demo = ("width_px: 160, height_px: 120", "width_px: 64, height_px: 48");

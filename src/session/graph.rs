@@ -126,24 +126,17 @@ impl GraphArgs {
         known.reparse(text, nodes::registry)
     }
 
-    /// Checks a graph that was read, and opens an engine. A large graph comes by way of its compiled form; a wrong
-    /// one that is small leaves no cache behind.
+    /// Checks a graph that was read, and opens an engine. A wrong graph leaves no cache behind.
     pub fn check_with(
         &self,
         origin: Origin,
         texts: &[PathBuf],
         engine: &EngineArgs,
     ) -> Result<(Loaded, Engine), Error> {
-        let mut opened = None;
         let loaded = self.check(origin, texts, |source, registry, root| {
-            if source.text.len() < Graph::WORTH_COMPILING {
-                return Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph);
-            }
-            let engine = opened.insert(engine.open()?);
-            Graph::parse_cached(source, registry, root, engine.store()).map(Arc::new).map_err(Error::Graph)
+            Graph::parse(source, registry, root).map(Arc::new).map_err(Error::Graph)
         })?;
-        let engine = opened.map_or_else(|| engine.open(), Ok)?;
-        Ok((loaded, engine))
+        Ok((loaded, engine.open()?))
     }
 
     /// Reads the graph, what is laid over it and what it includes. The files of that go to `texts`, found or not.

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What samples, the filter and each choice are worth, on crops of the courtyard of tests/bench_case.
 
-usage: ablations.py LIGHTHARMONY DATA WORK [small]    prints two tables of docs/light-transport.md and one of docs/evidence/bench.md;
+usage: ablations.py LIGHTHARMONY DATA WORK [small]    prints two tables of docs/evidence/light-transport.md and one of docs/evidence/bench.md;
 WORK is a folder to fill; `small` only tries it: one number of samples, without what changes the trace
 
 Every number of samples goes on from the one before; CPU seconds are those of the nodes' code since the first. Needs numpy,

@@ -1,4 +1,4 @@
-"""The picture of docs/evidence/trace.md: error over CPU seconds, beside other programs."""
+"""The picture of docs/evidence/trace.md: error over CPU seconds, compared with other programs."""
 import math, re
 
 from page import blocks
@@ -16,7 +16,7 @@ CYCLES_FILTERED = {4: "0.0117, 0.0185", 16: "0.0075, 0.0098", 64: "0.0053, 0.006
 MITSUBA = {"without": [(.009, .0869), (.019, .0159), (.057, .0016), (.195, .000186), (.766, .00004)]}
 
 def curves(text, picture):
-    """The tables of the bench with one more for docs/light-transport.md; error over CPU seconds of `without`, S and O as a
+    """The tables of the bench with one more for docs/evidence/light-transport.md; error over CPU seconds of `without`, S and O as a
     drawing."""
     def rows(head):
         table = next(lines for lines in ("\n".join(text.split("\n")[a:b]) for a, b in blocks(text.split("\n")))

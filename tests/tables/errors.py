@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How far a trace with `max_error` is off: the duck of render-refs, beside plain traces.
 
-usage: errors.py LIGHTHARMONY DATA WORK [small]    prints the table of docs/trade.md; WORK is a folder to fill; `small` only
+usage: errors.py LIGHTHARMONY DATA WORK [small]    prints the table of docs/evidence/trade.md; WORK is a folder to fill; `small` only
 tries it: a sixteenth of the pixels, few samples
 
 The truth is a plain trace of 512 samples with another seed. CPU time is that of a process on one thread, less that of the
@@ -85,7 +85,7 @@ def main():
         file.write(text)
     start = trace("start", samples=1)[2]
     truth = trace("truth", samples=TRUTH, seed=99)[0]
-    print("| `max_error` | promised by the first samples | reached, as told | worst tile, true | all touched pixels, true | samples a pixel | CPU-s |")
+    print("| `max_error` | predicted by the first samples | reached, as reported | worst tile, true | all touched pixels, true | samples per pixel | CPU-s |")
     print("|---|---|---|---|---|---|---|")
     for asked in ASKED:
         planes, told, spent = trace(f"asked_{asked}", max_error=asked)

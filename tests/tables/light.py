@@ -1,4 +1,4 @@
-"""The cross-validation of docs/light.md, and its picture.
+"""The cross-validation of docs/evidence/light.md, and its picture.
 
     lightharmony train-exposure HDRI --recovered RECOVERED
     python tests/tables/light_baselines.py HDRI PEERS BASELINES

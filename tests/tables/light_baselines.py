@@ -1,4 +1,4 @@
-"""The baselines of docs/light.md: the evidence's regression by region and its network, made anew in each part of the places.
+"""The baselines of docs/evidence/light.md: the evidence's regression by region and its network, made anew in each part of the places.
 
     python tests/tables/light_baselines.py HDRI PEERS OUT [STEPS]
 

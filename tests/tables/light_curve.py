@@ -1,4 +1,4 @@
-"""What more places would bring: the learning curve of docs/light.md.
+"""What more places would bring: the learning curve of docs/evidence/light.md.
 
     lightharmony train-exposure HDRI --folds 0 --members 1 --steps 1 --numbers numbers.csv
     python tests/tables/light_curve.py numbers.csv

@@ -23,7 +23,7 @@ from trade import bad, presets, tune
 # Name: pages, seeds or None, CPU-minutes on an idle machine, what it needs beside the program (below the data, or a command), what
 # makes its tables, and whether there is a small form of that.
 def tables(job):
-    trade, small = ["docs/trade.md"], ["small"] * job.small
+    trade, small = ["docs/evidence/trade.md"], ["small"] * job.small
     traced = lambda: curves(job.bench("trace", job.data, "plane", "ratio", *small), job.picture("trace"))
     return {
         "weights": (trade, 7, 3, None, lambda: job.script("weights"), True),
@@ -33,11 +33,11 @@ def tables(job):
         "presets": (trade, "7 and 1", 9, "bench-case", lambda: presets(job), True),
         "coverage": (trade, "0 to 19", 8, "bench-case", lambda: job.bench("coverage", *small), True),
         "bench_case": (["README.md", "docs/evidence/bench.md"], 1, 10, "bench-case", lambda: job.script("bench_case", job.data), True),
-        "ablations": (["docs/light-transport.md", "docs/evidence/bench.md"], 1, 5, "bench-case", lambda: job.script("ablations", job.data), True),
+        "ablations": (["docs/evidence/light-transport.md", "docs/evidence/bench.md"], 1, 5, "bench-case", lambda: job.script("ablations", job.data), True),
         "tune": (trade, "7, 1, 7 and 3", 15, "splats/garden_sog", lambda: tune(job), True),
         "extremes": ([], None, 2, None, lambda: job.call("tests/extremes/page"), False),
-        "splats": (["docs/splats.md"], None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
-        "trace": (["docs/evidence/trace.md", "docs/light-transport.md"], "7 and 1 to 3", 3, "render-refs", traced, True),
+        "splats": (["docs/evidence/splats.md"], None, 5, "splats/garden_sog", lambda: job.bench("splat", job.data), False),
+        "trace": (["docs/evidence/trace.md", "docs/evidence/light-transport.md"], "7 and 1 to 3", 3, "render-refs", traced, True),
         "noop": (["docs/evidence/bench.md"], None, 4, "ninja", lambda: job.call("python3", "tests/noop/ninja.py", job.program, "ninja", job.path("noop")), False),
     }
 

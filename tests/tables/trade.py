@@ -1,4 +1,4 @@
-"""The tables of docs/trade.md that a report or a search makes: presets, one bad node, tuning."""
+"""The tables of docs/evidence/trade.md that a report or a search makes: presets, one bad node, tuning."""
 import json, os, re, shutil, sys
 
 from job import Failed
@@ -36,7 +36,7 @@ def presets(job):
         svg = svg.replace(head, head[:-1] + ' xmlns="http://www.w3.org/2000/svg">' + style, 1)
         with open(job.picture(f"trade-{name}"), "w") as file:
             file.write(svg + "\n")
-        text += f"| {name} | CPU-s | work | ns a ray of work | FLIP, whole | FLIP, touched | RMSE, whole | RMSE, touched |\n|---|---|---|---|---|---|---|---|\n"
+        text += f"| {name} | CPU-s | work | ns per ray of work | FLIP, whole | FLIP, touched | RMSE, whole | RMSE, touched |\n|---|---|---|---|---|---|---|---|\n"
         for preset in PRESETS:
             point = next(p for p in told["points"] if p["setting"] == preset)
             def worst(region, column):

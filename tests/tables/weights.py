@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What a unit of each count costs: CPU-seconds of single nodes over settings, fitted by their counts.
 
-usage: weights.py LIGHTHARMONY WORK [small]    prints the table of docs/trade.md; WORK is a folder to fill; `small` only
+usage: weights.py LIGHTHARMONY WORK [small]    prints the table of docs/evidence/trade.md; WORK is a folder to fill; `small` only
 tries it: few splats, small pictures, one round over two settings
 
 Each node runs in a process of its own on one thread, in a cache that holds what is above it; the CPU time of the same
@@ -104,7 +104,7 @@ def measure(program, work, small):
 def main(program, work, small=None):
     os.makedirs(work, exist_ok=True)
     found = measure(program, work, small)
-    print("| count | ns of CPU a unit | in rays | fitted on | predicted over measured |\n|---|---|---|---|---|")
+    print("| count | ns of CPU per unit | in rays | fitted on | predicted over measured |\n|---|---|---|---|---|")
     ray = None
     for names, kinds in GROUPS:
         rows = [(kind, [float(counts.get(name, 0)) for name in names], seconds)

@@ -3,7 +3,7 @@
 use engine::Counts;
 
 /// What a count weighs, in rays: the CPU time of one beside that of a ray of `path-trace`, measured over settings by
-/// `tests/tables/weights.py`. `docs/trade.md` has what was measured and how well it predicts single nodes. What is not
+/// `tests/tables/weights.py`. `docs/evidence/trade.md` has what was measured and how well it predicts single nodes. What is not
 /// listed weighs nothing.
 const WEIGHTS: [(&str, f64); 7] = [
     ("rays", 1.0),

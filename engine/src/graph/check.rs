@@ -1,37 +1,25 @@
 //! Checking a graph: kinds known, parameters in range, files there, all mistakes at once. Wires are in `wires`.
 
-use crate::graph::checker::Check;
-use crate::graph::checker::Field;
-use crate::graph::checker::at_each;
-use crate::graph::graph::Graph;
-use crate::graph::graph::Parts;
-use crate::graph::lazy::FieldPlaces;
-use crate::graph::order::describe_cycle;
-use crate::graph::order::order_of;
-use crate::text::diag::Diagnostics;
-use crate::text::include::parse_all;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use crate::graph::axis::{Axis, axes_read};
-use crate::graph::checker::{GATHER, Template};
-use crate::graph::lazy::Places;
-use crate::graph::node::Node;
-use crate::graph::order::Wiring;
+use crate::graph::checker::{Check, Field, GATHER, Template, at_each};
+use crate::graph::graph::{Graph, Parts};
+use crate::graph::node::{FieldPlaces, Node};
+use crate::graph::order::{Wiring, describe_cycle, order_of};
 use crate::kind::context::{Scene, Up};
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::registry::{KindEntry, Registry, Step};
-use crate::text::diag::{Code, Diagnostic, shown};
+use crate::text::diag::{Code, Diagnostic, Diagnostics, shown};
 use crate::text::document::{Document, RawField, RawNode, RawScene};
-use crate::text::include::outside;
-use crate::text::source::Source;
-use crate::text::source::folder_of;
+use crate::text::include::{outside, parse_all};
+use crate::text::source::{Source, folder_of};
 use crate::text::subgraph::{in_place, strings};
 use crate::text::syntax::twice;
-use crate::value::root::InputFile;
-use crate::value::root::SourceRoot;
+use crate::value::root::{InputFile, SourceRoot};
 
 /// What the `scene` block may hold.
 pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
@@ -230,8 +218,8 @@ impl<'t, 'a> Check<'t, 'a> {
             sink_path,
             point: Vec::new(),
             span: raw.id_span.start..raw.span.end,
-            places: Places::Read(places),
-            step: step.into(),
+            places,
+            step,
         };
         (self.mistakes() == before).then_some(Template { node, raw, fields, own, gathers })
     }

@@ -3,14 +3,11 @@
 //! `Gather(input: "final", over: "frame")` is no node but a name for many wires: one to each instance of
 //! `final` along the axis. What reads a gather so depends on the axis no more.
 
-use crate::graph::checker::GATHER;
-use crate::graph::checker::Gather;
-use crate::graph::checker::Template;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::graph::axis::Axis;
-use crate::graph::checker::{Check, at_each};
+use crate::graph::checker::{Check, GATHER, Gather, Template, at_each};
 use crate::graph::node::{Node, Wire};
 use crate::graph::wires::{End, wire_names};
 use crate::text::diag::{Diagnostic, shown};
@@ -244,7 +241,7 @@ impl<'t> Check<'t, '_> {
         if !template.own.is_empty() {
             let fields = at_each(&template.fields, &axes, |axis| value_at(point, axis));
             let (step, sink_path) = self.step(template.raw, &template.node.kind, &fields)?;
-            (node.step, node.sink_path) = (step.into(), sink_path);
+            (node.step, node.sink_path) = (step, sink_path);
         }
         for &(axis, value) in point {
             let (name, text) = (axes[axis].name, axes[axis].values[value].trim_matches('"'));

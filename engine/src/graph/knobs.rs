@@ -79,16 +79,16 @@ impl Graph {
         knobs
     }
 
-    /// Which nodes a target shows: itself and what is above it, but by inputs that only look ([`Kind::LOOKS`]).
+    /// Which nodes a target shows: itself and what is above it, but by inputs that only look ([`Preview::looks`]).
     ///
-    /// [`Kind::LOOKS`]: crate::Kind::LOOKS
+    /// [`Preview::looks`]: crate::Preview::looks
     fn shown_by(&self, target: usize) -> Vec<bool> {
         let (mut shown, mut open) = (vec![false; self.nodes.len()], vec![target]);
         while let Some(at) = open.pop() {
             if !std::mem::replace(&mut shown[at], true) {
                 let node = &self.nodes[at];
                 let ports = node.kind.inputs.iter().zip(&node.inputs);
-                let ports = ports.filter(|(port, _)| !node.kind.looks.contains(&port.name));
+                let ports = ports.filter(|(port, _)| !node.kind.preview.looks.contains(&port.name));
                 open.extend(ports.flat_map(|(_, wires)| wires.iter().map(|wire| wire.node)));
             }
         }
@@ -128,9 +128,9 @@ fn varies(field: &RawField<'_>) -> bool {
     ["Axis(", "Track("].iter().any(|call| field.text.contains(call))
 }
 
-/// Whether each node of a text is read by inputs that only look ([`Kind::LOOKS`]), itself or by all that it comes to.
+/// Whether each node of a text is read by inputs that only look ([`Preview::looks`]), itself or by all that it comes to.
 ///
-/// [`Kind::LOOKS`]: crate::Kind::LOOKS
+/// [`Preview::looks`]: crate::Preview::looks
 fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {
     let nodes = &document.nodes;
     let ids: BTreeMap<&str, usize> = nodes.iter().enumerate().map(|(at, node)| (&*node.id, at)).collect();
@@ -145,7 +145,7 @@ fn looked_at(document: &Document<'_>, registry: &Registry) -> Vec<bool> {
                 let whole = format!("{}{}", document.scopes[named.scope].prefix, named.name);
                 let found = ids.get(&*whole).or_else(|| ids.get(whole.rsplit_once('.')?.0));
                 if let Some(&at) = found {
-                    readers[at].push((reader, kind.looks.contains(&port.name)));
+                    readers[at].push((reader, kind.preview.looks.contains(&port.name)));
                 }
             }
         }

@@ -3,11 +3,9 @@
 pub(crate) mod axis;
 pub(crate) mod check;
 pub(crate) mod checker;
-pub(crate) mod compiled;
 pub(crate) mod expand;
 pub(crate) mod graph;
 pub(crate) mod knobs;
-pub(crate) mod lazy;
 pub(crate) mod node;
 pub(crate) mod order;
 pub(crate) mod reads;

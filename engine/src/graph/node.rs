@@ -4,14 +4,15 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::graph::lazy::{LazyStep, Places};
+use cache::KeyWriter;
+
 use crate::kind::context::Point;
 use crate::kind::fields::Fields;
 use crate::kind::param_type::Role;
 use crate::kind::params::Params;
 use crate::kind::registry::{KindEntry, Step};
 use crate::text::document::RawField;
-use crate::value::artifact::Encoder;
+use crate::value::artifact::{Decoder, Encoder};
 use crate::value::root::{InputFile, SourceRoot};
 
 /// One end of a wire: an output of a node.
@@ -22,6 +23,9 @@ pub struct Wire {
     /// Index into the outputs of its kind.
     pub port: usize,
 }
+
+/// The places of fields, by name.
+pub(crate) type FieldPlaces = Vec<(&'static str, Range<usize>)>;
 
 /// A node whose every field is right.
 #[derive(Clone)]
@@ -38,8 +42,8 @@ pub struct Node {
     pub point: Point,
     /// Where it stood in the text that it was read from; [`Graph::place`] knows where it is now.
     pub(crate) span: Range<usize>,
-    pub(crate) places: Places,
-    pub(crate) step: LazyStep,
+    pub(crate) places: FieldPlaces,
+    pub(crate) step: Arc<dyn Step>,
 }
 
 /// Reads parameters of a kind from their canonical texts.
@@ -56,7 +60,12 @@ fn read<T>(
 impl Node {
     /// Where a field stood in the text that the node was read from, or the whole node.
     pub(crate) fn place(&self, field: Option<&str>) -> Range<usize> {
-        field.and_then(|name| self.places.of(&self.kind, name)).unwrap_or(self.span.clone())
+        field.and_then(|name| self.field_place(name)).unwrap_or(self.span.clone())
+    }
+
+    /// Where a field stood, if it was written.
+    pub(crate) fn field_place(&self, field: &str) -> Option<Range<usize>> {
+        self.places.iter().find(|(name, _)| *name == field).map(|(_, place)| place.clone())
     }
 
     /// Every parameter with its value in canonical text.
@@ -95,13 +104,51 @@ impl Node {
 }
 
 impl Node {
+    /// Visits the number and the canonical text of each parameter.
+    pub(crate) fn visit_texts(&self, mut visit: impl FnMut(usize, &str)) {
+        let mut params = self.kind.params.iter().enumerate();
+        self.step.visit(&mut |_, value| {
+            // A value that is not canonical was refused when the graph was checked.
+            if let (Some((index, _)), Ok(text)) = (params.next(), value.text()) {
+                visit(index, &text);
+            }
+        });
+    }
+
     /// Number and canonical text of each parameter, for [`KindEntry::step_of`].
     pub(crate) fn texts(&self) -> Vec<u8> {
         let mut to = Encoder::default();
-        self.step.texts(&self.kind, &mut |index, text| {
+        self.visit_texts(|index, text| {
             to.u32(index as u32);
             to.str(text);
         });
         to.finish()
+    }
+
+    /// Writes the parameters into a key.
+    pub(crate) fn write_key(&self, to: &mut KeyWriter) {
+        self.step.visit(&mut |name, value| {
+            // A value that is not canonical was refused when the graph was checked.
+            if let Ok(Some(text)) = value.key_text() {
+                to.str(name, &text);
+            }
+        });
+    }
+}
+
+impl KindEntry {
+    /// The parameters that [`Node::texts`] wrote; `None` where this kind does not read them.
+    pub(crate) fn step_of(&self, texts: &[u8]) -> Option<Arc<dyn Step>> {
+        let mut from = Decoder::new(texts);
+        let mut fields = Vec::new();
+        while from.left() > 0 {
+            let index = from.u32().ok()? as usize;
+            let text = str::from_utf8(from.raw().ok()?).ok()?;
+            fields.push(RawField::plain(self.params.get(index)?.name, text));
+        }
+        let mut diagnostics = Vec::new();
+        let mut fields =
+            Fields { fields: &fields, node_span: 0..0, kind: self.name, diagnostics: &mut diagnostics };
+        (self.read)(&mut fields)
     }
 }

@@ -10,11 +10,9 @@ use std::sync::Arc;
 
 use crate::graph::checker::Check;
 use crate::graph::graph::Graph;
-use crate::graph::lazy::Places;
 use crate::graph::node::Node;
 use crate::kind::registry::{KindEntry, Registry};
-use crate::text::document::Scope;
-use crate::text::document::{Document, RawNode};
+use crate::text::document::{Document, RawNode, Scope};
 use crate::text::scan::Scanner;
 use crate::text::source::Source;
 use crate::text::syntax::parse_node;
@@ -73,7 +71,7 @@ impl Graph {
         let named = |name: &str| raw.fields.iter().filter(|field| field.name == name).count() == 1;
         let known = raw.fields.iter().all(|field| is_field(kind, field.name) && named(field.name));
         let wired = |name: &str| -> Option<&str> {
-            let place = node.places.of(kind, name)?;
+            let place = node.field_place(name)?;
             let start = self.start(index);
             self.source.text.get(place.start - node.span.start + start..place.end - node.span.start + start)
         };
@@ -91,10 +89,13 @@ impl Graph {
         let agrees = mistakes.is_empty()
             && sink_path == node.sink_path
             && step.check_wires(&self.wired(index)).is_ok()
-            && step.views(&self.root) == node.step.views(&self.root);
+            && matches!(
+                (step.views(&self.root), node.step.views(&self.root)),
+                (Ok(now), Ok(then)) if now == then
+            );
         let RawNode { id_span, span, .. } = &document.nodes[0];
         let span = id_span.start..span.end;
-        agrees.then(|| Node { step: step.into(), places: Places::Read(places), span, ..(**node).clone() })
+        agrees.then(|| Node { step, places, span, ..(**node).clone() })
     }
 }
 

@@ -1,4 +1,4 @@
-//! Knobs: parameters that trade work for accuracy, declared beside their meaning, and the presets over them.
+//! Knobs: parameters that trade work for accuracy.
 
 use serde::Serialize;
 
@@ -40,15 +40,15 @@ impl KnobKind {
 /// A parameter as a knob. Each rung of its ladder is at least as exact as the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Knob {
-    /// What turning it changes.
+    /// What the knob controls.
     pub kind: KnobKind,
-    /// Its value in each of [`PRESETS`](crate::PRESETS), in RON; empty where the preset leaves it as the graph has it.
+    /// The value in each of [`PRESETS`](crate::PRESETS), in RON; empty if the preset does not set it.
     pub ladder: [&'static str; 4],
 }
 
 impl Knob {
-    /// The values to try, from the least work to the least error: the ladder, and whole numbers doubled from
-    /// one rung to the next.
+    /// The values to try, from the least work to the smallest error: the ladder, with whole numbers doubled in
+    /// between.
     pub fn values(&self) -> Vec<String> {
         let mut values: Vec<String> = Vec::new();
         for level in self.ladder.iter().filter(|level| !level.is_empty()) {

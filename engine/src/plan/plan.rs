@@ -4,8 +4,6 @@
 //! give; for kinds that are [`INSTANT`](crate::Kind::INSTANT) (a pose, a rig) the plan finds out, so it
 //! tells exactly where an edit stops.
 
-use crate::run::event::Forecast;
-use crate::run::job::context_of;
 use std::path::Path;
 
 use cache::{Change, Digest, Manifest};
@@ -13,18 +11,17 @@ use cache::{Change, Digest, Manifest};
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
 use crate::record::action::{
-    Action, last_keys, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
+    Action, last_outputs, last_run, look_up, manifest_before, prepare, read_sources, sizes,
 };
 use crate::record::pace::Pace;
 use crate::record::record::{Output, Record, Spent};
 use crate::run::engine::Engine;
-use crate::run::job::{encode, stored_value};
-use crate::run::remembered::lookups::LookupMemo;
-use crate::run::remembered::previous::Cone;
+use crate::run::event::Forecast;
+use crate::run::job::{context_of, encode, stored_value};
+use crate::run::previous::Cone;
 use crate::text::values::parse_value;
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 /// What a run would do with a node.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,14 +98,15 @@ impl Engine {
     /// The same for a run into `out` that the last one of this process left the rest of: what that knows is known.
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = graph.wanted(only);
-        let previous_run = self.previous_run();
+        let Some(warm) = &self.warm else { return self.plan(graph, only) };
+        let previous_run = warm.previous();
         let cone = previous_run
             .as_ref()
             .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));
         let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
             return self.plan(graph, only);
         };
-        let mut outlook = Outlook::empty(self, graph, LookupMemo::default());
+        let mut outlook = Outlook::new(self, graph);
         for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
             if graph.nodes[index].kind.reads_files {
                 outlook.actions[index].sources.clone_from(&slot.action.sources);
@@ -172,24 +170,17 @@ pub(crate) struct Outlook<'a> {
     /// Of nodes whose outputs are known by digest, whether they were made or only found out.
     pub records: Vec<Option<Record>>,
     pub actions: Vec<Action>,
-    /// What the last run looked up.
-    known: LookupMemo,
     /// Values of instant nodes that were found out.
     values: Vec<Option<Vec<AnyArtifact>>>,
 }
 
 impl<'a> Outlook<'a> {
     pub fn new(engine: &'a Engine, graph: &'a Graph) -> Self {
-        Self::empty(engine, graph, LookupMemo::read(engine.store(), &last_keys(graph), graph.nodes.len()))
-    }
-
-    fn empty(engine: &'a Engine, graph: &'a Graph, known: LookupMemo) -> Self {
         Self {
             engine,
             graph,
             records: graph.nodes.iter().map(|_| None).collect(),
             actions: graph.nodes.iter().map(|_| Action::default()).collect(),
-            known,
             values: graph.nodes.iter().map(|_| None).collect(),
         }
     }
@@ -206,7 +197,7 @@ impl<'a> Outlook<'a> {
             Err(error) => return Fate::Fails(error.to_string()),
         };
         let key = action.digest();
-        let record = self.known.record(graph, index, &key).or_else(|| look_up(store, node, &key));
+        let record = look_up(store, node, &key);
         self.actions[index] = action;
         if let Some(record) = record {
             let gone = |output: &Output| output.stored && !store.has_blob(&output.digest);
@@ -234,7 +225,7 @@ impl<'a> Outlook<'a> {
             .then(|| self.work(index).or_else(last))
             .flatten()
             .and_then(|work| Pace::of(store, &node.kind).seconds(work))
-            .map(|seconds| seconds * new_share(&fate, node.kind.refines));
+            .map(|seconds| seconds * new_share(&fate, node.kind.preview.refines));
         let manifest = key.map(|key| key.manifest.clone());
         Planned { id: node.id.clone(), kind: node.kind.name, fate, forecast, manifest }
     }
@@ -254,7 +245,7 @@ impl<'a> Outlook<'a> {
             &record.outputs[wire.port]
         };
         let sizes = sizes(node, &self.actions[index].sources, output);
-        guarded(|| Ok(node.step.work(&sizes))).ok()
+        node.step.work(&sizes).ok()
     }
 
     /// The action of a node whose inputs are known.
@@ -313,8 +304,8 @@ impl<'a> Outlook<'a> {
         let inputs =
             node.inputs.iter().map(|wires| wires.iter().map(value).collect()).collect::<Option<_>>()?;
         let context = context_of(graph, index, &self.actions[index]);
-        let (values, notes) = guarded(|| node.step.run(inputs, &context)).ok()?;
-        let (outputs, _) = encode(node, &values);
+        let (values, notes) = node.step.run(inputs, &context).ok()?;
+        let (outputs, _) = guarded(|| Ok(encode(node, &values))).ok()?;
         self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
         self.values[index] = Some(values);
         Some(())

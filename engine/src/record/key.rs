@@ -31,7 +31,7 @@ pub(crate) fn node_key<'s>(
     if !node.kind.data.is_empty() {
         to.digest("data", Digest::of(node.kind.data));
     }
-    node.step.write_key(&mut to);
+    node.write_key(&mut to);
     for (port, wires) in node.kind.inputs.iter().zip(&node.inputs) {
         to.list(port.name, |to| {
             for value in wires.iter().map(|wire| output(*wire)) {

@@ -47,7 +47,7 @@ pub(crate) fn recipe<'s>(
         let node = &graph.nodes[index];
         let _ = write!(text, "n{}:{}(", number[index], node.kind.camel_name());
         let start = text.len();
-        node.step.texts(&node.kind, &mut |index, value| {
+        node.visit_texts(|index, value| {
             let Some(spec) = node.kind.params.get(index) else { return };
             let _ = match spec.role {
                 Role::Value => write!(text, "{}:{value},", spec.name),

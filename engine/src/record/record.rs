@@ -4,8 +4,7 @@ use cache::{Digest, Manifest};
 
 use crate::graph::node::Node;
 use crate::value::artifact::{ArtifactType, Corrupt, Decoder, Encoder};
-use crate::value::counts::Counts;
-use crate::value::counts::Effort;
+use crate::value::counts::{Counts, Effort};
 use crate::value::note::{Level, Notes};
 
 /// One output of a finished node.

@@ -1,12 +1,13 @@
 //! [`Engine`]: the threads, the memory and the store that runs of graphs share.
 
 use std::num::NonZero;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use cache::Store;
 
-use crate::run::remembered::previous::PreviousRun;
-use crate::run::remembered::values::{ValueCache, free_memory};
+use crate::kind::tiles::Threads;
+use crate::run::value_cache::{ValueCache, free_memory};
+use crate::run::warm::Warm;
 
 /// The threads, the memory and the store that runs share.
 pub struct Engine {
@@ -14,12 +15,10 @@ pub struct Engine {
     jobs: usize,
     memory: u64,
     limits: OnceLock<Limits>,
-    pool: OnceLock<rayon::ThreadPool>,
-    pub(crate) kept: ValueCache,
+    threads: OnceLock<Arc<Threads>>,
     prepared: OnceLock<Arc<ValueCache>>,
-    /// How the last run ended, where [`keeping`](Self::keeping).
-    pub(crate) previous_run: Mutex<Option<PreviousRun>>,
-    pub(crate) keeps: bool,
+    /// What is kept from one run to the next, where [`keeping`](Self::keeping).
+    pub(crate) warm: Option<Warm>,
 }
 
 /// What a run may take.
@@ -31,32 +30,13 @@ pub(crate) struct Limits {
     pub memory: u64,
 }
 
-/// Why there are no threads.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot start {jobs} threads")]
-pub(crate) struct EngineError {
-    jobs: usize,
-    source: rayon::ThreadPoolBuildError,
-}
-
 impl Engine {
     /// An engine of `jobs` threads (0: one for each core) that keeps at most about `memory` bytes of values
     /// (0: three quarters of what is free). Threads are started, and the machine is asked, when a run first
     /// has something to do.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
-        let (limits, pool) = (OnceLock::new(), OnceLock::new());
-        let previous_run = Mutex::new(None);
-        Self {
-            store: Arc::new(store),
-            jobs,
-            memory,
-            limits,
-            pool,
-            kept: ValueCache::new(0),
-            prepared: OnceLock::new(),
-            previous_run,
-            keeps: false,
-        }
+        let (limits, threads) = (OnceLock::new(), OnceLock::new());
+        Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
     }
 
     /// What runs may take.
@@ -75,16 +55,9 @@ impl Engine {
         self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 12)))
     }
 
-    /// The threads.
-    pub(crate) fn pool(&self) -> Result<&rayon::ThreadPool, EngineError> {
-        if let Some(pool) = self.pool.get() {
-            return Ok(pool);
-        }
-        let jobs = self.limits().jobs;
-        let builder = rayon::ThreadPoolBuilder::new().num_threads(jobs);
-        let pool = builder.thread_name(|index| format!("node-{index}")).build();
-        let pool = pool.map_err(|source| EngineError { jobs, source })?;
-        Ok(self.pool.get_or_init(|| pool))
+    /// How many threads may compute at once, and the helpers among them.
+    pub(crate) fn threads(&self) -> &Arc<Threads> {
+        self.threads.get_or_init(|| Arc::new(Threads::new(self.limits().jobs)))
     }
 
     /// Keeps values in memory from one run to the next, in a third of what it may take: for a process that
@@ -94,16 +67,11 @@ impl Engine {
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });
-        Self { kept: ValueCache::new(memory / 3), limits, keeps: true, ..self }
+        Self { warm: Some(Warm::new(memory / 3)), limits, ..self }
     }
 
     /// The store of this engine.
     pub fn store(&self) -> &Store {
         &self.store
-    }
-
-    /// How the last run ended.
-    pub(crate) fn previous_run(&self) -> MutexGuard<'_, Option<PreviousRun>> {
-        self.previous_run.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,12 +1,12 @@
 //! The one stream of events that bars, pages, JSON and tests read.
 
-use crate::text::diag::Mistake;
-use crate::value::counts::Counts;
 use std::path::PathBuf;
 
 use cache::Digest;
 use serde::{Serialize, Serializer};
 
+use crate::text::diag::Mistake;
+use crate::value::counts::Counts;
 use crate::value::note::Note;
 
 /// How a node or a part ended.

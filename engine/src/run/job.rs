@@ -1,9 +1,5 @@
 //! Running one node on the shared threads.
 
-use crate::kind::context::ContextField;
-use crate::run::message::Finished;
-use crate::run::message::Message;
-use crate::value::error::guarded;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex};
@@ -12,20 +8,22 @@ use std::time::{Duration, Instant};
 use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::graph::graph::Graph;
-use crate::graph::node::{Node, Wire};
-use crate::kind::context::{Context, Part, PartStore};
+use crate::graph::node::Node;
+use crate::kind::context::{Context, ContextField, Part, PartStore};
 use crate::kind::contract::Keep;
 use crate::kind::port::PortSpec;
+use crate::kind::tiles::Threads;
 use crate::record::action::{Action, look_up};
 use crate::record::key::part_key;
 use crate::record::pace::Pace;
 use crate::record::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::run::event::{Event, State};
-use crate::run::remembered::values::{Name, ValueCache};
+use crate::run::message::{Finished, Message, Owed};
 use crate::run::trace::Tracer;
+use crate::run::value_cache::{Name, ValueCache};
 use crate::value::artifact::{AnyArtifact, ArtifactType};
 use crate::value::counts::Effort;
-use crate::value::error::{NodeError, NodeErrorKind};
+use crate::value::error::{NodeError, NodeErrorKind, guarded};
 use crate::value::files::Files;
 
 /// Counts that every node has: bytes of its input values and of the files it reads, and of its output values, each as
@@ -37,6 +35,7 @@ const BYTES_MADE: &str = "bytes_made";
 pub(crate) struct Job<'a> {
     pub store: &'a Arc<Store>,
     pub prepared: &'a Arc<ValueCache>,
+    pub threads: &'a Arc<Threads>,
     pub graph: &'a Graph,
     pub node: usize,
     pub inputs: Vec<Vec<AnyArtifact>>,
@@ -61,22 +60,26 @@ impl Job<'_> {
 
     /// Runs the node, tells its values, then stores them.
     pub fn run(self) {
-        // The scheduler outlives every job, so telling it cannot fail.
         let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
-        let finish = |outcome: Result<Finished, NodeError>| {
-            let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
+        // The later of two is dropped first, so that the messages of a panic come in their order.
+        let text = |error: NodeError| Some(error.to_string());
+        let stored = Owed::new(&tell, |error| Message::Stored { node: index, error: text(error) });
+        let finished = Owed::new(&tell, |error| Message::Finished { node: index, outcome: Err(error) });
+        let ended = |outcome: Result<Finished, NodeError>| Message::Finished {
+            node: index,
+            outcome: outcome.map(Box::new),
         };
         // A stalled one is not waited for: equal keys give equal bytes.
         let (LeaseState::Acquired(lease) | LeaseState::Stalled(lease)) = store.lease(&key) else {
-            let _ = tell.send(Message::Busy { node: index, key, spent: Effort::default() });
-            return;
+            finished.send(Message::Busy { node: index, key, spent: Effort::default() });
+            return stored.cancel();
         };
         let mut error = None;
         // Another process may have had the lease before, and left its result.
         match look_up(store, self.node(), &key).filter(|_| !self.remake) {
             Some(record) => {
                 let (values, effort) = (Vec::new(), Effort::default());
-                finish(Ok(Finished { record, values, effort, ran: false }));
+                finished.send(ended(Ok(Finished { record, values, effort, ran: false })));
             }
             None => {
                 if !self.remake {
@@ -89,16 +92,16 @@ impl Job<'_> {
                 let mut spent = Effort::default();
                 match guarded(|| self.compute(&mut spent)) {
                     Err(NodeError { kind: NodeErrorKind::Busy(key), .. }) => {
-                        let _ = tell.send(Message::Busy { node: index, key, spent });
-                        return;
+                        finished.send(Message::Busy { node: index, key, spent });
+                        return stored.cancel();
                     }
-                    Err(error) => finish(Err(error)),
-                    Ok((finished, encoded)) => {
+                    Err(error) => finished.send(ended(Err(error))),
+                    Ok((result, encoded)) => {
                         let kind = &graph.nodes[index].kind;
-                        Pace::learn(store, kind, work, finished.record.spent.seconds);
-                        let outputs = finished.record.outputs.clone();
-                        let record = manifest.map(|manifest| finished.record.encode(&manifest));
-                        finish(Ok(finished));
+                        Pace::learn(store, kind, work, result.record.spent.seconds);
+                        let outputs = result.record.outputs.clone();
+                        let record = manifest.map(|manifest| result.record.encode(&manifest));
+                        finished.send(ended(Ok(result)));
                         let put = || {
                             encoded
                                 .iter()
@@ -109,14 +112,14 @@ impl Job<'_> {
                                     record.map_or(Ok(()), |record| store.put_record(&key, &record))
                                 })
                         };
-                        let stored = tracer.span(&graph.nodes[index].id, "store", put);
-                        error = stored.err().map(|error| NodeError::from(error).to_string());
+                        let put = tracer.span(&graph.nodes[index].id, "store", put);
+                        error = put.err().map(|error| NodeError::from(error).to_string());
                     }
                 }
             }
         }
         drop(lease);
-        let _ = tell.send(Message::Stored { node: index, error });
+        stored.send(Message::Stored { node: index, error });
     }
 
     /// The result of the code. `spent` is what it took, be it not the end.
@@ -136,6 +139,7 @@ impl Job<'_> {
         };
         let context = Context {
             cancel: self.cancel,
+            threads: Some(self.threads.clone()),
             progress: Box::new(progress),
             parts: Some(Box::new(StoredParts {
                 store: self.store.clone(),
@@ -277,17 +281,16 @@ fn of_part(key: Digest, part: Part<'_>) -> Name {
     (key, "part", part.version)
 }
 
-/// A value out of the store; `None` when it is missing, damaged or of another form.
+/// A value out of the store; `None` if it is missing, damaged or of another form.
 pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
     let bytes = store.get_blob(digest).ok()??;
-    guarded(|| Ok((artifact.decode)(&bytes)?)).ok()
-}
-
-/// Reads one stored output, and tells `None` when it is missing or damaged.
-pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
-    let Wire { node, port } = wire;
-    let value = stored_value(store, &graph.nodes[node].kind.outputs[port].artifact, &output.digest);
-    let _ = tell.send(Message::Loaded { node, port, value });
+    guarded(|| {
+        let value = (artifact.decode)(&bytes)?;
+        // Code of a kind, too, which the thread that decides calls without a guard.
+        (artifact.bytes)(&value);
+        Ok(value)
+    })
+    .ok()
 }
 
 /// What the code of a node may ask for: no parts and no cancellation yet.

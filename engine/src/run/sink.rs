@@ -1,16 +1,15 @@
 //! Sinks: the files a run leaves in the output folder.
 
-use crate::run::message::Placed;
-use crate::value::files::plain_name;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cache::{Digest, Store, publish_file};
 
 use crate::record::record::FileRecord;
+use crate::run::message::Placed;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
-use crate::value::files::Files;
+use crate::value::files::{Files, plain_name};
 
 /// Where the files of a sink belong, each with its digest.
 pub(crate) fn targets(

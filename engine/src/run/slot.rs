@@ -70,9 +70,15 @@ pub(crate) struct Slot {
     pub lost: bool,
     /// Its values are being written to the store.
     pub storing: bool,
+    /// Messages that threads owe for it.
+    pub owed: usize,
     pub degraded: bool,
     /// It does less than the graph file says, or is made from what does.
     pub rough: bool,
+    /// How much its code has to do, in units of its kind.
+    pub work: f64,
+    /// Whether that takes little time, by forecast.
+    pub short: bool,
     /// Memory that its code was admitted with.
     pub reserved: u64,
     /// What its code will take, once asked for.
@@ -105,8 +111,11 @@ impl Slot {
             remaking: None,
             lost: false,
             storing: false,
+            owed: 0,
             degraded: false,
             rough: false,
+            work: 0.0,
+            short: false,
             reserved: 0,
             cost: None,
             end: None,
@@ -168,6 +177,11 @@ impl Slot {
     /// Whether nobody will ask for the values any more.
     pub fn is_unread(&self) -> bool {
         self.readers == 0 && !self.storing && self.waiters.is_empty() && self.remaking.is_none()
+    }
+
+    /// Bytes of its values in memory.
+    pub fn bytes(&self) -> u64 {
+        self.values.iter().map(|value| value.bytes).sum()
     }
 
     /// Gives the values up and says how many bytes they held.

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use crate::run::event::Event;
 use crate::run::message::Message;
+use crate::run::workers::thread_number;
 
 /// Times code on the shared threads and tells each span as an [`Event::Span`]; does nothing where no
 /// trace is wanted.
@@ -37,7 +38,7 @@ impl Tracer {
         let event = Event::Span {
             id: id.to_owned(),
             what: what.to_owned(),
-            thread: rayon::current_thread_index().unwrap_or_default(),
+            thread: thread_number(),
             start: (self.start.elapsed().as_secs_f64() - seconds).max(0.0),
             seconds,
         };

@@ -3,7 +3,6 @@
 //! A recipe names the files that were read without their folders, each with its digest. They are looked for by
 //! name and digest in folders that the user names, so that what runs is what ran, or nothing does.
 
-use crate::share::recipe_error::RecipeError;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -16,6 +15,7 @@ use crate::plan::diff::NodeDifference;
 use crate::record::action::read_sources;
 use crate::record::recipe::{HEAD, READS, told_name};
 use crate::share::pairing::{Said, said_otherwise};
+use crate::share::recipe_error::RecipeError;
 use crate::share::source_index::Shelf;
 use crate::text::diag::Diagnostics;
 use crate::text::document::{Document, RawField};

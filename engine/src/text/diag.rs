@@ -1,6 +1,5 @@
 //! Diagnostics: what is wrong in a graph file, where, and what to do. All of a file come together.
 
-use crate::text::source::Source;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -8,7 +7,7 @@ use std::path::PathBuf;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use serde::Serialize;
 
-use crate::text::source::Piece;
+use crate::text::source::{Piece, Source};
 
 /// What sort of mistake it is; a stable name in JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -229,35 +228,15 @@ fn bounded(mut text: String) -> String {
     text
 }
 
-/// The candidate nearest in spelling, when it is near enough to be a slip.
+/// The candidate nearest in spelling, when it is near enough to be a slip: at most a third of the letters, and at most three,
+/// are inserted, left out, replaced or swapped with their neighbour.
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
-    let limit = (found.chars().count() / 3).clamp(1, 3);
-    known
-        .into_iter()
-        .map(|candidate| (distance(&found.to_lowercase(), &candidate.to_lowercase()), candidate))
-        .filter(|(distance, _)| *distance <= limit)
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, candidate)| candidate)
-}
-
-/// Edits (insert, delete, replace, swap of neighbours) between two words: Damerau and Levenshtein's
-/// optimal string alignment.
-fn distance(a: &str, b: &str) -> usize {
-    let (a, b): (Vec<char>, Vec<char>) = (a.chars().take(64).collect(), b.chars().take(64).collect());
-    let mut before = vec![0; b.len() + 1];
-    let mut last: Vec<usize> = (0..=b.len()).collect();
-    for i in 1..=a.len() {
-        let mut row = vec![i; b.len() + 1];
-        for j in 1..=b.len() {
-            let replaced = last[j - 1] + usize::from(a[i - 1] != b[j - 1]);
-            row[j] = replaced.min(last[j] + 1).min(row[j - 1] + 1);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                row[j] = row[j].min(before[j - 2] + 1);
-            }
-        }
-        (before, last) = (last, row);
-    }
-    last[b.len()]
+    // Longer names are compared by their beginnings: the time grows with the square of the length.
+    let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };
+    let (limit, found) = ((found.chars().count() / 3).clamp(1, 3), folded(found));
+    let distance = |candidate: &'k str| (strsim::osa_distance(&found, &folded(candidate)), candidate);
+    let near = known.into_iter().map(distance).filter(|(distance, _)| *distance <= limit);
+    near.min_by_key(|(distance, _)| *distance).map(|(_, candidate)| candidate)
 }
 
 /// A mistake in a graph, for programs that show it in their own way.
@@ -295,7 +274,7 @@ mod tests {
         assert_eq!(nearest("widht_px", known), Some("width_px"));
         assert_eq!(nearest("sample", known), Some("samples"));
         assert_eq!(nearest("gamma", known), None);
-        assert_eq!(distance("ab", "ba"), 1);
+        assert_eq!(nearest("ab", ["ba"]), Some("ba"), "a swap is one edit");
     }
 
     #[test]

@@ -3,24 +3,18 @@
 //! The files are joined, each behind a line `//@@ role name`, which is a comment in RON. So whatever knows
 //! a graph by its text (its place in diagnostics, its digest, a bundle) knows all of it.
 
-use crate::text::source::Piece;
-use crate::text::source::PieceRole;
-use crate::text::source::folder_of;
-use crate::text::source::plain;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crate::text::diag::{Code, Diagnostic, shown};
 use crate::text::document::{Document, RawField};
-use crate::text::overlay::Overlays;
-use crate::text::overlay::PRESETS;
-use crate::text::source::Source;
+use crate::text::overlay::{Overlays, PRESETS};
+use crate::text::source::{Piece, PieceRole, Source, folder_of, plain};
 use crate::text::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
 use crate::text::syntax::{Sort, parse_part, parse_preset, parse_setting};
 use crate::text::values::parse_value;
-use crate::value::root::InputFile;
-use crate::value::root::SourceRoot;
+use crate::value::root::{InputFile, SourceRoot};
 use crate::value::text_file::{MAX_GRAPH_BYTES, read_text};
 
 /// A graph includes no more files than this, and no more bytes.

@@ -5,13 +5,12 @@
 //! of the graph, named `left.pose` and so on. What is given means what it means where it is written: wires lead
 //! to nodes around `left`, paths begin at the folder of that file. So does every mistake.
 
-use crate::text::document::Scope;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::text::diag::{Code, Diagnostic, nearest, shown};
-use crate::text::document::{Document, RawField, RawNode};
+use crate::text::document::{Document, RawField, RawNode, Scope};
 use crate::text::overlay::Overlays;
 use crate::text::scan::Scanner;
 use crate::text::source::plain;

@@ -16,20 +16,20 @@ impl Graph {
             let mut settings = Vec::new();
             if let Some(n) = self.number(index, parameter) {
                 let coarsens =
-                    kind.coarse.filter(|name| self.number(index, name).is_some_and(|n| n < coarse));
+                    kind.preview.coarse.filter(|name| self.number(index, name).is_some_and(|n| n < coarse));
                 settings.extend((n > level).then(|| (parameter, level.to_string())));
                 settings.extend(coarsens.map(|name| (name, coarse.to_string())));
             }
             below[index] = !settings.is_empty() || self.reads(index).iter().any(|&above| below[above]);
             if below[index] {
-                let costly = kind.rough.iter().filter(|(name, value)| match value.parse::<u64>() {
+                let costly = kind.preview.rough.iter().filter(|(name, value)| match value.parse::<u64>() {
                     Ok(most) => self.number(index, name).is_some_and(|n| n > most),
                     Err(_) => self.nodes[index].values().iter().any(|(n, v)| n == name && v != value),
                 });
                 settings.extend(costly.map(|(name, value)| (*name, (*value).to_owned())));
             }
             for (name, value) in &settings {
-                let step = graph.nodes[index].with(name, value)?.into();
+                let step = graph.nodes[index].with(name, value)?;
                 Arc::make_mut(&mut graph.nodes[index]).step = step;
             }
             changed.extend((!settings.is_empty()).then_some(index));
@@ -39,6 +39,6 @@ impl Graph {
 
     /// Whether a node can compute a part of its pixels.
     pub(crate) fn can_be_coarse(&self, node: usize) -> bool {
-        self.nodes[node].kind.coarse.is_some()
+        self.nodes[node].kind.preview.coarse.is_some()
     }
 }

@@ -1,4 +1,4 @@
-//! Every table of `docs/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs and each
+//! Every table of `docs/evidence/splats.md`: how fast splats are loaded and drawn, how exact, what each knob costs and each
 //! skip saves, how time and memory grow, and both ways to a panorama.
 //! `cargo bench -p lightharmony-nodes --bench splat -- DATA [section ..]`, where DATA holds `splats/garden_sog`,
 //! `splats/playbot_sog` and `splat-refs`. Without DATA, speed alone, on a cloud made from a seed.

@@ -43,7 +43,7 @@ impl Kind for FitProbe {
     const NAME: &'static str = "fit-probe";
     const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
-    const LOOKS: &'static [&'static str] = &["look"];
+    const PREVIEW: engine::Preview = engine::Preview { looks: &["look"], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;

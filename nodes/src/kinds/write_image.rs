@@ -60,7 +60,8 @@ impl Kind for WriteImage {
     const NAME: &'static str = "write-image";
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Recipe];
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("effort", "Fast")];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("effort", "Fast")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;

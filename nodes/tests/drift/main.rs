@@ -1,6 +1,6 @@
 //! How far every node is off: the largest error and the one that a thousandth exceed, against a slow reference in
 //! float64 written from the node's definition, or against the node itself at a finer setting where it samples. Which
-//! nodes need none is told in `docs/trade.md`.
+//! nodes need none is in `docs/evidence/README.md`.
 //!
 //! Everything is deterministic, so `errors.tsv` holds what comes out to its last digit, on any machine. A change
 //! there is a change of a picture: look at it, then renew the file with `UPDATE_GOLDEN=1`.

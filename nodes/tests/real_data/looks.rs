@@ -100,7 +100,7 @@ fn every_object_of_the_shared_data_shows() {
 }
 
 // Mean of the object layer by Cycles 4.5 (128 samples, 192 x 144, its own reading of the file). See
-// `docs/materials.md`.
+// `docs/evidence/materials.md`.
 #[test]
 fn helmets_agree_with_cycles() {
     let helmet = camera(DVec3::new(0.7, 0.8, 1.7), DVec3::new(0.0, 0.48, 0.0), (96, 72), 36.0);

@@ -35,7 +35,7 @@ const BAD: [(&str, &str, &str, &str); 5] = [
     ),
 ];
 
-/// The bad node with which settings are looked for as well: not all, since each takes seconds. `docs/trade.md` has
+/// The bad node with which settings are looked for as well: not all, since each takes seconds. `docs/evidence/trade.md` has
 /// the others.
 const TUNED: &str = "probe";
 
@@ -145,9 +145,9 @@ fn none_is_to_blame_of_nothing() {
     assert_eq!(blamed(None, None, None), "unknown");
 }
 
-/// What docs/trade.md says of a node that was made bad.
+/// What docs/evidence/trade.md says of a node that was made bad.
 fn row_of(what: &str) -> &'static str {
-    let page = include_str!("../../../docs/trade.md");
+    let page = include_str!("../../../docs/evidence/trade.md");
     page.lines().find(|line| line.starts_with(&format!("| {what} |"))).unwrap()
 }
 

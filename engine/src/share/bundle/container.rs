@@ -17,7 +17,8 @@
 //! a digest. The same parts give the same bytes.
 
 use std::collections::BTreeMap;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io;
+use std::io::{Read, Seek, SeekFrom, Write};
 
 use cache::{Digest, DigestWriter};
 

@@ -11,8 +11,7 @@ use crate::record::action::prepare;
 use crate::record::record::{Record, Spent};
 use crate::run::engine::Engine;
 use crate::share::bundle::container::{BundleError, Parts};
-use crate::share::bundle::names::wrong_name;
-use crate::share::bundle::names::{GRAPH, LOCK};
+use crate::share::bundle::names::{GRAPH, LOCK, wrong_name};
 use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
 use crate::value::error::NodeError;
@@ -193,7 +192,7 @@ impl Places {
             let mut params = node.kind.params.iter();
             node.step.visit(&mut |name, value| {
                 let is_input = params.next().is_some_and(|spec| spec.role == Role::Input);
-                let span = node.places.of(&node.kind, name);
+                let span = node.field_place(name);
                 if let (true, Some(span), Ok(text)) = (is_input, span, value.text()) {
                     edits.push((span, replace_strings(&text, |path| self.name(index, path))));
                 }

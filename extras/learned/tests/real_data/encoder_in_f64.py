@@ -2,7 +2,7 @@
 
     python encoder_in_f64.py ../shared/data/flux-kontext-tiny
 
-Needs torch and diffusers. What it prints stands in docs/kontext.md; the same comparison with this program's own encoder
+Needs torch and diffusers. What it prints stands in docs/evidence/kontext.md; the same comparison with this program's own encoder
 is the test `inputs_and_the_autoencoder_are_the_reference_s`.
 """
 

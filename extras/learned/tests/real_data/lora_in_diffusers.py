@@ -3,7 +3,7 @@
     python lora_in_diffusers.py ../shared/data/flux-kontext-tiny lora.safetensors
 
 Needs torch, diffusers and peft. The model's output with the LoRA attached by diffusers is compared with that of weights
-to which alpha / rank B A was added by hand. What it prints stands in docs/kontext.md.
+to which alpha / rank B A was added by hand. What it prints stands in docs/evidence/kontext.md.
 """
 
 import json

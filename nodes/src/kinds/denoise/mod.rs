@@ -147,7 +147,8 @@ impl Kind for Denoise {
     const NAME: &'static str = "denoise";
     const VERSION: u32 = 6;
     // The time grows with its square; a preview has so few samples that the nearest pixels show as much.
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("radius_px", "2")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;

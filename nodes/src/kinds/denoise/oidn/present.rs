@@ -1,6 +1,6 @@
 //! A build that can, where it is installed.
 //!
-//! What is handed over is what was best of several ways on `render-refs` (`docs/light-transport.md`): the ratio as
+//! What is handed over is what was best of several ways on `render-refs` (`docs/evidence/light-transport.md`): the ratio as
 //! a picture of its own, without guides, since it has no texture and the guides have edges that it has not; the object
 //! premultiplied, with its normals and, in place of an albedo, where it is.
 

@@ -1,21 +1,20 @@
 //! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
 
-use crate::run::options::Outcome;
-use std::cell::OnceCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::Sender;
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use crate::graph::graph::Graph;
 use crate::record::action::last_keys;
+use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
 use crate::run::message::Message;
-use crate::run::options::RunOptions;
-use crate::run::remembered::lookups::LookupMemo;
-use crate::run::remembered::previous::{Cone, PreviousRun};
+use crate::run::options::{Outcome, RunOptions};
+use crate::run::previous::{Cone, PreviousRun};
+use crate::run::queue::Queue;
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
@@ -37,7 +36,7 @@ impl<'a> Run<'a> {
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let previous_run = engine.previous_run().take();
+        let previous_run = engine.warm.as_ref().and_then(|warm| warm.previous().take());
         let cone = previous_run.as_ref().and_then(|previous_run| {
             previous_run.cone(graph, &options.only, &wanted, &options.out, &engine.store)
         });
@@ -78,12 +77,7 @@ impl<'a> Run<'a> {
         }
         let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
-        let last_keys = last_keys(graph);
-        let known = if whole {
-            LookupMemo::read(&engine.store, &last_keys, graph.nodes.len())
-        } else {
-            LookupMemo::default()
-        };
+        let history = last_keys(graph);
         Self {
             engine,
             graph,
@@ -91,29 +85,19 @@ impl<'a> Run<'a> {
             sender,
             tell,
             slots,
-            rank,
             todo,
             errands: Vec::new(),
-            ready: BTreeSet::new(),
-            queue: BTreeSet::new(),
-            parked: Vec::new(),
-            in_flight: HashMap::new(),
-            made: HashMap::new(),
-            last_keys,
-            known,
-            news: false,
+            queue: Queue::new(engine.limits().jobs, rank),
+            memory: Memory::new(engine.limits().memory),
+            known: Known::new(history),
             scratch: Vec::new(),
-            claims: BTreeMap::new(),
-            read: OnceCell::new(),
-            supplied: 0,
-            running: 0,
-            busy: 0,
-            held: 0,
-            reserved: 0,
+            claims: Claims::default(),
+            unchanged: whole,
+            owed: 0,
             store_failed: false,
+            gone: std::collections::BTreeSet::new(),
             failures: Vec::new(),
             totals,
-            whole,
             tracer,
             start,
             start_cpu,
@@ -130,8 +114,8 @@ impl Engine {
         let mut run = Run::new(self, graph, options, sender, &mut tell);
         run.run(&receiver);
         let (outcome, slots) = run.finish();
-        if self.keeps {
-            *self.previous_run() = PreviousRun::of(graph, &options.only, slots);
+        if let Some(warm) = &self.warm {
+            *warm.previous() = PreviousRun::of(graph, &options.only, slots);
         }
         outcome
     }

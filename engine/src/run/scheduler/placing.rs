@@ -3,12 +3,11 @@
 use crate::graph::node::Wire;
 use crate::graph::reads::{OTHER_FILE, ReadFiles, over_text};
 use crate::run::event::Event;
-use crate::run::message::{Message, Placed};
+use crate::run::message::{Message, Owed, Placed};
 use crate::run::scheduler::Run;
 use crate::run::sink;
 use crate::run::slot::{Life, Waiter};
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 impl Run<'_> {
     /// Compares the files of a sink with what lies there, and writes those that differ.
@@ -21,11 +20,7 @@ impl Run<'_> {
             Err(error) => return self.fail(index, &error),
         };
         for (path, _) in &targets {
-            let other = self.claims.insert(path.clone(), index);
-            let Some(other) = other.filter(|&other| other != index) else { continue };
-            // Whichever comes first while it runs, the later one in the file is in the wrong.
-            let (first, second) = (other.min(index), other.max(index));
-            self.claims.insert(path.clone(), first);
+            let Some([first, second]) = self.claims.claim(path, index) else { continue };
             let message = format!("`{}` writes to {} too", graph.nodes[first].id, path.display());
             self.fail(second, &NodeError::new(message).at("path").hint("give each its own path"));
             if second == index {
@@ -38,16 +33,17 @@ impl Run<'_> {
         }
         // Looked for only where something may be written, since it takes a look at every file.
         let texts = &self.options.texts;
-        let read = self.read.get_or_init(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
+        let read = self.claims.read(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
         if let Some((path, _)) = targets.iter().find(|(path, _)| read.has(path)) {
             return self.fail(index, &NodeError::new(over_text(path)).at("path").hint(OTHER_FILE));
         }
         let (sender, value) = (self.sender.clone(), self.slots[index].value(0).cloned());
         let tracer = self.tracer.clone();
         self.send(index, move || {
+            let owed = Owed::new(&sender, |error| Message::Placed { node: index, placed: Err(error) });
             let place = || guarded(|| sink::place(&engine.store, targets, value.as_ref(), confined));
             let placed = tracer.span(&node.id, "files", place);
-            let _ = sender.send(Message::Placed { node: index, placed });
+            owed.send(Message::Placed { node: index, placed });
         });
     }
 
@@ -59,7 +55,7 @@ impl Run<'_> {
         match placed {
             Ok(Some(files)) => {
                 for (path, written) in files {
-                    self.news |= written;
+                    self.unchanged &= !written;
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
                     (self.tell)(Event::File { id, path, written, preview });
                 }

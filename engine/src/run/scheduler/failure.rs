@@ -46,21 +46,15 @@ impl Run<'_> {
     }
 
     fn leave(&mut self, index: usize, life: Life) {
-        let place = (self.rank[index], index);
         let settled = self.slots[index].record.is_some();
-        match self.slots[index].life {
-            Life::Ready => drop(self.ready.remove(&place)),
-            Life::Gathering => self.supplied -= 1,
-            Life::Queued => {
-                self.supplied -= 1;
-                self.queue.remove(&place);
-            }
-            Life::Placing => self.slots[index].readers -= 1,
-            _ => {}
-        }
-        self.slots[index].life = life;
+        let slot = &mut self.slots[index];
+        self.queue.leave(index, slot);
+        // Its files are not put in place any more.
+        let is_sink = self.graph.nodes[index].sink_path.is_some();
+        slot.readers -= usize::from(is_sink && slot.life != Life::Done);
+        slot.life = life;
         if settled {
-            self.drop_unread(index);
+            self.memory.drop_unread(&mut self.slots[index]);
         } else {
             self.release_inputs(index);
         }
@@ -136,7 +130,7 @@ impl Run<'_> {
                     self.skip(reader);
                 }
             }
-            self.drop_unread(node);
+            self.memory.drop_unread(&mut self.slots[node]);
         }
     }
 
@@ -153,6 +147,6 @@ impl Run<'_> {
     pub fn take_followers(&mut self, index: usize) -> Vec<usize> {
         let slot = &self.slots[index];
         let key = slot.key.filter(|_| slot.leads());
-        key.and_then(|key| self.in_flight.remove(&key)).unwrap_or_default()
+        key.map(|key| self.known.end(&key)).unwrap_or_default()
     }
 }

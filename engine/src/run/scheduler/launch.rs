@@ -9,17 +9,18 @@ use crate::record::action::{Action, sizes};
 use crate::record::record::Output;
 use crate::run::event::Event;
 use crate::run::job::Job;
-use crate::run::scheduler::{Parked, Run};
-use crate::run::slot::Life;
+use crate::run::queue::Parked;
+use crate::run::scheduler::Run;
 use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
-use crate::value::error::guarded;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
 /// How long a node waits before it asks again for a key that another computes, at first and at most.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
+/// A node that takes less time than this, in seconds, does not wait for others to end.
+const SHORT: f64 = 1.0;
 /// After how long it is told that a node waits for that.
 const TOLD_AFTER: Duration = Duration::from_secs(2);
 
@@ -27,9 +28,7 @@ impl<'a> Run<'a> {
     /// Starts queued code while threads and memory last. One node always runs, however large it is
     /// within the budget as a whole.
     pub fn launch(&mut self) {
-        while let Some(&(rank, index)) = self.queue.first()
-            && self.running < self.engine.limits().jobs
-        {
+        while let Some(index) = self.queue.next_queued() {
             let bytes = match self.cost(index) {
                 Ok(bytes) => bytes,
                 Err(error) => {
@@ -37,12 +36,26 @@ impl<'a> Run<'a> {
                     continue;
                 }
             };
-            if self.running > 0 && self.held + self.reserved + bytes > self.engine.limits().memory {
+            if !self.queue.nothing_runs() && !self.memory.fits(bytes) {
                 return;
             }
-            self.queue.remove(&(rank, index));
             self.start(index, bytes);
         }
+    }
+
+    /// Asks how much work a node is, all its inputs being known by digest, and whether that is short.
+    pub fn forecast(&mut self, index: usize) -> Result<(), NodeError> {
+        let (node, store) = (&self.graph.nodes[index], &self.engine.store);
+        let output = |wire: Wire| -> &Output {
+            &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
+        };
+        let sizes = sizes(node, &self.slots[index].action.sources, output);
+        let work = node.step.work(&sizes)?;
+        let seconds = self.known.seconds(store, &node.kind, work);
+        let slot = &mut self.slots[index];
+        slot.work = work;
+        slot.short = node.kind.instant || seconds.is_some_and(|seconds| seconds < SHORT);
+        Ok(())
     }
 
     fn inputs(&self, index: usize) -> Vec<Vec<AnyArtifact>> {
@@ -60,9 +73,9 @@ impl<'a> Run<'a> {
         let (node, inputs) = (&self.graph.nodes[index], self.inputs(index));
         let sources = &self.slots[index].action.sources;
         let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
-        let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
-        let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
-        let (held, budget) = (self.input_bytes(index), self.engine.limits().memory);
+        let parts = [node.step.estimate(inputs)?, node.step.estimate_files(&heads)?];
+        let bytes = parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
+        let (held, budget) = (self.input_bytes(index), self.memory.limit());
         if bytes.saturating_add(held) > budget {
             let beside = if bytes > budget || held < budget / 16 {
                 String::new()
@@ -99,20 +112,14 @@ impl<'a> Run<'a> {
         let input_digests =
             ports.map(|(port, wires)| (port.name, wires.iter().filter_map(digest).collect())).collect();
         let inputs = self.inputs(index);
-        let output = |wire: Wire| -> &Output {
-            &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
-        };
-        let work = node.step.work(&sizes(node, &self.slots[index].action.sources, output));
         let slot = &mut self.slots[index];
-        if slot.remaking.is_none() {
-            self.supplied -= 1;
-        }
-        slot.life = Life::Running;
-        slot.reserved = bytes;
+        self.queue.start(index, slot);
+        self.memory.reserve(slot, bytes);
         slot.storing = true;
         let job = Job {
             store: &engine.store,
             prepared: engine.prepared(),
+            threads: engine.threads(),
             graph,
             node: index,
             inputs,
@@ -124,51 +131,53 @@ impl<'a> Run<'a> {
                 key: slot.action.key.clone(),
             },
             remake: slot.remaking.is_some(),
-            work,
+            work: slot.work,
             memory: bytes,
             tracer: self.tracer.clone(),
             cancel: self.options.cancel.clone(),
             tell: self.sender.clone(),
         };
-        self.reserved += bytes;
-        self.running += 1;
-        self.send(index, move || job.run());
+        self.send_code(index, move || job.run());
     }
 
     /// Another computes the key of this node or of a part of it; its thread is free for others meanwhile.
     pub fn park(&mut self, node: usize, key: Digest) {
         let slot = &mut self.slots[node];
         slot.storing = false;
-        slot.life = Life::Parked;
         let now = Instant::now();
         let (since, when) = (Some(now), now + FIRST_PAUSE);
-        self.parked.push(Parked { node, key, since, when, pause: FIRST_PAUSE });
+        self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
     /// Queues parked nodes whose key is free.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;
-        let mut free = Vec::new();
-        for parked in std::mem::take(&mut self.parked) {
-            let state = (parked.when <= now).then(|| store.lease(&parked.key));
-            match state {
-                None | Some(LeaseState::Busy) => self.parked.push(parked),
-                Some(LeaseState::Acquired(_)) => free.push(parked),
-                Some(LeaseState::Stalled(_)) => {
-                    let (id, seconds) = (&self.graph.nodes[parked.node].id, STALLED_AFTER.as_secs());
-                    let text = format!(
-                        "`{id}` is computed here as well: the other process that computes it has not moved for \
-                         {seconds} s"
-                    );
-                    (self.tell)(Event::Warning { id: "stalled", text });
-                    free.push(parked);
+        let mut stalled = Vec::new();
+        let is_free = |parked: &Parked| {
+            if parked.when > now {
+                return false;
+            }
+            match store.lease(&parked.key) {
+                LeaseState::Acquired(_) => true,
+                LeaseState::Busy => false,
+                LeaseState::Stalled(_) => {
+                    stalled.push(parked.node);
+                    true
                 }
             }
+        };
+        let free = self.queue.take_parked(is_free);
+        for node in stalled {
+            let (id, seconds) = (&self.graph.nodes[node].id, STALLED_AFTER.as_secs());
+            let text = format!(
+                "`{id}` is computed here as well: the other process that computes it has not moved for {seconds} s"
+            );
+            (self.tell)(Event::Warning { id: "stalled", text });
         }
         // Where code of this run is at work it may be that which is waited for.
-        let idle = self.running == 0;
-        for parked in self.parked.iter_mut().filter(|parked| parked.when <= now) {
+        let idle = self.queue.nothing_runs();
+        for parked in self.queue.parked().iter_mut().filter(|parked| parked.when <= now) {
             parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
             parked.when = now + parked.pause;
             if idle && parked.since.is_some_and(|since| now - since >= TOLD_AFTER) {
@@ -182,11 +191,8 @@ impl<'a> Run<'a> {
                 (self.tell)(Event::Warning { id: "waits", text });
             }
         }
-        for Parked { node, .. } in free {
-            if self.slots[node].remaking.is_none() {
-                self.supplied += 1;
-            }
-            self.enqueue(node);
+        for node in free {
+            self.queue.unpark(node, &mut self.slots[node]);
         }
     }
 }

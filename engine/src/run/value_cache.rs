@@ -1,4 +1,4 @@
-//! Values that outlive a run, for an engine that runs again and again: what the next run reads is at hand.
+//! Values in memory by digest, at most so many bytes of them: what is read again is at hand.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, PoisonError};
@@ -40,6 +40,18 @@ impl Output {
     }
 }
 
+impl Entries {
+    /// The value of a name, which is the one used last from now on.
+    fn touch(&mut self, name: &Name) -> Option<AnyArtifact> {
+        let kept = self.values.get_mut(name)?;
+        self.ages.remove(&kept.used);
+        self.clock += 1;
+        kept.used = self.clock;
+        self.ages.insert(kept.used, *name);
+        Some(kept.value.clone())
+    }
+}
+
 impl ValueCache {
     /// Keeps at most `limit` bytes; nothing at all for 0.
     pub fn new(limit: u64) -> Self {
@@ -56,21 +68,19 @@ impl ValueCache {
         if self.limit == 0 {
             return None;
         }
-        let entries = &mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = entries.values.get_mut(name)?;
-        entries.ages.remove(&kept.used);
-        entries.clock += 1;
-        kept.used = entries.clock;
-        entries.ages.insert(kept.used, *name);
-        Some(kept.value.clone())
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner).touch(name)
     }
 
     /// Keeps a value of so many bytes; those not used for longest make room.
     pub fn put(&self, name: &Name, value: &AnyArtifact, bytes: u64) {
-        if bytes > self.limit || self.get(name).is_some() {
+        if bytes > self.limit || self.limit == 0 {
             return;
         }
+        // One lock from looking to keeping: two nodes may come with the same value at once.
         let entries = &mut *self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        if entries.touch(name).is_some() {
+            return;
+        }
         while entries.held + bytes > self.limit
             && let Some((_, oldest)) = entries.ages.pop_first()
         {

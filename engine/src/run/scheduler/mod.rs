@@ -4,41 +4,49 @@
 //! known by digest is *resolved* by looking its key up; where nothing is found its input values are
 //! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
 
-use std::cell::OnceCell;
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
-use std::path::PathBuf;
+mod begin;
+mod failure;
+mod launch;
+mod placing;
+mod supply;
+
+use std::cell::LazyCell;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use cache::Digest;
-
 use crate::graph::graph::Graph;
 use crate::graph::node::Wire;
-use crate::graph::reads::ReadFiles;
 use crate::kind::context::ReadSource;
 use crate::record::action::{digest_sources, known_sources, look_up, prepare, remember};
 use crate::record::record::{Output, Record};
+use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
-use crate::run::message::{Finished, Message};
+use crate::run::known::Known;
+use crate::run::memory::Memory;
+use crate::run::message::{Finished, Message, Owed};
 use crate::run::options::{Outcome, RunOptions};
-use crate::run::remembered::lookups::LookupMemo;
-use crate::run::remembered::unchanged as noop_check;
+use crate::run::queue::Queue;
 use crate::run::slot::{Life, Slot};
 use crate::run::trace::Tracer;
+use crate::run::unchanged;
+use crate::run::workers::{Work, Workers};
 use crate::text::diag::{Diagnostic, Diagnostics};
 use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::cpu;
-use crate::value::error::NodeError;
-use crate::value::error::guarded;
+use crate::value::error::{NodeError, guarded};
 
 /// How often other processes are shown that the holder of this process's leases is at work.
 const RENEW_EVERY: Duration = Duration::from_secs(1);
 
+/// History of a graph is never trimmed to fewer nodes than this.
+const MIN_HISTORY: usize = 1024;
+
 /// What the deciding thread has yet to do.
-pub(crate) enum Task {
+enum Task {
     Resolve(usize),
     Gather(usize),
     /// Bring an output of a node to memory.
@@ -46,70 +54,46 @@ pub(crate) enum Task {
     Files(usize),
 }
 
-/// What a thread is to do for a node; it tells what came of it.
-pub(crate) struct Errand<'a> {
+/// Work for a node that no thread has been given yet.
+struct Errand<'a> {
     node: usize,
-    act: Box<dyn FnOnce() + Send + 'a>,
+    is_code: bool,
+    work: Work<'a>,
 }
 
-/// A node that waits for a key that another computes.
-pub(crate) struct Parked {
-    pub node: usize,
-    pub key: Digest,
-    /// Since when it waits, until that was told.
-    pub since: Option<Instant>,
-    /// When to ask.
-    pub when: Instant,
-    pub pause: Duration,
-}
-
+/// One run of a graph. Its parts keep their numbers themselves; the methods here and in the files below decide.
 pub(crate) struct Run<'a> {
-    pub engine: &'a Engine,
-    pub graph: &'a Graph,
-    pub options: &'a RunOptions,
-    pub sender: Sender<Message>,
-    pub tell: &'a mut dyn FnMut(Event),
-    pub slots: Vec<Slot>,
-    /// Position of each node in the order of the graph: what comes first there runs first.
-    pub rank: Vec<usize>,
-    pub todo: VecDeque<Task>,
+    engine: &'a Engine,
+    graph: &'a Graph,
+    options: &'a RunOptions,
+    sender: Sender<Message>,
+    tell: &'a mut dyn FnMut(Event),
+    slots: Vec<Slot>,
+    todo: VecDeque<Task>,
     /// What threads are to do and were not given yet.
-    pub errands: Vec<Errand<'a>>,
-    /// Nodes that are [`Life::Ready`], [`Life::Queued`] and [`Life::Parked`], by rank.
-    pub ready: BTreeSet<(usize, usize)>,
-    pub queue: BTreeSet<(usize, usize)>,
-    pub parked: Vec<Parked>,
-    /// Nodes being computed, by key, each with those of the same key.
-    pub in_flight: HashMap<Digest, Vec<usize>>,
-    /// Nodes whose code ran in this run, by key: asked before the store, which may not keep everything.
-    pub made: HashMap<Digest, usize>,
-    /// Name of the book in which keys are remembered.
-    pub last_keys: String,
-    /// What the last run looked up, and whether this one comes to something else.
-    pub known: LookupMemo,
-    pub news: bool,
-    /// Whether every node is looked at, and not only what changed since the last run of this process.
-    pub whole: bool,
-    /// Memory in which keys are written.
-    pub scratch: Vec<u8>,
-    /// Which sink writes a file.
-    pub claims: BTreeMap<PathBuf, usize>,
-    /// What no sink may write over.
-    pub read: OnceCell<ReadFiles>,
-    /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], remakes left out.
-    pub supplied: usize,
-    pub running: usize,
+    errands: Vec<Errand<'a>>,
+    /// The nodes whose code is to run.
+    queue: Queue,
+    /// Bytes of values and of running code.
+    memory: Memory,
+    /// What is known of keys.
+    known: Known,
+    /// Where keys are written.
+    scratch: Vec<u8>,
+    /// The files of sinks.
+    claims: Claims,
+    /// Whether every node was looked at, and no file had to be written.
+    unchanged: bool,
     /// Messages that threads still owe.
-    pub busy: usize,
-    /// Bytes of values in memory, and bytes that running code was admitted with.
-    pub held: u64,
-    pub reserved: u64,
-    pub store_failed: bool,
-    pub failures: Vec<Diagnostic>,
-    pub totals: Totals,
-    pub tracer: Tracer,
-    pub start: Instant,
-    pub start_cpu: Duration,
+    owed: usize,
+    store_failed: bool,
+    /// Nodes whose stored values were missing.
+    gone: BTreeSet<usize>,
+    failures: Vec<Diagnostic>,
+    totals: Totals,
+    tracer: Tracer,
+    start: Instant,
+    start_cpu: Duration,
 }
 
 impl<'a> Run<'a> {
@@ -124,17 +108,25 @@ impl<'a> Run<'a> {
         if self.errands.is_empty() {
             return;
         }
-        match self.engine.pool() {
-            Ok(pool) => pool.in_place_scope(|scope| self.coordinate(scope, receiver)),
-            Err(error) => {
-                let error = NodeError::from(error).hint("ask for fewer threads with `--jobs`");
-                for Errand { node, .. } in std::mem::take(&mut self.errands) {
-                    match self.slots[node].life {
-                        Life::Done => self.lose(node, Some(&error)),
-                        _ => self.stumble(node, &error),
-                    }
-                }
-            }
+        let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
+        std::thread::scope(|scope| {
+            let _closing = workers.closing();
+            self.coordinate(scope, &workers, receiver);
+        });
+    }
+
+    /// Not even one thread could be started for a node.
+    fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
+        let error = NodeError::new(format!("cannot start a thread: {error}"))
+            .hint("ask for fewer threads with `--jobs`");
+        self.settle_debt(node);
+        if is_code {
+            self.end_running(node);
+            self.slots[node].storing = false;
+        }
+        match self.slots[node].life {
+            Life::Done => self.lose(node, Some(&error)),
+            _ => self.stumble(node, &error),
         }
     }
 
@@ -161,15 +153,25 @@ impl<'a> Run<'a> {
 
     /// Has a thread do something for a node, of which it tells in a message.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
-        self.busy += 1;
-        self.errands.push(Errand { node, act: Box::new(act) });
+        self.owed += 1;
+        self.slots[node].owed += 1;
+        self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
+    }
+
+    /// The same for the code of a node.
+    pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
+        self.owed += 1;
+        self.slots[node].owed += 1;
+        self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
     }
 
     /// Decides until nothing is left to do, or the run is stopped and the threads are idle.
-    fn coordinate<'s>(&mut self, scope: &rayon::Scope<'s>, receiver: &Receiver<Message>)
-    where
-        'a: 's,
-    {
+    fn coordinate<'s>(
+        &mut self,
+        scope: &'s std::thread::Scope<'s, '_>,
+        workers: &'s Workers<'a>,
+        receiver: &Receiver<Message>,
+    ) {
         let mut renewed = Instant::now();
         loop {
             if renewed.elapsed() >= RENEW_EVERY {
@@ -177,15 +179,17 @@ impl<'a> Run<'a> {
                 renewed = Instant::now();
             }
             self.decide();
-            for Errand { act, .. } in self.errands.drain(..) {
-                scope.spawn(move |_| act());
+            for Errand { node, is_code, work } in std::mem::take(&mut self.errands) {
+                if let Err(error) = workers.hand(scope, is_code, work) {
+                    self.without_thread(node, is_code, &error);
+                }
             }
-            let idle = self.todo.is_empty() && self.queue.is_empty() && self.parked.is_empty();
-            if self.busy == 0 && (self.stopped() || idle) {
+            let idle = self.todo.is_empty() && self.queue.nothing_waits();
+            if self.owed == 0 && (self.stopped() || idle) {
                 return;
             }
             // Short enough to notice that the run was stopped.
-            let patience = if self.parked.is_empty() { 100 } else { 5 };
+            let patience = if self.queue.has_parked() { 5 } else { 100 };
             match receiver.recv_timeout(Duration::from_millis(patience)) {
                 Ok(message) => self.receive(message),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -197,25 +201,49 @@ impl<'a> Run<'a> {
         }
     }
 
+    /// Compares the counters with what they count.
+    fn check(&self) {
+        self.queue.check(&self.slots);
+        self.memory.check(self.graph, &self.slots);
+        self.known.check(&self.slots);
+        assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
+        let unstarted = self.errands.len();
+        assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
+    }
+
+    /// A message that a thread owed for a node has come.
+    fn settle_debt(&mut self, node: usize) {
+        self.owed -= 1;
+        self.slots[node].owed -= 1;
+    }
+
     fn receive(&mut self, message: Message) {
+        self.act_on(message);
+        // A large graph would be counted for as long as it runs.
+        if cfg!(debug_assertions) && self.slots.len() < 1000 {
+            self.check();
+        }
+    }
+
+    fn act_on(&mut self, message: Message) {
         match message {
             Message::Event(event) => (self.tell)(event),
             Message::Sources { node, sources } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 match sources {
                     Ok(sources) => self.look_up(node, sources),
                     Err(error) => self.fail(node, &error),
                 }
             }
             Message::Loaded { node, port, value } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 match value {
                     Some(value) => self.arrive(node, port, value),
                     None => self.missing(node, port),
                 }
             }
             Message::Busy { node, key, spent } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.end_running(node);
                 self.slots[node].effort.add(&spent);
                 self.park(node, key);
@@ -229,23 +257,23 @@ impl<'a> Run<'a> {
                 }
             }
             Message::Stored { node, error } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.slots[node].storing = false;
                 if let Some(error) = error {
                     self.unstored(node, error);
                 }
-                self.drop_unread(node);
+                self.memory.drop_unread(&mut self.slots[node]);
             }
             Message::Placed { node, placed } => {
-                self.busy -= 1;
+                self.settle_debt(node);
                 self.placed(node, placed);
             }
         }
     }
 
     fn end_running(&mut self, index: usize) {
-        self.running -= 1;
-        self.reserved -= std::mem::take(&mut self.slots[index].reserved);
+        self.queue.end(&self.slots[index]);
+        self.memory.release(&mut self.slots[index]);
     }
 
     /// All inputs of a node are known by digest: so is its key, once the files it reads are.
@@ -254,7 +282,7 @@ impl<'a> Run<'a> {
         if !graph.nodes[index].kind.reads_files {
             return self.look_up(index, Vec::new());
         }
-        let files = match guarded(|| graph.nodes[index].step.sources(&graph.root)) {
+        let files = match graph.nodes[index].step.sources(&graph.root) {
             Ok(files) => files,
             Err(error) => return self.fail(index, &error),
         };
@@ -265,9 +293,10 @@ impl<'a> Run<'a> {
         self.slots[index].life = Life::Reading;
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
         self.send(index, move || {
+            let owed = Owed::new(&sender, |error| Message::Sources { node: index, sources: Err(error) });
             let read = || guarded(|| digest_sources(&graph.nodes[index], files, &engine.store));
             let sources = tracer.span(&graph.nodes[index].id, "sources", read);
-            let _ = sender.send(Message::Sources { node: index, sources });
+            owed.send(Message::Sources { node: index, sources });
         });
     }
 
@@ -279,35 +308,30 @@ impl<'a> Run<'a> {
         };
         let sources_above = |above: usize| slots[above].action.sources.as_slice();
         let scratch = std::mem::take(&mut self.scratch);
-        let mut action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
+        let action = match prepare(self.graph, index, sources, output, sources_above, scratch) {
             Ok(action) => action,
             Err(error) => return self.fail(index, &error),
         };
         let key = action.digest();
         self.slots[index].key = Some(key);
-        if let Some(record) = self.known.record(self.graph, index, &key) {
-            self.scratch = action.take_memory();
-            self.slots[index].action = action;
-            return self.settle_known(index, record);
-        }
-        self.news = true;
         self.slots[index].action = action;
-        if let Some(&twin) = self.made.get(&key) {
+        if let Some(twin) = self.known.made_by(&key) {
             let record = self.slots[twin].record.clone().expect("what was made has a record");
             self.copy_values(twin, index);
             return self.settle(index, record, State::Cached, Effort::default());
         }
-        if let Some(followers) = self.in_flight.get_mut(&key) {
-            followers.push(index);
+        if self.known.follow(&key, index) {
             self.slots[index].life = Life::Following;
             return;
         }
         if let Some(record) = look_up(&self.engine.store, node, &key) {
             return self.settle(index, record, State::Cached, Effort::default());
         }
-        self.in_flight.insert(key, Vec::new());
-        self.slots[index].life = Life::Ready;
-        self.ready.insert((self.rank[index], index));
+        if let Err(error) = self.forecast(index) {
+            return self.fail(index, &error);
+        }
+        self.known.begin(key);
+        self.queue.make_ready(index, &mut self.slots[index]);
     }
 
     fn finished(&mut self, index: usize, finished: Finished) {
@@ -316,7 +340,7 @@ impl<'a> Run<'a> {
         effort.add(&std::mem::take(&mut self.slots[index].effort));
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
-            self.made.insert(key, index);
+            self.known.set_made(key, index);
             if let Some(why) = self.engine.store.why_read_only() {
                 record.outputs.iter_mut().for_each(|output| output.stored = false);
                 self.warn_unstored("cache-read-only", format!("the cache cannot be written ({why})"));
@@ -333,19 +357,6 @@ impl<'a> Run<'a> {
 
     /// The outputs of a node are known: what waited for that is resolved.
     fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
-        let rough = self.graph.reads(index).iter().any(|&above| self.slots[above].rough);
-        if let Some(key) = self.slots[index].key.filter(|_| !rough && !self.slots[index].rough) {
-            remember(&self.engine.store, &self.last_keys, &self.graph.nodes[index], &key);
-        }
-        self.settle_as(index, record, state, effort);
-    }
-
-    /// Nothing about the node is new.
-    fn settle_known(&mut self, index: usize, record: Record) {
-        self.settle_as(index, record, State::Cached, Effort::default());
-    }
-
-    fn settle_as(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
         let inherited = graph.reads(index).iter().any(|&above| self.slots[above].degraded);
@@ -353,10 +364,13 @@ impl<'a> Run<'a> {
         let slot = &mut self.slots[index];
         slot.degraded = inherited || record.notes.is_degraded();
         slot.rough |= rough;
+        if let Some(key) = slot.key.filter(|_| !slot.rough) {
+            remember(&self.engine.store, self.known.history(), node, &key);
+        }
         slot.record = Some(record);
         slot.end = Some(state);
         // What the key was made of is in the record, and a large graph would hold it all.
-        slot.action.key = None;
+        self.scratch = slot.action.take_memory();
         for (name, n) in &effort.counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
         }
@@ -400,7 +414,28 @@ impl<'a> Run<'a> {
                 self.todo.push_back(Task::Resolve(below));
             }
         }
-        self.drop_unread(index);
+        self.memory.drop_unread(&mut self.slots[index]);
+    }
+
+    /// A warning about stored values that were missing: one, however many there were, since they have one cause.
+    fn gone_text(&self) -> Option<String> {
+        const NAMED: usize = 3;
+        if self.gone.is_empty() {
+            return None;
+        }
+        if let (Some(&node), 1) = (self.gone.first(), self.gone.len()) {
+            let id = &self.graph.nodes[node].id;
+            return Some(format!(
+                "`{id}`: its stored value was missing from the cache and was computed again"
+            ));
+        }
+        let names = self.gone.iter().take(NAMED).map(|&node| format!("`{}`", self.graph.nodes[node].id));
+        let names = names.collect::<Vec<_>>().join(", ");
+        let more = match self.gone.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more nodes"),
+        };
+        Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
     }
 
     /// Ends the run. Gives what became of each node as well.
@@ -414,10 +449,12 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
-        if self.whole && self.news && !self.store_failed {
-            self.known.write(store, &self.last_keys, &self.slots);
-        }
-        let mut quiet = self.whole && !self.news;
+        // Names of nodes that the graph once had, such as those of other values of an axis.
+        let most = MIN_HISTORY.max(2 * self.graph.nodes.len());
+        let names =
+            LazyCell::new(|| self.graph.nodes.iter().map(|node| node.id.as_str()).collect::<BTreeSet<_>>());
+        store.history_trim(self.known.history(), most, |name| names.contains(name));
+        let mut quiet = self.unchanged;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
             (self.tell)(Event::Warning { id: "cache-write", text });
@@ -427,9 +464,13 @@ impl<'a> Run<'a> {
             (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
             quiet = false;
         }
+        if let Some(text) = self.gone_text() {
+            (self.tell)(Event::Warning { id: "cache-damage", text });
+        }
+        self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();
         if quiet && self.all_is_known() {
-            noop_check::keep(store, self.graph, &self.options.out, &self.slots);
+            unchanged::keep(store, self.graph, &self.options.out, &self.slots);
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();

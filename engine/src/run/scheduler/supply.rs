@@ -10,8 +10,9 @@ use cache::Digest;
 use crate::graph::node::Wire;
 use crate::record::record::Output;
 use crate::run::event::Event;
-use crate::run::job::load;
+use crate::run::job::stored_value;
 use crate::run::message::Finished;
+use crate::run::message::{Message, Owed};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Waiter};
 use crate::value::artifact::AnyArtifact;
@@ -21,13 +22,10 @@ impl<'a> Run<'a> {
     /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
     /// memory is full, so that a wide graph does not come to memory all at once.
     pub fn supply(&mut self) {
-        while let Some(&first @ (_, index)) = self.ready.first()
-            && self.supplied < self.engine.limits().jobs
-            && (self.held + self.reserved < self.engine.limits().memory || self.supplied + self.running == 0)
+        while let Some(index) = self.queue.next_ready()
+            && (self.memory.has_room() || self.queue.is_idle())
         {
-            self.ready.remove(&first);
-            self.slots[index].life = Life::Gathering;
-            self.supplied += 1;
+            self.queue.supply(index, &mut self.slots[index]);
             self.gather(index);
         }
     }
@@ -49,8 +47,7 @@ impl<'a> Run<'a> {
 
     /// Its input values are there.
     pub fn enqueue(&mut self, index: usize) {
-        self.slots[index].life = Life::Queued;
-        self.queue.insert((self.rank[index], index));
+        self.queue.enqueue(index, &mut self.slots[index]);
     }
 
     /// Has an output brought to memory for `waiter`.
@@ -71,7 +68,7 @@ impl<'a> Run<'a> {
         }
         let Some(record) = slot.record.as_ref().filter(|_| slot.remaking.is_none()) else { return };
         let output = record.outputs[port].clone();
-        if let Some(value) = self.engine.kept.get(&output.name()) {
+        if let Some(value) = self.engine.warm.as_ref().and_then(|warm| warm.values.get(&output.name())) {
             return self.arrive(node, port, value);
         }
         if !output.stored {
@@ -81,8 +78,11 @@ impl<'a> Run<'a> {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
             let tracer = self.tracer.clone();
             self.send(node, move || {
-                let read = || load(&engine.store, graph, wire, &output, &sender);
-                tracer.span(&graph.nodes[node].id, "load", read);
+                let owed = Owed::new(&sender, |_| Message::Loaded { node, port, value: None });
+                let artifact = &graph.nodes[node].kind.outputs[port].artifact;
+                let read = || stored_value(&engine.store, artifact, &output.digest);
+                let value = tracer.span(&graph.nodes[node].id, "load", read);
+                owed.send(Message::Loaded { node, port, value });
             });
         }
     }
@@ -100,9 +100,8 @@ impl<'a> Run<'a> {
             let text = if ours { format!("`{}`: {incident}", node.id) } else { incident.to_string() };
             (self.tell)(Event::Warning { id: "cache-damage", text });
         }
-        if let (false, Some(digest)) = (told, digest) {
-            let text = format!("`{}`: its stored value {} is gone", node.id, digest.short());
-            (self.tell)(Event::Warning { id: "cache-damage", text });
+        if !told {
+            self.gone.insert(index);
         }
         self.remake(index, "its stored bytes were missing or damaged");
     }
@@ -119,14 +118,20 @@ impl<'a> Run<'a> {
         }
         let id = self.graph.nodes[index].id.clone();
         (self.tell)(Event::Remake { id, reason: reason.to_owned() });
-        self.todo.push_back(Task::Gather(index));
+        match self.forecast(index) {
+            Ok(()) => self.todo.push_back(Task::Gather(index)),
+            Err(error) => self.lose(index, Some(&error)),
+        }
     }
 
     /// A remake is over, whatever came of it.
     pub fn end_remake(&mut self, index: usize) {
-        let Some(life) = self.slots[index].remaking.take() else { return };
-        self.queue.remove(&(self.rank[index], index));
-        self.slots[index].life = life;
+        let slot = &mut self.slots[index];
+        if slot.remaking.is_none() {
+            return;
+        }
+        self.queue.leave(index, slot);
+        slot.life = slot.remaking.take().unwrap_or(slot.life);
         self.release_inputs(index);
     }
 
@@ -159,19 +164,17 @@ impl<'a> Run<'a> {
 
     fn take_in(&mut self, index: usize, port: usize, value: AnyArtifact) {
         let bytes = (self.graph.nodes[index].kind.outputs[port].artifact.bytes)(&value) as u64;
-        if self.slots[index].keep(port, value, bytes) {
-            self.held += bytes;
-            self.totals.peak_bytes = self.totals.peak_bytes.max(self.held);
-        }
+        self.memory.keep(&mut self.slots[index], port, value, bytes);
         self.keep_for_later(index);
     }
 
     /// Offers the values of a node whose outputs are known to the memory that outlives the run.
     pub fn keep_for_later(&self, index: usize) {
+        let Some(warm) = &self.engine.warm else { return };
         let slot = &self.slots[index];
         for (port, output) in slot.record.iter().flat_map(|record| &record.outputs).enumerate() {
             if let Some((value, bytes)) = slot.sized_value(port) {
-                self.engine.kept.put(&output.name(), value, bytes);
+                warm.values.put(&output.name(), value, bytes);
             }
         }
     }
@@ -180,7 +183,7 @@ impl<'a> Run<'a> {
     pub fn arrive(&mut self, index: usize, port: usize, value: AnyArtifact) {
         self.take_in(index, port, value);
         self.wake(index, port);
-        self.drop_unread(index);
+        self.memory.drop_unread(&mut self.slots[index]);
     }
 
     /// Whoever waited for a value goes on.
@@ -223,15 +226,7 @@ impl<'a> Run<'a> {
     pub fn release_inputs(&mut self, index: usize) {
         let graph = self.graph;
         for &above in graph.reads(index) {
-            self.slots[above].readers -= 1;
-            self.drop_unread(above);
-        }
-    }
-
-    /// Lets go of values that nobody will ask for.
-    pub fn drop_unread(&mut self, index: usize) {
-        if self.slots[index].is_unread() {
-            self.held -= self.slots[index].drop_values();
+            self.memory.remove_reader(&mut self.slots[above]);
         }
     }
 }
