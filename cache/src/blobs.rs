@@ -221,7 +221,7 @@ impl Disk {
                 self.mark_used(&path, &read);
                 return Ok(Some(bytes));
             }
-            Ok((bytes, read)) => (Some(read), format!("{} bytes that are not its content", bytes.len())),
+            Ok((bytes, read)) => (Some(read), format!("{} bytes with another digest", bytes.len())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 self.with_small(Log::refresh)?;
                 return self.get_small(digest, &report);
@@ -254,7 +254,7 @@ impl Disk {
                 log.drop_entry(KIND, digest);
                 report(Incident {
                     digest: Some(*digest),
-                    what: "a small blob was damaged; removed".to_owned(),
+                    what: "it was in the log of small blobs; removed".to_owned(),
                 });
                 Ok(None)
             }
@@ -310,7 +310,10 @@ impl Disk {
             "ignored".to_owned()
         };
         reach(failpoint::QUARANTINE_AFTER).at("quarantine", path)?;
-        Ok(Incident { digest: Some(*digest), what: format!("{} held {what}; {outcome}", path.display()) })
+        Ok(Incident {
+            digest: Some(*digest),
+            what: format!("{} contained {what}; {outcome}", path.display()),
+        })
     }
 
     /// Calls `act` with the log of small blobs, which is opened if necessary.

@@ -1,5 +1,5 @@
-//! Whatever lies where a file or folder of the cache belongs, a run completes: the obstacle is moved away, nothing
-//! is created or changed through a link, and nothing waits for a pipe.
+//! Whatever is found where a file or folder of the cache belongs, a run completes: the obstacle is moved away,
+//! nothing is created or changed through a link, and nothing waits for a pipe.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -20,7 +20,7 @@ fn large() -> Vec<u8> {
     vec![3; 9000]
 }
 
-/// Everything a run and the care of a cache do, with what they give.
+/// Does everything that a run does, and checks the results.
 fn work(store: &Store) {
     let running = store.begin_run("graph", &|| false);
     let LeaseState::Acquired(lease) = store.lease(&Digest::of(b"key")) else { panic!("the lease is busy") };
@@ -38,7 +38,7 @@ fn work(store: &Store) {
     store.sweep();
 }
 
-/// Every name in a used cache folder, folders and files alike.
+/// The relative path of every folder and file in a used cache folder.
 fn names(folder: &Path) -> Vec<PathBuf> {
     let (mut names, mut folders) = (Vec::new(), vec![folder.join("v1")]);
     while let Some(next) = folders.pop() {
@@ -53,7 +53,7 @@ fn names(folder: &Path) -> Vec<PathBuf> {
     names
 }
 
-/// A cache in which every name that the format knows is there.
+/// Makes a cache with every folder and file that the format has.
 fn used(folder: &Path) {
     let store = open(folder);
     work(&store);
@@ -72,7 +72,7 @@ fn remove(path: &Path) {
 const OBSTACLES: [&str; 7] =
     ["folder", "full folder", "file", "dangling link", "link to itself", "link to a file", "pipe"];
 
-/// Puts an obstacle at `path`. What links lead to lies in `outside`.
+/// Makes an obstacle at `path`. The targets of links are in `outside`.
 fn obstruct(path: &Path, outside: &Path, what: &str) {
     match what {
         "folder" => fs::create_dir(path).unwrap(),
@@ -88,7 +88,7 @@ fn obstruct(path: &Path, outside: &Path, what: &str) {
     }
 }
 
-/// Runs `act` on a thread of its own; panics where it does not end, as where somebody waits at a pipe.
+/// Runs `act` on another thread; panics if it does not end, for example because it waits for a pipe.
 fn in_time(what: String, act: impl FnOnce() + Send + 'static) {
     let (done, ended) = mpsc::channel();
     let thread = std::thread::spawn(move || {
@@ -117,7 +117,7 @@ fn a_run_completes_whatever_lies_where_a_file_or_folder_of_the_cache_belongs() {
             let (folder, case) = (cache.path().to_path_buf(), format!("{} as {what}", name.display()));
             let label = case.clone();
             in_time(case.clone(), move || {
-                // To look at it alters nothing, and does not fail either.
+                // Opening it for reading neither changes anything nor fails.
                 let looks = Store::open(&folder, Options { read_only: true, ..Options::default() }).unwrap();
                 let _ =
                     (looks.get_record(&Digest::of(b"key")), looks.get_blob(&Digest::of(b"small")).unwrap());
@@ -181,34 +181,6 @@ fn a_link_to_a_folder_is_a_folder() {
     work(&store);
     assert_eq!(store.take_incidents(), []);
     assert!(fs::symlink_metadata(&blobs).unwrap().is_symlink());
-}
-
-#[test]
-fn the_lost_log_of_small_blobs_is_reported_once() {
-    let cache = tempfile::tempdir().unwrap();
-    let store = open(cache.path());
-    let digests: Vec<Digest> = (0..20_u8).map(|n| store.put_blob(&[n; 40]).unwrap()).collect();
-    for digest in &digests {
-        store.put_record(digest, digest.as_bytes()).unwrap();
-    }
-    drop(store);
-    fs::remove_file(cache.path().join("v1/blobs.log")).unwrap();
-    let store = open(cache.path());
-    for digest in &digests {
-        assert_eq!(store.get_blob(digest).unwrap(), None);
-    }
-    let reports = store.take_incidents();
-    assert_eq!(reports.len(), 1, "{reports:?}");
-    assert!(reports[0].to_string().contains("blobs.log"), "{}", reports[0]);
-    drop(store);
-    assert_eq!(open(cache.path()).take_incidents(), [], "once");
-    // A new cache has lost nothing.
-    let new = tempfile::tempdir().unwrap();
-    let store = open(new.path());
-    assert_eq!(store.get_blob(&digests[0]).unwrap(), None);
-    store.put_record(&digests[0], b"").unwrap();
-    assert_eq!(open(new.path()).get_blob(&digests[0]).unwrap(), None);
-    assert_eq!((store.take_incidents(), open(new.path()).take_incidents()), (vec![], vec![]));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Records: what was put comes back, whatever happens to the file.
+//! Records: whatever happens to the file, reading returns what was stored, or nothing.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::collections::BTreeMap;
@@ -40,7 +40,7 @@ fn filled() -> (tempfile::TempDir, Vec<u8>, Vec<usize>) {
     (folder, bytes, ends)
 }
 
-/// Which records a new process finds; panics on a wrong value.
+/// The records that a new process finds; panics on a wrong value.
 fn found(store: &Store) -> Vec<u32> {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -50,7 +50,7 @@ fn found(store: &Store) -> Vec<u32> {
     (0..COUNT).filter(there).collect()
 }
 
-/// After any damage the store takes new records and a new process sees them.
+/// Checks that after any damage the store accepts new records and a new process finds them.
 fn still_works(folder: &Path, expected: &[u32], what: &str) {
     let store = open(folder);
     assert_eq!(found(&store), expected, "{what}");
@@ -70,7 +70,7 @@ fn truncated_at_every_byte() {
     let (folder, bytes, ends) = filled();
     for cut in 0..=bytes.len() {
         fs::write(log(folder.path()), &bytes[..cut]).unwrap();
-        // Half of the head of the file still has the salt, but then no entry either.
+        // Half of the head still contains the salt, but no entry follows.
         let whole = ends.iter().skip(1).filter(|end| **end <= cut).count() as u32;
         still_works(folder.path(), &(0..whole).collect::<Vec<_>>(), &format!("cut at {cut}"));
     }
@@ -84,7 +84,7 @@ fn every_byte_flipped() {
         bad[at] ^= 1 << (at % 8);
         fs::write(log(folder.path()), &bad).unwrap();
         let hit = ends.iter().position(|end| at < *end).unwrap() as u32;
-        // A flip in the head of the file hits nobody.
+        // A flip in the head of the file affects no record.
         let kept: Vec<u32> = (0..COUNT).filter(|n| n + 1 != hit).collect();
         still_works(folder.path(), &kept, &format!("byte {at} flipped"));
     }
