@@ -118,6 +118,7 @@ pub use run::engine::Engine;
 pub use run::event::{Event, Forecast, State, Totals};
 pub use run::options::{Outcome, RunOptions};
 pub use run::unchanged::run_unchanged;
+pub use run::value_cache::default_memory;
 pub use serde;
 pub use share::bundle::container::{Bundle, BundleError};
 pub use share::bundle::pack::{Packed, Results};
