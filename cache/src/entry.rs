@@ -183,7 +183,10 @@ mod tests {
             let joined = [&bytes[..cut], last].concat();
             let expected = Scanned { end: joined.len(), torn, damaged: 0 };
             assert_eq!(found(&joined), ([&starts[..4], &[cut]].concat(), expected), "cut at {cut}");
-            // Twice in a row.
+            // Twice in a row, if as much as the magic is left of each.
+            if torn < MAGIC.len() {
+                continue;
+            }
             let twice = [&bytes[..cut], &bytes[starts[4]..cut], last].concat();
             let scanned = found(&twice).1;
             assert_eq!((scanned.torn, scanned.damaged), (2 * torn, 0), "cut at {cut}");

@@ -79,6 +79,15 @@ impl Index {
         Some(Index { file, salt, count, covered, sizes, directory, pages })
     }
 
+    /// Whether the index at `path` belongs to the log with this salt, but covers more than `length` bytes: the log was
+    /// cut. Once the log has grown again, such an index would hide entries.
+    pub fn is_beyond(path: &Path, salt: u32, length: u64) -> bool {
+        let mut head = [0; PAGE];
+        let read = regular::open(path, OpenOptions::new().read(true))
+            .and_then(|mut file| file.read_exact(&mut head));
+        read.is_ok() && is_whole(&head, salt, 0) && head.starts_with(MAGIC) && u64_at(&head, 8) > length
+    }
+
     /// Writes the index of the first `covered` bytes of a log. `entries` are sorted by key, then kind.
     pub fn write(
         path: &Path,

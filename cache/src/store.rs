@@ -244,6 +244,9 @@ impl Store {
     /// # Errors
     /// If it cannot be written, or is longer than 16 MiB: see [`Error`].
     pub fn put_record(&self, key: &Digest, payload: &[u8]) -> Result<()> {
+        if self.is_read_only() {
+            return Ok(());
+        }
         lock(&self.records).append(&[(kind::RECORD, *key, payload)])
     }
 
@@ -271,6 +274,9 @@ impl Store {
     /// # Errors
     /// If the removal cannot be written: see [`Error`].
     pub fn remove_record(&self, key: &Digest) -> Result<()> {
+        if self.is_read_only() {
+            return Ok(());
+        }
         lock(&self.records).remove(kind::RECORD, key)
     }
 
@@ -362,6 +368,9 @@ impl Store {
     /// Writes pending memos and changed tables of history to the log.
     fn write_pending(&self) -> Result<()> {
         let memos = std::mem::take(&mut *lock(&self.pending_memos));
+        if self.is_read_only() {
+            return Ok(());
+        }
         let items: Vec<_> = memos.iter().map(|(key, memo)| (kind::MEMO, *key, memo.as_slice())).collect();
         let mut tables = lock(&self.tables);
         let mut records = lock(&self.records);

@@ -127,6 +127,12 @@ fn damage_behind_the_index_costs_what_it_lies_in_and_is_told() {
             Some(&b"after"[..]),
             "cut at {cut}"
         );
+        // An index that covers more than is left must not hide what the log grows by, however long it gets.
+        for n in 1..40 {
+            store.put_record(&key(COUNT + n), &vec![n as u8; 1000]).unwrap();
+            let value = open(folder.path()).get_record(&key(COUNT + n));
+            assert_eq!(value, Some(vec![n as u8; 1000]), "cut at {cut}");
+        }
     }
 }
 

@@ -194,13 +194,23 @@ fn other_handles_see_appends_and_compaction() {
 fn a_reader_with_a_torn_tail_sees_what_replaces_it() {
     let (folder, bytes, ends) = filled();
     let cut = ends[COUNT as usize - 1];
-    // The last entry torn by one byte, then replaced by one of exactly the torn length.
-    fs::write(log(folder.path()), &bytes[..bytes.len() - 1]).unwrap();
+    // The last entry torn by one byte, then followed by another one: bytes in a log are never changed.
+    let torn = &bytes[..bytes.len() - 1];
+    fs::write(log(folder.path()), torn).unwrap();
     let reader = open(folder.path());
     assert_eq!(found(&reader).len(), COUNT as usize - 1);
-    let size = bytes.len() - 1 - cut - 64;
+    open(folder.path()).put_record(&key(8), b"eight").unwrap();
+    assert!(fs::read(log(folder.path())).unwrap().starts_with(torn));
+    assert_eq!(reader.get_record(&key(8)).as_deref(), Some(&b"eight"[..]));
+    assert_eq!(reader.take_incidents(), [], "an entry cut short is no damage");
+    // Versions before this one cut it off: then it is replaced by one of exactly the torn length.
+    fs::write(log(folder.path()), torn).unwrap();
+    let reader = open(folder.path());
+    assert_eq!(found(&reader).len(), COUNT as usize - 1);
+    fs::write(log(folder.path()), &bytes[..cut]).unwrap();
+    let size = torn.len() - cut - 64;
     open(folder.path()).put_record(&key(9), &vec![1; size]).unwrap();
-    assert_eq!(fs::metadata(log(folder.path())).unwrap().len() as usize, bytes.len() - 1);
+    assert_eq!(fs::metadata(log(folder.path())).unwrap().len() as usize, torn.len());
     assert_eq!(reader.get_record(&key(9)), Some(vec![1; size]));
 }
 

@@ -1,7 +1,7 @@
 //! [`Log`]: an append-only file of small checksummed entries, shared by threads and processes.
 
 use std::collections::HashMap;
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::hash::BuildHasherDefault;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::PathBuf;
@@ -278,11 +278,15 @@ impl Log {
         // Without its salt no entry can be verified; the next append moves the file to the quarantine.
         if let Some(salt) = log_head::salt(&head) {
             self.parsed = log_head::LENGTH;
-            if !self.index_rejected
-                && let Some(index) = Index::open(&settings.index(), salt, metadata.len())
-            {
+            let path = settings.index();
+            let index = if self.index_rejected { None } else { Index::open(&path, salt, metadata.len()) };
+            if let Some(index) = index {
                 (self.parsed, self.sizes) = (index.covered, index.sizes);
                 self.index = Some(index);
+            } else if settings.writable
+                && file.metadata().is_ok_and(|now| Index::is_beyond(&path, salt, now.len()))
+            {
+                let _ = fs::remove_file(&path);
             }
             self.open = Some(Open { file, metadata, salt });
         }
