@@ -10,10 +10,10 @@ use engine::{
     Artifact, Context, Engine, Graph, Kind, RunOptions, Scene, Source, SourceRoot, Store, Up, Wire,
 };
 use nodes::kinds::composite::{self, Composite};
+use nodes::kinds::path_trace::visibility::EnvBlock;
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::math::color::luminance;
-use nodes::path_trace::visibility::EnvBlock;
-use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Environment, Images, Mesh, Placed, Rig};
 
 /// How much is traced.

@@ -12,7 +12,6 @@ pub mod io;
 pub mod kinds;
 pub mod light;
 pub mod math;
-pub mod path_trace;
 pub mod render;
 pub mod types;
 

@@ -17,8 +17,7 @@ fn folder() -> &'static Path {
 /// The imports of every file, without those of unit tests.
 fn imports() -> arrows::Imports {
     let mut imports = arrows::imports(&folder().join("src"));
-    imports.retain(|file, _| file != "testing" && !file.starts_with("path_trace"));
-    imports.values_mut().for_each(|paths| paths.retain(|path| !path.starts_with("path_trace")));
+    imports.retain(|file, _| file != "testing");
     imports
 }
 
@@ -31,6 +30,23 @@ fn imports_lead_down() {
         "the imports were read"
     );
     assert_eq!(arrows::upward(&imports, &ROOMS), [""; 0]);
+}
+
+/// The rooms of light transport from the lowest to the highest.
+const TRANSPORT: [&str; 6] = ["bsdf", "sky", "scene", "ground", "path", "picture"];
+
+/// Mutation: `use crate::render::transport::path::rays::Rays;` in `scene/receiver.rs`, seen red.
+#[test]
+fn imports_of_light_transport_lead_down() {
+    let mut inner = arrows::Imports::new();
+    for (file, paths) in imports() {
+        if let Some(file) = file.strip_prefix("render/transport/") {
+            let paths = paths.iter().filter_map(|path| path.strip_prefix("render::transport::"));
+            inner.insert(file.to_owned(), paths.map(str::to_owned).collect());
+        }
+    }
+    assert!(inner.len() > 60, "the imports were read");
+    assert_eq!(arrows::upward(&inner, &TRANSPORT), [""; 0]);
 }
 
 /// Mutation: `use crate::kinds::pose::PoseNode;` in `kinds/place.rs`, seen red.
@@ -51,7 +67,7 @@ fn the_rooms_are_the_folders_and_the_table_in_docs_architecture() {
     let names = entries
         .map(|entry| entry.expect("there").path().file_stem().expect("named").to_string_lossy().into_owned());
     let folders: BTreeSet<String> =
-        names.filter(|name| !["lib", "testing", "path_trace"].contains(&name.as_str())).collect();
+        names.filter(|name| !["lib", "testing"].contains(&name.as_str())).collect();
     assert_eq!(folders, ROOMS.map(String::from).into());
     let page = std::fs::read_to_string(folder().join("../docs/architecture.md")).expect("there");
     let (_, section) = page.split_once("Within `nodes`").expect("a section on `nodes`");

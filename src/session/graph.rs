@@ -157,7 +157,7 @@ impl GraphArgs {
         for path in &self.overlay {
             if root.is_strange(path) {
                 return Err(Error::usage(format!(
-                    "`{}` came out of a bundle and could make this graph read any file; remove \
+                    "`{}` belongs to an unpacked bundle and could make this graph read any file; remove \
                      `.lightharmony-bundle` from its folder if you trust it",
                     path.display()
                 )));

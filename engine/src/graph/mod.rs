@@ -1,4 +1,4 @@
-//! The checked graph: nodes, wires, axes, and everything that is checked before a run.
+//! The checked graph: nodes, wires, axes, and all checks before a run.
 
 pub(crate) mod axis;
 pub(crate) mod check;

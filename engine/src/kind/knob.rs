@@ -2,28 +2,28 @@
 
 use serde::Serialize;
 
-/// What turning a knob changes.
+/// What a knob controls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KnobKind {
-    /// Random samples: the error is noise and falls with the root of the work.
+    /// Number of random samples: the error is noise and falls with the square root of the work.
     Samples,
-    /// Pixels of what is in between, not of the final picture.
+    /// Resolution of an intermediate image, not of the final picture.
     Resolution,
-    /// How far a series is followed, such as the bounces of light.
+    /// Number of terms of a series, such as light bounces.
     Depth,
-    /// Below which share a contribution is left out.
+    /// Share below which contributions are left out.
     Cutoff,
-    /// Arithmetic.
+    /// Precision of the arithmetic.
     Precision,
-    /// Smoothing, which takes noise away and truth with it.
+    /// Strength of smoothing, which removes noise and detail.
     Filter,
-    /// What a sample may bring at most, which takes noise away and truth with it; 0 is no limit.
+    /// Maximum contribution of a sample, which removes noise and some light; 0 is no limit.
     Limit,
 }
 
 impl KnobKind {
-    /// As it is written in lists.
+    /// The name in lists.
     pub fn name(self) -> &'static str {
         match self {
             Self::Samples => "samples",
@@ -37,7 +37,7 @@ impl KnobKind {
     }
 }
 
-/// A parameter as a knob. Each rung of its ladder is at least as exact as the one before it.
+/// A parameter as a knob. Each step of its ladder is at least as exact as the previous one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Knob {
     /// What the knob controls.

@@ -249,7 +249,7 @@ mod tests {
             ran.store(0, Ordering::Relaxed);
             let tile = |index: usize| {
                 ran.fetch_add(1, Ordering::Relaxed);
-                assert_ne!(index, panic_at, "as asked for");
+                assert_ne!(index, panic_at, "polling was requested");
                 std::thread::sleep(Duration::from_micros(100));
             };
             let stopped = || ran.load(Ordering::Relaxed) >= stop_at;

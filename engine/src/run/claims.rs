@@ -1,4 +1,4 @@
-//! The files that sinks write, and those that no sink may write over.
+//! Output files: which sink writes which file, and which files no sink may write.
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
@@ -6,18 +6,18 @@ use std::path::{Path, PathBuf};
 
 use crate::graph::reads::ReadFiles;
 
-/// The files that sinks write, and those that they must not.
+/// The output files of a run.
 #[derive(Default)]
 pub(crate) struct Claims {
-    /// Which sink writes a file.
+    /// The sink that writes each file.
     writers: BTreeMap<PathBuf, usize>,
-    /// What no sink may write over.
+    /// Files that no sink may overwrite.
     read: OnceCell<ReadFiles>,
 }
 
 impl Claims {
-    /// Claims a path for a sink. Gives both sinks where another has it already, by their order in the file: whichever
-    /// comes first while they run, the later one in the file is in the wrong.
+    /// Claims a path for a sink. If another sink has it already, returns both in the order of the file, so that the
+    /// blame does not depend on the order in which they run.
     pub fn claim(&mut self, path: &Path, index: usize) -> Option<[usize; 2]> {
         let other = self.writers.insert(path.to_owned(), index).filter(|&other| other != index)?;
         let (first, second) = (other.min(index), other.max(index));
@@ -25,7 +25,7 @@ impl Claims {
         Some([first, second])
     }
 
-    /// What no sink may write over; looked for once, since it takes a look at every file.
+    /// Files that no sink may overwrite; `files` finds them once, since it inspects every file.
     pub fn read(&self, files: impl FnOnce() -> ReadFiles) -> &ReadFiles {
         self.read.get_or_init(files)
     }

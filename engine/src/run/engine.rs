@@ -1,4 +1,4 @@
-//! [`Engine`]: the threads, the memory and the store that runs of graphs share.
+//! [`Engine`]: the threads, memory and store shared by runs.
 
 use std::num::NonZero;
 use std::sync::{Arc, OnceLock};
@@ -9,7 +9,7 @@ use crate::kind::tiles::Threads;
 use crate::run::value_cache::{ValueCache, default_memory};
 use crate::run::warm::Warm;
 
-/// The threads, the memory and the store that runs share.
+/// The threads, memory and store shared by runs.
 pub struct Engine {
     pub(crate) store: Arc<Store>,
     jobs: usize,
@@ -17,29 +17,29 @@ pub struct Engine {
     limits: OnceLock<Limits>,
     threads: OnceLock<Arc<Threads>>,
     prepared: OnceLock<Arc<ValueCache>>,
-    /// What is kept from one run to the next, where [`keeping`](Self::keeping).
+    /// What is kept from one run to the next; see [`keeping`](Self::keeping).
     pub(crate) warm: Option<Warm>,
 }
 
-/// What a run may take.
+/// Limits of a run.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
-    /// Threads.
+    /// Number of threads.
     pub jobs: usize,
-    /// Bytes of values and of what running code was admitted with.
+    /// Bytes of values and of the estimates of running code.
     pub memory: u64,
 }
 
 impl Engine {
-    /// An engine of `jobs` threads (0: one for each core) that keeps at most about `memory` bytes of values
-    /// (0: three quarters of what is free). Threads are started, and the machine is asked, when a run first
-    /// has something to do.
+    /// An engine of `jobs` threads (0: one per core) with a memory budget of about `memory` bytes for values (0:
+    /// three quarters of the free memory). Threads start, and the machine is inspected, when a run first needs
+    /// them.
     pub fn new(store: Store, jobs: usize, memory: u64) -> Self {
         let (limits, threads) = (OnceLock::new(), OnceLock::new());
         Self { store: Arc::new(store), jobs, memory, limits, threads, prepared: OnceLock::new(), warm: None }
     }
 
-    /// What runs may take.
+    /// The limits of runs.
     pub(crate) fn limits(&self) -> Limits {
         *self.limits.get_or_init(|| {
             let cores = || std::thread::available_parallelism().map_or(1, NonZero::get);
@@ -50,20 +50,19 @@ impl Engine {
         })
     }
 
-    /// What nodes keep in memory for others, in a twelfth beside what runs may take.
+    /// Values that nodes keep in memory for other nodes, within another twelfth of the budget.
     pub(crate) fn prepared(&self) -> &Arc<ValueCache> {
         self.prepared.get_or_init(|| Arc::new(ValueCache::new(self.limits().memory / 12)))
     }
 
-    /// How many threads may compute at once, and the helpers among them.
+    /// The threads that compute.
     pub(crate) fn threads(&self) -> &Arc<Threads> {
         self.threads.get_or_init(|| Arc::new(Threads::new(self.limits().jobs)))
     }
 
-    /// Keeps values in memory from one run to the next, in a third of what it may take: for a process that
-    /// runs a graph again and again. A part of them is what the running graph holds anyhow. How a run ended is kept,
-    /// too: the next one looks at what is another one since then and at what follows from that, and tells of nothing
-    /// else but the files of sinks.
+    /// Keeps values from one run to the next, in a third of the memory budget, and the end state of the last run.
+    /// For processes that run a graph repeatedly: the next run inspects only nodes that changed and the nodes below
+    /// them, and reports nothing else except the files of sinks.
     pub fn keeping(self) -> Self {
         let Limits { jobs, memory } = self.limits();
         let limits = OnceLock::from(Limits { jobs, memory: memory / 3 * 2 });

@@ -1,10 +1,10 @@
-//! Bytes in memory: those of values that somebody may still read, and those that running code was admitted with.
+//! Accounts for memory: bytes of values that may still be read, and estimates of running code.
 
 use crate::graph::graph::Graph;
 use crate::run::slot::{Life, Slot};
 use crate::value::artifact::AnyArtifact;
 
-/// See the [module](self). Slots are changed through it alone where that changes a number of bytes.
+/// The memory of a run. All changes of slots that change a number of bytes go through it.
 pub(crate) struct Memory {
     limit: u64,
     held: u64,
@@ -13,7 +13,7 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
-    /// For at most about `limit` bytes.
+    /// A budget of about `limit` bytes.
     pub fn new(limit: u64) -> Self {
         Self { limit, held: 0, reserved: 0, peak: 0 }
     }
@@ -23,33 +23,33 @@ impl Memory {
         self.limit
     }
 
-    /// The largest number of bytes that values held at once.
+    /// Maximum number of bytes of values so far.
     pub fn peak(&self) -> u64 {
         self.peak
     }
 
-    /// Whether not all of the budget is taken.
+    /// Whether the budget is not exhausted.
     pub fn has_room(&self) -> bool {
         self.held.saturating_add(self.reserved) < self.limit
     }
 
-    /// Whether code that takes this many bytes fits next to what there is.
+    /// Whether code that needs this many bytes fits into the budget.
     pub fn fits(&self, bytes: u64) -> bool {
         self.held.saturating_add(self.reserved).saturating_add(bytes) <= self.limit
     }
 
-    /// Admits the code of a node.
+    /// Reserves memory for the code of a node.
     pub fn reserve(&mut self, slot: &mut Slot, bytes: u64) {
         self.reserved = self.reserved.saturating_add(bytes);
         slot.reserved = bytes;
     }
 
-    /// The code of a node has ended.
+    /// Releases the memory of code that ended.
     pub fn release(&mut self, slot: &mut Slot) {
         self.reserved = self.reserved.saturating_sub(std::mem::take(&mut slot.reserved));
     }
 
-    /// Keeps a value of a node, unless it is there already.
+    /// Keeps a value of a node, unless it is present already.
     pub fn keep(&mut self, slot: &mut Slot, port: usize, value: AnyArtifact, bytes: u64) {
         if slot.keep(port, value, bytes) {
             self.held += bytes;
@@ -57,20 +57,20 @@ impl Memory {
         }
     }
 
-    /// One reader fewer: values that nobody will ask for are dropped.
+    /// Removes a reader and drops the values if it was the last.
     pub fn remove_reader(&mut self, slot: &mut Slot) {
         slot.readers -= 1;
         self.drop_unread(slot);
     }
 
-    /// Drops the values of a node that nobody will ask for.
+    /// Drops the values of a node without readers.
     pub fn drop_unread(&mut self, slot: &mut Slot) {
         if slot.is_unread() {
             self.held -= slot.drop_values();
         }
     }
 
-    /// Compares the numbers with what the slots say; for debug builds.
+    /// Compares the counters with the slots; for debug builds.
     pub fn check(&self, graph: &Graph, slots: &[Slot]) {
         assert_eq!(self.held, slots.iter().map(Slot::bytes).sum::<u64>(), "bytes of values");
         assert_eq!(self.reserved, slots.iter().map(|slot| slot.reserved).sum::<u64>(), "bytes reserved");

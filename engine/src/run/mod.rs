@@ -1,4 +1,4 @@
-//! Running a graph: scheduling, memory, threads, the files of sinks, events.
+//! Running a graph: scheduling, memory, threads, output files, events.
 
 pub(crate) mod claims;
 pub(crate) mod engine;

@@ -1,8 +1,9 @@
-//! The nodes whose code is to run, in the order in which they come, and how many of them are on their way.
+//! The queue of nodes whose code is to run.
 //!
-//! A node is *ready* until its turn comes, *supplied* while its input values come to memory and it waits for a thread,
-//! then it *runs*. Nodes come in the order of the graph, as many at once as there may be threads. So that a small node
-//! never waits for the end of large ones, one *short* node, by forecast, may be supplied and one may run besides.
+//! A node is *ready* until its turn comes, *supplied* while its input values are loaded and it waits for a thread,
+//! and then it *runs*. Nodes proceed in topological order, as many at once as there are threads. In addition, one
+//! *short* node (by forecast) may be supplied and one may run, so that a small node never waits for large ones to
+//! end.
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -11,33 +12,33 @@ use cache::Digest;
 
 use crate::run::slot::{Life, Slot};
 
-/// A node that waits for a key that another computes.
+/// A node that waits for a key which is being computed elsewhere.
 pub(crate) struct Parked {
     pub node: usize,
     pub key: Digest,
-    /// Since when it waits, until that was reported.
+    /// Start of the wait; `None` once it was reported.
     pub since: Option<Instant>,
-    /// When to ask.
+    /// Time of the next attempt.
     pub when: Instant,
     pub pause: Duration,
 }
 
-/// See the [module](self).
+/// The nodes that wait for their turn or run.
 pub(crate) struct Queue {
-    /// As many nodes may run at once.
+    /// Maximum number of running nodes, except one short node.
     jobs: usize,
-    /// Position of each node in the order of the graph.
+    /// Topological position of each node.
     rank: Vec<usize>,
     ready: Line,
-    /// Nodes that wait for a thread, those among them that run again for their values.
+    /// Nodes that wait for a thread, including reruns for values.
     queued: Line,
     parked: Vec<Parked>,
-    /// Nodes whose life is [`Life::Gathering`] or [`Life::Queued`], but for those that run again for their values.
+    /// Nodes that are [`Life::Gathering`] or [`Life::Queued`], except reruns for values.
     supplied: Count,
     running: Count,
 }
 
-/// Nodes by rank, the short ones among them once more.
+/// Nodes by position, and the short ones among them.
 #[derive(Default)]
 struct Line {
     all: BTreeSet<(usize, usize)>,
@@ -64,7 +65,7 @@ impl Line {
         self.short.remove(&place);
     }
 
-    /// Whose turn it is where `count` nodes are past the line and `jobs` may be.
+    /// The next node if `count` nodes are ahead and the limit is `jobs`.
     fn next(&self, count: Count, jobs: usize) -> Option<usize> {
         let line = match count {
             Count { all, .. } if all < jobs => &self.all,
@@ -88,7 +89,7 @@ impl Count {
 }
 
 impl Queue {
-    /// `rank` has the position of each node in the order of the graph.
+    /// An empty queue. `rank` is the topological position of each node.
     pub fn new(jobs: usize, rank: Vec<usize>) -> Self {
         let (ready, queued) = (Line::default(), Line::default());
         let (supplied, running) = (Count::default(), Count::default());
@@ -119,36 +120,36 @@ impl Queue {
         (self.rank[index], index)
     }
 
-    /// The result of a node is not known.
+    /// Adds a node whose result is not in the store.
     pub fn make_ready(&mut self, index: usize, slot: &mut Slot) {
         slot.life = Life::Ready;
         self.ready.insert(self.place(index), slot.short);
     }
 
-    /// The ready node whose turn it is.
+    /// The next ready node, if one may be supplied.
     pub fn next_ready(&self) -> Option<usize> {
         self.ready.next(self.supplied, self.jobs)
     }
 
-    /// The input values of a ready node come to memory.
+    /// Moves a ready node to supply.
     pub fn supply(&mut self, index: usize, slot: &mut Slot) {
         self.ready.remove(self.place(index));
         slot.life = Life::Gathering;
         self.supplied.add(slot);
     }
 
-    /// The input values of a node are there.
+    /// Adds a node whose input values are in memory.
     pub fn enqueue(&mut self, index: usize, slot: &mut Slot) {
         slot.life = Life::Queued;
         self.queued.insert(self.place(index), slot.short);
     }
 
-    /// The queued node whose turn it is.
+    /// The next queued node, if one may start.
     pub fn next_queued(&self) -> Option<usize> {
         self.queued.next(self.running, self.jobs)
     }
 
-    /// The code of a queued node runs.
+    /// Marks a queued node as running.
     pub fn start(&mut self, index: usize, slot: &mut Slot) {
         self.queued.remove(self.place(index));
         if slot.remaking.is_none() {
@@ -158,18 +159,18 @@ impl Queue {
         self.running.add(slot);
     }
 
-    /// The code of a node has ended.
+    /// Removes a node whose code ended.
     pub fn end(&mut self, slot: &Slot) {
         self.running.subtract(slot);
     }
 
-    /// A node waits for a key that another computes.
+    /// Adds a node that waits for a key which is being computed elsewhere.
     pub fn park(&mut self, parked: Parked, slot: &mut Slot) {
         slot.life = Life::Parked;
         self.parked.push(parked);
     }
 
-    /// Takes out the parked nodes for which `is_free` holds.
+    /// Removes and returns the parked nodes for which `is_free` is true.
     pub fn take_parked(&mut self, is_free: impl FnMut(&Parked) -> bool) -> Vec<usize> {
         let parked = std::mem::take(&mut self.parked).into_iter();
         let (free, rest): (Vec<_>, Vec<_>) = parked.partition(is_free);
@@ -182,7 +183,7 @@ impl Queue {
         &mut self.parked
     }
 
-    /// A node that was parked waits for a thread.
+    /// Queues a node that was parked.
     pub fn unpark(&mut self, index: usize, slot: &mut Slot) {
         if slot.remaking.is_none() {
             self.supplied.add(slot);
@@ -190,7 +191,7 @@ impl Queue {
         self.enqueue(index, slot);
     }
 
-    /// A node is not to run after all.
+    /// Removes a node that will not run.
     pub fn leave(&mut self, index: usize, slot: &Slot) {
         let counted = slot.remaking.is_none();
         match slot.life {
@@ -207,7 +208,7 @@ impl Queue {
         }
     }
 
-    /// Compares all of it with what the slots say; for debug builds.
+    /// Compares the queue with the slots; for debug builds.
     pub fn check(&self, slots: &[Slot]) {
         let lives = |life: Life| slots.iter().enumerate().filter(move |(_, slot)| slot.life == life);
         let places =

@@ -1,23 +1,23 @@
-//! What a process that runs a graph again and again keeps in memory from one run to the next.
+//! State that a process keeps from one run of a graph to the next (`watch`).
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::run::previous::PreviousRun;
 use crate::run::value_cache::ValueCache;
 
-/// How the last run ended, so that the next one looks only at what changed since, and the values that it read last.
+/// The end state of the last run, so that the next one inspects only what changed, and the values used last.
 pub(crate) struct Warm {
     pub values: ValueCache,
     previous: Mutex<Option<PreviousRun>>,
 }
 
 impl Warm {
-    /// Nothing yet, and at most this many bytes of values.
+    /// No state yet, and room for this many bytes of values.
     pub fn new(bytes: u64) -> Self {
         Self { values: ValueCache::new(bytes), previous: Mutex::new(None) }
     }
 
-    /// How the last run ended.
+    /// The end state of the last run.
     pub fn previous(&self) -> MutexGuard<'_, Option<PreviousRun>> {
         self.previous.lock().unwrap_or_else(PoisonError::into_inner)
     }

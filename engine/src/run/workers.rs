@@ -1,7 +1,7 @@
-//! The threads of one run: they start when there is work for them and end with the run.
+//! The threads of a run. They start when there is work for them and end with the run.
 //!
-//! Code of nodes is at most one node more than there may be threads; digesting, loading and writing files have threads of
-//! their own, so that no small thing ever waits for the end of a large one.
+//! At most one node more than the permitted number of threads runs code at once. Digesting, loading and writing of
+//! files use further threads, so that small tasks never wait for large ones.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -12,22 +12,22 @@ use std::thread::Scope;
 
 use crate::kind::tiles::Threads;
 
-/// What a thread is to do; it reports the result in a message.
+/// Work for a thread, which sends its result in a message.
 pub(crate) type Work<'a> = Box<dyn FnOnce() + Send + 'a>;
 
 thread_local! {
     static NUMBER: Cell<usize> = const { Cell::new(0) };
 }
 
-/// Number of the calling thread among those of its run, for traces.
+/// Number of the calling thread within its run, for traces.
 pub(crate) fn thread_number() -> usize {
     NUMBER.get()
 }
 
-/// Work that waits for a thread, and the threads.
+/// The threads of a run and the work that waits for one.
 pub(crate) struct Workers<'a> {
     threads: &'a Threads,
-    /// No more threads than this are started.
+    /// Maximum number of threads.
     most: usize,
     queue: Mutex<Queue<'a>>,
     changed: Condvar,
@@ -35,7 +35,7 @@ pub(crate) struct Workers<'a> {
 
 #[derive(Default)]
 struct Queue<'a> {
-    /// Code of nodes, which goes first.
+    /// Code of nodes, which has priority.
     code: VecDeque<Work<'a>>,
     other: VecDeque<Work<'a>>,
     started: usize,
@@ -50,7 +50,7 @@ impl Queue<'_> {
 }
 
 impl<'a> Workers<'a> {
-    /// Threads for a run in which the code of about `jobs` nodes runs at once.
+    /// Threads for a run in which about `jobs` nodes run at once.
     pub fn new(threads: &'a Threads, jobs: usize) -> Self {
         Self { threads, most: 2 * jobs + 1, queue: Mutex::default(), changed: Condvar::new() }
     }
@@ -59,10 +59,10 @@ impl<'a> Workers<'a> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Hands work to a thread, and starts one where none is idle.
+    /// Passes work to a thread, and starts a thread if none is idle.
     ///
     /// # Errors
-    /// Where not even one thread can be started. The work is not done then.
+    /// If not even one thread can be started. The work is then not done.
     pub fn hand<'s>(&'s self, scope: &'s Scope<'s, '_>, is_code: bool, work: Work<'a>) -> io::Result<()> {
         let mut queue = self.queue();
         if queue.waiting() >= queue.idle && queue.started < self.most {
@@ -70,7 +70,7 @@ impl<'a> Workers<'a> {
             let builder = std::thread::Builder::new().name(format!("node-{number}"));
             match builder.spawn_scoped(scope, move || self.work(number)) {
                 Ok(_) => queue.started += 1,
-                // Fewer threads take longer.
+                // The existing threads do the work.
                 Err(_) if number > 0 => {}
                 Err(error) => return Err(error),
             }
@@ -104,13 +104,13 @@ impl<'a> Workers<'a> {
         }
     }
 
-    /// Ends the threads once nothing is left to do, when this is dropped.
+    /// Ends the threads, once all work is done, when the returned guard is dropped.
     pub fn closing(&self) -> Closing<'_, 'a> {
         Closing(self)
     }
 }
 
-/// Ends the threads of a run, even where the thread that decides panics.
+/// Ends the threads of a run when dropped, also if the scheduler panics.
 pub(crate) struct Closing<'w, 'a>(&'w Workers<'a>);
 
 impl Drop for Closing<'_, '_> {

@@ -164,7 +164,7 @@ impl<'a> Decoder<'a> {
 
     fn take(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
         let (head, rest) = self.rest.split_at_checked(count).ok_or_else(|| {
-            Corrupt(format!("ends after {} bytes where {count} are needed", self.rest.len()))
+            Corrupt(format!("ends after {} bytes, but {count} are needed", self.rest.len()))
         })?;
         self.rest = rest;
         Ok(head)
@@ -175,7 +175,7 @@ impl<'a> Decoder<'a> {
         let count = self.u64()?;
         match usize::try_from(count) {
             Ok(n) if n.checked_mul(size.max(1)).is_some_and(|b| b <= self.rest.len()) => Ok(n),
-            _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
+            _ => Err(Corrupt(format!("claims {count} elements, but has {} bytes", self.rest.len()))),
         }
     }
 
@@ -184,7 +184,7 @@ impl<'a> Decoder<'a> {
         let count = self.u32()? as usize;
         match count.checked_mul(size) {
             Some(bytes) if bytes <= self.rest.len() => Ok(count),
-            _ => Err(Corrupt(format!("claims {count} elements, holds {} bytes", self.rest.len()))),
+            _ => Err(Corrupt(format!("claims {count} elements, but has {} bytes", self.rest.len()))),
         }
     }
 
@@ -217,7 +217,7 @@ impl<'a> Decoder<'a> {
         match self.u8()? {
             0 => Ok(false),
             1 => Ok(true),
-            other => Err(Corrupt(format!("truth value {other}"))),
+            other => Err(Corrupt(format!("boolean {other}"))),
         }
     }
 

@@ -1,13 +1,13 @@
-//! A graph in a rough form, for previews.
+//! Reduced forms of a graph for previews.
 
 use std::sync::Arc;
 
 use crate::graph::graph::Graph;
 
 impl Graph {
-    /// The same graph with a parameter at most `level` in every node that has it, at one pixel for a block of `coarse`
-    /// by `coarse` where kinds can, and below these with what kinds say of previews; and the nodes where that makes a
-    /// difference. `None` where the parameter makes none.
+    /// The graph with `parameter` at most `level` in every node that has it, one pixel per block of `coarse` by
+    /// `coarse` pixels in kinds that support it, and the preview values of kinds below these nodes. Also returns
+    /// the nodes that changed. `None` if none did.
     pub fn rough(&self, parameter: &str, level: u64, coarse: u64) -> Option<(Self, Vec<usize>)> {
         let mut graph = self.clone();
         let (mut below, mut changed) = (vec![false; self.nodes.len()], Vec::new());
@@ -37,7 +37,7 @@ impl Graph {
         (!changed.is_empty()).then_some((graph, changed))
     }
 
-    /// Whether a node can compute a part of its pixels.
+    /// Whether a node can compute a subset of its pixels.
     pub(crate) fn can_be_coarse(&self, node: usize) -> bool {
         self.nodes[node].kind.preview.coarse.is_some()
     }

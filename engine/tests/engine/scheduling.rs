@@ -20,7 +20,7 @@ fn a_small_node_does_not_wait_for_the_tiles_of_a_large_one() {
         let log = lab.run(
             "a: Number(), big: Tiled(value: \"a\", tiles: 200, millis: 10),
              b: Slow(value: \"a\", millis: 50), c: Slow(value: \"b\", millis: 20),
-             d: Tiled(value: \"c\", tiles: 4), w: WriteNumber(number: \"d\", path: \"small\")",
+             d: Tiled(value: \"c\", tiles: 4), w: Scale(value: \"d\")",
         );
         assert!(done(&log, "w") < done(&log, "big"), "{jobs} threads");
     }
@@ -37,7 +37,7 @@ fn a_short_node_runs_though_large_ones_have_every_thread() {
          one: Slow(value: \"a\", millis: 1500), two: Slow(value: \"one\", millis: 1500),
          three: Slow(value: \"a\", millis: 2500), four: Slow(value: \"a\", millis: 2500),
          b: Slow(value: \"a\", millis: 50), c: Slow(value: \"b\", millis: 20),
-         w: WriteNumber(number: \"c\", path: \"small\")",
+         w: Scale(value: \"c\")",
     );
     for long in ["one", "two", "three", "four"] {
         assert!(done(&log, "w") < done(&log, long), "{long}");

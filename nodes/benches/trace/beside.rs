@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::types::Images;
 
 use super::case::{Case, rgb};

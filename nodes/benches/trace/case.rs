@@ -11,8 +11,8 @@ use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::override_material::{self, OverrideMaterial, Surface};
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
-use nodes::path_trace::{self, PathTrace};
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 
 /// A scene, ready to trace.

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::math::color::luminance;
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
 
 use super::case::{Case, Traced, relative_mse, rgb};
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use engine::Kind;
 use nodes::kinds::denoise::{self, Denoise, Method};
-use nodes::path_trace::Out;
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::Out;
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
 use nodes::types::Images;
 
 use super::case::{Case, Traced, context, relative_mse, rgb};

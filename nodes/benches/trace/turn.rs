@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
 
 use super::case::Case;
 use super::ratio;

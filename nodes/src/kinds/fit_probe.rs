@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use engine::{Context, Keep, Kind, NodeError, Notes, ViewCount};
 
+use crate::light::env_resolution::EnvResolution;
 use crate::light::panorama::COLUMNS_A_PIXEL;
-use crate::path_trace::env_resolution::EnvResolution;
 use crate::types::{Environment, Placed, Rig};
 
 engine::params! {

@@ -23,6 +23,7 @@ pub mod load_object;
 pub mod load_panorama;
 pub mod load_splats;
 pub mod override_material;
+pub mod path_trace;
 pub mod place;
 pub mod pose;
 pub mod predict_exposure;

@@ -3,6 +3,7 @@
 
 pub mod books;
 pub mod energy;
+pub(crate) mod env_resolution;
 pub mod exposure;
 pub mod holes;
 pub mod level;

@@ -1,3 +1,4 @@
-//! Renderers that kinds share: Gaussian splats.
+//! Renderers that kinds share: Gaussian splats, and light transport.
 
 pub mod splat;
+pub mod transport;

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use engine::{Context, Kind, Scene, Up};
 use glam::{DMat4, DVec3};
+use nodes::kinds::path_trace::visibility::{EnvBlock, NearField};
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::math::{equirect, num};
-use nodes::path_trace::visibility::{EnvBlock, NearField};
-use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Image, Images, Material, Mesh, Object, Placed, Primitive, Rig};
 
 const WIDTH: u32 = 16;

@@ -8,13 +8,13 @@ use nodes::kinds::composite::{self, Composite};
 use nodes::kinds::crop_mesh::{self, CropMesh};
 use nodes::kinds::cube_rig::{self, CubeRig};
 use nodes::kinds::fuse_hdr::{self, FuseHdr};
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::kinds::place::{self, Place};
 use nodes::kinds::predict_exposure::{self, Method, PredictExposure};
 use nodes::kinds::shadow_ratio::{self, ShadowRatio};
 use nodes::kinds::snap::{self, Snap};
 use nodes::kinds::splat_render::{self, SplatRender};
 use nodes::kinds::stitch::{self, Stitch};
-use nodes::path_trace::{self, PathTrace};
 use nodes::render::splat::Drawing;
 use nodes::types::{Images, Mesh, Object, Pose, Rig, Splats};
 
@@ -154,7 +154,7 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
 /// Splats, mesh, cropped and stood upon, cameras, probe and object, moved by a million units, or made a million times larger or smaller, with
 /// all that is told in world units: no step gives another picture. It does where the mesh has lost what f32 loses.
 #[test]
-fn row_13_14_42_the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
+fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();
     let world = World {
         splats: run.value("demo.splats"),

@@ -6,8 +6,8 @@ use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_object::{self, LoadObject};
-use nodes::path_trace::visibility::{Bounce, EnvBlock, SpecularSees};
-use nodes::path_trace::{self, PathTrace};
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock, SpecularSees};
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Mesh, Placed, Rig};
 
 use super::data;

@@ -11,9 +11,9 @@ use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_mesh::{self, ColourEncoding, LoadMesh, MeshFrame};
 use nodes::kinds::load_object::{self, LoadObject};
 use nodes::kinds::override_material::{self, OverrideMaterial, Surface};
+use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock};
+use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::math::color::luminance;
-use nodes::path_trace::visibility::{Bounce, EnvBlock};
-use nodes::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Environment, Images, Mesh, Placed, Rig};
 
 use super::data;
@@ -311,7 +311,7 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
 /// Ten million triangles: all in one place, and a rough ground.
 /// Mutation: `most_in_one_place` of 0 in `Bvh::build`.
 #[test]
-fn row_45_ten_million_triangles_are_built_and_met() {
+fn ten_million_triangles_are_built_and_met() {
     use glam::Vec3;
     use nodes::geometry::bvh::{Bvh, Ray};
     use nodes::geometry::sampling::{mix, unit};

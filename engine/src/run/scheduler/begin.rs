@@ -1,11 +1,11 @@
-//! How a run begins: with all nodes that are wanted, or with those that are other ones than in the run before.
+//! The start of a run: with all needed nodes, or with those that changed since the previous run.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Instant;
 
 use crate::graph::graph::Graph;
-use crate::record::action::last_keys;
+use crate::record::action::history_of;
 use crate::run::claims::Claims;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
@@ -21,7 +21,7 @@ use crate::run::trace::Tracer;
 use crate::value::cpu;
 
 impl<'a> Run<'a> {
-    /// A run in which nothing is done yet.
+    /// A run that has not started.
     pub fn new(
         engine: &'a Engine,
         graph: &'a Graph,
@@ -77,7 +77,7 @@ impl<'a> Run<'a> {
         }
         let ready = graph.order().iter().filter(|&&node| open(node) && slots[node].unresolved == 0);
         let todo = ready.map(|&node| Task::Resolve(node)).collect();
-        let history = last_keys(graph);
+        let history = history_of(graph);
         Self {
             engine,
             graph,
@@ -106,10 +106,10 @@ impl<'a> Run<'a> {
 }
 
 impl Engine {
-    /// Runs a graph. Every event is told on the calling thread, in order.
+    /// Runs a graph. Events are sent to `tell` on the calling thread, in order.
     pub fn run(&self, graph: &Graph, options: &RunOptions, mut tell: impl FnMut(Event)) -> Outcome {
         let cancelled = || options.cancel.load(Ordering::Relaxed);
-        let _running = self.store.begin_run(&last_keys(graph), &cancelled);
+        let _running = self.store.begin_run(&history_of(graph), &cancelled);
         let (sender, receiver) = channel();
         let mut run = Run::new(self, graph, options, sender, &mut tell);
         run.run(&receiver);

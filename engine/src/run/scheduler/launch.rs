@@ -1,4 +1,4 @@
-//! Starting code: what is queued runs where a thread is free and memory lasts.
+//! Starting the code of queued nodes when threads and memory are available.
 
 use std::time::{Duration, Instant};
 
@@ -16,17 +16,17 @@ use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
-/// How long a node waits before it asks again for a key that another computes, at first and at most.
+/// First and longest pause before a node asks again for a key that is being computed elsewhere.
 const FIRST_PAUSE: Duration = Duration::from_millis(5);
 const LONGEST_PAUSE: Duration = Duration::from_millis(80);
-/// A node that takes less time than this, in seconds, does not wait for others to end.
+/// Forecast in seconds below which a node does not wait for others to end.
 const SHORT: f64 = 1.0;
-/// After how long it is told that a node waits for that.
+/// Time after which waiting for another process is reported.
 const TOLD_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
-    /// Starts queued code while threads and memory last. One node always runs, however large it is
-    /// within the budget as a whole.
+    /// Starts queued nodes while threads and memory are available. One node always runs, even if it needs the whole
+    /// budget.
     pub fn launch(&mut self) {
         while let Some(index) = self.queue.next_queued() {
             let bytes = match self.cost(index) {
@@ -43,7 +43,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Asks how much work a node is, all its inputs being known by digest, and whether that is short.
+    /// Computes the work of a node with known inputs, and whether it is short.
     pub fn forecast(&mut self, index: usize) -> Result<(), NodeError> {
         let (node, store) = (&self.graph.nodes[index], &self.engine.store);
         let output = |wire: Wire| -> &Output {
@@ -80,19 +80,19 @@ impl<'a> Run<'a> {
             let beside = if bytes > budget || held < budget / 16 {
                 String::new()
             } else {
-                format!(" beside the {} of its inputs", bytes_text(held))
+                format!(" in addition to the {} of its inputs", bytes_text(held))
             };
             let (needs, budget) = (bytes_text(bytes), bytes_text(budget));
             return Err(NodeError::new(format!(
-                "needs about {needs} of memory{beside}, the budget is {budget}"
+                "needs about {needs} of memory{beside}, but the budget is {budget}"
             ))
-            .hint("ask for less (a smaller size, fewer views), or raise `--memory`"));
+            .hint("reduce the size or the number of views, or raise `--memory`"));
         }
         self.slots[index].cost = Some(bytes);
         Ok(bytes)
     }
 
-    /// What the values that a node reads take, each counted once.
+    /// Bytes of the values that a node reads, each counted once.
     fn input_bytes(&self, index: usize) -> u64 {
         let mut wires: Vec<Wire> = self.graph.nodes[index].inputs.iter().flatten().copied().collect();
         wires.sort_unstable_by_key(|wire| (wire.node, wire.port));
@@ -140,7 +140,7 @@ impl<'a> Run<'a> {
         self.send_code(index, move || job.run());
     }
 
-    /// Another computes the key of this node or of a part of it; its thread is free for others meanwhile.
+    /// Parks a node whose key, or that of a part of it, is being computed elsewhere. Its thread is free meanwhile.
     pub fn park(&mut self, node: usize, key: Digest) {
         let slot = &mut self.slots[node];
         slot.storing = false;
@@ -149,7 +149,7 @@ impl<'a> Run<'a> {
         self.queue.park(Parked { node, key, since, when, pause: FIRST_PAUSE }, slot);
     }
 
-    /// Queues parked nodes whose key is free.
+    /// Queues the parked nodes whose key is free.
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;
@@ -175,7 +175,7 @@ impl<'a> Run<'a> {
             );
             (self.tell)(Event::Warning { id: "stalled", text });
         }
-        // Where code of this run is at work it may be that which is waited for.
+        // While nodes of this run are running, one of them may hold the key.
         let idle = self.queue.nothing_runs();
         for parked in self.queue.parked().iter_mut().filter(|parked| parked.when <= now) {
             parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
@@ -184,8 +184,8 @@ impl<'a> Run<'a> {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
-                    "`{id}` waits for another process that computes it in the same cache, for {} s should that be \
-                     stopped",
+                    "`{id}` waits for another process that is computing it in the same cache; if that process is \
+                     suspended, it is computed here after {} s",
                     STALLED_AFTER.as_secs()
                 );
                 (self.tell)(Event::Warning { id: "waits", text });

@@ -1,8 +1,9 @@
-//! A run of a graph: what is wanted and not known runs, on shared threads, within a memory budget.
+//! The scheduler: runs everything that is needed and not in the cache, on several threads and within a memory
+//! budget.
 //!
-//! One thread decides, the others compute. Deciding is a walk over the graph: a node whose inputs are
-//! known by digest is *resolved* by looking its key up; where nothing is found its input values are
-//! brought to memory (see `supply`) and its code is queued. Nothing here recurses over the graph.
+//! One thread decides, the others compute. A node whose inputs are known by digest is *resolved*: its key is looked
+//! up in the store. On a miss, its input values are loaded (see `supply`) and its code is queued. Nothing here
+//! recurses over the graph.
 
 mod begin;
 mod failure;
@@ -45,23 +46,23 @@ const RENEW_EVERY: Duration = Duration::from_secs(1);
 /// History of a graph is never trimmed to fewer nodes than this.
 const MIN_HISTORY: usize = 1024;
 
-/// What the deciding thread has yet to do.
+/// A pending step of the scheduler.
 enum Task {
     Resolve(usize),
     Gather(usize),
-    /// Bring an output of a node to memory.
+    /// Load an output of a node.
     Bring(Wire),
     Files(usize),
 }
 
-/// Work for a node that no thread has been given yet.
+/// Work for a node that was not passed to a thread yet.
 struct Errand<'a> {
     node: usize,
     is_code: bool,
     work: Work<'a>,
 }
 
-/// One run of a graph. Its parts keep their numbers themselves; the methods here and in the files below decide.
+/// A run of a graph. Its parts maintain their own counters; the methods here and in the submodules decide.
 pub(crate) struct Run<'a> {
     engine: &'a Engine,
     graph: &'a Graph,
@@ -70,21 +71,21 @@ pub(crate) struct Run<'a> {
     tell: &'a mut dyn FnMut(Event),
     slots: Vec<Slot>,
     todo: VecDeque<Task>,
-    /// What threads are to do and were not given yet.
+    /// Work that was not passed to a thread yet.
     errands: Vec<Errand<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
     /// Bytes of values and of running code.
     memory: Memory,
-    /// What is known of keys.
+    /// Keys of this run.
     known: Known,
-    /// Where keys are written.
+    /// Buffer for keys.
     scratch: Vec<u8>,
     /// The files of sinks.
     claims: Claims,
-    /// Whether every node was looked at, and no file had to be written.
+    /// Whether all nodes were inspected and no file was written.
     unchanged: bool,
-    /// Messages that threads still owe.
+    /// Number of messages that threads are still to send.
     owed: usize,
     store_failed: bool,
     /// Nodes whose stored values were missing.
@@ -101,8 +102,7 @@ impl<'a> Run<'a> {
         self.options.cancel.load(Ordering::Relaxed)
     }
 
-    /// Runs to the end. Threads are started only for what needs them: a run that finds nothing to do is over
-    /// before they would be there.
+    /// Runs to the end. Threads start only if there is work for them.
     pub fn run(&mut self, receiver: &Receiver<Message>) {
         self.decide();
         if self.errands.is_empty() {
@@ -115,7 +115,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Not even one thread could be started for a node.
+    /// Fails a node for which no thread could be started.
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error = NodeError::new(format!("cannot start a thread: {error}"))
             .hint("ask for fewer threads with `--jobs`");
@@ -130,7 +130,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Does whatever needs no thread, until there is nothing of that.
+    /// Does everything that needs no thread.
     fn decide(&mut self) {
         while !self.stopped() {
             match self.todo.pop_front() {
@@ -138,7 +138,7 @@ impl<'a> Run<'a> {
                 Some(Task::Gather(node)) => self.gather(node),
                 Some(Task::Bring(wire)) => self.bring(wire),
                 Some(Task::Files(node)) => self.place_files(node),
-                // Launching may fail nodes and supplying may lose values, which gives tasks again.
+                // Both may fail nodes, which adds tasks.
                 None => {
                     self.unpark();
                     self.supply();
@@ -151,21 +151,21 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Has a thread do something for a node, of which it tells in a message.
+    /// Has a thread do work for a node, which ends with a message.
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
         self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
     }
 
-    /// The same for the code of a node.
+    /// Has a thread run the code of a node.
     pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
         self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
     }
 
-    /// Decides until nothing is left to do, or the run is stopped and the threads are idle.
+    /// Decides until nothing is left to do, or the run is cancelled and the threads are idle.
     fn coordinate<'s>(
         &mut self,
         scope: &'s std::thread::Scope<'s, '_>,
@@ -188,7 +188,7 @@ impl<'a> Run<'a> {
             if self.owed == 0 && (self.stopped() || idle) {
                 return;
             }
-            // Short enough to notice that the run was stopped.
+            // Short enough to notice a cancellation.
             let patience = if self.queue.has_parked() { 5 } else { 100 };
             match receiver.recv_timeout(Duration::from_millis(patience)) {
                 Ok(message) => self.receive(message),
@@ -201,7 +201,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Compares the counters with what they count.
+    /// Compares all counters with the slots.
     fn check(&self) {
         self.queue.check(&self.slots);
         self.memory.check(self.graph, &self.slots);
@@ -211,7 +211,7 @@ impl<'a> Run<'a> {
         assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
     }
 
-    /// A message that a thread owed for a node has come.
+    /// Counts a message of a thread.
     fn settle_debt(&mut self, node: usize) {
         self.owed -= 1;
         self.slots[node].owed -= 1;
@@ -219,7 +219,7 @@ impl<'a> Run<'a> {
 
     fn receive(&mut self, message: Message) {
         self.act_on(message);
-        // A large graph would be counted for as long as it runs.
+        // For large graphs this would dominate the run.
         if cfg!(debug_assertions) && self.slots.len() < 1000 {
             self.check();
         }
@@ -276,7 +276,7 @@ impl<'a> Run<'a> {
         self.memory.release(&mut self.slots[index]);
     }
 
-    /// All inputs of a node are known by digest: so is its key, once the files it reads are.
+    /// Resolves a node whose inputs are known by digest: its key is known once its source files are.
     fn resolve(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         if !graph.nodes[index].kind.reads_files {
@@ -289,7 +289,7 @@ impl<'a> Run<'a> {
         if let Some(sources) = known_sources(&files, &engine.store) {
             return self.look_up(index, sources);
         }
-        // Gigabytes may have to be hashed, so this is not for the thread that decides.
+        // Gigabytes may have to be hashed, so a thread does it.
         self.slots[index].life = Life::Reading;
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
         self.send(index, move || {
@@ -336,7 +336,7 @@ impl<'a> Run<'a> {
 
     fn finished(&mut self, index: usize, finished: Finished) {
         let Finished { mut record, values, mut effort, ran } = finished;
-        // What it did before it had to wait is known by now, and was done in this run all the same.
+        // Work done before the node was parked belongs to this run as well.
         effort.add(&std::mem::take(&mut self.slots[index].effort));
         let followers = self.take_followers(index);
         if let (true, Some(key)) = (ran, self.slots[index].key) {
@@ -351,11 +351,11 @@ impl<'a> Run<'a> {
             self.settle(follower, record.clone(), State::Cached, Effort::default());
         }
         self.hold(index, &values);
-        // Another process may have been faster.
+        // Another process may have computed it first.
         self.settle(index, record, if ran { State::Ran } else { State::Cached }, effort);
     }
 
-    /// The outputs of a node are known: what waited for that is resolved.
+    /// Records the outputs of a node and resolves the nodes that waited for them.
     fn settle(&mut self, index: usize, record: Record, state: State, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
@@ -369,7 +369,7 @@ impl<'a> Run<'a> {
         }
         slot.record = Some(record);
         slot.end = Some(state);
-        // What the key was made of is in the record, and a large graph would hold it all.
+        // The manifest is in the record, and those of a large graph would take much memory.
         self.scratch = slot.action.take_memory();
         for (name, n) in &effort.counts {
             *self.totals.counts.entry(name.clone()).or_default() += n;
@@ -385,7 +385,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Tells that a node is done, and wakes those below.
+    /// Reports that a node is done, and resolves the nodes below.
     pub fn done(&mut self, index: usize, effort: Effort) {
         let graph = self.graph;
         let node = &graph.nodes[index];
@@ -438,7 +438,7 @@ impl<'a> Run<'a> {
         Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
     }
 
-    /// Ends the run. Gives what became of each node as well.
+    /// Ends the run. Returns its outcome and the end state of each node.
     pub fn finish(mut self) -> (Outcome, Vec<Slot>) {
         for index in 0..self.slots.len() {
             let slot = &self.slots[index];
@@ -480,7 +480,7 @@ impl<'a> Run<'a> {
         (Outcome { totals: self.totals, failures }, self.slots)
     }
 
-    /// Whether every sink was found to be in place, and nothing had to be done for that.
+    /// Whether all sinks were up to date and nothing had to be done.
     fn all_is_known(&self) -> bool {
         let Totals { ran: 0, remade: 0, failed: 0, skipped: 0, stopped: false, .. } = self.totals else {
             return false;
@@ -489,7 +489,7 @@ impl<'a> Run<'a> {
         asked && self.graph.nodes.iter().any(|node| node.sink_path.is_some())
     }
 
-    /// Values of a node of the same key, for the readers of this one.
+    /// Copies the values of a node with the same key for the readers of this one.
     fn copy_values(&mut self, from: usize, to: usize) {
         let outputs = self.graph.nodes[from].kind.outputs.len();
         let values: Option<Vec<AnyArtifact>> =

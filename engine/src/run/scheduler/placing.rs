@@ -1,4 +1,4 @@
-//! Files of sinks, put in place once what is in them is known.
+//! Writing the files of sinks.
 
 use crate::graph::node::Wire;
 use crate::graph::reads::{OTHER_FILE, ReadFiles, over_text};
@@ -10,7 +10,7 @@ use crate::run::slot::{Life, Waiter};
 use crate::value::error::{NodeError, guarded};
 
 impl Run<'_> {
-    /// Compares the files of a sink with what lies there, and writes those that differ.
+    /// Compares the files of a sink with existing ones and writes those that differ.
     pub fn place_files(&mut self, index: usize) {
         let (graph, engine) = (self.graph, self.engine);
         let node = &graph.nodes[index];
@@ -31,7 +31,7 @@ impl Run<'_> {
         if let Some(placed) = sink::in_place(&engine.store, &targets, confined) {
             return self.placed(index, Ok(Some(placed)));
         }
-        // Looked for only where something may be written, since it takes a look at every file.
+        // Computed only if something may be written, since it inspects every file.
         let texts = &self.options.texts;
         let read = self.claims.read(|| ReadFiles::new(texts.iter().cloned().chain(graph.files())));
         if let Some((path, _)) = targets.iter().find(|(path, _)| read.has(path)) {
@@ -47,7 +47,7 @@ impl Run<'_> {
         });
     }
 
-    /// What came of that.
+    /// Handles the outcome of writing.
     pub fn placed(&mut self, index: usize, placed: Result<Option<Placed>, NodeError>) {
         if self.slots[index].life != Life::Placing {
             return;

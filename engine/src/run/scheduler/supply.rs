@@ -1,7 +1,7 @@
-//! Values in memory: bringing them there for code that is to run, and letting go.
+//! Loading of input values, and dropping of values that are not needed any more.
 //!
-//! A value comes from the store, or by running its node once more where only its digest was kept or the
-//! stored bytes are gone. It stays while somebody may read it: see [`Slot::readers`].
+//! A value comes from the store, or from a rerun of its node if only its digest was stored or the stored bytes are
+//! missing. It stays in memory while it may be read: see [`Slot::readers`].
 //!
 //! [`Slot::readers`]: crate::run::slot::Slot::readers
 
@@ -19,8 +19,8 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::error::NodeError;
 
 impl<'a> Run<'a> {
-    /// Lets ready nodes gather their inputs: as many as there are threads to keep busy, and no more while
-    /// memory is full, so that a wide graph does not come to memory all at once.
+    /// Lets ready nodes load their inputs: as many as there are threads, and no more while memory is full, so that
+    /// the values of a wide graph are not loaded all at once.
     pub fn supply(&mut self) {
         while let Some(index) = self.queue.next_ready()
             && (self.memory.has_room() || self.queue.is_idle())
@@ -30,7 +30,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Asks for every input value of a node whose code is to run.
+    /// Requests all input values of a node.
     pub fn gather(&mut self, index: usize) {
         let graph = self.graph;
         self.slots[index].missing = 0;
@@ -45,18 +45,18 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Its input values are there.
+    /// Queues a node whose input values are in memory.
     pub fn enqueue(&mut self, index: usize) {
         self.queue.enqueue(index, &mut self.slots[index]);
     }
 
-    /// Has an output brought to memory for `waiter`.
+    /// Requests an output for `waiter`.
     pub fn request(&mut self, wire: Wire, waiter: Waiter) {
         self.slots[wire.node].waiters.push((wire.port, waiter));
         self.todo.push_back(Task::Bring(wire));
     }
 
-    /// Loads an output, or has it made once more.
+    /// Loads an output, or reruns its node.
     pub fn bring(&mut self, wire: Wire) {
         let Wire { node, port } = wire;
         let slot = &mut self.slots[node];
@@ -72,7 +72,7 @@ impl<'a> Run<'a> {
             return self.arrive(node, port, value);
         }
         if !output.stored {
-            return self.remake(node, "only its digest was kept");
+            return self.remake(node, "only its digest was stored");
         }
         if slot.begin_loading(port) {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
@@ -87,7 +87,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A value is not in the store although its record says so.
+    /// Handles a value that is missing in the store although its record exists.
     pub fn missing(&mut self, index: usize, port: usize) {
         let node = &self.graph.nodes[index];
         let slot = &mut self.slots[index];
@@ -124,7 +124,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A remake is over, whatever came of it.
+    /// Ends a rerun for values, whatever its outcome.
     pub fn end_remake(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         if slot.remaking.is_none() {
@@ -135,13 +135,13 @@ impl<'a> Run<'a> {
         self.release_inputs(index);
     }
 
-    /// The code of a node ran once more.
+    /// Handles the result of a rerun for values.
     pub fn remade(&mut self, index: usize, finished: Finished) {
         let digests = |outputs: &[Output]| -> Vec<Digest> { outputs.iter().map(|o| o.digest).collect() };
         let known = self.slots[index].record.as_ref().map(|record| digests(&record.outputs));
         if known != Some(digests(&finished.record.outputs)) {
-            let error = NodeError::new("made once more, it gave another result for the same inputs").hint(
-                "its kind is not deterministic, or a file changed while the graph ran; please report the former",
+            let error = NodeError::new("a rerun gave another result for the same inputs").hint(
+                "a file changed while the graph ran, or its kind is not deterministic; please report the latter",
             );
             return self.lose(index, Some(&error));
         }
@@ -155,7 +155,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Keeps the values that a node's code gave.
+    /// Keeps the values computed by a node.
     pub fn hold(&mut self, index: usize, values: &[AnyArtifact]) {
         for (port, value) in values.iter().enumerate() {
             self.take_in(index, port, value.clone());
@@ -168,7 +168,7 @@ impl<'a> Run<'a> {
         self.keep_for_later(index);
     }
 
-    /// Offers the values of a node whose outputs are known to the memory that outlives the run.
+    /// Offers the values of a node to the cache that outlives the run.
     pub fn keep_for_later(&self, index: usize) {
         let Some(warm) = &self.engine.warm else { return };
         let slot = &self.slots[index];
@@ -179,14 +179,14 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A value came to memory.
+    /// Handles a value that was loaded or recomputed.
     pub fn arrive(&mut self, index: usize, port: usize, value: AnyArtifact) {
         self.take_in(index, port, value);
         self.wake(index, port);
         self.memory.drop_unread(&mut self.slots[index]);
     }
 
-    /// Whoever waited for a value goes on.
+    /// Continues everything that waited for a value.
     fn wake(&mut self, index: usize, port: usize) {
         let waiters = std::mem::take(&mut self.slots[index].waiters);
         let (woken, rest): (Vec<_>, Vec<_>) = waiters.into_iter().partition(|(wanted, _)| *wanted == port);
@@ -200,13 +200,13 @@ impl<'a> Run<'a> {
                         self.enqueue(node);
                     }
                 }
-                // It was skipped in the meantime.
+                // The reader was skipped meanwhile.
                 Waiter::Code(_) => {}
             }
         }
     }
 
-    /// A result could not be stored: its values are only in memory.
+    /// Handles a result that could not be stored.
     pub fn unstored(&mut self, index: usize, error: String) {
         if let Some(record) = &mut self.slots[index].record {
             record.outputs.iter_mut().for_each(|output| output.stored = false);
@@ -214,15 +214,15 @@ impl<'a> Run<'a> {
         self.warn_unstored("cache-write", error);
     }
 
-    /// Says once that not everything is kept.
+    /// Warns once that not all results are stored.
     pub fn warn_unstored(&mut self, id: &'static str, why: String) {
         if !std::mem::replace(&mut self.store_failed, true) {
-            let text = format!("results of this run are not all kept: {why}");
+            let text = format!("not all results of this run were stored: {why}");
             (self.tell)(Event::Warning { id, text });
         }
     }
 
-    /// The node reads its inputs no more.
+    /// Removes a node from the readers of its inputs.
     pub fn release_inputs(&mut self, index: usize) {
         let graph = self.graph;
         for &above in graph.reads(index) {

@@ -1,0 +1,278 @@
+//! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
+
+mod auto;
+mod lobes;
+mod output;
+mod reporting;
+mod scale;
+mod unseen;
+pub mod visibility;
+
+use std::sync::Arc;
+
+use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+use glam::{DVec3, Vec3};
+
+use crate::error::Error;
+use crate::light::env_resolution::EnvResolution;
+use crate::render::transport::ground::capture_point;
+use crate::render::transport::ground::standing::find_ground;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
+use crate::render::transport::picture::prepared::PreparedScene;
+use crate::render::transport::picture::tracing::{Settings, Tracing};
+use crate::render::transport::scene::frame::in_scene_frame;
+use crate::render::transport::scene::objects::Objects;
+use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
+use output::assemble;
+use reporting::{
+    report_coarse_coordinates, report_first_samples, report_inputs, report_standing, report_unseen,
+    report_unseen_places, report_views,
+};
+use visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+
+engine::params! {
+    /// Renders the receiver without and with the objects, and the objects themselves.
+    ///
+    /// `with` is `without` plus what the objects change of it, so their ratio is exactly 1 where they change
+    /// nothing. In `with` the objects are hidden from the camera but from no other ray. `object` is premultiplied; its
+    /// alpha is the share of the pixel that it covers, less where the receiver stands in front. In a closed
+    /// room the receiver would keep out the light that the panorama already shows; `env_block`, `bounce` and
+    /// `object_specular_sees` say how it treats each sort of ray, and by default the scene decides.
+    pub struct PathTrace {
+        /// Paths per pixel, or with `max_error` the most of them, which is 4 at least.
+        samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
+        /// Standard error to reach in every tile of 8 by 8 pixels, as root mean square over the pixels that have one: of
+        /// the ratio `with / without` where it is seen (relative to it where it is surely above 1, and left out where
+        /// `without` is below a thousandth of its median), and of `object` relative to its mean. 4 samples of the
+        /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until the error
+        /// or `samples` is reached, which is reported. None takes `samples` everywhere.
+        max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
+        /// How often light may be scattered after the first time.
+        max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
+        /// How the receiver blocks light of the environment.
+        env_block: EnvBlock = EnvBlock::Auto, other("Pass");
+        /// What scattered rays find where they meet the receiver.
+        bounce: Bounce = Bounce::Auto, other("Env");
+        /// What reflections in objects show where they meet the receiver.
+        object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
+        /// Whether the receiver is the light that the environment shows of it, so that a lamp on a wall lights
+        /// each point from where it is.
+        near_field: NearField = NearField::Auto, other("Off");
+        /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
+        /// dots of light that a glossy object throws, and some of that light with them.
+        clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
+        /// How far the receiver may be wrong where an object stands or hangs: where the camera sees the receiver within
+        /// this distance of the height of the object's base, or of a flat side that rests on a wall, it is taken to be level
+        /// with that. Otherwise a mesh that lies too low would show a black gap under the object, and one too high would
+        /// hide its foot, or a picture on the wall. `None` measures the mesh's roughness at each object and takes a smooth
+        /// one as it is; 0 takes any as it is.
+        contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
+        /// Whether to trace only what the objects change of the receiver: for a graph that wants only the shadow, and takes
+        /// the objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
+        shadow_only: bool = false, other("true");
+        /// Side of the blocks of which one pixel is traced and shown for all: the preview that `watch` shows before
+        /// all pixels are traced. 1 traces every pixel.
+        coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
+        /// Where the objects provably change no more than this share of the light of a tile of 8 by 8 pixels, `with` is
+        /// `without` and no ray is traced for it. The change is bounded, not estimated, so nothing is left out in
+        /// shadow, near bright things, or wherever a wall may reflect their light. 0 traces everywhere.
+        crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
+        /// Whether to leave out lobes that a material does not have; evaluating them anyway gives the same bits.
+        skip_lobes: bool = true, inert("what is left out has no strength: only work is saved");
+    }
+}
+
+engine::inputs! {
+    /// Inputs of [`PathTrace`].
+    pub struct In {
+        /// The mesh that stands for the place; matte, of its vertex colours.
+        receiver: Arc<Mesh>,
+        /// The objects.
+        objects: Vec<Arc<Placed>>,
+        /// The cameras.
+        rig: Arc<Rig>,
+        /// The light.
+        env: Arc<Environment>,
+    }
+}
+
+engine::outputs! {
+    /// Outputs of [`PathTrace`].
+    pub struct Out {
+        /// The receiver without the objects (R0); where the camera sees none, the environment.
+        without: Arc<Images>,
+        /// The receiver in the presence of the objects, which the camera does not see (R1).
+        with: Arc<Images>,
+        /// The objects: linear, premultiplied, alpha.
+        object: Arc<Images>,
+        /// Planar depth of what is in front, object or receiver, at the centre of each pixel; +inf for none. Of
+        /// what is blended, where it covers more than half.
+        depth: Arc<Images>,
+        /// Planar depth of the nearest of the objects that is seen anywhere in the pixel, however little it covers; where
+        /// there is none, `depth`. For `splat-render(limit:)`: what lies before it is in front of the objects.
+        nearest: Arc<Images>,
+        /// Unit normal of the same point in world axes, towards the camera; 0 for none.
+        normal: Arc<Images>,
+        /// Variance of the mean over samples: of the luminance of `without`, `with` and `object`, and of the ratio
+        /// of luminance `with / without`. As if samples were independent: stratified points do better, so these are
+        /// upper estimates. One sample tells none: then all are 0.
+        variance: Arc<Images>,
+        /// Decisions, means, standard errors, rays.
+        report: Arc<Report>,
+    }
+}
+
+impl PathTrace {
+    /// The most samples of a pixel: an error is judged by a first chunk, whatever `samples` says.
+    fn most(&self) -> u32 {
+        if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
+    }
+
+    /// What tracing goes by.
+    fn settings(&self) -> Settings {
+        Settings {
+            most: self.most(),
+            max_error: self.max_error,
+            coarse_px: self.coarse_px,
+            crop: self.crop,
+            contact_metres: self.contact_metres,
+            shadow_only: self.shadow_only,
+            every_lobe: !self.skip_lobes,
+        }
+    }
+
+    /// Refuses what no picture can be traced of.
+    fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
+        if !crate::math::num::keeps_subnormals() {
+            let hint = "start the program without the library that asks for it, perhaps one in LD_PRELOAD";
+            let text = "this process takes the smallest numbers for 0, so that its pictures would be those of no other";
+            return Err(NodeError::new(text).hint(hint));
+        }
+        if inputs.rig.cameras.is_empty() {
+            return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
+        }
+        if self.near_field == NearField::On && inputs.env.origin.is_none() {
+            let hint = "give `load-environment` its `origin`, or leave `near_field` to `Auto`";
+            let text = "near_field needs an environment with a point of capture";
+            return Err(NodeError::new(text).at("near_field").hint(hint));
+        }
+        Ok(())
+    }
+
+    /// Where the environment was captured, or the camera that stands for it, which is told where it matters.
+    fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
+        if let Some(origin) = inputs.env.origin {
+            return origin;
+        }
+        if matches!(self.env_block, EnvBlock::Auto | EnvBlock::PassBeyond { .. }) {
+            let text =
+                format!("the environment has no point of capture; camera `{}` stands for it", camera.name);
+            notes.decision("probe-origin", text);
+        }
+        camera.eye()
+    }
+}
+
+impl Kind for PathTrace {
+    const NAME: &'static str = "path-trace";
+    const VERSION: u32 = 19;
+    const READS: &'static [ContextField] =
+        &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
+    const PREVIEW: engine::Preview =
+        engine::Preview { refines: Some("samples"), coarse: Some("coarse_px"), ..engine::Preview::NONE };
+    type Params = Self;
+    type In = In;
+    type Out = Out;
+
+    fn estimate(_params: &Self, inputs: &In) -> Cost {
+        let pixels: u64 =
+            inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px)).sum();
+        let triangles: usize =
+            inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
+        // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
+        let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 20 * 4) as u64;
+        let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
+        let sky = inputs.env.image.samples.len() as u64 * 12;
+        Cost { bytes: pixels * pixel_bytes + scene + sky }
+    }
+
+    fn work(params: &Self, sizes: &Sizes) -> f64 {
+        let samples = f64::from(params.most());
+        // A guess: at the edge of a shadow one sample is off by 0.2, and such tiles are a tenth of the picture.
+        let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
+        let coarse = f64::from(params.coarse_px);
+        sizes.of("rig") * all.min(samples) / (coarse * coarse)
+    }
+
+    fn check(params: &Self) -> Result<(), NodeError> {
+        if params.near_field == NearField::On && params.env_block == EnvBlock::Paper {
+            let text = "the printed visibility has no near field: the camera does not see the receiver";
+            return Err(NodeError::new(text)
+                .at("near_field")
+                .hint("leave `near_field` to `Auto`, or `env_block`"));
+        }
+        match params.env_block.out_of_range() {
+            Some(text) => Err(NodeError::new(text).at("env_block")),
+            None => Ok(()),
+        }
+    }
+
+    fn views(_: &Self, _: &engine::SourceRoot) -> ViewCount {
+        ViewCount::As(&["rig"])
+    }
+
+    fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
+        params.check_inputs(&inputs)?;
+        let mut notes = Notes::none();
+        let cameras = &inputs.rig.cameras;
+        // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
+        // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
+        let origin = cameras[0].eye();
+        let prepared = PreparedScene::new(&inputs.receiver, &inputs.env, origin, cx)?;
+        let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
+        let centre = params.point_of_capture(&inputs, camera, &mut notes);
+        let [_, _, up] = crate::math::equirect::axes(cx.up());
+        let space = (up, cx.metres_per_unit());
+        let decided = params.decide(&inputs, &prepared, centre, space, &mut notes);
+        let rules = &decided.rules;
+        let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
+        objects.every_lobe = !params.skip_lobes;
+        objects.shown = !params.shadow_only;
+        report_inputs(&inputs.receiver, &prepared, &objects, &mut notes);
+        if !objects.is_empty() {
+            let most = inputs.env.image.width;
+            EnvResolution::of(&inputs.env, &inputs.objects, most).report(&inputs.env, &mut notes);
+        }
+        scale::report_size(prepared.receiver(), &objects.boxes(), cx.metres_per_unit(), &mut notes);
+        report_coarse_coordinates(&prepared, &objects, &mut notes);
+        if let Some(eye) = rules.near {
+            let boxes = objects.boxes();
+            report_unseen_places(prepared.receiver(), Vec3::from_array(eye), &boxes, &mut notes);
+        }
+        let eye = in_scene_frame(camera.eye(), origin);
+        let receiver = prepared.receiver();
+        let standing = find_ground(&mut objects, receiver, origin, eye, space, params.contact_metres);
+        report_standing(&standing, (cx.metres_per_unit(), params.contact_metres), &mut notes);
+        report_first_samples(params.samples, params.most(), &mut notes);
+
+        let tracing = Tracing::new(params.settings(), cx, (&prepared, cameras), &objects, rules)?;
+        let traced = |(number, camera)| tracing.picture(number, camera);
+        let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
+        let boxes = objects.boxes();
+        report_views(params, cameras, &prepared, rules, (&views, &boxes), &mut notes);
+        // A coarse look may miss what is there.
+        let looks = params.coarse_px == 1 && !params.shadow_only;
+        if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
+            report_unseen(&unseen::of(&tracing, &views)?, &mut notes);
+        }
+        let crop = match tracing.crop() {
+            Ok(_) => format!("what changes at most {} of the light", params.crop),
+            Err(why) => format!("nothing: {why}"),
+        };
+        Ok((assemble(&inputs, views, &decided, centre, crop), notes))
+    }
+}
+
+#[cfg(test)]
+mod tests;

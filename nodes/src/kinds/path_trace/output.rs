@@ -1,0 +1,145 @@
+//! The outputs: the pictures of all cameras, and the report.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::auto::Decided;
+use super::lobes;
+use super::{In, Out};
+use crate::render::transport::path::rays::Rays;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::accumulator::ReachedError;
+use crate::render::transport::scene::block::Block;
+use crate::types::{Cell, Images, NamedImage, Report, Table};
+
+/// How the receiver blocks the environment, in words.
+fn block_text(block: &Block) -> String {
+    match block {
+        Block::Solid => "Solid".to_owned(),
+        Block::Pass => "Pass".to_owned(),
+        Block::FrontFace { max_layers, flip, .. } => {
+            let side = if *flip { ", normals turned round" } else { "" };
+            format!("FrontFace, {max_layers} layers{side}")
+        }
+        Block::PassBeyond { radius, .. } => format!("PassBeyond {radius} units from the point of capture"),
+    }
+}
+
+/// The rows of what was decided, and what it took.
+fn decisions(
+    inputs: &In,
+    Decided { rules, probe, twice }: &Decided,
+    centre: DVec3,
+    crop: &str,
+    rays: &Rays,
+) -> Vec<Vec<Cell>> {
+    let [nodes, triangles] = rays.steps_each();
+    let row = |what: &str, value: Cell| vec![Cell::Text(what.to_owned()), value];
+    let text = |what: &str, value: &str| row(what, Cell::Text(value.to_owned()));
+    let capture = format!("{}, {}, {}", centre.x, centre.y, centre.z);
+    let mut decisions = vec![
+        text("env_block", &block_text(&rules.block)),
+        text("bounce", if rules.bounce_solid { "Solid" } else { "Env" }),
+        text("object_specular_sees", if rules.specular_env { "Env" } else { "Receiver" }),
+        text("near_field", if rules.near.is_some() { "On" } else { "Off" }),
+        text("crop", crop),
+        text("point of capture", &capture),
+        row("camera rays", Cell::Count(rays.camera)),
+        row("shadow rays", Cell::Count(rays.shadow)),
+        row("scattered rays", Cell::Count(rays.scattered)),
+        row("rays", Cell::Count(rays.all())),
+        row("nodes of trees that a ray meets", Cell::Number(nodes)),
+        row("triangles that a ray is tested with", Cell::Number(triangles)),
+        text("lobes that no material has", &lobes::absent(&inputs.objects)),
+    ];
+    if let Some(twice) = twice {
+        decisions.push(row("light that walls counted twice add", Cell::Number(*twice)));
+    }
+    if let Some(probe) = probe {
+        decisions.push(row("probe rays that leave", Cell::Number(probe.escaped_share())));
+        decisions.push(row("front faces among the others", Cell::Number(probe.front_share())));
+    }
+    decisions
+}
+
+/// The outputs, of finished pictures; `crop` tells what was cropped.
+pub(crate) fn assemble(
+    inputs: &In,
+    views: Vec<FinishedView>,
+    decided: &Decided,
+    centre: DVec3,
+    crop: String,
+) -> Out {
+    let mut sets: [Vec<NamedImage>; 7] = Default::default();
+    let mut rows = Vec::with_capacity(views.len());
+    let mut plans = Vec::new();
+    let mut rays = Rays::default();
+    for (camera, view) in inputs.rig.cameras.iter().zip(views) {
+        let [without, with, object] = view.images;
+        let pictures = [
+            without.into(),
+            with.into(),
+            object.into(),
+            view.depth.into(),
+            view.nearest.into(),
+            view.normal.into(),
+            view.variance.into(),
+        ];
+        for (set, picture) in sets.iter_mut().zip(pictures) {
+            set.push(NamedImage { name: camera.name.clone(), picture });
+        }
+        rows.push(view.row);
+        if let Some(ReachedError { asked, predicted, worst, blocks: [all, more, short], samples }) =
+            view.reached
+        {
+            let name = Cell::Text(camera.name.clone());
+            let errors = [asked, predicted, worst].map(Cell::Number);
+            let blocks = [all, more, short].map(Cell::Count);
+            plans.push(
+                [name].into_iter().chain(errors).chain(blocks).chain([Cell::Number(samples)]).collect(),
+            );
+        }
+        rays += view.rays;
+    }
+    let mut report = Report {
+        title: "Path tracing".to_owned(),
+        tables: vec![
+            Table::new("decisions", ["what", "value"], decisions(inputs, decided, centre, &crop, &rays)),
+            Table::new(
+                "views",
+                [
+                    "view",
+                    "mean luminance of without",
+                    "standard error of a pixel of without",
+                    "mean luminance of with",
+                    "standard error of a pixel of with",
+                    "mean luminance of object",
+                    "standard error of a pixel of object",
+                    "rays",
+                    "share of chunks that no object touches",
+                    "share of chunks that objects are too far from",
+                ],
+                rows,
+            ),
+        ],
+    };
+    if !plans.is_empty() {
+        report.tables.push(Table::new(
+            "samples",
+            [
+                "view",
+                "error asked for",
+                "error that the first samples promise",
+                "error reached",
+                "blocks",
+                "blocks with more than the first samples",
+                "blocks short of the error",
+                "samples a pixel",
+            ],
+            plans,
+        ));
+    }
+    let [without, with, object, depth, nearest, normal, variance] = sets.map(|set| Arc::new(Images(set)));
+    Out { without, with, object, depth, nearest, normal, variance, report: Arc::new(report) }
+}

@@ -1,0 +1,406 @@
+//! What is told beside the pictures, in notes.
+
+use engine::Notes;
+use glam::Vec3;
+
+use super::PathTrace;
+use super::scale::{short, why_not_seen};
+use super::unseen::Unseen;
+use crate::geometry::bvh::Ray;
+use crate::geometry::support::Level;
+use crate::render::transport::ground::limits::LARGEST;
+use crate::render::transport::ground::side::Lost;
+use crate::render::transport::ground::standing::Standing;
+use crate::render::transport::ground::sunk::Sunk;
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::accumulator::ReachedError;
+use crate::render::transport::picture::holes::holes;
+use crate::render::transport::picture::prepared::PreparedScene;
+use crate::render::transport::scene::aabb::Aabb;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::face::margin;
+use crate::render::transport::scene::frame::in_scene_frame;
+use crate::render::transport::scene::media;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::types::{Camera, Image, Linear, Mesh};
+
+/// Rays may leave surfaces from this share of the size of an object off without a word.
+const COARSE: f32 = 1.0 / 512.0;
+
+/// An object that stands deeper in the ground than this share of its height was hardly put there on purpose.
+const DEEP: f64 = 0.2;
+
+/// Tells what the inputs made the node leave out or assume.
+pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
+    if mesh.colours.is_empty() && !mesh.triangles.is_empty() {
+        notes.decision("grey-receiver", "the receiver has no vertex colours and is grey, albedo 0.5");
+    }
+    let receiver = prepared.receiver();
+    let counts = [
+        ("clamped-albedo", receiver.clamped, "vertex colours outside of 0 to 1 were clamped"),
+        ("raised-albedo", receiver.raised, "vertex colours have a channel below 0.01, which counts as 0.01"),
+        ("receiver-not-finite", receiver.bvh.broken, "triangles of the receiver are not finite"),
+        ("receiver-degenerate", receiver.bvh.degenerate, "triangles of the receiver have no area"),
+        ("object-not-finite", objects.bvh.broken, "triangles of the objects are not finite"),
+        ("object-degenerate", objects.bvh.degenerate, "triangles of the objects have no area"),
+        ("dark-texels", prepared.sky().broken, "samples of the environment were negative or not finite"),
+    ];
+    for (id, n, text) in counts {
+        if n > 0 {
+            notes.count(id, n, text);
+        }
+    }
+    if let Some(deepest) = objects.nested_too_deep() {
+        let text = format!(
+            "{deepest} bodies lie in one another, of which a path knows the innermost {}",
+            media::MOST
+        );
+        notes.warning(
+            "nested-bodies",
+            format!("{text}: where it leaves them, it may take the outer ones for air"),
+        );
+    }
+}
+
+/// Tells which objects, by the boxes around them, stand where a point of capture does not see, for what light they have
+/// there the panorama does not show.
+pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
+    let hidden = |one: &Aabb| {
+        !one.is_empty()
+            && (0..27).all(|i| {
+                let share = [i % 3, i / 3 % 3, i / 9].map(|k| [0.05, 0.5, 0.95][k]);
+                let way = one.low + (one.high - one.low) * Vec3::from_array(share) - eye;
+                // A mesh may be in its own way.
+                let reach = 0.95 * way.length();
+                receiver.bvh.any(Ray { t_max: reach, ..Ray::new(eye, way.normalize_or_zero()) }, |_| true)
+            })
+    };
+    let found = boxes.iter().enumerate().filter(|(_, one)| hidden(one));
+    let found: Vec<String> = found.map(|(index, _)| index.to_string()).collect();
+    if !found.is_empty() {
+        let word = if found.len() == 1 { "object" } else { "objects" };
+        let text = format!(
+            "the point of capture does not see where {word} {} stands, so its light is what comes there off what it sees",
+            found.join(", ")
+        );
+        notes.warning(
+            "capture-elsewhere",
+            format!("{text}; a panorama that was captured there would show it"),
+        );
+    }
+}
+
+/// Tells what is to be known of the pictures.
+pub(crate) fn report_views(
+    params: &PathTrace,
+    cameras: &[Camera],
+    prepared: &PreparedScene<'_>,
+    rules: &Rules,
+    (views, boxes): (&[FinishedView], &[Aabb]),
+    notes: &mut Notes,
+) {
+    let most = params.most();
+    let broken: u64 = views.iter().map(|view| view.broken).sum();
+    if broken > 0 {
+        notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
+    }
+    report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
+    // A coarse look may miss what is there.
+    let looks = params.coarse_px == 1 && !params.shadow_only;
+    for (camera, view) in cameras.iter().zip(views) {
+        if let Some(reached) = &view.reached {
+            report_plan(&camera.name, reached, most, notes);
+        }
+        report_cropped(&camera.name, view.cropped, notes);
+        report_cut_paths(&camera.name, view.cut, params.max_bounces, notes);
+        if looks && view.shows_objects() {
+            let found = holes(&view.depth);
+            let share = 100.0 * found as f64 / view.depth.samples.len().max(1) as f64;
+            let text = format!(
+                "pixels of `{}` ({share:.1} %) meet none of the receiver that surrounds them",
+                camera.name
+            );
+            notes.count("holes", found, format_args!("{text}: its holes and windows carry no shadow"));
+        }
+        report_darkness(view, &camera.name, prepared.sky().power, rules, notes);
+        if !boxes.is_empty() && looks && !view.shows_objects() {
+            let eye = in_scene_frame(camera.eye(), prepared.origin);
+            notes.warning("objects-not-seen", why_not_seen(&camera.name, eye, boxes));
+        }
+    }
+}
+
+/// Tells of a picture that is all black, and why.
+fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rules, notes: &mut Notes) {
+    let black = |image: &Image<Linear>| {
+        image.samples.chunks_exact(image.channels).all(|pixel| pixel[..3].iter().all(|v| *v == 0.0))
+    };
+    if view.images.iter().all(black) {
+        let why = match rules.block {
+            _ if power == [0.0; 3] => "the environment is black",
+            Block::Solid if rules.near.is_none() => {
+                "the receiver lets no light of the environment in; `env_block: FrontFace` lets it into a closed \
+                             mesh, and `near_field: On` makes the mesh the light"
+            }
+            _ => "no light of the environment comes to what the camera sees",
+        };
+        notes.warning("no-light", format!("`{name}` is black: {why}"));
+    }
+}
+
+/// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
+/// surface has lost what lies nearer.
+pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
+    for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
+        let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
+        let around = prepared.receiver().margin_within(low - size, high + size);
+        let margin = around.max(margin(&[low, high, high]));
+        if size > 0.0 && margin > COARSE * size {
+            let [size, distance, margin] = [size, distance, margin].map(short);
+            let text = format!(
+                "object {index} is {size} units large and {distance} from the first camera, where coordinates start: rays \
+                 leave surfaces there from {margin} off, and contact shadows and detail below that are lost"
+            );
+            notes.warning("coarse-coordinates", format!("{text}; bring the first camera of the rig nearer"));
+        }
+    }
+}
+
+/// Tells how the objects stand, and which of them miss the receiver.
+pub(crate) fn report_standing(
+    standing: &Standing,
+    (metres_per_unit, contact_metres): (f64, Option<f64>),
+    notes: &mut Notes,
+) {
+    let Standing { ground, sides, carried, tall, lost, sunk } = standing;
+    report_contact(ground, carried, tall, (metres_per_unit, contact_metres), notes);
+    for why in [Lost::OverNothing, Lost::Buried] {
+        report_lost((0..lost.len()).filter(|index| lost[*index] == Some(why)), why, notes);
+    }
+    report_sides(sides.iter().map(|sides| &sides[..]), metres_per_unit, notes);
+    report_sunk(sunk, metres_per_unit, notes);
+}
+
+/// Tells of objects that lie in the receiver and do not stand on it.
+fn report_sunk(sunk: &[Option<Sunk>], metres_per_unit: f64, notes: &mut Notes) {
+    for (index, sunk) in sunk.iter().enumerate() {
+        let Some(Sunk { share, depth }) = *sunk else { continue };
+        let millimetres = (f64::from(depth) * metres_per_unit * 1e3).ceil();
+        let text = format!(
+            "object {index} lies in a surface of the receiver, which hides {:.0} % of what faces the first camera",
+            100.0 * share
+        );
+        notes.warning("in-a-surface", format!("{text}; {millimetres:.0} mm farther out it is whole"));
+    }
+}
+
+/// Tells how far the mesh misses the bases of objects that stand on it, and of those that do not how far they are off, or how
+/// deep they stand in it. Objects reach so far up from their bases, in world units. Where the user says how far the mesh may be wrong,
+/// what is within that needs no word.
+fn report_contact(
+    measured: &[Option<Level>],
+    carried: &[bool],
+    tall: &[f64],
+    (metres_per_unit, contact_metres): (f64, Option<f64>),
+    notes: &mut Notes,
+) {
+    // A tenth is shown, and never less than nothing of one.
+    let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
+    let mut on_it = Vec::new();
+    for (index, level) in measured.iter().enumerate() {
+        let Some(Level { height, roughness, .. }) = *level else { continue };
+        if height.abs() * metres_per_unit <= contact_metres.unwrap_or(0.0).max(LARGEST) {
+            let (offset, roughness) = (millimetres(height), millimetres(roughness));
+            on_it
+                .push(format!("{roughness:.1} mm rough and {offset:+.1} mm over the base of object {index}"));
+        } else if !carried[index] {
+            report_off_the_ground(index, height, tall[index], millimetres(height.abs()), notes);
+        }
+    }
+    if !on_it.is_empty() && contact_metres.is_none() {
+        notes.decision("contact", format!("the receiver is {}", on_it.join("; ")));
+    }
+}
+
+/// Tells which objects rest on the receiver by a side that is no foot.
+fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f64, notes: &mut Notes) {
+    let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
+    let named: Vec<String> = sides
+        .enumerate()
+        .flat_map(|(index, sides)| sides.iter().map(move |level| (index, level)))
+        .map(|(index, level)| {
+            let (rough, over) = (millimetres(level.roughness), millimetres(level.height));
+            format!("{rough:.1} mm rough and {over:+.1} mm over a side of object {index} that rests on it")
+        })
+        .collect();
+    if !named.is_empty() {
+        notes.decision("contact-side", format!("the receiver is {}", named.join("; ")));
+    }
+}
+
+/// Tells of objects under which the receiver has nothing at all, and why.
+fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
+    let named: Vec<String> = objects.map(|index| index.to_string()).collect();
+    if named.is_empty() {
+        return;
+    }
+    let one = named.len() == 1;
+    let (word, stand, lie) = if one { ("object", "stands", "lies") } else { ("objects", "stand", "lie") };
+    let named = named.join(", ");
+    match why {
+        Lost::OverNothing => {
+            let text = format!("{word} {named} {stand} over a hole of the receiver, or beyond its edge");
+            let hint = "close the hole in the mesh, or move the pose";
+            notes.warning("no-ground", format!("{text}, where no shadow falls; {hint}"));
+        }
+        Lost::Buried => {
+            let text = format!("{word} {named} {lie} under the ground, be it in part");
+            notes.warning("under-the-ground", format!("{text}; `snap` puts what is near it on the mesh"));
+        }
+    }
+}
+
+/// Tells of an object of some height that the ground over or under its base is far from.
+fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64, notes: &mut Notes) {
+    if ground > 0.0 && ground < tall {
+        let text = format!("object {index} reaches {millimetres:.0} mm into the receiver");
+        let text = format!("{text}; `snap` puts it on the mesh");
+        if ground > DEEP * tall {
+            notes.warning("in-the-ground", text);
+        } else {
+            notes.decision("in-the-ground", text);
+        }
+        return;
+    }
+    let side = if ground > 0.0 { "below" } else { "above" };
+    let text = format!(
+        "object {index} stands {millimetres:.0} mm {side} the receiver, so its shadow does not meet it"
+    );
+    let hint = "`snap` puts it on the mesh; `contact_metres` tells that the mesh is wrong by as much";
+    notes.warning("off-the-ground", format!("{text}; {hint}"));
+}
+
+/// Tells where `variance` is not what it should be.
+fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
+    if samples == 1 {
+        let text = "1 sample tells no variance: `variance` is 0, standard errors are not computed, and `denoise` \
+                    leaves the pictures as they are; take 2 or more";
+        notes.warning("no-variance", text);
+    }
+    if beyond > 0 {
+        let text = "values of `variance` are beyond the largest or the smallest number of single precision and stand at it \
+                    or at 0; scale the light of the environment nearer to 1";
+        notes.warning("variance-range", format!("{beyond} {text}"));
+    }
+}
+
+/// Tells that an error that was asked for takes more samples than `samples` says.
+pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
+    if most > samples {
+        let text =
+            format!("`samples` is {samples}, and `max_error` is judged by a first {most}, which are taken");
+        notes.decision("first-samples", text);
+    }
+}
+
+/// Tells how many samples an error that was asked for took.
+pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
+    let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
+    let text = format!(
+        "`{view}`: {more} of {all} blocks take more than the first samples, {samples:.1} a pixel on average"
+    );
+    notes.decision("sample-plan", format!("{text}; the error is {worst:.4} where {asked} was asked for"));
+    if short > 0 {
+        let text = format!(
+            "`{view}`: {most} samples a pixel leave {short} of {all} blocks of pixels with a standard error above the {asked} \
+             asked for, up to {worst:.4}"
+        );
+        // Errors fall with the root of the samples.
+        let ratio = worst / asked;
+        let mut hint = match round_up(f64::from(most) * ratio * ratio) {
+            needed if needed <= MOST_SAMPLES => format!("about {needed} `samples` would reach it"),
+            _ => "by this noise it takes more `samples` than may be asked for".to_owned(),
+        };
+        if worst <= LARGEST_ERROR {
+            hint.push_str(&format!(", these a `max_error` of {worst:.2e}"));
+        }
+        notes.degraded("error-not-reached", format!("{text}; {hint}"));
+    }
+}
+
+/// The largest error that may be asked for: see the range of `max_error`.
+const LARGEST_ERROR: f64 = 1.0;
+/// The most samples that may be asked for: see the range of `samples`.
+const MOST_SAMPLES: u64 = 1 << 20;
+
+/// A number of samples rounded up to two digits.
+fn round_up(samples: f64) -> u64 {
+    let samples = samples.ceil() as u64;
+    let mut step = 1_u64;
+    while samples / step >= 100 {
+        step *= 10;
+    }
+    samples.div_ceil(step).saturating_mul(step)
+}
+
+/// Tells that paths through objects were too long.
+fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
+    if share > 0.01 {
+        let text = format!(
+            "`{view}`: {:.0} % of the samples of the objects meet more than {} surfaces one after the other, and what light \
+             comes from beyond is lost: glass behind glass, mirrors in mirrors and bright hollows are too dark",
+            100.0 * share,
+            max_bounces + 1
+        );
+        notes.warning("paths-cut", format!("{text}; raise `max_bounces`"));
+    }
+}
+
+/// Tells which of several objects no picture shows, where others are seen.
+pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
+    let of = |wanted: Unseen| {
+        let found = unseen.iter().enumerate().filter(move |(_, one)| **one == Some(wanted));
+        found.map(|(index, _)| index.to_string()).collect::<Vec<_>>()
+    };
+    let (hidden, outside) = (of(Unseen::Hidden), of(Unseen::Outside));
+    let named = |indices: &[String]| {
+        let word = if indices.len() == 1 { "object" } else { "objects" };
+        format!("{word} {}", indices.join(", "))
+    };
+    if !hidden.is_empty() {
+        let text = format!("the receiver hides {} from every camera", named(&hidden));
+        notes.warning(
+            "object-hidden",
+            format!("{text}; behind a wall or under the ground? `snap` puts it on the mesh"),
+        );
+    }
+    if !outside.is_empty() {
+        let text = format!("no picture shows {}", named(&outside));
+        notes.decision(
+            "object-outside",
+            format!("{text}; what it changes of the receiver is traced all the same"),
+        );
+    }
+}
+
+/// A share as people read it.
+fn percent(share: f64) -> String {
+    if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
+}
+
+/// Tells where objects were not asked what they change.
+fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
+    if share > 0.0 {
+        let text = format!(
+            "`{view}`: objects change at most {:.2} % of the light of {} of the chunks of pixels",
+            100.0 * bound,
+            percent(share)
+        );
+        notes.decision(
+            "cropped",
+            format!("{text}, where no ray asks what they do; `crop: 0` asks everywhere"),
+        );
+    }
+}

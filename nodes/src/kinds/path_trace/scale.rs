@@ -1,0 +1,109 @@
+//! Whether the objects are as large as the place asks and where a camera looks: a wrong `metres_per_unit`, `scale` or frame shows
+//! here first.
+
+use engine::Notes;
+use glam::Vec3;
+
+use crate::render::transport::scene::aabb::Aabb;
+use crate::render::transport::scene::receiver::Receiver;
+
+/// An object this many times larger than the whole receiver does not belong in it.
+const TOO_LARGE: f32 = 2.0;
+
+/// Tells which objects, by the boxes around them, are larger than the receiver.
+pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: f64, notes: &mut Notes) {
+    let Some((low, high)) = receiver.bvh.bounds() else { return };
+    let place = (high - low).length();
+    for (index, one) in boxes.iter().enumerate() {
+        let size = one.size();
+        if size > TOO_LARGE * place {
+            let metres = f64::from(size) * metres_per_unit;
+            let text = format!(
+                "object {index} is {} units ({} m) large and the whole receiver {}",
+                short(size),
+                short(metres as f32),
+                short(place)
+            );
+            let hint = "`metres_per_unit` of the scene says how long a unit is, `scale` of the pose how large the object is";
+            notes.warning("object-too-large", format!("{text}; {hint}"));
+        }
+    }
+}
+
+/// Why a camera of some eye may see none of the objects, of which these are the boxes.
+pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
+    if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
+        return format!(
+            "`{camera}` is within the box around object {around} and sees no object, since single-sided surfaces are not seen from \
+             behind; is the object too large, or the camera too near?"
+        );
+    }
+    let mut all: Vec<_> = boxes
+        .iter()
+        .enumerate()
+        .filter(|(_, one)| !one.is_empty())
+        .map(|(i, one)| (one.distance(eye), i))
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let near = all.first().map_or(String::new(), |&(distance, index)| {
+        format!(
+            "; object {index}, {} units large, is {} units away",
+            short(boxes[index].size()),
+            short(distance)
+        )
+    });
+    format!("`{camera}` sees no object{near}: do pose, rig and mesh share a frame and a scale?")
+}
+
+/// A length as people read it.
+pub(crate) fn short(length: f32) -> String {
+    if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::types::Mesh;
+
+    fn cube(at: f32, half: f32) -> Aabb {
+        Aabb { low: Vec3::splat(at - half), high: Vec3::splat(at + half) }
+    }
+
+    /// Mutation: `TOO_LARGE` 0; `is_empty` not asked.
+    #[test]
+    fn what_is_larger_than_the_place_is_told() {
+        let floor = Mesh {
+            positions: vec![[0.0; 3], [6.0, 0.0, 0.0], [0.0, 6.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let receiver = Receiver::new(&floor, DVec3::ZERO);
+        let told = |receiver: &Receiver, half| {
+            let mut notes = Notes::none();
+            report_size(receiver, &[cube(0.0, 1.0), Aabb::EMPTY, cube(0.0, half)], 0.01, &mut notes);
+            notes.iter().map(|note| note.text.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(told(&receiver, 4.0), [""; 0]);
+        let text = &told(&receiver, 50.0)[0];
+        assert!(
+            text.starts_with("object 2 is 173.21 units (1.73 m) large and the whole receiver 8.49;"),
+            "{text}"
+        );
+        assert_eq!(told(&Receiver::default(), 50.0), [""; 0]);
+    }
+
+    #[test]
+    fn a_camera_that_sees_nothing_is_told_where_the_objects_are() {
+        let boxes = [cube(9.0, 1.0), Aabb::EMPTY, cube(5.0, 1.0)];
+        let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes);
+        assert!(
+            text.starts_with("`a` sees no object; object 2, 3.46 units large, is 2.00 units away:"),
+            "{text}"
+        );
+        let text = why_not_seen("a", Vec3::splat(8.5), &boxes);
+        assert!(text.starts_with("`a` is within the box around object 0"), "{text}");
+        assert!(why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY]).starts_with("`a` sees no object: do"));
+    }
+}

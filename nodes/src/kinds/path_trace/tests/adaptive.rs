@@ -1,0 +1,200 @@
+//! Samples where they are needed, and what is told of the error that is left.
+
+use super::*;
+use crate::types::Cell;
+
+fn until(error: f64, samples: u32) -> PathTrace {
+    PathTrace { max_error: Some(error), ..params(samples, EnvBlock::Solid) }
+}
+
+/// The scene of [`shadowed`] seen from so far that most of it is not in the shadow.
+fn far(size: u32) -> (Mesh, Vec<Arc<Placed>>, Arc<Rig>) {
+    let (plane, objects, _) = shadowed();
+    (plane, objects, rig(DVec3::new(0.0, -4.0, 2.5), DVec3::new(0.0, 0.0, 0.2), size, 2.0))
+}
+
+fn layers(out: &Out) -> [&[f32]; 4] {
+    [&out.without, &out.with, &out.object, &out.variance].map(|images| samples(images))
+}
+
+/// The row of the plan in the report.
+fn plan(out: &Out) -> Vec<f64> {
+    let table = out.report.tables.iter().find(|table| table.name == "samples").expect("a plan");
+    let number = |cell: &Cell| match *cell {
+        Cell::Number(v) => Some(v),
+        Cell::Count(n) => Some(n as f64),
+        _ => None,
+    };
+    table.rows[0].iter().filter_map(number).collect()
+}
+
+// An error that all samples do not reach gives the picture of all samples, one that the first reach gives theirs,
+// bit for bit; between them every pixel is that of one or the other.
+#[test]
+fn blocks_are_those_of_whole_pictures() {
+    let (plane, objects, rig) = far(96);
+    let render = |p: &PathTrace| render(p, &plane, &objects, &rig, &sunny());
+    let (few, all) = (render(&params(4, EnvBlock::Solid)).0, render(&params(16, EnvBlock::Solid)).0);
+    let (never, notes) = render(&until(1e-6, 16));
+    let whole = samples(&never.with).chunks(3).zip(samples(&all.with).chunks(3));
+    let same = whole.filter(|(a, b)| a == b).count();
+    assert!(same > 96 * 96 * 9 / 10, "{same}: blocks that nothing touches have no error");
+    assert!(notes.is_degraded() && notes.iter().any(|n| n.id == "error-not-reached"));
+    let (at_once, notes) = render(&until(1.0, 16));
+    assert_eq!(layers(&at_once), layers(&few));
+    assert!(!notes.is_degraded());
+
+    let (some, _) = render(&until(0.06, 16));
+    let [mut first, mut more] = [0, 0];
+    for ((some, few), all) in
+        layers(&some)[1].chunks(3).zip(layers(&few)[1].chunks(3)).zip(layers(&all)[1].chunks(3))
+    {
+        assert!(some == few || some == all);
+        first += usize::from(some == few && some != all);
+        more += usize::from(some == all && some != few);
+    }
+    assert!(first > 1_000 && more > 1_000, "{first} {more}");
+}
+
+// An error is judged by a first chunk of samples, however few are asked for.
+#[test]
+fn fewer_samples_than_the_first_are_raised_to_it() {
+    let (plane, objects, rig) = far(16);
+    let render = |p: &PathTrace| render(p, &plane, &objects, &rig, &sunny());
+    let raised = |notes: &Notes| notes.iter().any(|n| n.id == "first-samples");
+    let (four, notes) = render(&until(1e-6, 4));
+    assert!(!raised(&notes));
+    for samples in [1, 3] {
+        assert!(PathTrace::check(&until(1e-6, samples)).is_ok());
+        let (out, notes) = render(&until(1e-6, samples));
+        assert_eq!(layers(&out), layers(&four));
+        assert!(raised(&notes) && notes.is_degraded(), "what 4 do not reach is told");
+        assert!(!raised(&render(&params(samples, EnvBlock::Solid)).1));
+    }
+}
+
+// What is asked for is reached, by the node's own account, with fewer rays than samples everywhere take, and for any
+// number of threads alike.
+#[test]
+fn the_error_asked_for_is_reached() {
+    let (plane, objects, rig) = far(96);
+    let trace = |p: &PathTrace, threads| {
+        let cx = context();
+        let (out, notes) =
+            rayon_pool(threads).install(|| render_in(&cx, p, &plane, &objects, &rig, &sunny()));
+        (out, notes, cx.counts()["rays"])
+    };
+    let (out, notes, rays) = trace(&until(0.05, 256), 3);
+    let [asked, predicted, reached, blocks, more, short, mean] = plan(&out)[..] else { panic!("a row") };
+    assert!(!notes.is_degraded() && short == 0.0, "{reached} {short}");
+    assert!(asked == 0.05 && reached <= asked && reached > 0.3 * asked, "{reached}");
+    assert!(predicted > 0.5 * reached && predicted < 4.0 * reached, "{predicted} {reached}");
+    assert!(blocks == 9.0 && (1.0..9.0).contains(&more), "{more}");
+    assert!((4.0..128.0).contains(&mean));
+    assert_eq!(layers(&trace(&until(0.05, 256), 1).0), layers(&out));
+    let sixteenth = trace(&params(16, EnvBlock::Solid), 3).2;
+    assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
+}
+
+/// Renders of other seeds, and of each a value a pixel and what is told of its variance.
+fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
+    let (plane, objects, rig) = shadowed();
+    let render = |seed| {
+        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 100 + seed }, ".");
+        let (out, _) = render_in(&cx, p, &plane, &objects, &rig, &sunny());
+        let of = |images: &Images, i: usize| {
+            let channels = images.0[0].picture.size().2;
+            f64::from(luminance(std::array::from_fn(|k| samples(images)[i * channels + k])))
+        };
+        let value = |i: usize| match layer {
+            0 => of(&out.without, i),
+            2 => of(&out.object, i),
+            _ => of(&out.with, i) / of(&out.without, i),
+        };
+        (0..32 * 32).map(|i| [value(i), f64::from(samples(&out.variance)[i * 4 + layer])]).collect()
+    };
+    (0..n).map(render).collect()
+}
+
+// The variance that is told is that of twenty seeds, or up to a few times as much, since it takes stratified
+// samples for independent ones.
+#[test]
+fn variance_is_that_of_many_seeds() {
+    for n in [2, 4, 16] {
+        for layer in [0, 2, 3] {
+            let outs = seeds(&params(n, EnvBlock::Solid), 20, layer);
+            let (mut told, mut is) = (0.0, 0.0);
+            for i in 0..32 * 32 {
+                let mean = outs.iter().map(|out| out[i][0]).sum::<f64>() / 20.0;
+                is += outs.iter().map(|out| (out[i][0] - mean) * (out[i][0] - mean)).sum::<f64>() / 19.0;
+                told += outs.iter().map(|out| out[i][1]).sum::<f64>() / 20.0;
+            }
+            // What no edge cuts is all but exact after four samples; strata gain the more, the more there are.
+            let most = if layer == 3 { 3.0 + f64::from(n) } else { f64::INFINITY };
+            assert!(is > 0.0 && told >= 0.9 * is && told <= most * is, "{n}, {layer}: {told} of {is}");
+        }
+    }
+}
+
+/// Shares of pixels of some noise that lie two and three of their standard errors or more from another render.
+fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
+    let pairs = a.iter().zip(b).filter(|([_, v], [_, w])| v + w > 0.0);
+    let z: Vec<f64> = pairs.map(|([a, v], [b, w])| (a - b).abs() / (v + w).sqrt()).collect();
+    let share = |k: f64| z.iter().filter(|&&z| z > k).count() as f64 / z.len() as f64;
+    ([share(2.0), share(3.0)], z.len() as f64)
+}
+
+// The z-test between two seeds: no more pixels are far apart than their errors allow, to three deviations of the
+// count, and enough are apart to show that the errors are not made up.
+#[test]
+fn two_seeds_agree_to_their_errors() {
+    for layer in [0, 2, 3] {
+        let outs = seeds(&params(16, EnvBlock::Solid), 2, layer);
+        let (shares, n) = beyond(&outs[0], &outs[1]);
+        for (share, expected) in shares.into_iter().zip([0.0455_f64, 0.0027]) {
+            let most = expected + 3.0 * (expected * (1.0 - expected) / n).sqrt();
+            assert!(share <= most, "layer {layer}: {share} beyond, at most {most}");
+        }
+        let moved = outs[0].iter().zip(&outs[1]).filter(|(a, b)| a[0] != b[0]).count() as f64;
+        assert!(moved >= 0.9 * n);
+    }
+}
+
+// Stopping at an error does not bend what is told: the interval of two standard errors around a pixel holds the
+// mean of other seeds as often as it should, where samples are adapted too.
+#[test]
+fn intervals_cover_where_samples_are_adapted() {
+    let outs = seeds(&until(0.03, 64), 20, 3);
+    let truth = seeds(&params(256, EnvBlock::Solid), 4, 3);
+    let (mut within, mut all, mut bias) = (0.0, 0.0, 0.0);
+    for i in 0..32 * 32 {
+        let mean = truth.iter().map(|out| out[i][0]).sum::<f64>() / 4.0;
+        for [value, variance] in outs.iter().map(|out| out[i]).filter(|[_, variance]| *variance > 0.0) {
+            within += f64::from(u8::from((value - mean).abs() <= 2.0 * variance.sqrt()));
+            bias += value - mean;
+            all += 1.0;
+        }
+    }
+    assert!(within / all > 0.91, "{}", within / all);
+    assert!((bias / all).abs() < 2e-3, "{}", bias / all);
+}
+
+/// Where the error is not reached the note tells what would reach it: errors fall with the root of the samples.
+#[test]
+fn what_would_reach_the_error_is_told() {
+    use crate::kinds::path_trace::reporting::report_plan;
+    use crate::render::transport::picture::accumulator::ReachedError;
+    let told = |asked: f64, worst: f64| {
+        let reached = ReachedError { asked, worst, predicted: worst, blocks: [4, 3, 2], samples: 16.0 };
+        let mut notes = Notes::none();
+        report_plan("v", &reached, 16, &mut notes);
+        assert!(notes.is_degraded());
+        notes.iter().find(|n| n.id == "error-not-reached").map(|n| n.text.clone()).expect("a note")
+    };
+    let text = told(0.01, 0.051);
+    assert!(
+        text.contains("16 samples a pixel leave 2 of 4 blocks") && text.contains("above the 0.01 asked for")
+    );
+    assert!(text.contains("about 420 `samples`") && text.contains("`max_error` of 5.10e-2"), "{text}");
+    assert!(told(1e-6, 0.05).contains("more `samples` than may be asked for"));
+}

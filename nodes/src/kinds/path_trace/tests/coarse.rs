@@ -1,0 +1,40 @@
+//! One pixel for a block: what a preview traces.
+
+use super::*;
+
+// Each pixel of a coarse picture is, bit for bit in what no random number decides, the one of the whole picture that
+// stands for its block; and a block of n by n pixels costs one of them.
+#[test]
+fn a_block_is_the_pixel_that_stands_for_it() {
+    let (plane, objects, rig) = shadowed();
+    // No multiple of the block.
+    let mut rig = Rig::clone(&rig);
+    (rig.cameras[0].width_px, rig.cameras[0].height_px) = (30, 21);
+    let rig = Arc::new(rig);
+    let trace = |coarse_px: u32| {
+        let cx = context();
+        let params = PathTrace { coarse_px, ..params(16, EnvBlock::Solid) };
+        let (out, _) = render_in(&cx, &params, &plane, &objects, &rig, &white());
+        (out, cx.counts()["camera_rays"])
+    };
+    let ((whole, rays), (coarse, fewer)) = (trace(1), trace(4));
+    assert!(fewer * 13 < rays, "8 by 6 blocks for 30 by 21 pixels: {fewer} of {rays} rays");
+    let middle = |v: usize, size: usize| (v / 4 * 4 + 2).min(size - 1);
+    let pixels = || (0..21).flat_map(|y| (0..30).map(move |x| (x, y)));
+    // What a picture has where the blocks of the coarse one look.
+    let looked_at = |images: &Images| -> Vec<f32> {
+        let channels = images.0[0].picture.size().2;
+        let pixel = |(x, y)| &samples(images)[(middle(y, 21) * 30 + middle(x, 30)) * channels..][..channels];
+        pixels().flat_map(pixel).copied().collect()
+    };
+    for (a, b) in [(&whole.depth, &coarse.depth), (&whole.normal, &coarse.normal)] {
+        assert_eq!(a.0[0].picture.size(), b.0[0].picture.size());
+        assert_eq!(looked_at(a), samples(b));
+    }
+    for (a, b) in [(&whole.without, &coarse.without), (&whole.with, &coarse.with)] {
+        let a = crate::math::num::ordered_sum(looked_at(a)) / samples(b).len() as f64;
+        assert!((mean(b) / a - 1.0).abs() < 0.05, "{} for {a}", mean(b));
+    }
+    let alpha = |o: Vec<f32>| o.chunks(4).map(|o| o[3]).collect::<Vec<_>>();
+    assert_eq!(alpha(looked_at(&whole.object)), alpha(samples(&coarse.object).to_vec()));
+}

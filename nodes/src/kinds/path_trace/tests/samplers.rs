@@ -1,0 +1,112 @@
+//! Choices at random that have no density of their own: where in a pixel, whether a path goes on, whether a surface is met.
+//! Samplers of directions and places have their chi-square tests beside them.
+
+use super::*;
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, hash, stream};
+use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::picture::camera_rays::CameraRays;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::scene::supports::Ground;
+use crate::render::transport::sky::environment::EnvironmentLight;
+use crate::testing::chi_square;
+
+/// A receiver that lets the sky through and sends no light.
+pub(super) fn matte_rules() -> Rules {
+    Rules {
+        block: Block::Pass,
+        bounce_solid: false,
+        specular_env: true,
+        printed: false,
+        near: None,
+        max_bounces: 8,
+        clamp: f32::MAX,
+    }
+}
+
+/// How often something came and did not, of so many independent samples, against its probability.
+fn expect_share(what: &str, probability: f64, happens: impl Fn(u32) -> bool) {
+    let n = 100_000;
+    let count = f64::from((0..n).map(|i| u32::from(happens(i))).sum::<u32>());
+    let (n, expected) = (f64::from(n), f64::from(n) * probability);
+    let z = chi_square(&[count, n - count], &[expected, n - expected]);
+    assert!(z < 4.0, "{what}: {count} of {n} for {expected}");
+}
+
+/// A box filter: the first sample of each of many seeds lies anywhere in its pixel, as likely as elsewhere.
+/// Mutation: `points.pair(0)` squared in `CameraRays::sample` (seen red).
+#[test]
+fn samples_fill_their_pixel_evenly() {
+    let (rig, ground) = (inside(), Ground::default());
+    let mut counts = vec![0.0; 16 * 16];
+    let n = 50_000;
+    for seed in 0..n {
+        let camera = CameraRays::new(&rig.cameras[0], DVec3::ZERO, seed, &ground, 1);
+        let (_, _, ray) = camera.sample((7, 12), 0);
+        let [x, y, z] = camera.axes.map(|axis| axis.dot(ray.direction.as_dvec3()));
+        let lens = camera.camera;
+        let place = [lens.fx * x / z + lens.cx - 7.0, lens.fy * y / z + lens.cy - 12.0];
+        let [column, row] = place.map(|v| {
+            assert!((-1e-5..1.0 + 1e-5).contains(&v), "{v}");
+            ((16.0 * v) as usize).min(15)
+        });
+        counts[16 * row + column] += 1.0;
+    }
+    let z = chi_square(&counts, &[n as f64 / 256.0; 256]);
+    assert!(z < 4.0, "{z}");
+}
+
+/// Paths that bring little end at random, and those that go on carry what the others would have brought.
+/// Mutation: `throughput / survival` to `throughput`, `0.05` to `0.2` (each seen red).
+#[test]
+fn russian_roulette_keeps_what_paths_bring() {
+    let (receiver, objects) =
+        (Receiver::new(&plane(1.0), DVec3::ZERO), Objects::new(None, &[], DVec3::ZERO).expect("none"));
+    let sky = EnvironmentLight::new(&white());
+    let rules = matte_rules();
+    let scene =
+        Traced { receiver: &receiver, objects: &objects, sky: &sky, rules: &rules, light_points: None };
+    for (throughput, survival) in [(2.0_f32, 0.95), (0.6, 0.6), (0.1, 0.1), (0.001, 0.05)] {
+        let throughput = Vec3::new(0.25, 1.0, 0.5) * throughput;
+        let left = |i: u32, bounce: u32| {
+            let points = Points::new(stream(6, i, 0), 0);
+            Integrator::new(scene, points, 0, false).russian_roulette(bounce, throughput, 1.0)
+        };
+        expect_share("survival", survival, |i| left(i, 3).is_some());
+        for i in 0..100 {
+            assert_eq!(left(i, 0), Some(throughput), "short paths go on");
+            let brought = left(i, 5).map_or(1.0, |left| left.y * survival as f32 / throughput.y);
+            assert!((brought - 1.0).abs() < 1e-6, "{brought}");
+        }
+    }
+}
+
+/// A surface of some alpha is met so often, one that lets light pass straight as often as it does not, whichever ray asks.
+/// Mutation: `< coverage` to `<= coverage * coverage` in `Objects::accepts`, `!key` to `1` in `Objects::closest_straight`
+/// (each seen red).
+#[test]
+fn surfaces_are_met_as_often_as_they_hide() {
+    let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), Vec3::NEG_Z);
+    let key = |i: u32| hash(hash(stream(7, i % 100, 3), i / 100), 5);
+    let of = |material| {
+        Objects::new(None, &[placed(&plane(1.0), material, DVec3::ZERO)], DVec3::ZERO).expect("one")
+    };
+    for alpha in [0.02_f32, 0.3, 0.9] {
+        let mut material = Material { alpha_mode: crate::types::AlphaMode::Blend, ..matte(0.5) };
+        material.base_colour[3] = alpha;
+        let objects = of(material);
+        let met = |i| objects.bvh.any(ray, |hit| objects.accepts(hit, key(i), false));
+        expect_share("alpha", f64::from(alpha), met);
+    }
+    for colour in [0.3_f32, 0.8] {
+        let mut wall = materials::clear(1.0, None, 1.0);
+        wall.base_colour[..3].fill(colour);
+        let objects = of(wall);
+        expect_share("straight", 1.0 - f64::from(colour), |i| {
+            objects.closest_straight(ray, key(i)).is_some()
+        });
+    }
+}

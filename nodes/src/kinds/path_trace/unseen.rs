@@ -1,0 +1,67 @@
+//! Which of several objects no picture shows.
+
+use engine::{Context, NodeError};
+
+use crate::render::transport::picture::tracing::Tracing;
+
+use crate::render::transport::path::integrator::Scene;
+use crate::render::transport::picture::accumulator::FinishedView;
+use crate::render::transport::picture::camera_rays::CameraRays;
+use crate::render::transport::picture::film::{Area, TILE};
+use crate::render::transport::picture::first_hit::is_before;
+
+/// Why no picture shows an object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Unseen {
+    /// The receiver is before it wherever a camera looks at it.
+    Hidden,
+    /// No camera looks at it, or nothing of it shows itself to one.
+    Outside,
+}
+
+/// Which objects none of the pictures shows. Objects before one another hide nothing here, as they may be of glass.
+pub(crate) fn of(tracing: &Tracing<'_>, views: &[FinishedView]) -> Result<Vec<Option<Unseen>>, NodeError> {
+    let cameras = tracing.cameras.iter().map(|camera| tracing.camera_rays(camera, 1));
+    let pictures: Vec<_> = cameras.zip(views).collect();
+    let scene = tracing.scene();
+    let count = scene.objects.placed().len();
+    (0..count).map(|index| unseen(scene, &pictures, tracing.places(), index, tracing.cx)).collect()
+}
+
+/// Whether and why no picture shows one object.
+fn unseen(
+    scene: Scene<'_>,
+    pictures: &[(CameraRays<'_>, &FinishedView)],
+    places: u32,
+    index: usize,
+    cx: &Context,
+) -> Result<Option<Unseen>, NodeError> {
+    let objects = scene.objects;
+    let mut met = false;
+    // Most objects show themselves in the first sample of some pixel.
+    for places in [0..1, 1..places] {
+        for (camera_rays, view) in pictures {
+            for piece in Area::whole(camera_rays.camera).pieces(TILE) {
+                cx.check()?;
+                for pixel in piece.each().filter(|&pixel| camera_rays.may_show(objects, pixel)) {
+                    // Where no object is seen, one ray tells whether the receiver hides this one.
+                    let shows = view.shows_objects_at(pixel);
+                    let places = if shows || (!met && places.start == 0) { places.clone() } else { 0..0 };
+                    for number in places {
+                        let (.., ray) = camera_rays.sample(pixel, number);
+                        let own = |triangle| objects.part(triangle).0.placed == index;
+                        let hit = objects
+                            .bvh
+                            .closest(ray, |hit| own(hit.triangle) && objects.coverage(hit, true) > 0.0);
+                        let Some(hit) = hit else { continue };
+                        met = true;
+                        if shows && is_before(&scene, camera_rays, ray, &hit, scene.camera_hit(ray)) {
+                            return Ok(None);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    Ok(Some(if met { Unseen::Hidden } else { Unseen::Outside }))
+}

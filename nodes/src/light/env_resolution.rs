@@ -1,0 +1,132 @@
+//! How many columns of an environment the objects and its lights need.
+//!
+//! Every node before this one pays for the pixels of the panorama. A texel blurs what it shows over its width: that is
+//! not seen in a reflection which the material blurs more, nor in the edge of a shadow, which is as wide as the light.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use engine::Notes;
+
+use crate::light::regions;
+use crate::math::color::luminance;
+use crate::math::equirect::pixel_solid_angle;
+use crate::math::num;
+use crate::types::{Environment, Material, Object, Placed};
+
+/// Texels across the lobe of the smoothest material, at half of its height.
+const ACROSS_LOBE: f64 = 4.0;
+/// Texels across the smallest light.
+const ACROSS_LIGHT: f64 = 8.0;
+/// What outshines the mean so many times is a light, and counts if it gives this share of the whole.
+const BRIGHT: f64 = 16.0;
+const SHARE: f64 = 0.05;
+/// No fewer columns are advised.
+const LEAST: usize = 64;
+
+/// What an environment must resolve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct EnvResolution {
+    /// A power of two, or the most that may be.
+    pub(crate) columns: usize,
+    /// Of the smoothest surface that reflects; none where all is matte.
+    roughness: Option<f64>,
+    /// Width of the smallest light, in degrees; none where there is none.
+    light_deg: Option<f64>,
+}
+
+impl EnvResolution {
+    /// For some objects in an environment, of which there are so many columns at most. It may be seen by fewer than
+    /// those.
+    pub(crate) fn of(environment: &Environment, objects: &[Arc<Placed>], most: usize) -> Self {
+        let materials = objects.iter().flat_map(|placed| {
+            placed.object.materials_in_use().filter_map(|material| smoothest(&placed.object, material))
+        });
+        let roughness = materials.reduce(f64::min);
+        // Seen by fewer columns than there may be, a light looks wider by less than half of a texel.
+        let texel = 2.0 * PI / environment.image.width.max(1) as f64;
+        let blur = if environment.image.width < most { texel / 2.0 } else { 0.0 };
+        let light = smallest_light(environment).map(|width| (width - blur).max(blur));
+        // Facets of roughness r tilt by 0.64 r^2 where their density is half of the peak, reflections by twice that.
+        let lobe = roughness.map(|r| 2.0 * num::atan2(0.64 * r * r, 1.0) / ACROSS_LOBE);
+        let texel = [lobe, light.map(|width| width / ACROSS_LIGHT)].into_iter().flatten().fold(PI, f64::min);
+        // A mirror asks for as many as there are.
+        let columns = (2.0 * PI / texel.max(1e-9)).min(most as f64) as usize;
+        Self {
+            columns: columns.max(LEAST).next_power_of_two().min(most.max(LEAST)),
+            roughness,
+            light_deg: light.map(f64::to_degrees),
+        }
+    }
+
+    /// Tells where half of the columns or fewer would do.
+    pub(crate) fn report(&self, environment: &Environment, notes: &mut Notes) {
+        let there = environment.image.width;
+        if 2 * self.columns > there {
+            return;
+        }
+        let text = format!("the environment has {there} columns where {} do: {}", self.columns, self.why());
+        notes.decision(
+            "finer-than-needed",
+            format!(
+                "{text}; a smaller panorama looks the same and is faster: `fit-probe` makes it, or `width_px` where the \
+                 graph says so"
+            ),
+        );
+    }
+
+    /// What asks for as many columns, in words.
+    pub(crate) fn why(&self) -> String {
+        let surface = match self.roughness {
+            Some(roughness) => format!("the smoothest surface of the objects has roughness {roughness:.2}"),
+            None => "the objects are matte".to_owned(),
+        };
+        let light = match self.light_deg {
+            Some(width) => format!("the smallest light is {width:.1} degrees wide"),
+            None => "no light stands out".to_owned(),
+        };
+        format!("{surface}, {light}")
+    }
+}
+
+/// The least roughness with which a material reflects; none where it does not.
+pub(crate) fn smoothest(object: &Object, material: &Material) -> Option<f64> {
+    let texture = material.metallic_roughness_texture;
+    // Of a texture that is not there the worst is assumed.
+    let least = |texture: usize| {
+        let codes = object.textures.get(texture)?.rgba.chunks_exact(4).map(|texel| texel[1]);
+        codes.min().map(|code| f64::from(code) / 255.0)
+    };
+    let texel = texture.map_or(1.0, |map| least(map.texture as usize).unwrap_or(0.0));
+    let glossy = material.ior > 1.0 && material.specular.strength.factor > 0.0;
+    let base = (glossy || material.metallic > 0.0 || material.transmission.factor > 0.0)
+        .then(|| texel * f64::from(material.roughness));
+    let coat = &material.clearcoat;
+    let rough = if coat.roughness.texture.is_some() { 0.0 } else { f64::from(coat.roughness.factor) };
+    let coat = (coat.strength.factor > 0.0).then_some(rough);
+    [base, coat].into_iter().flatten().filter(|_| !material.unlit).reduce(f64::min)
+}
+
+/// The width of a disc as large as the smallest light that counts, in radians. How large a light is, is told by where
+/// its power is, `(int L)^2 / int L^2`: a sun in its aureole is hardly larger than the sun.
+fn smallest_light(environment: &Environment) -> Option<f64> {
+    let image = &environment.image;
+    let (width, height) = (image.width, image.height);
+    let sizes: Vec<f64> = (0..height).map(|y| pixel_solid_angle(width, height, y)).collect();
+    let size = |at: usize| sizes[at / width];
+    let value = |at: usize| {
+        let value = f64::from(luminance(image.rgb(at % width, at / width)));
+        if value.is_finite() { value.max(0.0) } else { 0.0 }
+    };
+    let whole = (0..width * height).map(|at| value(at) * size(at)).sum::<f64>();
+    let mask: Vec<bool> = (0..width * height).map(|at| value(at) * 4.0 * PI > BRIGHT * whole).collect();
+    let lights = regions::label(&mask, width);
+    let mut sums = vec![[0.0; 2]; lights.count];
+    for (at, light) in lights.of.iter().enumerate().filter_map(|(at, light)| Some((at, (*light)? as usize))) {
+        sums[light][0] += value(at) * size(at);
+        sums[light][1] += value(at) * value(at) * size(at);
+    }
+    let counts = sums.into_iter().filter(|[power, _]| *power >= SHARE * whole);
+    // Divided twice, since the square of a bright light may overflow.
+    counts.map(|[power, squares]| 2.0 * (power / squares * power / PI).sqrt()).reduce(f64::min)
+}

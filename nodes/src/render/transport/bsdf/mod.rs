@@ -1,0 +1,248 @@
+//! How a surface scatters light.
+//!
+//! The receiver is matte. Objects are glTF materials: from the top down a clear coat, a sheen, and a base that
+//! is metal and dielectric in shares, the dielectric a gloss over matte, translucent or transparent stuff. Each
+//! layer passes on what its directional albedo leaves, so that nothing makes light and white loses none.
+//!
+//! The lobes fall into two classes, each an integrand of its own that is sampled on its own and weighed
+//! against light samples on its own, because the scene may be visible to one and transparent to the other.
+
+mod albedo;
+mod ggx;
+mod glass;
+mod gloss;
+mod layers;
+mod sheen;
+#[cfg(test)]
+mod tests;
+mod thin_film;
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::Vec3;
+
+use crate::geometry::sampling::{Points, circle};
+pub use layers::{Layers, straight};
+
+/// A class of lobes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Lobe {
+    /// Light that entered the surface and left in any direction, and sheen.
+    Diffuse,
+    /// Light reflected at or bent by an interface.
+    Specular,
+}
+
+/// What one class of lobes does for a pair of directions.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Scatter {
+    /// Value times the cosine of the incident direction.
+    pub value: Vec3,
+    /// Density of sampling this incident direction by this class, choice of lobe included.
+    pub pdf: f32,
+}
+
+/// Parameters of a surface point, textures already looked up. See the types of the same names in
+/// [`types`](crate::types).
+#[derive(Debug, Clone, Copy)]
+pub struct BsdfParams {
+    /// Linear base colour.
+    pub base: Vec3,
+    /// 0 dielectric to 1 metal.
+    pub metallic: f32,
+    /// Perceptual roughness.
+    pub roughness: f32,
+    /// Index of refraction; 1 means no interface at all.
+    pub ior: f32,
+    /// Scale of the dielectric's reflectance, and its tint at normal incidence.
+    pub specular: (f32, Vec3),
+    /// Share of the light below the dielectric's interface that passes on.
+    pub transmission: f32,
+    /// Whether what passes is bent; else the surface is a thin wall.
+    pub thick: bool,
+    /// Whether this is the inner side of a thick body.
+    pub inside: bool,
+    /// Whether what passes is left out, because the ray that came here has gone straight on as well.
+    pub blocked: bool,
+    /// Share of the matte light that leaves on the other side, and its colour.
+    pub through: (f32, Vec3),
+    /// Strength of the brush; its direction is the tangent of the frame.
+    pub anisotropy: f32,
+    /// Share, index and thickness in nanometres of a thin film.
+    pub film: (f32, f32, f32),
+    /// Colour and roughness of the sheen.
+    pub sheen: (Vec3, f32),
+    /// Share and roughness of the clear coat.
+    pub coat: (f32, f32),
+    /// Whether lobes of no strength are evaluated like any other.
+    pub every_lobe: bool,
+}
+
+impl Default for BsdfParams {
+    /// White and matte, of index 1.5.
+    fn default() -> Self {
+        Self {
+            base: Vec3::ONE,
+            metallic: 0.0,
+            roughness: 1.0,
+            ior: 1.5,
+            specular: (1.0, Vec3::ONE),
+            transmission: 0.0,
+            thick: false,
+            inside: false,
+            blocked: false,
+            through: (0.0, Vec3::ONE),
+            anisotropy: 0.0,
+            film: (0.0, 1.3, 0.0),
+            sheen: (Vec3::ZERO, 0.0),
+            coat: (0.0, 0.0),
+            every_lobe: false,
+        }
+    }
+}
+
+/// An orthonormal frame; columns.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame([Vec3; 3]);
+
+impl Frame {
+    /// Around a unit vector (Duff et al. 2017).
+    pub fn around(n: Vec3) -> Self {
+        let sign = 1.0_f32.copysign(n.z);
+        let a = -1.0 / (sign + n.z);
+        let b = n.x * n.y * a;
+        Self([
+            Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
+            Vec3::new(b, sign + n.y * n.y * a, -n.y),
+            n,
+        ])
+    }
+
+    /// Around a unit vector, the first axis as near as may be to `tangent`.
+    pub fn along(n: Vec3, tangent: Vec3) -> Self {
+        match (tangent - n * n.dot(tangent)).try_normalize() {
+            Some(t) => Self([t, n.cross(t), n]),
+            None => Self::around(n),
+        }
+    }
+
+    /// The third axis.
+    pub fn normal(&self) -> Vec3 {
+        self.0[2]
+    }
+
+    /// A direction of the scene in this frame.
+    fn to(&self, d: Vec3) -> Vec3 {
+        Vec3::new(d.dot(self.0[0]), d.dot(self.0[1]), d.dot(self.0[2]))
+    }
+
+    /// A direction of this frame in the scene.
+    pub(super) fn from(&self, d: Vec3) -> Vec3 {
+        self.0[0] * d.x + self.0[1] * d.y + self.0[2] * d.z
+    }
+
+    /// The direction of a viewer in this frame, lifted above the horizon.
+    fn viewer(&self, out: Vec3) -> Vec3 {
+        let local = self.to(out);
+        Vec3::new(local.x, local.y, local.z.max(1e-4)).normalize()
+    }
+}
+
+/// The normal nearest to a bent one, on the way to that of the surface, off which the viewer sees what lies above the
+/// surface: light mirrored from below it would be lost.
+pub fn mirroring(bent: Vec3, surface: Vec3, out: Vec3) -> Vec3 {
+    let least = (0.9 * out.dot(surface)).min(0.01);
+    let sees_above = |normal: Vec3| 2.0 * normal.dot(out) * normal.dot(surface) - out.dot(surface) >= least;
+    if sees_above(bent) {
+        return bent;
+    }
+    let between = |t: f32| bent.lerp(surface, t).normalize_or(surface);
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..10 {
+        let middle = 0.5 * (low + high);
+        if sees_above(between(middle)) { high = middle } else { low = middle }
+    }
+    between(high)
+}
+
+/// A direction over the frame in proportion to its cosine.
+fn cosine([u, v]: [f32; 2]) -> Vec3 {
+    let (sin, cos) = circle(u);
+    let r = v.sqrt();
+    Vec3::new(r * cos, r * sin, (1.0 - v).max(0.0).sqrt())
+}
+
+/// A surface point seen from a direction.
+#[derive(Debug, Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "it lives on the stack for one vertex of a path")]
+pub enum Bsdf {
+    /// Lambert's, of an albedo: the receiver.
+    Matte {
+        /// Around the geometric normal on the side of the viewer.
+        frame: Frame,
+        /// Linear.
+        albedo: Vec3,
+    },
+    /// A material of an object.
+    Layers(Layers),
+}
+
+impl Bsdf {
+    /// A matte surface of the given albedo. `normal` is the geometric normal on the side of the viewer.
+    pub fn matte(normal: Vec3, albedo: Vec3) -> Self {
+        Self::Matte { frame: Frame::around(normal), albedo }
+    }
+
+    /// The unit normal of the side that all its light comes from, if it comes from one.
+    pub fn lit_side(&self) -> Option<Vec3> {
+        match self {
+            Self::Matte { frame, .. } => Some(frame.normal()),
+            Self::Layers(layers) => layers.lit_side(),
+        }
+    }
+
+    /// What is left towards the viewer of what shines under its coat and sheen.
+    pub fn under(&self) -> f32 {
+        match self {
+            Self::Matte { .. } => 1.0,
+            Self::Layers(layers) => layers.under(),
+        }
+    }
+
+    /// Whether it is matte and nothing passes it, so that light samples alone find all its light.
+    pub fn is_matte(&self) -> bool {
+        matches!(self, Self::Matte { .. })
+    }
+
+    /// The albedo of a matte surface; that of others is not told.
+    pub fn matte_albedo(&self) -> Option<Vec3> {
+        match self {
+            Self::Matte { albedo, .. } => Some(*albedo),
+            Self::Layers(_) => None,
+        }
+    }
+
+    /// Diffuse and specular lobes for light from the unit direction `incident`.
+    pub fn eval(&self, incident: Vec3) -> [Scatter; 2] {
+        match self {
+            Self::Matte { frame, albedo } => {
+                let pdf = incident.dot(frame.normal()).max(0.0) * FRAC_1_PI;
+                [Scatter { value: *albedo * pdf, pdf }, Scatter::default()]
+            }
+            Self::Layers(layers) => layers.eval(incident),
+        }
+    }
+
+    /// A class and an incident direction in proportion to it, with what that class does there. None where
+    /// the direction does not leave on its side of the surface.
+    pub fn sample(&self, points: &Points, pair: u32) -> Option<(Lobe, Vec3, Scatter)> {
+        let point = points.pair(pair);
+        let (lobe, incident) = match self {
+            Self::Matte { frame, .. } => (Lobe::Diffuse, frame.from(cosine(point))),
+            Self::Layers(layers) => layers.sample(point, points.pair(pair + 1)[0])?,
+        };
+        let incident = incident.normalize_or_zero();
+        let scatter = self.eval(incident)[lobe as usize];
+        (scatter.pdf > 0.0 && scatter.value.is_finite()).then_some((lobe, incident, scatter))
+    }
+}

@@ -1,0 +1,43 @@
+//! Sheen: the grazing shine of cloth (Estevez and Kulla 2017, Production friendly microfacet sheen BRDF),
+//! as KHR_materials_sheen has it.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use crate::geometry::sampling::circle;
+use crate::math::num;
+
+/// Density of [`uniform`].
+pub const UNIFORM: f32 = 0.5 / PI;
+
+/// A direction above, all alike.
+pub fn uniform([u, v]: [f32; 2]) -> Vec3 {
+    let (sin, cos) = circle(u);
+    let r = (1.0 - v * v).max(0.0).sqrt();
+    Vec3::new(r * cos, r * sin, v)
+}
+
+/// The fit of the masking of fibres; between the coefficients for a width of 0 and of 1 by the square.
+fn fit(x: f32, alpha: f32) -> f32 {
+    let t = (1.0 - alpha) * (1.0 - alpha);
+    let at = |wide: f32, narrow: f32| wide + (narrow - wide) * t;
+    let (a, b, c) = (at(21.5473, 25.3245), at(3.82987, 3.32435), at(0.19823, 0.16801));
+    let (d, e) = (at(-1.97760, -1.27393), at(-4.32054, -4.85967));
+    a / (1.0 + b * num::powf(x, c)) + d * x + e
+}
+
+fn lambda(cosine: f32, alpha: f32) -> f32 {
+    let exponent =
+        if cosine < 0.5 { fit(cosine, alpha) } else { 2.0 * fit(0.5, alpha) - fit(1.0 - cosine, alpha) };
+    num::f32::exp(exponent)
+}
+
+/// Value of a white sheen times the cosine of the incident direction, both directions above.
+pub fn value(out: Vec3, incident: Vec3, roughness: f32) -> f32 {
+    let alpha = (roughness * roughness).clamp(0.01, 1.0);
+    let half = (out + incident).normalize_or(Vec3::Z);
+    let sin = (1.0 - half.z * half.z).max(0.0).sqrt();
+    let d = (2.0 + 1.0 / alpha) * num::powf(sin, 1.0 / alpha) / (2.0 * PI);
+    d / ((1.0 + lambda(out.z, alpha) + lambda(incident.z, alpha)) * 4.0 * out.z)
+}

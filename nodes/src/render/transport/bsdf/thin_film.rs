@@ -1,0 +1,71 @@
+//! Iridescence: interference in a thin film (Belcour and Barla 2017, A practical extension to microfacet
+//! theory for the modeling of varying iridescence), as KHR_materials_iridescence has it.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use super::ggx::schlick;
+use super::glass::{cos_refracted, f0_of_ior as from_index};
+use crate::math::num::f32::{cos, exp};
+
+/// Fourier transforms of the CIE sensitivities, each a Gaussian times a wave, in SI units: height, place and
+/// spread; the fourth is the second hump of X.
+const SENSITIVITY: [[f32; 3]; 4] = [
+    [5.4856e-13, 1.6810e6, 4.3278e9],
+    [4.4201e-13, 1.7953e6, 9.3046e9],
+    [5.2481e-13, 2.2084e6, 6.6121e9],
+    [9.7470e-14, 2.2399e6, 4.5282e9],
+];
+/// What the sensitivities are divided by, so that no film gives white.
+const WHITE: f32 = 1.0685e-7;
+
+fn each(v: Vec3, f: impl Fn(f32) -> f32) -> Vec3 {
+    Vec3::from_array(v.to_array().map(f))
+}
+
+/// The colour of a wave over the optical path difference `path` (metres), for a shift of phase a channel.
+fn wave(path: f32, shift: Vec3) -> Vec3 {
+    let phase = 2.0 * PI * path;
+    let at = |[height, place, spread]: [f32; 3], shift: f32| {
+        height * (2.0 * PI * spread).sqrt() * cos(place * phase + shift) * exp(-phase * phase * spread)
+    };
+    let [x, y, z, x2] = SENSITIVITY;
+    let xyz = [at(x, shift.x) + at(x2, shift.x), at(y, shift.y), at(z, shift.z)].map(|v| v / WHITE);
+    // CIE XYZ to linear Rec. 709.
+    Vec3::new(3.240_454_2, -0.969_266, 0.055_643_4) * xyz[0]
+        + Vec3::new(-1.537_138_5, 1.876_010_8, -0.204_025_9) * xyz[1]
+        + Vec3::new(-0.498_531_4, 0.041_556, 1.057_225_2) * xyz[2]
+}
+
+/// The reflectance at normal incidence that, having risen by the share `risen` towards 1 at this cosine, is what a
+/// film of an index and a thickness in nanometres reflects on a base of reflectance `f0`.
+pub fn f0(index: f32, thickness_nm: f32, f0: Vec3, cosine: f32, risen: f32) -> Vec3 {
+    // A film of less than an atom is none.
+    let fade = (thickness_nm / 0.03).min(1.0);
+    let eta = 1.0 + (index - 1.0) * (fade * fade * (3.0 - 2.0 * fade));
+    let Some(inner) = cos_refracted(cosine, eta) else { return Vec3::ONE };
+    let f1 = from_index(eta);
+    let upper = f1 + (1.0 - f1) * schlick(cosine);
+    let passed = 1.0 - upper;
+    // The base below the film, by the indices of which f0 tells.
+    let root = each(f0.clamp(Vec3::ZERO, Vec3::splat(0.9999)), f32::sqrt);
+    let base = (Vec3::ONE + root) / (Vec3::ONE - root);
+    let f2 = each(base, |b| from_index(b / eta));
+    let lower = f2 + (Vec3::ONE - f2) * schlick(inner);
+    // Half a turn at each face behind which the denser medium lies, one of which is the upper from within.
+    let shift = each(base, |b| if b < eta { 2.0 * PI } else { PI });
+
+    // Airy's sum over the bounces within the film: its mean, and two of its waves.
+    let path = 2.0 * eta * (thickness_nm * 1e-9) * inner;
+    let both = (lower * upper).clamp(Vec3::splat(1e-5), Vec3::splat(0.9999));
+    let steady = lower * (passed * passed) / (Vec3::ONE - both);
+    let mut light = Vec3::splat(upper) + steady;
+    let mut height = steady - Vec3::splat(passed);
+    for order in [1.0, 2.0] {
+        height *= each(both, f32::sqrt);
+        light += height * wave(order * path, shift * order) * 2.0;
+    }
+    let risen = risen.min(0.9999);
+    ((light - Vec3::splat(risen)) / (1.0 - risen)).clamp(Vec3::ZERO, Vec3::ONE)
+}

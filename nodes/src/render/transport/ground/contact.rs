@@ -1,0 +1,239 @@
+//! Where objects stand: the mesh of the place, made level with their bases for the camera.
+//!
+//! A mesh from a capture misses the true ground by some millimetres. Where it lies too low the camera looks
+//! into a gap under the object, which draws a black line; where it lies too high it hides the object's foot.
+//! What the camera sees is the true place, so a hit of one of its rays that is as high as the base of an
+//! object, to the error of the mesh, is moved along the ray to the height of the base: there the light that
+//! objects take away is judged, and there the object is in front or behind. What the receiver itself
+//! shades stays where it is, so R0 depends on no object. And so does what it shades of the objects: from a foot that it
+//! hides, rays to it start just above it, where the camera's hits moved from. From below it they would see what is
+//! outside of a closed room.
+//!
+//! The same holds for a flat side with which an object rests on a wall, a ceiling or a roof: see `side`.
+
+use glam::DVec3;
+
+use super::limits::{LARGEST, SMOOTHEST};
+use super::side::Side;
+use crate::geometry::support::Level;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::scene::supports::{Ground, STEEPEST, Support};
+use crate::types::Placed;
+
+/// How far off the ground is looked for in metres, to tell that an object does not stand on it.
+const FARTHEST: f64 = 0.5;
+/// Whether a mesh is near enough to the base of an object to be what it stands on, given the length of a metre.
+pub(crate) fn is_near(measured: &Level, metre: f64) -> bool {
+    measured.height.abs() <= LARGEST * metre
+}
+
+/// What was found at an object.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Found {
+    /// The ground under it, be it too far off.
+    pub ground: Option<Level>,
+    /// What its flat sides rest on.
+    pub sides: Vec<Level>,
+}
+
+/// Of a side on a mesh with an error, 0 of a smooth one, in world units.
+fn support(side: &Side, reach: f64, origin: DVec3, metre: f64) -> Support {
+    let [low, high] = [side.low, side.high].map(|p| (p - origin).as_vec3());
+    let height = (side.height - origin.dot(side.out)) as f32;
+    let claims = if reach > 0.0 { 2.0 * reach } else { LARGEST * metre };
+    let [reach, claims] = [reach, claims].map(|v| v as f32);
+    Support { out: side.out.as_vec3(), low, high, height, reach, claims }
+}
+
+/// Feels the ground under every object that stands on it and the walls that it rests on, on a receiver of which is known
+/// whether its normals point away from where it is seen. `metre` is its length in world units; `fixed` an error in metres
+/// that the user knows better, 0 for a mesh without.
+pub fn measure(
+    receiver: (&Receiver, bool),
+    objects: &[(impl AsRef<Placed>, bool)],
+    origin: DVec3,
+    up: DVec3,
+    metre: f64,
+    fixed: Option<f64>,
+) -> (Ground, Vec<Found>) {
+    let mut ground = Ground::default();
+    let mut found = Vec::with_capacity(objects.len());
+    for (placed, stands) in objects {
+        let mut of_object = Found::default();
+        let flat = if fixed == Some(0.0) { Vec::new() } else { Side::flat(placed.as_ref(), up) };
+        let mut is_level = true;
+        for side in flat {
+            let Some((level, tilt)) = side.rests(receiver, origin, metre, fixed) else { continue };
+            let reach = match fixed {
+                Some(metres) => metres * metre,
+                None if level.roughness <= SMOOTHEST * metre => 0.0,
+                None => (level.height.abs() + 3.0 * level.roughness + tilt).min(LARGEST * metre),
+            };
+            ground.supports.push(support(&side, reach, origin, metre));
+            // What lies along a slope has that for its ground.
+            is_level &= side.out.dot(up) < f64::from(STEEPEST);
+            of_object.sides.push(level);
+        }
+        if let Some(foot) = Side::foot(placed.as_ref(), up).filter(|_| *stands) {
+            let measured = [LARGEST, FARTHEST]
+                .into_iter()
+                .find_map(|largest| foot.ground(receiver, origin, largest * metre));
+            let near = |measured: &Level| is_near(measured, metre);
+            let reach = match (fixed, measured) {
+                (Some(metres), _) => metres * metre,
+                (None, Some(measured)) if near(&measured) && measured.roughness > SMOOTHEST * metre => {
+                    (measured.height.abs() + 3.0 * measured.roughness).min(LARGEST * metre)
+                }
+                _ => 0.0,
+            };
+            let smooth = fixed.is_none() && measured.as_ref().is_some_and(near);
+            if is_level && (reach > 0.0 || smooth) {
+                ground.supports.push(support(&foot, reach, origin, metre));
+            }
+            of_object.ground = measured;
+        }
+        found.push(of_object);
+    }
+    if ground.error() == 0.0 {
+        // Nothing moves.
+        ground.supports.clear();
+    }
+    for support in &ground.supports {
+        if !ground.ways.contains(&support.out) {
+            ground.ways.push(support.out);
+        }
+    }
+    (ground, found)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+
+    use super::*;
+    use crate::geometry::sampling::{mix, unit};
+    use crate::types::{Mesh, Object, Primitive};
+
+    /// A square of 40 x 40 cells, 2 wide, at heights given by a function of the vertex.
+    fn ground(height: impl Fn(u32, f32) -> f32) -> Mesh {
+        let side = 41_u32;
+        let mut mesh = Mesh::default();
+        for i in 0..side * side {
+            let [x, y] = [i % side, i / side].map(|k| k as f32 / 20.0 - 1.0);
+            mesh.positions.push([x, y, height(i, x)]);
+        }
+        for i in (0..side * (side - 1)).filter(|i| i % side + 1 < side) {
+            mesh.triangles.extend([[i, i + 1, i + side + 1], [i, i + side + 1, i + side]]);
+        }
+        mesh
+    }
+
+    fn slab(z: f64) -> Arc<Placed> {
+        let mut primitive = Primitive::default();
+        for i in 0..8_u32 {
+            primitive
+                .positions
+                .push([0, 1, 2].map(|k| (i >> k & 1) as f32 * 0.4 - if k < 2 { 0.2 } else { 0.0 }));
+        }
+        primitive.triangles = vec![[0, 1, 2], [3, 4, 5], [6, 7, 0]];
+        let object = Object { primitives: vec![primitive], ..Object::default() };
+        let world_from_object = glam::DMat4::from_translation(DVec3::Z * z);
+        Arc::new(Placed { object: Arc::new(object), world_from_object })
+    }
+
+    fn measured(mesh: &Mesh, z: f64) -> (Ground, Option<Level>) {
+        let receiver = Receiver::new(mesh, DVec3::ZERO);
+        let (ground, found) =
+            measure((&receiver, false), &[(slab(z), true)], DVec3::ZERO, DVec3::Z, 1.0, None);
+        (ground, found[0].ground)
+    }
+
+    fn noise(i: u32) -> f32 {
+        unit(mix(i)) * 0.02 - 0.01
+    }
+
+    #[test]
+    fn a_smooth_mesh_is_believed_and_a_rough_one_is_not() {
+        for mesh in [ground(|_, _| 0.0), ground(|_, x| 0.1 * x)] {
+            let (level, found) = measured(&mesh, 0.01);
+            assert!(level.supports.is_empty() && found.expect("ground").roughness < 1e-6);
+        }
+        let (rough, found) = measured(&ground(|i, _| noise(i) - 0.005), 0.0);
+        let found = found.expect("ground");
+        assert!(
+            (0.002..0.008).contains(&found.roughness) && (found.height + 0.005).abs() < 0.003,
+            "{found:?}"
+        );
+        assert!((0.012..0.04).contains(&rough.supports[0].reach));
+        let (far, found) = measured(&ground(|i, _| noise(i)), 0.3);
+        assert!(far.supports.is_empty() && (found.expect("ground").height + 0.3).abs() < 0.01);
+        assert_eq!(measured(&ground(|i, _| noise(i)), 0.8).1, None, "nothing under it");
+    }
+
+    /// A box on a smooth floor and one on a rough rug beside it: only what is nearer to the rug's moves.
+    /// Mutation: `smooth` always false in `measure` (seen red).
+    #[test]
+    fn ground_of_one_object_is_not_that_of_another() {
+        let mesh = ground(|i, x| if x > 0.0 { 0.008 + 0.4 * noise(i) } else { 0.0 });
+        let receiver = Receiver::new(&mesh, DVec3::ZERO);
+        let at = |x: f64, z: f64| {
+            let world_from_object = glam::DMat4::from_translation(DVec3::new(x, 0.0, z));
+            Arc::new(Placed { world_from_object, ..Placed::clone(&slab(0.0)) })
+        };
+        let objects = [(at(-0.6, 0.0), true), (at(0.6, 0.008), true)];
+        let (ground, _) = measure((&receiver, false), &objects, DVec3::ZERO, DVec3::Z, 1.0, None);
+        let shift = |x: f32, z: f32| ground.shift(Vec3::new(x, 0.0, z), Vec3::Z, Vec3::new(0.6, 0.0, -0.8));
+        assert!(ground.error() > 0.005);
+        assert_eq!(shift(-0.3, 0.0), 0.0);
+        assert!((shift(0.3, 0.004) + 0.004 / 0.8).abs() < 1e-6);
+    }
+
+    /// A panel right under a rough ceiling hangs there, also where all normals point out of the room; one on a floor
+    /// that lies too high stands on it.
+    /// Mutation: `flat` alone in `under` (seen red).
+    #[test]
+    fn a_ceiling_is_no_ground() {
+        let rough = ground(|i, _| 0.003 / 0.01 * noise(i));
+        let turned = |mesh: &Mesh| Mesh {
+            triangles: mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
+            ..mesh.clone()
+        };
+        let thin = glam::DMat4::from_scale(DVec3::new(1.0, 1.0, 0.03 / 0.4));
+        for (mesh, inverted, stands) in
+            [(turned(&rough), false, false), (rough.clone(), true, false), (rough.clone(), false, true)]
+        {
+            let receiver = Receiver::new(&mesh, DVec3::ZERO);
+            let panel = Placed {
+                world_from_object: slab(-0.03).world_from_object * thin,
+                ..Placed::clone(&slab(0.0))
+            };
+            let (level, found) =
+                measure((&receiver, inverted), &[(Arc::new(panel), true)], DVec3::ZERO, DVec3::Z, 1.0, None);
+            let hangs = level.supports.iter().any(|s| s.out == Vec3::NEG_Z && s.reach > 0.0);
+            assert_eq!((hangs, found[0].ground.is_some()), (!stands, stands));
+            assert!(level.error() > 0.0);
+        }
+    }
+
+    // A hit of the camera lands at the height of the base, whatever the mesh has there.
+    #[test]
+    fn hits_move_along_the_ray_to_the_base() {
+        let (ground, _) = measured(&ground(|i, _| noise(i)), 0.0);
+        let reach = ground.supports[0].reach;
+        let ray = Vec3::new(0.6, 0.0, -0.8);
+        for error in [-0.9, -0.2, 0.0, 0.5, 0.99_f32] {
+            let at = Vec3::new(0.5, 0.2, error * reach);
+            assert!((at + ray * ground.shift(at, Vec3::Z, ray)).z.abs() < 1e-6, "{error}");
+        }
+        // Without a jump to nothing at twice the reach, on walls, and for rays along the ground.
+        let shift = |z: f32, normal, ray| ground.shift(Vec3::new(0.5, 0.2, z), normal, ray);
+        assert!((shift(1.5 * reach, Vec3::Z, ray) - 0.5 * reach / 0.8).abs() < 1e-6);
+        assert_eq!(shift(2.0 * reach, Vec3::Z, ray), 0.0);
+        assert_eq!(shift(0.5 * reach, Vec3::X, ray), 0.0);
+        assert_eq!(shift(0.5 * reach, Vec3::Z, Vec3::X), 0.0);
+        let grazing = Vec3::new(1.0, 0.0, -1e-6);
+        assert!(shift(0.5 * reach, Vec3::Z, grazing).abs() <= 5.0 * reach);
+    }
+}

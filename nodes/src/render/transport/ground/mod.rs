@@ -1,0 +1,10 @@
+//! How objects and the point of capture stand to the receiver: what is found before any picture is traced.
+
+pub(crate) mod capture_point;
+pub mod contact;
+pub(crate) mod light_share;
+pub(crate) mod limits;
+pub(crate) mod probe;
+pub(crate) mod side;
+pub(crate) mod standing;
+pub(crate) mod sunk;

@@ -1,0 +1,199 @@
+//! Sides of objects that may rest on the receiver: the foot, and the flat sides of the box around an object in its own axes.
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::limits::{LARGEST, SMOOTHEST, TOUCHING};
+use crate::geometry::bvh::Ray;
+use crate::geometry::support::{Foot, Level, corners};
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::scene::supports::STEEPEST;
+use crate::types::Placed;
+
+/// Rays a side of the grid that feels the receiver at a side of an object.
+const GRID: u32 = 16;
+/// Share of those rays that must find ground for an object to stand on it.
+const FOUND: f64 = 0.25;
+/// Share of those right at a flat side that must find what it rests on.
+const AGAINST: f64 = 0.5;
+/// Share of the box's side that a flat side spans at least, both ways: a drum that lies along a wall spans 0.28.
+const FLAT: f64 = 1.0 / 3.0;
+/// Cosine of how far a flat side is from level at least, to be no foot.
+const LEVEL: f64 = 0.98;
+/// The steepest that a mesh lies to a flat side that rests on it.
+const SLANT: f64 = 0.1;
+
+/// Why an object has nothing of the receiver under it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Lost {
+    /// It is over a hole of the mesh, or beyond its edge.
+    OverNothing,
+    /// The ground is over it.
+    Buried,
+}
+
+/// A side that may rest on the receiver.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Side {
+    /// Unit vector from the receiver to the object.
+    pub(crate) out: DVec3,
+    /// Two axes along the side.
+    pub(crate) axes: [DVec3; 2],
+    /// Its height along `out`.
+    pub(crate) height: f64,
+    /// A point over its middle.
+    middle: DVec3,
+    /// Half the size of the region to look at along the axes: the side, and half as much around it.
+    pub(crate) half: [f64; 2],
+    /// The box around the object.
+    pub(crate) low: DVec3,
+    pub(crate) high: DVec3,
+}
+
+impl Side {
+    /// The foot of an object; none of one without triangles.
+    pub(crate) fn foot(placed: &Placed, up: DVec3) -> Option<Self> {
+        let Foot { low, high, base, middle, half } = Foot::of(placed, up)?;
+        let axes = Foot::axes(up);
+        let half = axes.map(|axis| half.dot(axis.abs()));
+        Some(Self { out: up, axes, height: base, middle, half, low, high })
+    }
+
+    /// The flat sides of the box around an object in its own axes, but for one that looks straight down.
+    pub(crate) fn flat(placed: &Placed, up: DVec3) -> Vec<Self> {
+        let points: Vec<DVec3> = corners(placed).collect();
+        let linear = DMat3::from_mat4(placed.world_from_object);
+        let normals = linear.inverse().transpose();
+        let mut sides = Vec::new();
+        for (k, axis) in DVec3::AXES.into_iter().enumerate() {
+            let Some(normal) = (normals * axis).try_normalize() else { continue };
+            let along = linear.col((k + 1) % 3);
+            let Some(along) = along.reject_from_normalized(normal).try_normalize() else { continue };
+            for out in [normal, -normal].into_iter().filter(|out| out.dot(up) <= LEVEL) {
+                sides.extend(Self::along(&points, out, [along, out.cross(along)]));
+            }
+        }
+        sides
+    }
+
+    /// That towards which `out` points away, if it is flat.
+    fn along(points: &[DVec3], out: DVec3, axes: [DVec3; 2]) -> Option<Self> {
+        let place = |p: &DVec3| DVec3::new(p.dot(axes[0]), p.dot(axes[1]), p.dot(out));
+        let around = |points: &mut dyn Iterator<Item = DVec3>| {
+            points.map(|p| (p, p)).reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
+        };
+        let (low, high) = around(&mut points.iter().map(place))?;
+        let size = high - low;
+        // A sheet is flat to rounding.
+        let slice = low.z + f64::max(0.02 * size.z, 1e-5 * size.x.max(size.y));
+        let (a, b) = around(&mut points.iter().map(place).filter(|p| p.z <= slice))?;
+        let span = b - a;
+        if span.x.min(span.y) <= 0.0 || span.x < FLAT * size.x || span.y < FLAT * size.y {
+            return None;
+        }
+        let middle = (a + b) * 0.5;
+        let (world_low, world_high) = around(&mut points.iter().copied())?;
+        Some(Self {
+            out,
+            axes,
+            height: low.z,
+            middle: axes[0] * middle.x + axes[1] * middle.y,
+            half: [0.75 * span.x, 0.75 * span.y],
+            low: world_low,
+            high: world_high,
+        })
+    }
+
+    /// Half the size of the side itself.
+    pub(crate) fn own(&self) -> [f64; 2] {
+        self.half.map(|half| half / 1.5)
+    }
+
+    /// Rays straight against `out` over a grid, from so far above the side to as far below, and where on it they are.
+    pub(crate) fn feelers(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
+        let Self { out, axes, height, middle, half, .. } = *self;
+        (0..GRID * GRID).map(move |k| {
+            let place = [k % GRID, k / GRID].map(|i| (f64::from(2 * i + 1) / f64::from(GRID)) - 1.0);
+            let [x, y] = [0, 1].map(|a| place[a] * half[a]);
+            let flat = middle - out * middle.dot(out) + axes[0] * x + axes[1] * y;
+            let start = (flat + out * (height + largest) - origin).as_vec3();
+            ([x, y], Ray { t_max: (2.0 * largest) as f32, ..Ray::new(start, -out.as_vec3()) })
+        })
+    }
+
+    /// Heights of the mesh over the side, where it lies along it, and whether it faces the object.
+    fn felt(
+        &self,
+        (receiver, inverted): (&Receiver, bool),
+        origin: DVec3,
+        largest: f64,
+    ) -> Vec<([f64; 3], bool)> {
+        let out: Vec3 = self.out.as_vec3();
+        let height = |([x, y], ray): ([f64; 2], Ray)| {
+            let hit = receiver.bvh.closest(ray, |_| true)?;
+            let along = receiver.normal(hit.triangle).dot(out).abs() >= STEEPEST;
+            along.then(|| ([x, y, largest - f64::from(hit.t)], hit.back == inverted))
+        };
+        self.feelers(origin, largest).filter_map(height).collect()
+    }
+
+    /// The level of the mesh over a foot. What looks down above it is no ground but a ceiling.
+    pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
+        let felt = self.felt(receiver, origin, largest).into_iter();
+        let heights: Vec<_> = felt.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
+        let enough = heights.len() as f64 >= FOUND * f64::from(GRID * GRID);
+        if enough { Level::of(&heights) } else { None }
+    }
+
+    /// What most of it has under it, however far down, and if that is nothing, whether the ground is over it.
+    pub(crate) fn lost(
+        &self,
+        (receiver, inverted): (&Receiver, bool),
+        origin: DVec3,
+        metre: f64,
+    ) -> Option<Lost> {
+        let own = self.own();
+        let (mut all, mut under, mut over) = (0, 0, 0);
+        for ([x, y], ray) in self.feelers(origin, LARGEST * metre) {
+            if x.abs() <= own[0] && y.abs() <= own[1] {
+                let (down, up) = (Ray { t_max: f32::INFINITY, ..ray }, Ray::new(ray.origin, -ray.direction));
+                all += 1;
+                under += u32::from(receiver.bvh.any(down, |_| true));
+                // From below ground shows its back, a ceiling its front.
+                over += u32::from(receiver.bvh.closest(up, |_| true).is_some_and(|hit| hit.back != inverted));
+            }
+        }
+        match (2 * under < all, 2 * over > all) {
+            (true, true) => Some(Lost::Buried),
+            (true, false) => Some(Lost::OverNothing),
+            (false, _) => None,
+        }
+    }
+
+    /// The level of the mesh at a flat side that rests on it, and how far it tilts the ends of the side. An object may well be
+    /// near a wall, so a gap counts as an error of the mesh only within its noise; it is in no wall, so what covers the side
+    /// does as on the ground. `fixed` is an error that is known better, in metres.
+    pub(crate) fn rests(
+        &self,
+        receiver: (&Receiver, bool),
+        origin: DVec3,
+        metre: f64,
+        fixed: Option<f64>,
+    ) -> Option<(Level, f64)> {
+        let felt = self.felt(receiver, origin, LARGEST * metre).into_iter();
+        let heights: Vec<_> = felt.filter(|(_, faces)| *faces).map(|(at, _)| at).collect();
+        let own = self.own();
+        let within = |x: f64, y: f64| x.abs() <= own[0] && y.abs() <= own[1];
+        let sent = self.feelers(origin, 0.0).filter(|([x, y], _)| within(*x, *y)).count();
+        let found = heights.iter().filter(|[x, y, _]| within(*x, *y)).count();
+        if (found as f64) < AGAINST * sent as f64 {
+            return None;
+        }
+        let level = Level::of(&heights)?;
+        let noise = 3.0 * level.roughness;
+        let tilt = level.slope[0].abs() * own[0] + level.slope[1].abs() * own[1];
+        let gap = fixed.map_or((noise + SMOOTHEST * metre).min(TOUCHING * metre), |metres| metres * metre);
+        let deep = fixed.unwrap_or(LARGEST) * metre;
+        let flat = level.roughness <= TOUCHING * metre && tilt <= noise.max(SLANT * (own[0] + own[1]));
+        (flat && (-gap..=deep).contains(&level.height)).then_some((level, tilt))
+    }
+}

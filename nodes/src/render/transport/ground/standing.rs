@@ -1,0 +1,116 @@
+//! What the objects stand on: the receiver, one another, or nothing.
+
+use glam::{DVec3, Vec3};
+
+use super::contact;
+use super::limits::{LARGEST, TOUCHING};
+use super::probe::Probe;
+use super::side::{Lost, Side};
+use super::sunk::Sunk;
+use crate::geometry::bvh::Hit;
+use crate::geometry::support::Level;
+use crate::render::transport::scene::lying::find_touching;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::types::Placed;
+
+/// How much farther down one reaches at least on which an object rests, in metres.
+const LOWER: f64 = 0.005;
+
+/// How the objects stand: for each what was found.
+pub(crate) struct Standing {
+    /// The level of the ground under it, be it too far off.
+    pub(crate) ground: Vec<Option<Level>>,
+    /// The levels of what its flat sides rest on.
+    pub(crate) sides: Vec<Vec<Level>>,
+    /// Whether it stands on another one.
+    pub(crate) carried: Vec<bool>,
+    /// How far up it reaches from its base, in world units.
+    pub(crate) tall: Vec<f64>,
+    /// Why it has nothing under it.
+    pub(crate) lost: Vec<Option<Lost>>,
+    /// How it lies in a surface that it does not stand on.
+    pub(crate) sunk: Vec<Option<Sunk>>,
+}
+
+/// Finds the ground of the objects and where they lie on it. `eye` is that of a camera in the place, `contact_metres` how
+/// far the receiver may be wrong, where that is told.
+pub(crate) fn find_ground(
+    objects: &mut Objects,
+    receiver: &Receiver,
+    origin: DVec3,
+    eye: Vec3,
+    (up, metres_per_unit): (DVec3, f64),
+    contact_metres: Option<f64>,
+) -> Standing {
+    let placed = objects.placed().to_vec();
+    let metre = 1.0 / metres_per_unit;
+    let view = Probe::send(receiver, eye);
+    let inverted = view.escaped < view.rays && view.front_share() < 0.5;
+    // What rests on another object has that for its ground.
+    let on_others = on_others(objects, &placed, origin, up, metre);
+    let each: Vec<_> = placed.iter().zip(&on_others).map(|(one, on)| (one.clone(), !on)).collect();
+    let (ground, found) = contact::measure((receiver, inverted), &each, origin, up, metre, contact_metres);
+    let measured: Vec<_> = found.iter().map(|found| found.ground).collect();
+    let carried = carried(objects, &placed, origin, up, metre);
+    let tall = objects.boxes().iter().map(|one| (one.high - one.low).as_dvec3().dot(up.abs())).collect();
+    let lost = |index: usize| {
+        let rests = measured[index].is_some() || carried[index] || on_others[index];
+        let foot = (!rests && found[index].sides.is_empty()).then(|| Side::foot(&placed[index], up))?;
+        foot?.lost((receiver, inverted), origin, metre)
+    };
+    let lost = (0..placed.len()).map(lost).collect();
+    let stands = |index: usize| {
+        let hangs = ground.error() > 0.0 && !found[index].sides.is_empty();
+        measured[index].is_some_and(|level| contact::is_near(&level, metre)) || carried[index] || hangs
+    };
+    let near = (LARGEST / metres_per_unit) as f32;
+    let sunk = |index| if stands(index) { None } else { Sunk::of(objects, index, receiver, near) };
+    let sunk = (0..placed.len()).map(sunk).collect();
+    objects.touching = find_touching(objects, receiver, &ground);
+    objects.ground = ground;
+    let sides = found.into_iter().map(|found| found.sides).collect();
+    Standing { ground: measured, sides, carried, tall, lost, sunk }
+}
+
+/// Whether each object stands on another one: some of what is under its foot, as far as a mesh may be wrong.
+fn carried(
+    objects: &Objects,
+    placed: &[impl AsRef<Placed>],
+    origin: DVec3,
+    up: DVec3,
+    metre: f64,
+) -> Vec<bool> {
+    let stands = |(index, placed): (usize, &Placed)| {
+        let Some(foot) = Side::foot(placed, up) else { return false };
+        let largest = LARGEST * metre;
+        let others = |hit: &Hit| objects.part(hit.triangle).0.placed != index;
+        foot.feelers(origin, largest).any(|(_, ray)| objects.bvh.any(ray, others))
+    };
+    // One alone stands on none.
+    let alone = placed.len() < 2;
+    placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
+}
+
+/// Whether each object rests on one that reaches farther down, such as a plate on a coaster: what lies below the plate
+/// beside the coaster is no ground of it.
+fn on_others(
+    objects: &Objects,
+    placed: &[impl AsRef<Placed>],
+    origin: DVec3,
+    up: DVec3,
+    metre: f64,
+) -> Vec<bool> {
+    let feet: Vec<Option<Side>> = placed.iter().map(|one| Side::foot(one.as_ref(), up)).collect();
+    let bases: Vec<f64> =
+        feet.iter().map(|foot| foot.as_ref().map_or(f64::INFINITY, |foot| foot.height)).collect();
+    let rests = |foot: &Side| {
+        let lower = |hit: &Hit| bases[objects.part(hit.triangle).0.placed] < foot.height - LOWER * metre;
+        let half = foot.own();
+        let under = |at: &[f64; 2]| at[0].abs() <= half[0] && at[1].abs() <= half[1];
+        let mut rays = foot.feelers(origin, TOUCHING * metre).filter(|(at, _)| under(at));
+        rays.any(|(_, ray)| objects.bvh.any(ray, lower))
+    };
+    let alone = placed.len() < 2;
+    feet.iter().map(|foot| !alone && foot.as_ref().is_some_and(rests)).collect()
+}

@@ -1,0 +1,70 @@
+//! Objects that lie in a rough surface which they do not stand on: a picture hung on a captured wall.
+
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, unit};
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+
+/// Places of an object that are looked at.
+const PLACES: u32 = 256;
+/// Shares of them behind the surface from which on and up to which it is told: less is an edge, more stands in it as a whole.
+const TOLD: std::ops::Range<f64> = 0.05..0.95;
+
+/// How an object lies in the receiver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sunk {
+    /// Share of what faces the first camera that the receiver is right before.
+    pub(crate) share: f64,
+    /// How far before it at most, along its own normals, in world units.
+    pub(crate) depth: f32,
+}
+
+impl Sunk {
+    /// Of an object, by places on it that face the first camera and the way from there to it, up to `near`.
+    pub(crate) fn of(objects: &Objects, index: usize, receiver: &Receiver, near: f32) -> Option<Self> {
+        let triangles: Vec<u32> = objects.triangles_of(index).collect();
+        let area = |triangle: &u32| {
+            let [a, b, c] = objects.corners[*triangle as usize].map(|p| p.as_dvec3());
+            let area = (b - a).cross(c - a).length();
+            if area.is_finite() { area } else { 0.0 }
+        };
+        let areas: Vec<f64> = triangles.iter().map(area).collect();
+        let all = areas.iter().fold(0.0, |sum, area| sum + area);
+        let (mut facing, mut behind, mut depth) = (0_u32, 0_u32, 0.0_f32);
+        let (mut at, mut passed) = (0, 0.0);
+        for number in 0..PLACES {
+            let goal = all * (f64::from(number) + 0.5) / f64::from(PLACES);
+            while at + 1 < triangles.len() && passed + areas[at] < goal {
+                passed += areas[at];
+                at += 1;
+            }
+            let triangle = *triangles.get(at)?;
+            let [u, v] = Points::new(0, number).bits(0).map(unit);
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            let [a, b, c] = objects.corners[triangle as usize];
+            let place = a + (b - a) * u + (c - a) * v;
+            // Coordinates start at the first camera.
+            let (way, normal) = (-place, objects.normal(triangle));
+            let cosine = normal.dot(way.normalize_or_zero());
+            let double_sided = objects.part(triangle).3.double_sided;
+            let cosine = if double_sided { cosine.abs() } else { cosine };
+            if cosine <= 0.1 {
+                continue;
+            }
+            let to_camera = Ray { t_max: way.length(), ..Ray::new(place, way.normalize_or_zero()) };
+            // The inside of a body does not face the camera, though its material has two sides.
+            let apart = 1e-4 * to_camera.t_max;
+            if double_sided && objects.bvh.any(to_camera, |hit| hit.triangle != triangle && hit.t > apart) {
+                continue;
+            }
+            facing += 1;
+            let ray = Ray { t_max: near.min(to_camera.t_max), ..to_camera };
+            if let Some(hit) = receiver.bvh.closest(ray, |_| true) {
+                behind += 1;
+                depth = depth.max(hit.t * cosine);
+            }
+        }
+        let share = f64::from(behind) / f64::from(facing.max(1));
+        TOLD.contains(&share).then_some(Self { share, depth })
+    }
+}

@@ -1,0 +1,299 @@
+//! What the objects change of the light that leaves a point of the receiver.
+//!
+//! The light without the objects is known from samples of its own, so only the difference is estimated, and
+//! only where there is one: light samples go to the part of the sky that the objects can hide, scattered rays
+//! to the objects themselves. Where no ray meets an object the difference is 0, bit for bit.
+
+use glam::Vec3;
+
+use super::integrator::{Integrator, Scene};
+use super::path::{PathState, ShadingPoint, Vertex};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{Points, unit};
+use crate::math::color::luminance;
+use crate::render::transport::bsdf::Lobe;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::surface::Surface;
+use crate::render::transport::sky::cone::Cone;
+use crate::render::transport::sky::cone::{TOWARDS, Towards};
+use crate::render::transport::sky::environment::DrawnDirection;
+
+/// Rays to the objects for each steradian in which they are seen and shine no more than the sky does.
+const RAYS: f32 = 1.0;
+
+/// Where the objects are for the first vertex.
+#[derive(Debug, Clone, Copy)]
+pub struct ChangeSampling<'a> {
+    /// Directions of the part of the sky that they can hide.
+    pub drawn: &'a [DrawnDirection],
+    /// Probability that the sample asks for a change: see [`asks`].
+    pub probability: f32,
+    /// Where rays to them start.
+    pub start: Vec3,
+    /// The box around them.
+    pub objects: [Vec3; 2],
+    /// See [`rays_towards`].
+    pub rays: f32,
+    /// Added to the start of rays to them: see [`crate::render::transport::ground::contact`].
+    pub lift: Vec3,
+}
+
+/// Whether a sample asks for a change, of which samples do so with a probability.
+pub fn asks(points: &Points, probability: f32) -> bool {
+    probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
+}
+
+/// Rays from a first vertex to where the objects are.
+fn towards(sampling: &ChangeSampling<'_>) -> Towards {
+    Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
+}
+
+impl Integrator<'_> {
+    /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
+    pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
+        if self.scene.rules.near.is_some() {
+            self.paired_estimate(hit, ray, sampling)
+        } else if asks(&self.points, sampling.probability) {
+            self.separate_estimate(hit, sampling) / sampling.probability
+        } else {
+            Vec3::ZERO
+        }
+    }
+
+    /// What the objects take and give, each by samples of its own.
+    fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
+        let (sky, rules) = (self.scene.sky, self.scene.rules);
+        let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        let mut lift = sampling.lift;
+        let lamps_in_it = !self.scene.objects.emitters.is_empty();
+        for bounce in 0..=rules.max_bounces {
+            let surface = self.receiver_surface(&hit, lift);
+            let surface = Surface { media: [self.around(surface.upright()); 2], ..surface };
+            let at = ShadingPoint::new(surface, bounce, self.key);
+            let surface = &at.surface;
+
+            // Light of the sky that they take away.
+            let own;
+            let drawn = if at.is_first() {
+                sampling.drawn
+            } else {
+                own = self.lights(sky.distributions(surface.bsdf.lit_side()), at.pair, None);
+                own.as_slice()
+            };
+            let mut taken = Vec3::ZERO;
+            for (number, drawn) in drawn.iter().enumerate() {
+                taken += self.blocked_light(surface, drawn, at.key.wrapping_add(number as u32));
+            }
+            light -= rules.clamped(bounce, throughput * taken);
+
+            // Light that they give: their own, by samples of it,
+            let towards = match (at.is_first(), &surface.cover) {
+                (true, None) => towards(sampling),
+                (true, Some(_)) => Towards::NOWHERE,
+                (false, _) => self.towards_lamps(surface),
+            };
+            let lamps = self.sample_emitters(&at, &towards);
+            light += rules.clamped(bounce, throughput * lamps);
+
+            // and what they scatter, by rays to where they are
+            let points = branch(self.points, bounce);
+            if let Some(ray) = towards.ray(&points) {
+                let seen = surface.bsdf.eval(ray)[Lobe::Diffuse as usize];
+                if seen.pdf > 0.0 {
+                    let pdf = seen.pdf + towards.pdf;
+                    let share = if lamps_in_it { seen.pdf / pdf } else { 1.0 };
+                    let how = (throughput * seen.value / pdf, share, pdf);
+                    let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
+                    light += self.difference(&at, ray, how, at.key ^ 3, true).0;
+                    self.points = own;
+                }
+            }
+
+            // and by rays in all directions, which find how the rest of the receiver changes too.
+            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else { break };
+            let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
+            let own = if lamps_in_it { share } else { 1.0 };
+            let how = (throughput * scatter_weight * share, own, scatter.pdf + towards.pdf(ray));
+            let (change, landed) = self.difference(&at, ray, how, at.key ^ 1, false);
+            light += change;
+            if !rules.visibility(Lobe::Diffuse).lands
+                && let Some(unlit) = self.unlit(surface.spawn_ray(ray))
+            {
+                let way = Ray { t_max: unlit.t, ..surface.ray_to_objects(ray) };
+                if self.object(way, at.key ^ 1, Lobe::Diffuse).is_none() {
+                    let end = Vertex::Receiver(unlit);
+                    let (passed, media) =
+                        self.along(way, at.key ^ 1, Lobe::Diffuse, Some(&end), surface.medium(ray));
+                    let throughput = (throughput * scatter_weight * passed, 1.0);
+                    light += self.lamps_beyond(Some(unlit), ray, bounce, throughput, media);
+                }
+            }
+            let Some(next) = landed else { break };
+            let Some(left) = self.russian_roulette(bounce, throughput * scatter_weight, 1.0) else { break };
+            (hit, throughput, lift) = (next, left, Vec3::ZERO);
+        }
+        light
+    }
+
+    /// The same by whole paths with and without the objects, which share their random numbers: where the
+    /// receiver is the light, objects also take from what its places give.
+    fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
+        self.lift = sampling.lift;
+        if !self.scene.objects.emitters.is_empty() {
+            self.towards = towards(sampling);
+        }
+        let with = self.radiance(Vertex::Receiver(hit), ray);
+        if !self.touched {
+            return Vec3::ZERO;
+        }
+        self.objects = false;
+        with - self.radiance(Vertex::Receiver(hit), ray)
+    }
+
+    /// Rays from a later vertex on the receiver to where the objects are, if these shine: see [`Integrator::towards`].
+    pub(crate) fn towards_lamps(&self, surface: &Surface) -> Towards {
+        let objects = self.scene.objects;
+        match objects.bvh.bounds() {
+            Some(bounds) if !objects.emitters.is_empty() && surface.cover.is_none() => {
+                let cone = Cone::between([surface.position; 2], bounds.into());
+                Towards::within(cone, rays_towards(&self.scene))
+            }
+            _ => Towards::NOWHERE,
+        }
+    }
+
+    /// What the objects send along a ray to where they are to a vertex on the receiver; that goes on by `onwards`.
+    pub(crate) fn sent(
+        &mut self,
+        at: &ShadingPoint,
+        towards: &Towards,
+        (throughput, share): (Vec3, f32),
+        onwards: fn(&mut Self, Vertex, PathState) -> Vec3,
+    ) -> Vec3 {
+        let (surface, bounce, key) = (&at.surface, at.bounce, at.key ^ 3);
+        let points = branch(self.points, bounce);
+        let Some(direction) = towards.ray(&points) else { return Vec3::ZERO };
+        let seen = surface.bsdf.eval(direction)[Lobe::Diffuse as usize];
+        if seen.pdf <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let (ray, to_objects) = (surface.ray_to_receiver(direction), surface.ray_to_objects(direction));
+        let Some(vertex) = self.object(to_objects, key, Lobe::Diffuse) else { return Vec3::ZERO };
+        let Some(hit) = vertex.on_object().copied() else { return Vec3::ZERO };
+        let before = Ray { t_max: self.scene.objects.reach(&hit, direction), ..ray };
+        if !self.passes(Block::Solid, before) {
+            return Vec3::ZERO;
+        }
+        let (passed, media) =
+            self.along(to_objects, key, Lobe::Diffuse, Some(&vertex), surface.medium(direction));
+        let pdf = seen.pdf + towards.pdf;
+        let throughput = throughput * passed * seen.value / pdf;
+        let mis_weight = self.mis_weight(&hit, ray, pdf);
+        let share = share * seen.pdf / pdf;
+        let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight, media };
+        let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
+        let light = onwards(self, vertex, state);
+        self.points = own;
+        light
+    }
+
+    /// What the objects take of the light that a light sample brings. How much that is asked last, since most
+    /// samples meet no object.
+    fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
+        let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
+        if scatter.value == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let ray = surface.spawn_ray(drawn.direction);
+        let to_objects = surface.ray_to_objects(drawn.direction);
+        let (block, media) =
+            (self.scene.rules.visibility(Lobe::Diffuse).shadow, surface.medium(ray.direction));
+        let [straight, _] = self.sky_transmittance((ray, to_objects), block == Block::Solid, key, media);
+        if straight == Vec3::ONE || !self.passes(block, ray) {
+            return Vec3::ZERO;
+        }
+        let light = self.scene.sky.light(drawn);
+        (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
+    }
+
+    /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;
+    /// where they do not, the receiver that it lands on, unless `only` they are asked for. `how` is the weight of what is
+    /// found, and the density of the ray.
+    fn difference(
+        &mut self,
+        at: &ShadingPoint,
+        direction: Vec3,
+        (throughput, share, pdf): (Vec3, f32, f32),
+        key: u32,
+        only: bool,
+    ) -> (Vec3, Option<Hit>) {
+        let (rules, surface, bounce) = (self.scene.rules, &at.surface, at.bounce);
+        let ray = surface.spawn_ray(direction);
+        let to_objects = surface.ray_to_objects(direction);
+        // Most rays that look for objects alone meet none, wherever the receiver is.
+        let plain = !self.scene.objects.clear && surface.medium(direction).is_empty();
+        let sought = (only && plain).then(|| self.object(to_objects, key, Lobe::Diffuse));
+        if let Some(None) = sought {
+            return (Vec3::ZERO, None);
+        }
+        let lands = bounce < rules.max_bounces && rules.visibility(Lobe::Diffuse).lands;
+        let landed = if lands { self.receiver_hit(ray) } else { None };
+        let (objects, receiver) = (self.scene.objects, self.scene.receiver);
+        let allowance = |l: &Hit| objects.touching.allowance(&ray, l.t, receiver.normal(l.triangle));
+        let t_max = landed.map_or(ray.t_max, |l| l.t + allowance(&l));
+        let mut to_objects = Ray { t_max, ..to_objects };
+        let before = |hit: &Hit| landed.is_none_or(|l| hit.t - objects.slack(hit, direction) <= l.t);
+        let object = match sought {
+            Some(found) => found.filter(|vertex| vertex.distance() <= t_max),
+            None => self.object(to_objects, key, Lobe::Diffuse),
+        };
+        let mut object = object.filter(|vertex| vertex.on_object().is_none_or(before));
+        if !rules.visibility(Lobe::Diffuse).lands {
+            let block = rules.visibility(Lobe::Diffuse).block;
+            (object, to_objects.t_max) = self.before_the_light(object, ray, block);
+        }
+        let found = object.or(landed.map(Vertex::Receiver));
+        let start = surface.medium(direction);
+        let (passed, media) = self.along(to_objects, key, Lobe::Diffuse, found.as_ref(), start);
+        if object.is_none() && passed == Vec3::ONE {
+            return (Vec3::ZERO, landed);
+        }
+        let way = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
+        let mut change = Vec3::ZERO;
+        if let Some(vertex) = found {
+            let mis_weight = match vertex {
+                Vertex::Object(hit) | Vertex::Straight(hit) => self.mis_weight(&hit, ray, pdf),
+                Vertex::Receiver(_) => 1.0,
+            };
+            change +=
+                self.path_radiance(vertex, PathState { throughput: throughput * passed, mis_weight, ..way });
+        }
+        if let Some(hit) = landed {
+            self.objects = false;
+            change -= self.path_radiance(Vertex::Receiver(hit), way);
+            self.objects = true;
+        }
+        (change, None)
+    }
+
+    fn receiver_hit(&mut self, ray: Ray) -> Option<Hit> {
+        self.rays.scattered += 1;
+        self.scene.receiver.bvh.closest(ray, |_| true)
+    }
+}
+
+/// Rays to the objects for each steradian in which they are seen: more where they shine, by how much brighter the box
+/// around them is for it, on the mean, than the sky. A lamp under a shade has one for each sample.
+pub fn rays_towards(scene: &Scene<'_>) -> f32 {
+    let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
+    let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };
+    let [x, y, z] = (high - low).as_dvec3().to_array();
+    let own = power / (2.0 * (x * y + y * z + z * x));
+    let sky = f64::from(luminance(scene.sky.power.map(|v| v as f32))) / (4.0 * std::f64::consts::PI);
+    RAYS * (1.0 + own / sky) as f32
+}
+
+/// The points of rays to the objects after some bounces.
+fn branch(points: Points, bounce: u32) -> Points {
+    if bounce == 0 { points } else { points.branch(TOWARDS + bounce) }
+}

@@ -1,0 +1,333 @@
+//! Light samples: of the sky, of the receiver as the light, and of objects that shine.
+
+use glam::Vec3;
+
+use super::integrator::Integrator;
+use super::near_field::{ArrivingLight, NearFieldLight};
+use super::path::ShadingPoint;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::Points;
+use crate::render::transport::bsdf::{Lobe, Scatter};
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::surface::Surface;
+use crate::render::transport::sky::cone::Towards;
+use crate::render::transport::sky::environment::{Distributions, DrawnDirection, LightSample, TIERS};
+use crate::render::transport::sky::light_draws::wanted;
+
+/// First of the pairs for light of the objects: choice and place, for each vertex.
+const LAMPS: u32 = 1 << 16;
+/// First of the pairs for what objects take from the light of a place, for each vertex.
+const DIMMING: u32 = 3 << 17;
+/// The same for where in a piece of the sky.
+const DIMMING_PIECE: u32 = 7 << 16;
+/// Most light samples of a vertex.
+const MANY: usize = 5;
+/// Light samples at the first vertex where the receiver is the light.
+const NEAR_LIGHTS: u32 = 4;
+
+/// Light samples that a vertex takes of a receiver that is the light.
+pub(crate) fn near_lights(at: &ShadingPoint) -> u32 {
+    if at.is_first() { NEAR_LIGHTS } else { 1 }
+}
+
+/// The light samples of a vertex.
+#[derive(Debug, Default)]
+pub(crate) struct FewDraws {
+    draws: [DrawnDirection; MANY],
+    count: usize,
+}
+
+impl FewDraws {
+    #[inline]
+    fn push(&mut self, drawn: DrawnDirection) {
+        self.draws[self.count] = drawn;
+        self.count += 1;
+    }
+
+    #[inline]
+    pub(crate) fn as_slice(&self) -> &[DrawnDirection] {
+        &self.draws[..self.count]
+    }
+}
+
+/// Balance of two strategies by the squares of their densities (Veach 1997, power heuristic).
+pub(crate) fn power_heuristic(a: f32, b: f32) -> f32 {
+    // Densities of a sun in one texel overflow when squared in f32; their ratio does not.
+    if a > b {
+        let r = b / a;
+        1.0 / (1.0 + r * r)
+    } else if b > 0.0 {
+        let r = a / b;
+        r * r / (1.0 + r * r)
+    } else {
+        0.0
+    }
+}
+
+impl<'a> Integrator<'a> {
+    /// Where a vertex looks for light of the sky.
+    pub(crate) fn sky_distributions(&self, at: &ShadingPoint) -> Distributions<'a> {
+        let usual = || self.scene.sky.distributions(at.surface.bsdf.lit_side());
+        self.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
+    }
+
+    /// How many light samples of each tier of the sky a vertex takes, if not one in all.
+    pub(crate) fn several(&self, at: &ShadingPoint) -> Option<[u32; TIERS]> {
+        at.is_first().then_some(self.scene.sky.lights)
+    }
+
+    /// Light of the place that light samples bring to a vertex.
+    pub(crate) fn lit(&mut self, at: &ShadingPoint) -> Vec3 {
+        match self.scene.near() {
+            Some(near) => self.lit_by_receiver(&near, at),
+            None => self.lit_by_sky(at),
+        }
+    }
+
+    fn lit_by_receiver(&mut self, near: &NearFieldLight<'_>, at: &ShadingPoint) -> Vec3 {
+        let (surface, lights) = (&at.surface, near_lights(at));
+        let mut lit = Vec3::ZERO;
+        for number in 0..lights {
+            let points = self.points.twig(number, lights);
+            self.rays.shadow += 1;
+            let side = surface.bsdf.lit_side();
+            let Some(mut arriving) = near.sample(surface.looks_from(), side, points.bits(at.pair)) else {
+                continue;
+            };
+            arriving.0.pdf *= lights as f32;
+            let key = at.key.wrapping_add(number);
+            lit += self.light_sample(surface, &arriving, Some((near, (points, at.pair))), key);
+        }
+        lit
+    }
+
+    fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {
+        let (sky, surface) = (self.scene.sky, &at.surface);
+        let own;
+        let drawn = match self.drawn.filter(|_| at.is_first()) {
+            Some(drawn) => drawn,
+            None => {
+                own = self.lights(self.sky_distributions(at), at.pair, self.several(at));
+                own.as_slice()
+            }
+        };
+        // Looked up together, they wait for memory together.
+        let mut lights = [None; MANY];
+        lights.iter_mut().zip(drawn).for_each(|(light, drawn)| *light = Some(sky.light(drawn)));
+        let mut lit = Vec3::ZERO;
+        for (number, sample) in lights.iter().flatten().enumerate() {
+            let key = at.key.wrapping_add(number as u32);
+            lit += match surface.bsdf.is_matte() {
+                true => self.matte_light_sample(surface, sample, key),
+                false => self.light_sample(surface, &(*sample, None), None, key),
+            };
+        }
+        lit
+    }
+
+    /// Light of the objects that a light sample brings to a vertex, beside scattered rays and those `towards` the objects.
+    /// The receiver hides it like any body.
+    pub(crate) fn sample_emitters(&mut self, at: &ShadingPoint, towards: &Towards) -> Vec3 {
+        let (objects, surface) = (self.scene.objects, &at.surface);
+        if !self.lamps || !self.objects || objects.emitters.is_empty() {
+            return Vec3::ZERO;
+        }
+        let pair = LAMPS + 2 * at.bounce;
+        let emitter = objects.sample_emitter(self.points.bits(pair)[0], self.points.bits(pair + 1));
+        let to = emitter.position - (surface.position + surface.lift);
+        let distance = to.length();
+        let direction = to / distance;
+        // By solid angle; a lamp seen from the edge, or where the surface is, gives nothing.
+        let pdf = emitter.pdf * distance * distance / emitter.normal.dot(direction).abs();
+        let lobes = surface.bsdf.eval(direction);
+        if !(pdf > 0.0 && pdf.is_finite()) || lobes.iter().all(|s| s.value == Vec3::ZERO) {
+            return Vec3::ZERO;
+        }
+        // Past the receiver it is as far from where the surface is.
+        let start = surface.ray_to_receiver(direction).origin;
+        let way = emitter.way(start + surface.lift);
+        let ray = Ray { origin: start, t_max: way.t_max - objects.slack(&emitter.hit, direction), ..way };
+        let coverage = objects.coverage(&emitter.hit, false);
+        if coverage == 0.0 || !self.passes(Block::Solid, ray) {
+            return Vec3::ZERO;
+        }
+        self.touched = true;
+        let ray = emitter.way(surface.ray_to_objects(direction).origin);
+        let (except, media) = (Some(emitter.hit.triangle), surface.medium(direction));
+        let unshaded = self.object_transmittance(ray, at.key ^ 2, except, media);
+        // Rays to the objects are sent for diffuse lobes.
+        let also = [towards.pdf(direction), 0.0];
+        let weighed = |((s, unshaded), also): ((&Scatter, Vec3), f32)| {
+            unshaded * s.value * power_heuristic(pdf, s.pdf + also)
+        };
+        let arrived: Vec3 = lobes.iter().zip(unshaded).zip(also).map(weighed).sum();
+        arrived * objects.emission_towards(&emitter.hit, -direction) * (coverage / pdf)
+    }
+
+    /// The MIS weight of what shines at a hit that a scattered ray of some density found.
+    pub(crate) fn mis_weight(&mut self, hit: &Hit, ray: Ray, pdf: f32) -> f32 {
+        let emitter_pdf = self.scene.objects.emitters.pdf(hit);
+        let before = hit.t - self.scene.objects.slack(hit, ray.direction);
+        if emitter_pdf == 0.0 || !self.passes(Block::Solid, Ray { t_max: before, ..ray }) {
+            // What is never sampled as a lamp shines in full, if at all.
+            return if emitter_pdf == 0.0 { 1.0 } else { 0.0 };
+        }
+        let cosine = self.scene.objects.normal(hit.triangle).dot(ray.direction).abs();
+        power_heuristic(pdf, emitter_pdf * hit.t * hit.t / cosine.max(1e-12))
+    }
+
+    /// Light samples for a vertex. The first of a path takes several of each tier: they cost less than another
+    /// path, and what the picture shows of their noise is not blurred by anything. Later ones take one.
+    pub(crate) fn lights(
+        &self,
+        distributions: Distributions<'_>,
+        pair: u32,
+        several: Option<[u32; TIERS]>,
+    ) -> FewDraws {
+        let sky = self.scene.sky;
+        let mut found = FewDraws::default();
+        match several {
+            Some(lights) => {
+                let mut rest = wanted(distributions, lights, self.points, pair);
+                if let Some(first) = rest.next() {
+                    let mut all = [first; MANY];
+                    let count = all[1..].iter_mut().zip(rest).map(|(slot, next)| *slot = next).count();
+                    sky.draw_each(&all[..=count], |drawn| found.push(drawn));
+                }
+            }
+            None if distributions.iter().any(|distribution| distribution.power > 0.0) => {
+                let (tier, point) = sky.tier(distributions, self.points.bits(pair));
+                let numbers = sky.numbers(distributions, None);
+                found.push(sky.draw_one(tier, distributions[tier], numbers[tier], point));
+            }
+            None => {}
+        }
+        found
+    }
+
+    /// What the objects leave of the light that a place of the receiver throws back: the panorama was taken
+    /// without them. For each channel a piece of the light that falls on the place decides, chosen in proportion to what it brings.
+    pub(crate) fn dimming(
+        &mut self,
+        near: &NearFieldLight<'_>,
+        (light, place): &ArrivingLight,
+        (points, pair): (Points, u32),
+        key: u32,
+    ) -> Vec3 {
+        let Some(place) = place.filter(|_| self.objects && !near.is_lamp(light.radiance)) else {
+            return Vec3::ONE;
+        };
+        let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
+        let Some(light_points) = self.scene.light_points else { return Vec3::ONE };
+        // From below what lies on the place.
+        let below = self.scene.objects.covers(place.position, place.normal).map(|below| -below);
+        let start = place.position + place.normal * below.unwrap_or(place.margin);
+        let chosen = light_points.choose(place.position, place.normal, choice, within);
+        let mut left = Vec3::ONE;
+        let mut last = None;
+        for (k, way) in chosen.into_iter().enumerate() {
+            let Some(way) = way else { continue };
+            // Mostly all channels choose the same.
+            let passes = match last {
+                Some((same, passes)) if same == way => passes,
+                _ => {
+                    let ray = NearFieldLight::up_to(Ray::new(start, way.direction), way.distance);
+                    let media = self.around(ray);
+                    self.sky_transmittance((ray, ray), false, key ^ 4, media)[0]
+                }
+            };
+            last = Some((way, passes));
+            left[k] = passes[k];
+        }
+        left
+    }
+
+    /// What a light sample brings to a surface. `near` are the receiver as the light, if it is, and the points
+    /// of the sample.
+    fn light_sample(
+        &mut self,
+        surface: &Surface,
+        arriving: &ArrivingLight,
+        near: Option<(&NearFieldLight<'_>, (Points, u32))>,
+        key: u32,
+    ) -> Vec3 {
+        let (sample, place) = arriving;
+        let mut lobes = surface.bsdf.eval(sample.direction);
+        let glossy = &mut lobes[Lobe::Specular as usize];
+        if self.scene.sky.is_narrow(glossy.pdf) {
+            *glossy = Scatter::default();
+        }
+        let useful = |s: &Scatter| s.value != Vec3::ZERO;
+        if sample.radiance == Vec3::ZERO || !lobes.iter().any(useful) {
+            return Vec3::ZERO;
+        }
+        let ray = NearFieldLight::towards(surface.ray_to_receiver(sample.direction), place.as_ref());
+        let to_objects = Ray { t_max: ray.t_max, ..surface.ray_to_objects(sample.direction) };
+        let media = surface.medium(sample.direction);
+        let mut unshaded = match place {
+            Some(_) => self.object_transmittance(to_objects, key, None, media),
+            None => self.sky_transmittance((ray, to_objects), self.scene.rules.is_solid(), key, media),
+        };
+        if let Some((near, points)) = near {
+            let dimming = self.dimming(near, arriving, points, key);
+            unshaded = unshaded.map(|passes| passes * dimming);
+        }
+        if unshaded == [Vec3::ZERO; 2] {
+            return Vec3::ZERO;
+        }
+        let mut arrived = Vec3::ZERO;
+        // Lobes that see the receiver alike share one ray.
+        let mut told: Option<(Block, bool)> = None;
+        for ((lobe, scatter), unshaded) in
+            [Lobe::Diffuse, Lobe::Specular].into_iter().zip(&lobes).zip(unshaded)
+        {
+            if !useful(scatter) || unshaded == Vec3::ZERO {
+                continue;
+            }
+            let block = self.scene.rules.visibility(lobe).shadow;
+            let passes = match (told, near) {
+                (Some((b, passes)), _) if b == block => passes,
+                (_, None) => self.passes(block, ray),
+                (_, Some((near, _))) => {
+                    self.rays.shadow += 1;
+                    near.reaches(ray, place.as_ref())
+                }
+            };
+            told = Some((block, passes));
+            if passes {
+                arrived += unshaded * scatter.value * power_heuristic(sample.pdf, scatter.pdf);
+            }
+        }
+        arrived * sample.radiance / sample.pdf
+    }
+
+    /// The same for a matte surface and a light that is far: light samples bring it all of that.
+    fn matte_light_sample(&mut self, surface: &Surface, sample: &LightSample, key: u32) -> Vec3 {
+        let scatter = surface.bsdf.eval(sample.direction)[Lobe::Diffuse as usize];
+        if sample.radiance == Vec3::ZERO || scatter.value == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let ray = surface.ray_to_receiver(sample.direction);
+        let to_objects = surface.ray_to_objects(sample.direction);
+        let (block, media) =
+            (self.scene.rules.visibility(Lobe::Diffuse).shadow, surface.medium(ray.direction));
+        let [unshaded, _] = self.sky_transmittance((ray, to_objects), block == Block::Solid, key, media);
+        if unshaded == Vec3::ZERO || !self.passes(block, ray) {
+            return Vec3::ZERO;
+        }
+        unshaded * scatter.value * sample.radiance / sample.pdf
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_two_weights_sum_to_one() {
+        for (a, b) in [(1.0, 2.0), (3e30, 1.0), (1e-30, 3e30), (0.5, 0.5), (7.0, 0.0)] {
+            assert!((power_heuristic(a, b) + power_heuristic(b, a) - 1.0).abs() < 1e-6, "{a} {b}");
+        }
+        assert_eq!(power_heuristic(0.0, 0.0), 0.0);
+    }
+}

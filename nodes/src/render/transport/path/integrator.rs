@@ -1,0 +1,220 @@
+//! The estimator: light that arrives along a camera ray.
+
+use glam::Vec3;
+
+use super::light_points::LightPoints;
+use super::near_field::NearFieldLight;
+use super::path::{Path, PathState, ShadingPoint, Vertex, first_pair};
+use super::rays::Rays;
+use super::visibility::Rules;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{Points, unit};
+use crate::render::transport::scene::media::Media;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::scene::surface::Surface;
+use crate::render::transport::sky::cone::Towards;
+use crate::render::transport::sky::environment::{Distributions, DrawnDirection, EnvironmentLight};
+
+/// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
+pub(crate) const BLUR: f32 = 0.05;
+/// Paths this long or longer may end at random.
+const ROULETTE_FROM: u32 = 3;
+
+/// What all rays share.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a> {
+    /// The place.
+    pub receiver: &'a Receiver,
+    /// What was inserted.
+    pub objects: &'a Objects,
+    /// The light.
+    pub sky: &'a EnvironmentLight,
+    /// How the receiver treats each sort of ray.
+    pub rules: &'a Rules,
+    /// The light as points of the receiver, if that is the light and there are objects.
+    pub light_points: Option<&'a LightPoints>,
+}
+
+/// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
+/// that paths with and without objects stay the same until an object comes in the way.
+#[derive(Debug)]
+pub struct Integrator<'a> {
+    pub(crate) scene: Scene<'a>,
+    pub(crate) points: Points,
+    pub(crate) key: u32,
+    /// Whether the objects are there.
+    pub(crate) objects: bool,
+    /// Whether what shines of them does.
+    pub(crate) lamps: bool,
+    /// Where the first vertex looks for light of the sky, if that is known better than by its normal.
+    pub distributions: Option<Distributions<'a>>,
+    /// The light samples of the first vertex, if they are drawn.
+    pub drawn: Option<&'a [DrawnDirection]>,
+    /// Added to the start of rays to objects from the first vertex: see [`crate::render::transport::ground::contact`].
+    pub lift: Vec3,
+    /// Rays from the first vertex to where the objects are, beside others.
+    pub(crate) towards: Towards,
+    /// Width of the camera's ray for each unit of its length, for the textures of objects.
+    pub spread: f32,
+    /// Rays cast so far.
+    pub rays: Rays,
+    /// Whether a ray met an object.
+    pub touched: bool,
+    /// Whether a path ended on an object, for it was too long, with over half of its light to come.
+    pub cut: bool,
+}
+
+impl<'a> Scene<'a> {
+    /// The receiver as the light, if it is.
+    pub(crate) fn near(&self) -> Option<NearFieldLight<'a>> {
+        let near =
+            |eye| NearFieldLight { receiver: self.receiver, sky: self.sky, eye: Vec3::from_array(eye) };
+        self.rules.near.map(near)
+    }
+}
+
+impl<'a> Integrator<'a> {
+    /// The paths of a sample, with or without the objects.
+    pub fn new(scene: Scene<'a>, points: Points, key: u32, objects: bool) -> Self {
+        let objects = objects && !scene.objects.is_empty();
+        Self {
+            scene,
+            points,
+            key,
+            objects,
+            lamps: true,
+            distributions: None,
+            drawn: None,
+            lift: Vec3::ZERO,
+            towards: Towards::NOWHERE,
+            spread: 0.0,
+            rays: Rays::default(),
+            touched: false,
+            cut: false,
+        }
+    }
+
+    /// The surface of the receiver at a hit, moved by `lift` for objects, in no body.
+    pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
+        let surface = self.scene.receiver.surface(hit);
+        let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
+        let cover = if self.objects { covers() } else { None };
+        Surface { cover, lift, ..surface }
+    }
+
+    pub(crate) fn surface(
+        &mut self,
+        vertex: &Vertex,
+        (out, width): (Vec3, f32),
+        lift: Vec3,
+        media: Media,
+    ) -> Surface {
+        let (hit, straight) = match vertex {
+            Vertex::Receiver(hit) => {
+                return Surface { media: [media; 2], ..self.receiver_surface(hit, lift) };
+            }
+            Vertex::Object(hit) => (hit, false),
+            Vertex::Straight(hit) => (hit, true),
+        };
+        let mut surface = self.scene.objects.surface(hit, out, straight, width, media);
+        surface.bed = self.scene.objects.bed(hit, -out, &surface, self.scene.receiver);
+        if surface.bed.is_none() {
+            surface.bed = self.scene.objects.ground.over(self.scene.receiver, surface.position);
+        }
+        let [near, far] = surface.media;
+        if !near.is_empty() && far.is_deeper(&near) {
+            // Where two bodies touch, the path sees one of the two surfaces, and may be out of the first body.
+            surface.media[1] = self.around(surface.spawn_ray(-surface.normal));
+        }
+        surface
+    }
+
+    /// Radiance that comes back along a ray of the camera, of unit direction, from the vertex that it found. What
+    /// is before the receiver is left out, be it a body around it.
+    pub fn radiance(&mut self, first: Vertex, ray: Ray) -> Vec3 {
+        let (mut throughput, mut media) = (Vec3::ONE, Media::default());
+        let objects = self.scene.objects;
+        match &first {
+            _ if !self.objects || objects.bodies.is_empty() => {}
+            Vertex::Receiver(hit) => {
+                let surface = self.receiver_surface(hit, self.lift);
+                media = self.around(surface.upright());
+            }
+            Vertex::Object(hit) | Vertex::Straight(hit) => {
+                if objects.may_hold(ray.origin) {
+                    media = objects.around(ray, self.key, true);
+                }
+                (throughput, media) = objects.within(media, Some(hit), hit.t);
+            }
+        }
+        self.path_radiance(
+            first,
+            PathState { direction: ray.direction, bounce: 0, throughput, share: 1.0, mis_weight: 1.0, media },
+        )
+    }
+
+    /// Radiance that a vertex sends back along a path in some state.
+    pub(crate) fn path_radiance(&mut self, vertex: Vertex, state: PathState) -> Vec3 {
+        let spread = if state.bounce == 0 { self.spread } else { BLUR };
+        let mut path = Path { vertex, state, width: 0.0, spread, touches: false, light: Vec3::ZERO };
+        while self.step(&mut path).is_some() {}
+        path.light
+    }
+
+    /// Adds the light of the vertex that a path is at, and takes it to the next; none where it ends.
+    fn step(&mut self, path: &mut Path) -> Option<()> {
+        let rules = self.scene.rules;
+        let PathState { bounce, throughput, share, mis_weight, media, direction } = path.state;
+        path.width += path.spread * path.vertex.distance();
+        let lift = if bounce == 0 { self.lift } else { Vec3::ZERO };
+        let surface = self.surface(&path.vertex, (-direction, path.width), lift, media);
+        let at = ShadingPoint::new(surface, bounce, self.key);
+        // What a ray finds shining is light of the vertex before.
+        let emitted = self.emitted(&path.vertex, &at, -direction);
+        path.light += rules.clamped(bounce.saturating_sub(1), throughput * emitted * mis_weight);
+        if bounce > rules.max_bounces {
+            self.cut |= path.vertex.on_object().is_some() && throughput.max_element() > 0.5;
+            return None;
+        }
+        path.light += rules.clamped(bounce, throughput * self.lit(&at));
+        let towards = self.towards_objects(&path.vertex, &at);
+        path.light += rules.clamped(bounce, throughput * self.sample_emitters(&at, &towards));
+        path.light += self.sent(&at, &towards, (throughput, share), Self::path_radiance);
+        let scattered = self.scatter(path, &at)?;
+        self.collect(path, &at, &scattered)?;
+        self.go_on(path, &towards, scattered)
+    }
+
+    /// What a vertex emits towards `out`.
+    fn emitted(&self, vertex: &Vertex, at: &ShadingPoint, out: Vec3) -> Vec3 {
+        let objects = self.scene.objects;
+        match vertex.on_object() {
+            _ if !self.lamps => Vec3::ZERO,
+            // Light samples see a lamp as it is; so do the rays that they are weighed against, or a small one would shine
+            // twice.
+            Some(hit) if !at.is_first() && !objects.emitters.is_empty() => objects.emission_towards(hit, out),
+            _ => at.surface.emission,
+        }
+    }
+
+    /// Rays from a vertex to where the objects are, beside scattered ones.
+    fn towards_objects(&self, vertex: &Vertex, at: &ShadingPoint) -> Towards {
+        match vertex {
+            _ if !at.is_first() || !self.objects => Towards::NOWHERE,
+            Vertex::Receiver(_) if at.surface.cover.is_none() => self.towards,
+            Vertex::Receiver(_) => Towards::NOWHERE,
+            Vertex::Object(_) | Vertex::Straight(_) => self.scene.objects.shades.towards(at.surface.position),
+        }
+    }
+
+    /// The throughput of a path after some bounces if it goes on, by Russian roulette; those that bring little may end at random,
+    /// but for a share that says nothing of that: see [`PathState::share`].
+    pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
+        if bounce + 1 < ROULETTE_FROM {
+            return Some(throughput);
+        }
+        let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
+        (unit(self.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
+    }
+}

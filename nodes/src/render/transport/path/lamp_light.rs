@@ -1,0 +1,143 @@
+//! Light that objects add to a receiver that is the light or lets it through.
+//!
+//! There a path ends where it meets the receiver, since the panorama shows the place with all that its walls throw back.
+//! It does not show what the objects add. Light of their lamps goes on from wall to wall, in a place that is lit by nothing
+//! else. Light that they scatter goes back to the places around them: what a mirror shows of the ground before it is as bright as that ground.
+
+use glam::Vec3;
+
+use super::integrator::Integrator;
+use super::near_field::ArrivingLight;
+use super::path::{PathState, ShadingPoint, Vertex};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::render::transport::bsdf::Bsdf;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::media::Media;
+use crate::render::transport::sky::cone::Towards;
+
+impl Integrator<'_> {
+    /// Where a ray meets a receiver that it would pass, if objects shine on it.
+    pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
+        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
+            return None;
+        }
+        self.rays.scattered += 1;
+        self.scene.receiver.bvh.closest(ray, |_| true)
+    }
+
+    /// Light of lamps from where a ray that left a vertex after some bounces has met the receiver, if it has.
+    pub(crate) fn lamps_beyond(
+        &mut self,
+        landed: Option<Hit>,
+        direction: Vec3,
+        bounce: u32,
+        (throughput, share): (Vec3, f32),
+        media: Media,
+    ) -> Vec3 {
+        let Some(hit) = landed.filter(|_| bounce < self.scene.rules.max_bounces) else { return Vec3::ZERO };
+        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
+            return Vec3::ZERO;
+        }
+        let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
+        self.lamp_radiance(Vertex::Receiver(hit), state, true)
+    }
+
+    /// Light that is not of lamps and that objects scatter to where a ray that left a vertex after some bounces has met a
+    /// receiver that is the light, if it has. The place throws back as much of it as it is seen to do of other light: its
+    /// share of what it sends is that of the light it gets, as in the ratio, whatever the receiver's albedo.
+    pub(crate) fn objects_beyond(
+        &mut self,
+        landed: Option<Hit>,
+        (light, place): &ArrivingLight,
+        direction: Vec3,
+        bounce: u32,
+        (throughput, share): (Vec3, f32),
+        media: Media,
+    ) -> Vec3 {
+        let bounce = bounce + 1;
+        let (Some(hit), Some(place), Some(light_points)) = (landed, place, self.scene.light_points) else {
+            return Vec3::ZERO;
+        };
+        if !self.objects || bounce > self.scene.rules.max_bounces {
+            return Vec3::ZERO;
+        }
+        let surface = self.surface(&Vertex::Receiver(hit), (-direction, 0.0), Vec3::ZERO, media);
+        let at = ShadingPoint::new(surface, bounce, self.key);
+        let white = Bsdf::matte(place.normal, Vec3::ONE);
+        let Some((lobe, direction, _)) = white.sample(&self.points, at.pair + 1) else { return Vec3::ZERO };
+        let to_objects = at.surface.ray_to_objects(direction);
+        let found = self.object(to_objects, at.key ^ 1, lobe);
+        let Some((vertex, hit)) = found.and_then(|vertex| Some((vertex, *vertex.on_object()?))) else {
+            return Vec3::ZERO;
+        };
+        let t_max = self.scene.objects.reach(&hit, direction);
+        if !self.passes(Block::Solid, Ray { t_max, ..at.surface.ray_to_receiver(direction) }) {
+            return Vec3::ZERO;
+        }
+        let start = at.surface.medium(direction);
+        let (passed, media) = self.along(to_objects, at.key ^ 1, lobe, Some(&vertex), start);
+        let albedo = light_points.albedo(place.position, place.normal, light.radiance);
+        let throughput = throughput * passed * albedo;
+        let Some(throughput) = self.russian_roulette(bounce, throughput, share) else { return Vec3::ZERO };
+        let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
+        let lamps = std::mem::replace(&mut self.lamps, false);
+        let light = self.path_radiance(vertex, state);
+        self.lamps = lamps;
+        light
+    }
+
+    /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the
+    /// receiver is solid. Where it `sends` them, rays from the receiver to the objects find what lies around lamps.
+    fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState, sends: bool) -> Vec3 {
+        let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
+        let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;
+        let (mut out, mut light) = (-state.direction, Vec3::ZERO);
+        for bounce in start..=rules.max_bounces + 1 {
+            let surface = self.surface(&vertex, (out, 0.0), Vec3::ZERO, media);
+            light += rules.clamped(bounce.saturating_sub(1), throughput * surface.emission * mis_weight);
+            if bounce > rules.max_bounces {
+                break;
+            }
+            let at = ShadingPoint::new(surface, bounce, self.key);
+            let surface = &at.surface;
+            let towards = match vertex {
+                Vertex::Receiver(_) if sends => self.towards_lamps(surface),
+                _ => Towards::NOWHERE,
+            };
+            let lamps = self.sample_emitters(&at, &towards);
+            light += rules.clamped(bounce, throughput * lamps);
+            let onwards = |own: &mut Self, vertex, state| own.lamp_radiance(vertex, state, false);
+            light += self.sent(&at, &towards, (throughput, share), onwards);
+            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else {
+                break;
+            };
+            let ray = surface.ray_to_receiver(direction);
+            let to_objects = surface.ray_to_objects(direction);
+            let object = self.object(to_objects, at.key ^ 1, lobe);
+            let reach = object
+                .as_ref()
+                .and_then(Vertex::on_object)
+                .map_or(ray.t_max, |hit| objects.reach(hit, direction));
+            self.rays.scattered += 1;
+            let landed = receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true);
+            let Some(found) = landed.map(Vertex::Receiver).or(object) else { break };
+            let passed;
+            (passed, media) =
+                self.along(to_objects, at.key ^ 1, lobe, Some(&found), surface.medium(direction));
+            mis_weight = match found {
+                Vertex::Object(hit) | Vertex::Straight(hit) => {
+                    let own = towards.share(direction, scatter.pdf);
+                    (throughput, share) = (throughput * own, share * own);
+                    self.mis_weight(&hit, ray, scatter.pdf + towards.pdf(direction))
+                }
+                Vertex::Receiver(_) => 1.0,
+            };
+            throughput *= passed * scatter.value / scatter.pdf;
+            (vertex, out) = (found, -direction);
+            let Some(left) = self.russian_roulette(bounce, throughput, share) else { break };
+            throughput = left;
+        }
+        self.touched |= light != Vec3::ZERO;
+        light
+    }
+}

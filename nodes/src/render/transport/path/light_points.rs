@@ -1,0 +1,216 @@
+//! The panorama's light as points of the receiver: what share of the light of a place comes from where.
+//!
+//! A place of the receiver that is the light shows what the panorama shows of it, which is without the objects. What they
+//! take from it is the share of its irradiance that they hide, and what they add goes by its irradiance too. To tell
+//! these, the light that falls on the place must be known by its parts: each point stands for a piece of the receiver
+//! around it, or of the sky, by its radiance, area and normal (Keller 1997, virtual point lights).
+
+use std::f32::consts::TAU;
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, circle, fraction, stream};
+use crate::math::num;
+use crate::render::transport::bsdf::Frame;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::cone::Cone;
+use crate::render::transport::sky::environment::EnvironmentLight;
+
+/// Points in all.
+const POINTS: usize = 1024;
+/// Points that are weighed for one choice. Any aligned block of the points is spread over all the light.
+const BLOCK: usize = 32;
+/// One point in so many goes in any direction: what is dark but near brings light too.
+const SPREAD: u32 = 4;
+
+/// A piece of the light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct LightPoint {
+    /// Where on the receiver, or the unit direction to the sky.
+    at: Vec3,
+    /// Unit normal of the receiver on the side of the point of capture; none of the sky.
+    normal: Option<Vec3>,
+    radiance: Vec3,
+    /// Of the receiver the area, of the sky the solid angle.
+    size: f32,
+}
+
+/// The panorama's light as points of the receiver and of the sky.
+#[derive(Debug)]
+pub struct LightPoints(Vec<LightPoint>);
+
+/// The way from a place to some of its light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WayToLight {
+    /// Unit direction.
+    pub direction: Vec3,
+    /// How far it is.
+    pub distance: f32,
+}
+
+impl LightPoints {
+    /// Memory held.
+    pub fn bytes(&self) -> u64 {
+        size_of_val(&*self.0) as u64
+    }
+
+    /// Of what the panorama shows from a point of capture, most of them of about the same power there. Takes one ray for
+    /// each.
+    pub fn new(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3) -> Self {
+        let point = |number: u32| {
+            let points = Points::new(stream(0, 0, 0), number / SPREAD);
+            let light = match number % SPREAD {
+                0 => sky.eval_one(None, anywhere(points.pair(0))),
+                twig => sky.sample_one(None, points.twig(twig, SPREAD).bits(1))?,
+            };
+            let any = 1.0 / SPREAD as f32;
+            let pdf = (1.0 - any) * light.pdf + any / (2.0 * TAU);
+            let (radiance, solid_angle) = (light.radiance, 1.0 / (pdf * POINTS as f32));
+            let Some(hit) = receiver.bvh.closest(Ray::new(eye, light.direction), |_| true) else {
+                return Some(LightPoint { at: light.direction, normal: None, radiance, size: solid_angle });
+            };
+            let surface = receiver.surface(&hit);
+            let cosine = surface.normal.dot(light.direction);
+            let normal = if cosine > 0.0 { -surface.normal } else { surface.normal };
+            let size = solid_angle * hit.t * hit.t / cosine.abs().max(1e-6);
+            Some(LightPoint { at: surface.position, normal: Some(normal), radiance, size })
+        };
+        Self((0..POINTS as u32).filter_map(point).collect())
+    }
+
+    /// Some of the light that falls on a place, for each channel in proportion to what it brings of that channel as far as one
+    /// block of points tells, of the sky anywhere in the piece that a point stands for. One number chooses for all channels, so that
+    /// they mostly choose the same. What of the receiver stands before it is not asked. None where no light of the channel comes from the
+    /// side of the normal.
+    pub fn choose(
+        &self,
+        place: Vec3,
+        normal: Vec3,
+        [block, choice]: [u32; 2],
+        within: [f32; 2],
+    ) -> [Option<WayToLight>; 3] {
+        let blocks = self.0.len().div_ceil(BLOCK);
+        let at = ((u64::from(block) * blocks as u64) >> 32) as usize;
+        let Some(block) = self.0.chunks(BLOCK).nth(at) else { return [None; 3] };
+        let mut sums = [DVec3::ZERO; BLOCK];
+        let mut sum = DVec3::ZERO;
+        for (point, slot) in block.iter().zip(&mut sums) {
+            sum += point.seen_from(place, normal).1.as_dvec3();
+            *slot = sum;
+        }
+        let wanted = sum * fraction(choice);
+        [0, 1, 2].map(|k| {
+            let chosen = &block[sums.iter().position(|up_to| up_to[k] > wanted[k])?];
+            let way = chosen.seen_from(place, normal).0;
+            let direction = if chosen.normal.is_some() { way.direction } else { chosen.within(within) };
+            Some(WayToLight { direction, ..way })
+        })
+    }
+
+    /// The share of the light that falls on a place which it throws back by what it is seen to send, at most 1 of each channel: its albedo,
+    /// if the panorama is right. What of the receiver stands before light is not asked.
+    pub fn albedo(&self, place: Vec3, normal: Vec3, radiance: Vec3) -> Vec3 {
+        let irradiance: Vec3 = self.0.iter().map(|point| point.seen_from(place, normal).1).sum();
+        let albedo = radiance * (0.5 * TAU) / irradiance;
+        Vec3::select(irradiance.cmpgt(Vec3::ZERO), albedo, Vec3::ZERO).min(Vec3::ONE)
+    }
+
+    /// A bound of the chance that a choice lies in the sky within some narrower cone in a cone, of a solid angle.
+    pub fn most_chosen(&self, cone: &Cone, solid_angle: f64) -> f64 {
+        let angle = |solid_angle: f64| num::f64::acos(1.0 - (solid_angle / (2.0 * PI)).min(2.0));
+        // A piece of the sky: the way to its middle, the angle to its edge and the most of it that is in the narrow cone.
+        let pieces = self.0.iter().filter(|point| point.normal.is_none()).map(|point| {
+            let size = f64::from(point.size);
+            (point.at.as_dvec3(), angle(size), (solid_angle / size).min(1.0))
+        });
+        let reach = angle(2.0 * PI * (1.0 - f64::from(cone.cosine)));
+        let between = |a: DVec3, b: DVec3| num::f64::acos(a.dot(b).clamp(-1.0, 1.0)) - 1e-3;
+        let there: Vec<(DVec3, f64, f64)> =
+            pieces.filter(|piece| between(piece.0, cone.axis.as_dvec3()) <= reach + piece.1).collect();
+        // Of pieces that reach into one narrow cone no two lie farther apart.
+        let around = |(middle, edge, _): &(DVec3, f64, f64)| -> f64 {
+            let apart = |other: &&(DVec3, f64, f64)| {
+                between(*middle, other.0) <= 2.0 * angle(solid_angle) + edge + other.1
+            };
+            there.iter().filter(apart).map(|(.., most)| most).sum()
+        };
+        let most = there.iter().map(around).fold(0.0, f64::max);
+        (most / self.0.len().div_ceil(BLOCK).max(1) as f64).min(1.0)
+    }
+}
+
+impl LightPoint {
+    /// A direction in its piece of the sky, as round as a cone, by two fractions.
+    fn within(&self, [u, v]: [f32; 2]) -> Vec3 {
+        let (sin, cos) = circle(u);
+        let below = v * (self.size / TAU).min(1.0);
+        let radius = (below * (2.0 - below)).max(0.0).sqrt();
+        Frame::around(self.at).from(Vec3::new(radius * cos, radius * sin, 1.0 - below))
+    }
+
+    /// The way to it from a place, and the irradiance that it brings there.
+    fn seen_from(&self, place: Vec3, normal: Vec3) -> (WayToLight, Vec3) {
+        let (direction, distance, solid_angle) = match self.normal {
+            None => (self.at, f32::INFINITY, self.size),
+            Some(own) => {
+                let to = self.at - place;
+                let distance = to.length();
+                let direction = to / distance;
+                // From near by the piece is no point: it fills half of all directions at most.
+                let solid_angle = self.size * -own.dot(direction) / (distance * distance);
+                (direction, distance, solid_angle.min(TAU))
+            }
+        };
+        let irradiance = self.radiance * solid_angle.max(0.0) * normal.dot(direction).max(0.0);
+        let irradiance = if irradiance.is_finite() { irradiance } else { Vec3::ZERO };
+        (WayToLight { direction, distance }, irradiance)
+    }
+}
+
+/// A direction, spread evenly over the sphere by two fractions.
+fn anywhere([u, v]: [f32; 2]) -> Vec3 {
+    let (z, (sin, cos)) = (1.0 - 2.0 * v, circle(u));
+    let radius = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(radius * cos, radius * sin, z)
+}
+
+#[cfg(test)]
+mod tests {
+    use engine::Up;
+
+    use super::*;
+    use crate::render::transport::sky::environment::constant;
+    use crate::testing::direction;
+
+    /// No choice for any place lies in a cone of the sky more often than is told.
+    #[test]
+    fn the_chance_of_a_choice_is_bounded() {
+        let mut env = constant(Up::PlusZ, [0.3, 0.4, 0.6], 256);
+        (0..16).for_each(|i| {
+            env.image.pixel_mut(160 + i % 4, 24 + i / 4).copy_from_slice(&[900.0, 850.0, 700.0]);
+        });
+        let nothing = Receiver::new(&crate::types::Mesh::default(), DVec3::ZERO);
+        let points = LightPoints::new(&nothing, &EnvironmentLight::new(&env), Vec3::ZERO);
+        for (axis, cosine) in [(Vec3::new(0.44, 0.4, 0.8).normalize(), 0.95), (Vec3::Z, 0.97), (Vec3::X, 0.9)]
+        {
+            let bound = points.most_chosen(&Cone { axis, cosine }, 2.0 * PI * (1.0 - f64::from(cosine)));
+            for i in 0..40 {
+                let normal = direction(Points::new(9, i).pair(0));
+                let inside = (0..1000).filter(|&k| {
+                    let way = points.choose(
+                        Vec3::ZERO,
+                        normal,
+                        Points::new(i, k).bits(0),
+                        Points::new(i, k).pair(1),
+                    );
+                    way.iter().flatten().any(|way| way.direction.dot(axis) >= cosine)
+                });
+                let share = inside.count() as f64 / 1000.0;
+                assert!(share <= bound + 0.02, "{normal}: {share} of {bound}");
+            }
+        }
+        assert!(points.most_chosen(&Cone { axis: Vec3::Z, cosine: 0.9 }, 1e-5) < 1e-3);
+    }
+}

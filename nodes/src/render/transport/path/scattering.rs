@@ -1,0 +1,165 @@
+//! The ray by which a path leaves a vertex, and what it finds.
+
+use glam::Vec3;
+
+use super::direct_light::{near_lights, power_heuristic};
+use super::integrator::{BLUR, Integrator};
+use super::path::{Path, ShadingPoint, Vertex};
+use crate::geometry::bvh::{Hit, Ray};
+use crate::render::transport::bsdf::Lobe;
+use crate::render::transport::scene::block::Block;
+use crate::render::transport::scene::media::Media;
+use crate::render::transport::sky::cone::Towards;
+
+/// A scattered ray.
+pub(crate) struct Scattered {
+    lobe: Lobe,
+    /// The ray, as it may meet the receiver.
+    ray: Ray,
+    /// Density of its direction.
+    pdf: f32,
+    /// What of the light that comes along it goes on along the path.
+    weight: Vec3,
+    /// The object that it meets, if that is not behind the light.
+    object: Option<Vertex>,
+    /// Where it lands on the receiver, if that was asked, before any object.
+    landed: Option<Hit>,
+    /// What it is in where it ends.
+    media: Media,
+    /// Whether the object is in the place of the vertex.
+    touches: bool,
+}
+
+impl Scattered {
+    /// Density of the direction for a lobe that shows the light sharply, else 0.
+    fn glossy_pdf(&self) -> f32 {
+        if self.lobe == Lobe::Specular { self.pdf } else { 0.0 }
+    }
+}
+
+impl Integrator<'_> {
+    /// Whether light samples bring a vertex all light of the place: then its rays look for surfaces only.
+    fn is_matte(&self, at: &ShadingPoint) -> bool {
+        at.surface.bsdf.is_matte() && self.scene.rules.near.is_none()
+    }
+
+    /// Scatters a ray; none where the surface sends none, or where it could find nothing.
+    pub(crate) fn scatter(&mut self, path: &Path, at: &ShadingPoint) -> Option<Scattered> {
+        let (rules, surface) = (self.scene.rules, &at.surface);
+        let (go_on, matte) = (at.bounce < rules.max_bounces, self.is_matte(at));
+        if matte && !self.objects && !(go_on && rules.visibility(Lobe::Diffuse).lands) {
+            return None;
+        }
+        let (lobe, direction, scatter) = surface.bsdf.sample(&self.points, at.pair + 1)?;
+        let visibility = rules.visibility(lobe);
+        let ray = surface.ray_to_receiver(direction);
+        let mut to_objects = surface.ray_to_objects(direction);
+        let touching = match (&path.vertex, lobe) {
+            (Vertex::Object(hit), Lobe::Specular)
+                if !path.touches
+                    && self.scene.objects.parts.len() > 1
+                    && direction.dot(surface.normal) < 0.0 =>
+            {
+                self.rays.scattered += 1;
+                self.scene.objects.touching(hit, surface, direction, at.key ^ 1).map(Vertex::Object)
+            }
+            _ => None,
+        };
+        let touches = touching.is_some();
+        let mut object = touching.or_else(|| self.object(to_objects, at.key ^ 1, lobe));
+        if !visibility.lands {
+            (object, to_objects.t_max) = self.before_the_light(object, ray, visibility.block);
+        }
+        let landed = if visibility.lands && (go_on || (!matte && visibility.block == Block::Solid)) {
+            self.rays.scattered += 1;
+            let on_object = object.as_ref().and_then(Vertex::on_object);
+            let reach = on_object.map_or(f32::INFINITY, |hit| self.scene.objects.reach(hit, direction));
+            self.scene.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
+        } else {
+            None
+        };
+        let found = landed.map(Vertex::Receiver).or(object);
+        let start = surface.medium(direction);
+        let (passed, media) = self.along(to_objects, at.key ^ 1, lobe, found.as_ref(), start);
+        let weight = passed * scatter.value / scatter.pdf;
+        Some(Scattered { lobe, ray, pdf: scatter.pdf, weight, object, landed, media, touches })
+    }
+
+    /// Adds the light of the place that a scattered ray finds; none where the path ends in it.
+    pub(crate) fn collect(
+        &mut self,
+        path: &mut Path,
+        at: &ShadingPoint,
+        scattered: &Scattered,
+    ) -> Option<()> {
+        let Scattered { ray, weight, object, landed, media, .. } = *scattered;
+        let (rules, bounce, direction) = (self.scene.rules, at.bounce, ray.direction);
+        let carried = (path.state.throughput * weight, path.state.share);
+        match self.scene.near() {
+            Some(near) if landed.is_some() || object.is_none() => {
+                self.rays.scattered += 1;
+                let side = at.surface.bsdf.lit_side();
+                if let Some(arriving) = near.eval(ray, side, landed.as_ref(), scattered.glossy_pdf()) {
+                    let dimming = self.dimming(&near, &arriving, (self.points, at.pair + 1), at.key);
+                    let pdf = near_lights(at) as f32 * arriving.0.pdf;
+                    let arrived = arriving.0.radiance * power_heuristic(scattered.pdf, pdf);
+                    path.light += rules.clamped(bounce, carried.0 * dimming * arrived);
+                    path.light += self.lamps_beyond(landed, direction, bounce, carried, media);
+                    path.light += self.objects_beyond(landed, &arriving, direction, bounce, carried, media);
+                    return None;
+                }
+            }
+            None if object.is_none() && !self.is_matte(at) => {
+                path.light += rules.clamped(bounce, carried.0 * self.sky_found(at, scattered));
+            }
+            _ => {}
+        }
+        if !rules.visibility(scattered.lobe).lands && object.is_none() {
+            let unlit = self.unlit(ray);
+            path.light += self.lamps_beyond(unlit, direction, bounce, carried, media);
+        }
+        Some(())
+    }
+
+    /// Light of the sky that a scattered ray finds, weighed against light samples.
+    fn sky_found(&mut self, at: &ShadingPoint, scattered: &Scattered) -> Vec3 {
+        let (sky, distributions) = (self.scene.sky, self.sky_distributions(at));
+        let numbers = sky.numbers(distributions, self.several(at));
+        let found = sky.eval(distributions, numbers, scattered.ray.direction);
+        let found = sky.seen(found, scattered.glossy_pdf());
+        if found.radiance == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let visibility = self.scene.rules.visibility(scattered.lobe);
+        let passes = match (visibility.block, visibility.lands) {
+            (Block::Solid, true) => scattered.landed.is_none(),
+            (block, _) => self.passes(block, scattered.ray),
+        };
+        if passes { found.radiance * power_heuristic(scattered.pdf, found.pdf) } else { Vec3::ZERO }
+    }
+
+    /// Takes a path to what its scattered ray found; none where that is nothing, or where it ends by chance.
+    pub(crate) fn go_on(&mut self, path: &mut Path, towards: &Towards, scattered: Scattered) -> Option<()> {
+        let Scattered { lobe, ray, pdf, weight, object, landed, media, touches } = scattered;
+        path.vertex = landed.map(Vertex::Receiver).or(object)?;
+        let state = &mut path.state;
+        state.mis_weight = match path.vertex {
+            Vertex::Object(hit) | Vertex::Straight(hit) => {
+                let towards = if lobe == Lobe::Diffuse { towards } else { &Towards::NOWHERE };
+                let own = towards.share(ray.direction, pdf);
+                (state.throughput, state.share) = (state.throughput * own, state.share * own);
+                self.mis_weight(&hit, ray, pdf + towards.pdf(ray.direction))
+            }
+            Vertex::Receiver(_) => 1.0,
+        };
+        state.throughput *= weight;
+        (state.direction, state.media) = (ray.direction, media);
+        path.touches = touches;
+        if lobe == Lobe::Diffuse {
+            path.spread = f32::max(path.spread, BLUR);
+        }
+        state.throughput = self.russian_roulette(state.bounce, state.throughput, state.share)?;
+        state.bounce += 1;
+        Some(())
+    }
+}

@@ -1,0 +1,115 @@
+//! How the receiver treats each sort of ray.
+
+use glam::Vec3;
+use serde::Serialize;
+
+use crate::render::transport::bsdf::Lobe;
+use crate::render::transport::scene::block::Block;
+
+/// The receiver's part in light transport, decided.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Rules {
+    /// How it blocks the environment.
+    pub block: Block,
+    /// Scattered rays meet it as a lit surface.
+    pub bounce_solid: bool,
+    /// Reflections in objects pass it and show the environment.
+    pub specular_env: bool,
+    /// Whether the camera sees it, and shadow rays of reflections meet it though reflections do not: the
+    /// printed indicator.
+    pub printed: bool,
+    /// The point of capture, in the frame of the scene, where the receiver is the light: see
+    /// [`super::near_field`].
+    pub near: Option<[f32; 3]>,
+    /// How many times light may be scattered after the first time.
+    pub max_bounces: u32,
+    /// Largest channel of one contribution after the first vertex of a path; infinite for no limit.
+    pub clamp: f32,
+}
+
+impl Rules {
+    /// A contribution of the vertex after `bounce` scatterings, scaled down to the limit where it is over.
+    #[inline]
+    pub fn clamped(&self, bounce: u32, light: Vec3) -> Vec3 {
+        let largest = light.max_element();
+        if bounce == 0 || largest <= self.clamp { light } else { light * (self.clamp / largest) }
+    }
+}
+
+/// How the receiver appears to rays that leave a surface by one lobe.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visibility {
+    /// How it blocks the environment from a scattered ray.
+    pub block: Block,
+    /// How it blocks the environment from a shadow ray: alike, or light would be lost (see the notes of
+    /// `docs/light-transport.md`), except as printed.
+    pub shadow: Block,
+    /// Whether the scattered ray goes on from it.
+    pub lands: bool,
+}
+
+impl Rules {
+    /// Whether no light of the sky passes the receiver to any lobe.
+    #[inline]
+    pub fn is_solid(&self) -> bool {
+        self.near.is_some() || self.printed || (self.block == Block::Solid && !self.specular_env)
+    }
+
+    /// The row of the table for rays of a lobe. Rows: diffuse rays of the receiver and of objects, and
+    /// specular rays of objects that see the environment or the receiver. The receiver has no specular
+    /// lobe, and the objects are solid to every ray.
+    #[inline]
+    pub fn visibility(&self, lobe: Lobe) -> Visibility {
+        let alike = |block, lands| Visibility { block, shadow: block, lands };
+        match lobe {
+            _ if self.near.is_some() => alike(Block::Solid, true),
+            Lobe::Diffuse => alike(self.block, self.bounce_solid),
+            Lobe::Specular if self.printed => {
+                Visibility { shadow: Block::Solid, ..alike(Block::Pass, false) }
+            }
+            Lobe::Specular if self.specular_env => alike(Block::Pass, false),
+            Lobe::Specular => alike(Block::Solid, true),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::transport::scene::block::EVERYWHERE;
+
+    /// Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
+    #[test]
+    fn each_ray_sees_the_receiver_by_its_rule() {
+        let rules = |block, bounce_solid, specular_env, printed| Rules {
+            block,
+            bounce_solid,
+            specular_env,
+            printed,
+            near: None,
+            max_bounces: 1,
+            clamp: f32::MAX,
+        };
+        let visibility = |block, shadow, lands| Visibility { block, shadow, lands };
+        let front = Block::FrontFace { max_layers: 3, flip: false, within: EVERYWHERE };
+        for block in [Block::Solid, Block::Pass, front] {
+            for bounce in [false, true] {
+                for (env, specular) in [(true, (Block::Pass, false)), (false, (Block::Solid, true))] {
+                    let rules = rules(block, bounce, env, false);
+                    assert_eq!(rules.visibility(Lobe::Diffuse), visibility(block, block, bounce));
+                    assert_eq!(
+                        rules.visibility(Lobe::Specular),
+                        visibility(specular.0, specular.0, specular.1)
+                    );
+                }
+            }
+        }
+        let near = Rules { near: Some([0.0; 3]), ..rules(Block::Pass, false, true, false) };
+        for lobe in [Lobe::Diffuse, Lobe::Specular] {
+            assert_eq!(near.visibility(lobe), visibility(Block::Solid, Block::Solid, true));
+        }
+        let printed = rules(Block::Solid, true, true, true);
+        assert_eq!(printed.visibility(Lobe::Diffuse), visibility(Block::Solid, Block::Solid, true));
+        assert_eq!(printed.visibility(Lobe::Specular), visibility(Block::Pass, Block::Solid, false));
+    }
+}

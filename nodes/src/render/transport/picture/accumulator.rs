@@ -1,0 +1,279 @@
+//! From sums over samples to the finished pictures of one camera.
+
+use super::film::CROSS;
+use super::film::FIRST_HIT;
+use super::film::PAIR;
+use super::film::R0;
+use super::film::{Area, Sums};
+use crate::light::level::level;
+use crate::math::color::luminance;
+use crate::render::transport::path::rays::Rays;
+use crate::types::{Camera, Cell, Data, Image, Linear};
+
+/// Which of the sums of a pixel are of squares.
+const SQUARES: [usize; 3] = [3, R0 + 3, R0 + 8];
+
+/// What came of an error that was asked for.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct ReachedError {
+    /// The error asked for.
+    pub(crate) asked: f64,
+    /// The largest error of a tile that the first samples promised for as many as were taken.
+    pub(crate) predicted: f64,
+    /// The largest error of a tile.
+    pub(crate) worst: f64,
+    /// Blocks of pixels; those that took more samples than the first; those whose samples did not do.
+    pub(crate) blocks: [u64; 3],
+    /// Samples a pixel, on the average.
+    pub(crate) samples: f64,
+}
+
+/// The finished pictures of one camera.
+pub(crate) struct FinishedView {
+    pub(crate) images: [Image<Linear>; 3],
+    pub(crate) depth: Image<Data>,
+    pub(crate) nearest: Image<Data>,
+    pub(crate) normal: Image<Data>,
+    pub(crate) variance: Image<Data>,
+    pub(crate) row: Vec<Cell>,
+    pub(crate) rays: Rays,
+    pub(crate) broken: u64,
+    /// Of the samples that objects cover, the share that ended with most of their light to come.
+    pub(crate) cut: f64,
+    /// Variances that single precision does not hold.
+    pub(crate) beyond: u64,
+    /// Share of the chunks of pixels where the objects were shown not to matter, and of the light there that they may
+    /// change at most.
+    pub(crate) cropped: (f64, f64),
+    pub(crate) reached: Option<ReachedError>,
+}
+
+impl FinishedView {
+    /// Whether a pixel shows anything of the objects.
+    pub(crate) fn shows_objects_at(&self, (x, y): (u32, u32)) -> bool {
+        self.images[2].pixel(x as usize, y as usize)[3] > 0.0
+    }
+
+    /// Whether any pixel does.
+    pub(crate) fn shows_objects(&self) -> bool {
+        let object = &self.images[2];
+        object.samples.chunks_exact(object.channels).any(|pixel| pixel[3] > 0.0)
+    }
+}
+
+/// The chunks of a camera, added in their order as they come, so that memory does not grow with them.
+pub(crate) struct Accumulator {
+    pub(crate) whole: Area,
+    /// `R0 + PAIR` sums a pixel, where the parts have roots the squares.
+    sums: Vec<f64>,
+    /// Samples of each pixel.
+    samples: Vec<u32>,
+    /// For the luminances y0 of R0, y1 of R1 and y of O, sums over a chunk: y1 y1, y1 y0, y0 y0 and y y of each
+    /// pixel, divided by the chunk's number of samples and added over chunks.
+    cross: Vec<[f64; CROSS]>,
+    rays: Rays,
+    broken: u64,
+    cut: u64,
+    /// Pixels, each as often as chunks of samples were added to it: all, those that no object touched, and those of
+    /// them that were not asked.
+    pixels: [u64; 3],
+    /// The largest share of the light of the last that the objects may change.
+    bound: f32,
+}
+
+impl Accumulator {
+    pub(crate) fn new(whole: Area) -> Self {
+        let pixels = whole.pixels();
+        Self {
+            whole,
+            sums: vec![0.0; pixels * (R0 + PAIR)],
+            samples: vec![0; pixels],
+            cross: vec![[0.0; CROSS]; pixels],
+            rays: Rays::default(),
+            broken: 0,
+            cut: 0,
+            pixels: [0; 3],
+            bound: 0.0,
+        }
+    }
+
+    /// Adds a range of samples of an area.
+    pub(crate) fn add(&mut self, area: Area, r0: &Sums, pair: &Sums, range: (u32, u32)) {
+        let parts = r0.sums.chunks_exact(R0).zip(pair.sums.chunks_exact(PAIR));
+        for (pixel, (a, b)) in area.each().zip(parts) {
+            let index = self.whole.index(pixel);
+            for (k, (sum, v)) in
+                self.sums[index * (R0 + PAIR)..].iter_mut().zip(a.iter().chain(b)).enumerate()
+            {
+                let v = f64::from(*v);
+                *sum += if SQUARES.contains(&k) { v * v } else { v };
+            }
+            self.samples[index] += range.1 - range.0;
+            let light = |c: &[f32]| f64::from(luminance([c[0], c[1], c[2]]));
+            let (y0, y1, y) = (light(a), light(b), light(&b[4..]));
+            for (sum, v) in self.cross[index].iter_mut().zip([y1 * y1, y1 * y0, y0 * y0, y * y]) {
+                *sum += v / f64::from(range.1 - range.0);
+            }
+        }
+        self.rays += r0.rays;
+        self.rays += pair.rays;
+        self.broken += r0.broken + pair.broken;
+        self.cut += pair.cut;
+        self.pixels[0] += area.pixels() as u64;
+        self.pixels[1] += pair.untouched;
+        self.pixels[2] += pair.cropped.0;
+        self.bound = self.bound.max(pair.cropped.1);
+    }
+
+    /// The sums of a pixel and its number of samples.
+    fn pixel(&self, index: usize) -> (&[f64], f64) {
+        (&self.sums[index * (R0 + PAIR)..(index + 1) * (R0 + PAIR)], f64::from(self.samples[index]))
+    }
+
+    /// Share of a pixel that the objects cover.
+    pub(crate) fn alpha(&self, index: usize) -> f64 {
+        let (sums, n) = self.pixel(index);
+        sums[R0 + 7] / n
+    }
+
+    /// Mean luminances of R0, R1 and the objects in a pixel.
+    pub(crate) fn luminances(&self, index: usize) -> [f64; 3] {
+        let (sums, n) = self.pixel(index);
+        [0, R0, R0 + 4].map(|first| f64::from(luminance([0, 1, 2].map(|k| (sums[first + k] / n) as f32))))
+    }
+
+    /// Median luminance of R0 where it is lit, as `shadow-ratio` takes it: a mean would be that of a sun in the picture.
+    pub(crate) fn mean_luminance(&self) -> f64 {
+        level((0..self.samples.len()).map(|index| self.luminances(index)[0]))
+    }
+
+    /// Mean luminance of the objects over what they cover.
+    pub(crate) fn object_luminance(&self) -> f64 {
+        let (mut light, mut cover) = (0.0, 0.0);
+        for index in 0..self.samples.len() {
+            let (sums, n) = self.pixel(index);
+            light += f64::from(luminance([0, 1, 2].map(|k| (sums[R0 + 4 + k] / n) as f32)));
+            cover += sums[R0 + 7] / n;
+        }
+        if cover > 0.0 { light / cover } else { 0.0 }
+    }
+
+    /// Variances of the luminance of R0, of the change C = R1 - R0, of O, and of the ratio S = R1 / R0 of a
+    /// pixel, each of the mean over its samples as if they were independent; 0 for a single one. Stratified points do
+    /// better, so these are upper estimates. C is estimated beside R0, so S = 1 + C / R0 varies by
+    ///
+    /// `Var(S) = (Var(C) + (S - 1)^2 Var(R0)) / R0^2 - 2 (S - 1) Cov(C, R0) / R0^2`.
+    ///
+    /// The last term is left out. Where C and R0 share light samples what is taken grows with what there was,
+    /// so the term is negative and the estimate an upper one; elsewhere they share the place in the pixel alone.
+    pub(crate) fn variances(&self, index: usize) -> Variances {
+        let (sums, n) = self.pixel(index);
+        let mean = |k: usize| f64::from(luminance([0, 1, 2].map(|c| (sums[k + c] / n) as f32)));
+        let of_mean = |square: f64, mean: f64| {
+            // One sample tells nothing, not even by what rounding leaves.
+            if n > 1.0 { ((square / n - mean * mean) / (n - 1.0)).max(0.0) } else { 0.0 }
+        };
+        let [y0, y1, y] = [0, R0, R0 + 4].map(mean);
+        let without = of_mean(sums[3], y0);
+        let change = of_mean(sums[R0 + 3], y1 - y0);
+        let ratio = match y0 > 0.0 {
+            true => (change + (y1 / y0 - 1.0) * (y1 / y0 - 1.0) * without) / (y0 * y0),
+            false => 0.0,
+        };
+        Variances { without, change, object: of_mean(sums[R0 + 8], y), ratio }
+    }
+
+    /// Variances of the ratio and of the luminance of O from how far some chunks lie apart: over chunks of n samples
+    /// with sums y1 and y0, `sum((y1 - S y0)^2 / n)` for each degree of freedom, over the square of all y0. It sees
+    /// how evenly samples are spread, but with few chunks only the mean over many pixels is worth something.
+    pub(crate) fn variances_between_chunks(&self, index: usize, chunks: usize) -> [f64; 2] {
+        let (sums, n) = self.pixel(index);
+        let of = |k: usize| f64::from(luminance([0, 1, 2].map(|c| sums[k + c] as f32)));
+        let ([y0, y1, y], [a, b, c, o]) = ([0, R0, R0 + 4].map(of), self.cross[index]);
+        let s = if y0 > 0.0 { y1 / y0 } else { 0.0 };
+        let freedom = (chunks.max(2) - 1) as f64;
+        let ratio = if y0 > 0.0 { n * (a - 2.0 * s * b + s * s * c) / (y0 * y0) } else { 0.0 };
+        [ratio, (o - y * y / n) / n].map(|spread| spread.max(0.0) / freedom)
+    }
+}
+
+/// Variances of means over samples: of luminances, and of the ratio of luminances.
+pub(crate) struct Variances {
+    without: f64,
+    change: f64,
+    pub(crate) object: f64,
+    pub(crate) ratio: f64,
+}
+
+/// The pictures of a camera from the sums of all its samples, where each stands for a block of pixels.
+pub(crate) fn finish(
+    camera: &Camera,
+    coarse_px: u32,
+    accumulator: &Accumulator,
+    front: &Sums,
+    reached: Option<ReachedError>,
+) -> FinishedView {
+    let (width, height) = (camera.width_px as usize, camera.height_px as usize);
+    let mut images = [3, 3, 4].map(|channels| Image::<Linear>::new(width, height, channels));
+    let [mut depth, mut nearest, mut normal, mut variance] =
+        [1, 1, 3, 4].map(|channels| Image::new(width, height, channels));
+    let (mut means, mut errors, mut beyond, mut told_any) = ([0.0; 3], [0.0; 3], 0, false);
+    for (x, y) in Area::whole(camera).each() {
+        let index = accumulator.whole.index((x / coarse_px, y / coarse_px));
+        let (x, y) = (x as usize, y as usize);
+        let (sums, n) = accumulator.pixel(index);
+        for ((image, first), mean) in images.iter_mut().zip([0, R0, R0 + 4]).zip(&mut means) {
+            let channels = image.channels;
+            let pixel = image.pixel_mut(x, y);
+            for (out, sum) in pixel.iter_mut().zip(&sums[first..first + channels]) {
+                *out = (sum / n) as f32;
+            }
+            *mean += f64::from(luminance([pixel[0], pixel[1], pixel[2]]));
+        }
+        let spread = accumulator.variances(index);
+        // R1 is R0 and a change, whose errors may go the same way.
+        let with = spread.without.sqrt() + spread.change.sqrt();
+        let spreads = [spread.without, with * with, spread.object];
+        for (sum, v) in errors.iter_mut().zip(spreads) {
+            *sum += v;
+        }
+        let told = variance.pixel_mut(x, y);
+        for (to, v) in told.iter_mut().zip(spreads.into_iter().chain([spread.ratio])) {
+            *to = (v as f32).min(f32::MAX);
+            beyond += u64::from(v > f64::from(f32::MAX) || (v > 0.0 && *to == 0.0));
+        }
+        told_any |= n > 1.0;
+        let values = &front.sums[index * FIRST_HIT..(index + 1) * FIRST_HIT];
+        depth.pixel_mut(x, y)[0] = values[0];
+        nearest.pixel_mut(x, y)[0] = values[1];
+        normal.pixel_mut(x, y).copy_from_slice(&values[2..]);
+    }
+    let all = (width * height).max(1) as f64;
+    let mut rays = accumulator.rays;
+    rays += front.rays;
+    let mut row = vec![Cell::Text(camera.name.clone())];
+    for k in 0..3 {
+        row.push(Cell::Number(means[k] / all));
+        row.push(if told_any { Cell::Number((errors[k] / all).sqrt()) } else { Cell::Missing });
+    }
+    row.push(Cell::Count(rays.all()));
+    let [traced, untouched, cropped] = accumulator.pixels.map(|n| n as f64);
+    row.extend([untouched, cropped].map(|n| Cell::Number(n / traced.max(1.0))));
+    let covered: f64 = (0..accumulator.samples.len()).map(|index| accumulator.pixel(index).0[R0 + 7]).sum();
+    let cut = accumulator.cut as f64 / covered.max(1.0);
+    let cropped = (cropped / traced.max(1.0), f64::from(accumulator.bound));
+    FinishedView {
+        images,
+        depth,
+        nearest,
+        normal,
+        variance,
+        row,
+        rays,
+        broken: accumulator.broken,
+        beyond,
+        cut,
+        cropped,
+        reached,
+    }
+}

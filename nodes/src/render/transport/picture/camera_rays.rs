@@ -1,0 +1,103 @@
+//! The camera's rays.
+
+use std::sync::OnceLock;
+
+use glam::{DVec3, Vec3};
+use serde::Serialize;
+
+use super::silhouette::Silhouette;
+use crate::geometry::bvh::Ray;
+use crate::geometry::sampling::{Points, hash, stream};
+use crate::render::transport::scene::frame::in_scene_frame;
+use crate::render::transport::scene::objects::Objects;
+use crate::render::transport::scene::supports::Ground;
+use crate::types::Camera;
+
+/// A camera without its name, which changes no pixel.
+#[derive(Serialize)]
+pub(crate) struct View<'a> {
+    size: (u32, u32),
+    intrinsics: [f64; 4],
+    world_from_camera: &'a [f64; 16],
+}
+
+impl<'a> View<'a> {
+    pub(crate) fn of(camera: &'a Camera) -> Self {
+        Self {
+            size: (camera.width_px, camera.height_px),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            world_from_camera: &camera.world_from_camera,
+        }
+    }
+}
+
+/// The camera's rays.
+pub(crate) struct CameraRays<'a> {
+    pub(crate) camera: &'a Camera,
+    pub(crate) eye: Vec3,
+    /// Right, down and forward of the camera in the world.
+    pub(crate) axes: [DVec3; 3],
+    /// A quarter of the width of a pixel for each unit of distance: the samples of a pixel find what is narrower.
+    pub(crate) spread: f32,
+    pub(crate) seed: u64,
+    pub(crate) ground: &'a Ground,
+    /// Side of the blocks of pixels of which one is traced.
+    coarse_px: u32,
+    /// Made when it is first asked for.
+    silhouette: OnceLock<Silhouette>,
+}
+
+impl<'a> CameraRays<'a> {
+    pub(crate) fn new(
+        camera: &'a Camera,
+        origin: DVec3,
+        seed: u64,
+        ground: &'a Ground,
+        coarse_px: u32,
+    ) -> Self {
+        let pose = camera.world_from_camera();
+        let axes = [pose.x_axis, pose.y_axis, pose.z_axis].map(|axis| axis.truncate());
+        let spread = (0.25 / (camera.fx * camera.fy).abs().sqrt()) as f32;
+        Self {
+            camera,
+            eye: in_scene_frame(camera.eye(), origin),
+            axes,
+            spread,
+            seed,
+            ground,
+            coarse_px,
+            silhouette: OnceLock::new(),
+        }
+    }
+
+    /// The pixel of the picture that stands for a block: its middle, or the last one there is.
+    pub(crate) fn pixel(&self, (x, y): (u32, u32)) -> (u32, u32) {
+        let middle = |block: u32, size: u32| (block * self.coarse_px + self.coarse_px / 2).min(size - 1);
+        (middle(x, self.camera.width_px), middle(y, self.camera.height_px))
+    }
+
+    /// The ray through a place in the picture.
+    pub(crate) fn through(&self, x: f64, y: f64) -> Ray {
+        let Camera { fx, fy, cx, cy, .. } = *self.camera;
+        let [right, down, forward] = self.axes;
+        let direction = right * ((x - cx) / fx) + down * ((y - cy) / fy) + forward;
+        Ray::new(self.eye, direction.normalize().as_vec3())
+    }
+
+    /// Whether a ray through the pixel of a block may meet any of the objects, always the same ones, if the camera sees them.
+    #[inline]
+    pub(crate) fn may_show(&self, objects: &Objects, block: (u32, u32)) -> bool {
+        let whole = || Silhouette::of(objects, self.camera, self.eye, self.axes);
+        objects.shown && self.silhouette.get_or_init(whole).holds(self.pixel(block))
+    }
+
+    /// The points, hash key and camera ray of a sample of a block's pixel: uniform over the pixel, a box filter.
+    pub(crate) fn sample(&self, block: (u32, u32), sample: u32) -> (Points, u32, Ray) {
+        let (x, y) = self.pixel(block);
+        let stream = stream(self.seed, x, y);
+        let points = Points::new(stream, sample);
+        let [dx, dy] = points.pair(0);
+        let ray = self.through(f64::from(x) + f64::from(dx), f64::from(y) + f64::from(dy));
+        (points, hash(stream, sample), ray)
+    }
+}

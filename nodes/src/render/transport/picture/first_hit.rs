@@ -1,0 +1,76 @@
+//! Depth and normal of what is in front, at the centre of a pixel and anywhere in it.
+
+use glam::Vec3;
+
+use super::camera_rays::CameraRays;
+use super::film::FIRST_HIT;
+use super::film::TileSums;
+use super::pair::shift;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::render::transport::path::integrator::Scene;
+use crate::render::transport::scene::media::Media;
+
+/// The most places of a pixel in which objects are looked for.
+pub(crate) const PLACES: u32 = 16;
+
+/// Depth of what is in front at the centres of some pixels, of the nearest object in so many `places` of them, those of their
+/// first samples, and normal.
+pub(crate) fn trace_first_hit(
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
+    pixels: &[(u32, u32)],
+    places: u32,
+) -> TileSums {
+    let mut tile = TileSums::with_room(pixels.len() * FIRST_HIT);
+    let planar = |t: f32, ray: &Ray| f64::from(t) * ray.direction.as_dvec3().dot(camera_rays.axes[2]);
+    for &block in pixels {
+        let (x, y) = camera_rays.pixel(block);
+        let ray = camera_rays.through(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        // Whether any of its rays may meet an object.
+        let near = camera_rays.may_show(scene.objects, block);
+        tile.rays.camera += 1 + u64::from(near);
+        let landed = scene.camera_hit(ray);
+        // Of what is blended, that of which more is seen than of what is behind.
+        let front = || scene.objects.bvh.closest(ray, |hit| scene.objects.coverage(hit, true) > 0.5);
+        let object = if near { front() } else { None };
+        let object = object.filter(|hit| is_before(&scene, camera_rays, ray, hit, landed));
+        let (t, normal) = match (object, landed) {
+            (Some(hit), _) => {
+                let surface = scene.objects.surface(&hit, -ray.direction, false, 0.0, Media::default());
+                (hit.t, surface.normal)
+            }
+            (None, Some(hit)) => (hit.t, scene.receiver.surface(&hit).normal),
+            (None, None) => (f32::INFINITY, Vec3::ZERO),
+        };
+        let depth = if t.is_finite() { planar(t, &ray) } else { f64::INFINITY };
+        let mut nearest = None::<f64>;
+        for number in 0..if near { places } else { 0 } {
+            let (_, _, ray) = camera_rays.sample(block, number);
+            tile.rays.camera += 1;
+            if let Some(hit) = scene.objects.bvh.closest(ray, |hit| scene.objects.coverage(hit, true) > 0.0) {
+                tile.rays.camera += 1;
+                let landed = scene.camera_hit(ray);
+                if is_before(&scene, camera_rays, ray, &hit, landed) {
+                    let found = planar(hit.t, &ray);
+                    nearest = Some(nearest.map_or(found, |known| known.min(found)));
+                }
+            }
+        }
+        let [a, b, c] = normal.to_array().map(f64::from);
+        tile.push(&[depth, nearest.unwrap_or(depth), a, b, c]);
+    }
+    tile
+}
+
+/// Whether an object is met before the receiver.
+pub(crate) fn is_before(
+    scene: &Scene<'_>,
+    camera_rays: &CameraRays<'_>,
+    ray: Ray,
+    hit: &Hit,
+    landed: Option<Hit>,
+) -> bool {
+    landed.is_none_or(|l| {
+        hit.t - scene.objects.slack(hit, ray.direction) <= l.t + shift(scene, camera_rays, &l, ray)
+    })
+}

@@ -1,0 +1,122 @@
+//! What objects can change where the receiver is the light: see [`super::crop`].
+//!
+//! A place of the receiver that the point of capture sees has the radiance that the panorama shows in its direction, at
+//! most `B`; objects dim what it throws back by the chance that the piece of its light that is asked for lies behind them, and add to it
+//! what they scatter. What is not seen scatters as any matte surface. So with `a` the largest albedo and `E` the greatest irradiance of the sky, no surface has more than
+//!
+//! `L = B + a (E / pi + B) + a^2 (E / pi + B) + ..`
+//!
+//! Where the objects lie apart from the receiver, all of its points see them in one cone, and each in a part of it of projected
+//! solid angle `P` at most, with light of the sky `T` at most behind, and the piece asked for lies in that part with a chance
+//! of no more than `d` (between two places of the receiver there is none of them). Then the radiance
+//! of any place changes by at most `D = max(B d, a ((T + P L) / pi + D'))`, where `D'` is that of one bounce less, and
+//! the irradiance of a pixel by its own `T + P L`, and `pi D` for all of the receiver that it may see.
+
+use std::f64::consts::PI;
+
+use glam::Vec3;
+
+use super::bounds::{LOOKS, greatest_of};
+use crate::render::transport::path::integrator::Scene;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::cone::Cone;
+use crate::render::transport::sky::environment::EnvironmentLight;
+
+/// Cones narrower than this are looked at as they are.
+const NARROW: f32 = 0.9;
+/// So many times the whole sky may be looked at to find what of it shows the receiver.
+const PASSES: f64 = 8.0;
+
+/// Bounds of what surfaces send, for each channel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NearBounds {
+    /// Radiance of any surface, with the objects or without.
+    pub(crate) surfaces: [f64; 3],
+    /// How much that of any place of the receiver changes; none where objects may stand anywhere around it.
+    pub(crate) change: Option<[f64; 3]>,
+}
+
+impl NearBounds {
+    /// For a scene of which the largest albedo is known if all is matte.
+    pub(crate) fn new(scene: &Scene<'_>, albedo: Option<[f64; 3]>, eye: Vec3) -> Self {
+        let (brightest, irradiance) = scene.sky.bounds();
+        let shown = shown_on(scene.receiver, scene.sky, eye, brightest);
+        let bounces = scene.rules.max_bounces.max(1);
+        let surfaces: [f64; 3] = std::array::from_fn(|k| {
+            let of = |albedo: [f64; 3]| {
+                (0..bounces).fold(shown[k], |sent, _| shown[k].max(albedo[k] * (irradiance[k] / PI + sent)))
+            };
+            albedo.map_or(f64::INFINITY, of).min(brightest[k])
+        });
+        let change = apart(scene).and_then(|Apart { cone, square }| {
+            // Of a ball seen at that angle, and of what is seen of it facing it.
+            let solid = [2.0 * PI * square / (1.0 + (1.0 - square).sqrt()), PI * square];
+            let chance = scene.light_points?.most_chosen(&cone, solid[0]);
+            let (mut sum, mut most) = ([0.0; 3], [0.0; 3]);
+            scene.sky.each_around(&cone, |_, _, solid_angle, radiance| {
+                (0..3).for_each(|k| sum[k] += radiance[k] * solid_angle);
+                most = greatest_of(most, radiance);
+            });
+            let hidden: [f64; 3] =
+                std::array::from_fn(|k| surfaces[k] * solid[1] + sum[k].min(most[k] * solid[1]));
+            let albedo = albedo.unwrap_or([1.0; 3]);
+            Some(std::array::from_fn(|k| {
+                let dimmed = shown[k] * chance;
+                (0..bounces).fold(dimmed, |change, _| dimmed.max(albedo[k] * (hidden[k] / PI + change)))
+            }))
+        });
+        Self { surfaces, change }
+    }
+}
+
+/// How the receiver sees objects that lie apart from it.
+pub(crate) struct Apart {
+    /// Holds the directions to the objects of all of its points.
+    cone: Cone,
+    /// Squared sine of the angle at which the nearest of its points sees their radius.
+    square: f64,
+}
+
+/// How every point of the receiver sees the objects, if they lie apart.
+pub(crate) fn apart(scene: &Scene<'_>) -> Option<Apart> {
+    let ((low, high), objects) = (scene.receiver.bvh.bounds()?, scene.objects.bvh.bounds()?);
+    let margin = Vec3::splat(scene.receiver.margin_within(low, high));
+    let (low, high) = (low - margin, high + margin);
+    let cone = Cone::between([low, high], objects.into());
+    let (middle, radius) = ((objects.0 + objects.1) * 0.5, (objects.1 - objects.0).as_dvec3().length() * 0.5);
+    let way = (middle - middle.clamp(low, high)).as_dvec3();
+    let square = radius * radius / way.length_squared();
+    (cone.cosine > 0.0 && square < 1.0).then_some(Apart { cone, square })
+}
+
+/// The greatest radiance of the directions in which the receiver may be seen from a point, or of any.
+fn shown_on(receiver: &Receiver, sky: &EnvironmentLight, eye: Vec3, brightest: [f64; 3]) -> [f64; 3] {
+    let (mut most, mut left, mut passes) = ([0.0; 3], LOOKS, 0.0);
+    receiver.bvh.visit(|corners| {
+        let [low, high] = corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], corner| {
+            [low.min(*corner - eye), high.max(*corner - eye)]
+        });
+        let cone = Cone::between([Vec3::ZERO; 2], [low, high]);
+        if corners.len() == 8 && cone.cosine < NARROW && left > 0 {
+            left -= 1;
+            return true;
+        }
+        passes += 0.5 * (1.0 - f64::from(cone.cosine));
+        if passes > PASSES {
+            return false;
+        }
+        // A direction to it is on its side of every plane through the point.
+        let reach = 1e-5 * low.abs().max(high.abs()).max_element();
+        let [above, below] = [high.cmpge(Vec3::splat(-reach)), low.cmple(Vec3::splat(reach))];
+        sky.each_around(&cone, |direction, radius, _, radiance| {
+            let sides = (0..3).all(|k| {
+                (above.test(k) || direction[k] <= radius) && (below.test(k) || direction[k] >= -radius)
+            });
+            if sides {
+                most = greatest_of(most, radiance);
+            }
+        });
+        false
+    });
+    if passes > PASSES { brightest } else { most }
+}

@@ -1,0 +1,250 @@
+//! What a part traces for each of its pixels: the receiver alone, then what the objects change and show.
+
+use glam::Vec3;
+
+use super::camera_rays::CameraRays;
+use super::crop::Crop;
+use super::film::PAIR;
+use super::film::R0;
+use super::film::{Area, Sums, TileSums};
+use super::tile::{Sample, Tile, TileSampling};
+use super::tile_bounds::TileBounds;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::math::color::luminance;
+use crate::render::transport::path::change::{ChangeSampling, asks, rays_towards};
+use crate::render::transport::path::integrator::{Integrator, Scene};
+use crate::render::transport::path::path::{Vertex, first_pair};
+use crate::render::transport::path::rays::Rays;
+use crate::render::transport::sky::light_draws::LightDraws;
+
+/// The number by which a ray of the camera is stopped by what is blended.
+const BLENDED: u32 = 5 << 17;
+
+/// Adds a sample, unless it is not finite.
+fn add(sums: &mut [f64], light: Vec3, broken: &mut u64) -> bool {
+    if !light.is_finite() {
+        *broken += 1;
+        return false;
+    }
+    let rgb = light.to_array();
+    for (sum, v) in sums.iter_mut().zip(rgb) {
+        *sum += f64::from(v);
+    }
+    true
+}
+
+fn squared_luminance(light: Vec3) -> f64 {
+    let y = f64::from(luminance(light.to_array()));
+    y * y
+}
+
+/// The receiver without the objects over some pixels.
+pub(crate) fn trace_r0(
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
+    pixels: &[(u32, u32)],
+    range: (u32, u32),
+) -> TileSums {
+    let mut sums_of_tile = TileSums::with_room(pixels.len() * R0);
+    let tile = Tile::new(scene, camera_rays, pixels, range);
+    let distributions = tile.distributions();
+    let distributions = distributions.as_ref().map(|distributions| distributions.each_ref());
+    let each = (range.1 - range.0) as usize;
+    // Where the receiver is the light, that is found by other ways.
+    let far = scene.rules.near.is_none();
+    let mut draws = LightDraws::new(scene.sky, scene.sky.lights, first_pair(0), {
+        tile.samples.iter().map(|sample| {
+            let hit = sample.hit.filter(|_| far)?;
+            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
+            Some((sample.points, distributions.unwrap_or_else(usual)))
+        })
+    });
+    for samples in tile.samples.chunks_exact(each) {
+        let mut sums = [0.0; R0];
+        for sample in samples {
+            let drawn = Some(draws.next_vertex()).filter(|_| far);
+            let mut integrator = Integrator {
+                distributions,
+                drawn,
+                ..Integrator::new(scene, sample.points, sample.key, false)
+            };
+            let light = match sample.hit {
+                Some(hit) => integrator.radiance(Vertex::Receiver(hit), sample.ray),
+                None => scene.sky.background(sample.ray.direction),
+            };
+            sums_of_tile.rays += integrator.rays;
+            sums_of_tile.rays.camera += 1;
+            if add(&mut sums, light, &mut sums_of_tile.broken) {
+                sums[3] += squared_luminance(light);
+            }
+        }
+        sums[3] = sums[3].sqrt();
+        sums_of_tile.push(&sums);
+    }
+    let hits: Vec<Option<Hit>> = tile.samples.iter().map(|sample| sample.hit).collect();
+    let light = sums_of_tile.sums.chunks_exact(R0).map(|sums| Vec3::new(sums[0], sums[1], sums[2]));
+    sums_of_tile.bounds = Some(TileBounds::of(scene.receiver, light.zip(hits.chunks_exact(each))));
+    sums_of_tile
+}
+
+/// The receiver with the objects, and the objects, over some pixels. `r0` are the sums of the same samples of
+/// an area around them without objects, to which only what these change is added; where `crop` shows that this is next to
+/// nothing, nothing is.
+pub(crate) fn trace_pair(
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
+    crop: Option<&Crop>,
+    (number, pixels): (usize, &[(u32, u32)]),
+    range: (u32, u32),
+    (area, r0): (Area, &Sums),
+) -> TileSums {
+    let mut sums_of_tile = TileSums::with_room(pixels.len() * PAIR);
+    let objects = scene.objects;
+    let Some((low, high)) = objects.bvh.bounds() else {
+        // Without objects nothing is cast.
+        for pixel in pixels {
+            let mut sums = [0.0; PAIR];
+            sums[..3].copy_from_slice(&known(r0, area, *pixel));
+            sums_of_tile.push(&sums);
+        }
+        sums_of_tile.untouched = pixels.len() as u64;
+        return sums_of_tile;
+    };
+    let bounds = r0.tile_bounds.get(number).copied().unwrap_or_default();
+    if let Some(bound) = crop.and_then(|crop| crop.bound(&scene, &bounds, camera_rays.ground.max_shift())) {
+        let cropped = (!bounds.is_empty()).then_some(bound);
+        return TileSums { cropped, ..trace_objects(scene, camera_rays, pixels, range, (area, r0)) };
+    }
+    let tile = Tile::new(scene, camera_rays, pixels, range);
+    let rays = rays_towards(&scene);
+    let place = |s: &Sample| {
+        let hit = s.hit?;
+        let shift = shift(&scene, camera_rays, &hit, s.ray);
+        Some((s.ray.origin + s.ray.direction * (hit.t + shift), hit, shift))
+    };
+    // Where the receiver is the light, whole paths are traced.
+    let far = scene.rules.near.is_none();
+    let tile_sampling =
+        if far { tile.change_sampling(tile.samples.iter().filter_map(|s| Some(place(s)?.0))) } else { None };
+    let distributions = if far && tile_sampling.is_none() { tile.distributions() } else { None };
+    let (distributions, lights, probability) = match &tile_sampling {
+        Some(TileSampling { distributions, lights, probability }) => {
+            (Some(distributions.each_ref()), *lights, *probability)
+        }
+        None => (distributions.as_ref().map(|distributions| distributions.each_ref()), scene.sky.lights, 1.0),
+    };
+    let mut draws = LightDraws::new(scene.sky, lights, first_pair(0), {
+        tile.samples.iter().map(|sample| {
+            let hit = sample.hit.filter(|_| far && asks(&sample.points, probability))?;
+            let usual = || scene.sky.distributions(Some(scene.receiver.facing(&hit)));
+            Some((sample.points, distributions.unwrap_or_else(usual)))
+        })
+    });
+    for (samples, pixel) in tile.samples.chunks_exact((range.1 - range.0) as usize).zip(pixels) {
+        let mut sums = [0.0; PAIR];
+        let mut change = [0.0; 3];
+        let mut touched = false;
+        let shows = camera_rays.may_show(objects, *pixel);
+        for sample in samples {
+            let (ray, landed, drawn) = (sample.ray, place(sample), draws.next_vertex());
+            sums_of_tile.rays.camera += 1;
+            let reach = landed.map_or(f32::INFINITY, |(_, hit, shift)| hit.t + shift);
+            if shows {
+                show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
+            }
+            let Some((start, hit, shift)) = landed else { continue };
+            let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
+            let lift = ray.direction * shift;
+            let reach = ChangeSampling { drawn, probability, start, objects: [low, high], rays, lift };
+            let light = integrator.change(hit, ray, &reach);
+            sums_of_tile.rays += integrator.rays;
+            touched |= light != Vec3::ZERO;
+            if add(&mut change, light, &mut sums_of_tile.broken) {
+                sums[3] += squared_luminance(light);
+            }
+        }
+        for (k, known) in known(r0, area, *pixel).into_iter().enumerate() {
+            // Rounded as `known` is, so that what is taken wholly leaves nothing.
+            sums[k] = (known + f64::from(change[k] as f32)).max(0.0);
+        }
+        sums_of_tile.untouched += u64::from(!touched);
+        for k in [3, 8] {
+            sums[k] = sums[k].sqrt();
+        }
+        sums_of_tile.push(&sums);
+    }
+    sums_of_tile
+}
+
+/// The objects alone over some pixels, of whose light they change nothing that counts.
+fn trace_objects(
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
+    pixels: &[(u32, u32)],
+    range: (u32, u32),
+    (area, r0): (Area, &Sums),
+) -> TileSums {
+    let mut sums_of_tile =
+        TileSums { untouched: pixels.len() as u64, ..TileSums::with_room(pixels.len() * PAIR) };
+    for &pixel in pixels {
+        let mut sums = [0.0; PAIR];
+        sums[..3].copy_from_slice(&known(r0, area, pixel));
+        let shows = camera_rays.may_show(scene.objects, pixel);
+        for number in if shows { range.0..range.1 } else { 0..0 } {
+            let (points, key, ray) = camera_rays.sample(pixel, number);
+            let sample = Sample { points, key, ray, hit: None };
+            let reach = |rays: &mut Rays| {
+                rays.camera += 1;
+                let landed = scene.camera_hit(ray);
+                landed.map_or(f32::INFINITY, |hit| hit.t + shift(&scene, camera_rays, &hit, ray))
+            };
+            show(scene, camera_rays, &sample, reach, &mut sums, &mut sums_of_tile);
+        }
+        sums[8] = sums[8].sqrt();
+        sums_of_tile.push(&sums);
+    }
+    sums_of_tile
+}
+
+/// Adds what a sample shows of the objects; `reach` tells how far it sees before the receiver is in the way.
+fn show(
+    scene: Scene<'_>,
+    camera_rays: &CameraRays<'_>,
+    sample: &Sample,
+    reach: impl FnOnce(&mut Rays) -> f32,
+    sums: &mut [f64; PAIR],
+    of_tile: &mut TileSums,
+) {
+    let (ray, objects) = (sample.ray, scene.objects);
+    let front = objects.front(ray, sample.points.bits(BLENDED)[0], &mut of_tile.rays.camera);
+    let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
+    let Some(front) = front.filter(|front| before(front) <= reach(&mut of_tile.rays)) else { return };
+    let mut integrator =
+        Integrator { spread: camera_rays.spread, ..Integrator::new(scene, sample.points, sample.key, true) };
+    let light = integrator.radiance(Vertex::Object(front), ray);
+    of_tile.rays += integrator.rays;
+    of_tile.cut += u64::from(integrator.cut);
+    if add(&mut sums[4..], light, &mut of_tile.broken) {
+        sums[7] += 1.0;
+        sums[8] += squared_luminance(light);
+    }
+}
+
+/// RGB of the sums of a pixel without objects.
+fn known(r0: &Sums, area: Area, pixel: (u32, u32)) -> [f64; 3] {
+    let at = area.index(pixel) * R0;
+    std::array::from_fn(|k| f64::from(r0.sums[at + k]))
+}
+
+impl Scene<'_> {
+    /// What a ray of the camera meets of the receiver.
+    pub(crate) fn camera_hit(&self, ray: Ray) -> Option<Hit> {
+        if self.rules.printed { None } else { self.receiver.bvh.closest(ray, |_| true) }
+    }
+}
+
+/// How far the camera's hit of the receiver moves along its ray to lie where objects stand.
+pub(crate) fn shift(scene: &Scene<'_>, camera_rays: &CameraRays<'_>, hit: &Hit, ray: Ray) -> f32 {
+    let position = ray.origin + ray.direction * hit.t;
+    camera_rays.ground.shift(position, scene.receiver.normal(hit.triangle), ray.direction)
+}

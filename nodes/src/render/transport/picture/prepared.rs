@@ -1,0 +1,52 @@
+//! The inputs in the form that rays want.
+
+use std::sync::Arc;
+
+use engine::{Context, NodeError, Part};
+use glam::DVec3;
+
+use crate::render::transport::path::light_points::LightPoints;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::environment::EnvironmentLight;
+use crate::types::{Environment, Mesh};
+
+/// The inputs in the form that rays want. Pictures of the same place and light share them.
+pub(crate) struct PreparedScene<'a> {
+    /// Where the coordinates of rays and triangles start, in the world.
+    pub(crate) origin: DVec3,
+    cx: &'a Context,
+    receiver: Arc<Receiver>,
+    sky: Arc<EnvironmentLight>,
+}
+
+impl<'a> PreparedScene<'a> {
+    pub(crate) fn new(
+        mesh: &Mesh,
+        env: &Environment,
+        origin: DVec3,
+        cx: &'a Context,
+    ) -> Result<Self, NodeError> {
+        let part = Part { name: "receiver", version: 1, inputs: &["receiver"] };
+        let new = || Receiver::new(mesh, origin);
+        let receiver = cx.in_memory(part, &origin.to_array(), Receiver::bytes, new)?;
+        let part = Part { name: "sky", version: 1, inputs: &["env"] };
+        let new = || EnvironmentLight::new(env);
+        let sky = cx.in_memory(part, &(), EnvironmentLight::bytes, new)?;
+        Ok(Self { origin, cx, receiver, sky })
+    }
+
+    pub(crate) fn receiver(&self) -> &Receiver {
+        &self.receiver
+    }
+
+    pub(crate) fn sky(&self) -> &EnvironmentLight {
+        &self.sky
+    }
+
+    /// Of a point of capture.
+    pub(crate) fn light_points(&self, eye: [f32; 3]) -> Result<Arc<LightPoints>, NodeError> {
+        let part = Part { name: "light-points", version: 1, inputs: &["receiver", "env"] };
+        let new = || LightPoints::new(&self.receiver, &self.sky, eye.into());
+        self.cx.in_memory(part, &(self.origin.to_array(), eye), LightPoints::bytes, new)
+    }
+}

@@ -1,0 +1,197 @@
+//! How many samples each part of a picture takes, where an error is asked for.
+//!
+//! The first chunk of samples is taken of the whole picture. Then each block of pixels is judged by its variance
+//! and takes one chunk after the other, as parts are made of them, until it is good enough or has as many as
+//! it may. So the number for a block depends on the inputs and the error asked for alone, and its pixels are
+//! those of a picture that takes as many samples everywhere, bit for bit. A tile that is judged is large beside
+//! a pixel, whose own value hardly decides how many samples it gets: that would bias it.
+
+use engine::NodeError;
+
+use super::accumulator::{Accumulator, ReachedError};
+use super::film::{Area, TILE, chunks};
+
+/// Side of the blocks of pixels that take more samples together, in tiles.
+const BLOCK: u32 = 4;
+/// A receiver with less than this share of the median light of `without` counts nothing: `shadow-ratio` leaves it as
+/// it is, by default.
+const DARK: f64 = 1e-3;
+/// What stratified samples gain at most over independent ones, in variance, that is believed.
+const GAIN: f64 = 16.0;
+/// A ratio whose standard error is one part in so many of it is not known to be above 0: it may be the bright dot of one
+/// path, whose error is not to be judged beside itself.
+const SURE: f64 = 2.0;
+/// The variance of independent samples counts for so many degrees of freedom beside those of how far chunks lie apart, which
+/// says little where it rests on few chunks and on few pixels.
+const PRIOR: f64 = 0.5;
+
+/// What is asked for.
+pub(crate) struct ErrorGoal {
+    /// Standard error, see [`ErrorGoal::error`].
+    asked: f64,
+    /// Mean luminance of the objects over what they cover.
+    scale: f64,
+    /// Least luminance of `without` that counts.
+    dark: f64,
+    /// All chunks of samples that may be taken.
+    chunks: Vec<(u32, u32)>,
+}
+
+impl ErrorGoal {
+    /// The goal for a picture of which the first chunk is known.
+    pub(crate) fn new(asked: f64, most: u32, accumulator: &Accumulator) -> Self {
+        Self {
+            asked,
+            scale: accumulator.object_luminance(),
+            dark: DARK * accumulator.mean_luminance(),
+            chunks: chunks(most),
+        }
+    }
+
+    /// Standard error of the worst tile of an area of so many chunks, root mean square over the pixels where there is
+    /// one: of the ratio S = R1 / R0, by the share of it that is seen past the objects, and of the objects, by the
+    /// mean of their light, the larger of both. Where light is thrown back on dark ground S may be any number, so
+    /// above 1 its error is relative to what it surely is, by itself or as part of its tile; that of a highlight is relative
+    /// to the highlight. From one
+    /// chunk as if samples were independent, from several by how far they lie apart, the less so the fewer pixels the
+    /// error is that of.
+    fn error(&self, accumulator: &Accumulator, area: Area, chunks: usize) -> f64 {
+        let mut worst = 0.0_f64;
+        for tile in area.pieces(TILE) {
+            let (mut alone, mut apart, mut counts) = ([0.0_f64; 2], [0.0_f64; 2], [0.0_f64; 2]);
+            let mut squares = [0.0_f64; 2];
+            let around = self.lit(accumulator, tile);
+            for pixel in tile.each() {
+                let index = accumulator.whole.index(pixel);
+                let spread = accumulator.variances(index);
+                let seen = 1.0 - accumulator.alpha(index);
+                let of_chunks = accumulator.variances_between_chunks(index, chunks);
+                let [without, with, object_luminance] = accumulator.luminances(index);
+                let scale = self.scale.max(object_luminance);
+                let object = if scale > 0.0 { 1.0 / (scale * scale) } else { 0.0 };
+                let shown = if without > self.dark {
+                    seen / beside(with / without, spread.ratio, around)
+                } else {
+                    0.0
+                };
+                let weights = [shown * shown, object];
+                for (k, square) in [spread.ratio, spread.object].into_iter().enumerate() {
+                    alone[k] += weights[k] * square;
+                    squares[k] += weights[k] * square * (weights[k] * square);
+                    apart[k] += weights[k] * of_chunks[k];
+                    counts[k] += f64::from(u8::from(weights[k] * square > 0.0));
+                }
+            }
+            for k in 0..2 {
+                let freedom = chunks.saturating_sub(1) as f64 * effective(alone[k], squares[k]);
+                let mixed = (freedom * apart[k] + PRIOR * alone[k]) / (freedom + PRIOR);
+                worst = worst.max((mixed.max(alone[k] / GAIN) / counts[k].max(1.0)).sqrt());
+            }
+        }
+        worst
+    }
+
+    /// What the mean ratio of a tile is at least, over what is seen of it past the objects.
+    fn lit(&self, accumulator: &Accumulator, tile: Area) -> f64 {
+        let (mut sum, mut noise, mut weight) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for pixel in tile.each() {
+            let index = accumulator.whole.index(pixel);
+            let seen = 1.0 - accumulator.alpha(index);
+            let [without, with, _] = accumulator.luminances(index);
+            if without > self.dark && seen > 0.0 {
+                sum += seen * (with / without);
+                noise += seen * seen * accumulator.variances(index).ratio;
+                weight += seen;
+            }
+        }
+        if weight > 0.0 { surely(sum / weight, noise / (weight * weight)) } else { 0.0 }
+    }
+
+    /// Takes what samples each block of a picture needs by `take`, which traces a range of samples of an area. Tells
+    /// the share of the blocks that are done.
+    pub(crate) fn reach(
+        &self,
+        accumulator: &mut Accumulator,
+        mut take: impl FnMut(&mut Accumulator, Area, (u32, u32)) -> Result<(), NodeError>,
+        progress: impl Fn(f32),
+    ) -> Result<ReachedError, NodeError> {
+        let mut reached = ReachedError { asked: self.asked, ..ReachedError::default() };
+        let whole = accumulator.whole;
+        let samples =
+            |chunks: usize| chunks.checked_sub(1).map_or(0.0, |last| f64::from(self.chunks[last].1));
+        let mut sum = 0.0;
+        let blocks = whole.pieces(BLOCK * TILE);
+        for (index, &area) in blocks.iter().enumerate() {
+            let first = self.error(accumulator, area, 1);
+            let (mut taken, mut error) = (1, first);
+            while error > self.asked && taken < self.chunks.len() {
+                take(accumulator, area, self.chunks[taken])?;
+                taken += 1;
+                error = self.error(accumulator, area, taken);
+            }
+            let promised = first * (samples(1) / samples(taken)).sqrt();
+            reached.predicted = reached.predicted.max(promised);
+            reached.worst = reached.worst.max(error);
+            reached.blocks[0] += 1;
+            reached.blocks[1] += u64::from(taken > 1);
+            reached.blocks[2] += u64::from(error > self.asked);
+            sum += samples(taken) * area.pixels() as f64;
+            progress((index + 1) as f32 / blocks.len() as f32);
+        }
+        reached.samples = sum / whole.pixels().max(1) as f64;
+        Ok(reached)
+    }
+}
+
+/// What the error of a ratio is relative to: 1, or what the ratio surely is, or, up to its own value, what the mean of its
+/// tile surely is. One pixel of a bright tile that is not sure by itself is no lone dot.
+fn beside(ratio: f64, variance: f64, around: f64) -> f64 {
+    surely(ratio, variance).max(ratio.min(around)).max(1.0)
+}
+
+/// What a ratio is at least, by its variance.
+fn surely(ratio: f64, variance: f64) -> f64 {
+    if ratio > 0.0 { (ratio - SURE * SURE * variance / ratio).max(0.0) } else { 0.0 }
+}
+
+/// Over how many of some values of a sum it is spread: all where they are equal, 1 where one is all of it.
+fn effective(sum: f64, squares: f64) -> f64 {
+    // Squares of the smallest variances are 0.
+    if squares > 0.0 { sum / squares * sum } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // A dot that one of n paths brought is off by itself, and surely nothing; light that many brought is what it is.
+    #[test]
+    fn a_dot_is_not_sure_and_a_light_is() {
+        assert_eq!(surely(8.0, 64.0), 0.0);
+        assert!((surely(8.0, 0.01) - 7.995).abs() < 1e-9);
+        assert_eq!(surely(0.0, 0.0), 0.0);
+    }
+
+    // A lamp on dark ground: its light is 2000 times what was there, and one pixel of it does not know its own. A dot in a
+    // tile that is not lit, and the dark side of the edge of a light, are judged as they were.
+    #[test]
+    fn a_pixel_that_is_not_sure_is_judged_beside_what_its_tile_surely_is() {
+        let tile = |others: [f64; 2], odd: [f64; 2]| {
+            let (sum, noise) = (63.0 * others[0] + odd[0], 63.0 * others[1] * others[1] + odd[1] * odd[1]);
+            surely(sum / 64.0, noise / 4096.0)
+        };
+        let bright = tile([2000.0, 500.0], [1910.0, 1024.0]);
+        assert!(bright > 1950.0 && surely(1910.0, 1024.0 * 1024.0) == 0.0);
+        assert!((1024.0 / beside(1910.0, 1024.0 * 1024.0, bright) - 0.54).abs() < 0.01);
+        assert_eq!(beside(1.2, 0.01, bright), 1.2, "no more than it is");
+        let dark = tile([1.0, 0.0], [64.0, 64.0]);
+        assert_eq!(beside(64.0, 64.0 * 64.0, dark), 1.0);
+    }
+
+    #[test]
+    fn variances_are_spread_over_as_many_pixels_as_have_them() {
+        assert_eq!(effective(64.0, 64.0), 64.0);
+        assert_eq!(effective(3.0, 9.0), 1.0);
+        assert_eq!(effective(1e-200, 0.0), 0.0);
+    }
+}

@@ -1,0 +1,91 @@
+//! Where the points of a tile of pixels are, and the light that they have without the objects.
+
+use glam::Vec3;
+
+use crate::geometry::bvh::Hit;
+use crate::render::transport::scene::receiver::Receiver;
+use crate::render::transport::sky::cone::Cone;
+
+/// Where the points of a tile are, and what light they have without the objects.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TileBounds {
+    /// Box around the points that rays start from; lower above upper where the camera sees no receiver.
+    pub low: Vec3,
+    /// Its upper corner.
+    pub high: Vec3,
+    /// Holds their normals.
+    pub normals: Cone,
+    /// The least of their heights along the middle of the normals.
+    pub height: f32,
+    /// The least that the light of a pixel is of its albedo, for each channel.
+    pub least: Vec3,
+}
+
+impl Default for TileBounds {
+    /// Of no points.
+    fn default() -> Self {
+        let normals = Cone { axis: Vec3::Z, cosine: 1.0 };
+        Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, normals, height: f32::MAX, least: Vec3::MAX }
+    }
+}
+
+impl TileBounds {
+    /// Of the pixels of a tile: for each its sum of light and the hits of its samples.
+    pub fn of<'a>(
+        receiver: &Receiver,
+        pixels: impl Iterator<Item = (Vec3, &'a [Option<Hit>])> + Clone,
+    ) -> Self {
+        let normals =
+            pixels.clone().flat_map(|(_, hits)| hits.iter().flatten()).map(|hit| receiver.facing(hit));
+        let mut tile = Self::default();
+        let Some(first) = normals.clone().next() else { return tile };
+        tile.normals = match normals.clone().all(|normal| normal == first) {
+            true => Cone { axis: first, cosine: 1.0 },
+            false => Cone::around(normals),
+        };
+        let axis = tile.normals.axis.as_dvec3();
+        for (light, hits) in pixels {
+            let mut albedo = Vec3::ZERO;
+            for hit in hits.iter().flatten() {
+                let start = receiver.start(hit);
+                (tile.low, tile.high) = (tile.low.min(start), tile.high.max(start));
+                tile.height = tile.height.min(start.as_dvec3().dot(axis) as f32);
+                albedo += receiver.albedo_at(hit);
+            }
+            // What reflects nothing is not changed by anything.
+            let share = Vec3::select(albedo.cmpgt(Vec3::ZERO), light / albedo, Vec3::MAX);
+            tile.least = tile.least.min(share);
+        }
+        tile
+    }
+
+    /// Values in a store: box, normals, height, light.
+    pub const VALUES: usize = 14;
+
+    /// The values.
+    pub fn values(&self) -> [f32; Self::VALUES] {
+        let Self { low, high, normals, height, least } = self;
+        let mut all = [normals.cosine; Self::VALUES];
+        for (to, from) in all.chunks_exact_mut(3).zip([low, high, &normals.axis, least]) {
+            to.copy_from_slice(&from.to_array());
+        }
+        all[12] = *height;
+        all
+    }
+
+    /// From the values.
+    pub fn from_values(all: &[f32; Self::VALUES]) -> Self {
+        let [low, high, axis, least] = [0, 3, 6, 9].map(|i| Vec3::new(all[i], all[i + 1], all[i + 2]));
+        Self { low, high, normals: Cone { axis, cosine: all[13] }, height: all[12], least }
+    }
+
+    /// Whether the camera sees none of the receiver.
+    pub fn is_empty(&self) -> bool {
+        !self.low.cmple(self.high).all()
+    }
+
+    /// With points that may lie so much farther on any side.
+    pub(crate) fn grown(&self, by: f32) -> Self {
+        Self { low: self.low - by, high: self.high + by, height: self.height - by, ..*self }
+    }
+}

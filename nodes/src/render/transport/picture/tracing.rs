@@ -1,0 +1,234 @@
+//! The tracing of the pictures, in parts that are stored: the receiver alone, the two with the objects, and what is first
+//! hit.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
+
+use engine::{Context, NodeError, Part};
+use serde::Serialize;
+
+use super::accumulator::{Accumulator, FinishedView, finish};
+use super::camera_rays::{CameraRays, View};
+use super::crop::Crop;
+use super::film::FIRST_HIT;
+use super::film::PAIR;
+use super::film::R0;
+use super::film::{Area, Sums, TILE, chunks};
+use super::first_hit::{PLACES, trace_first_hit};
+use super::pair::{trace_pair, trace_r0};
+use super::prepared::PreparedScene;
+use super::sample_plan::ErrorGoal;
+use crate::render::transport::path::integrator::Scene;
+use crate::render::transport::path::light_points::LightPoints;
+use crate::render::transport::path::visibility::Rules;
+use crate::render::transport::scene::objects::Objects;
+use crate::types::Camera;
+
+/// Samples, from the first to before the last.
+type Range = (u32, u32);
+
+/// What the parts depend on beside their inputs.
+#[derive(Serialize)]
+struct Extra<'a> {
+    view: View<'a>,
+    rules: &'a Rules,
+    origin: [f64; 3],
+    seed: u64,
+    area: Area,
+    coarse_px: u32,
+    range: Range,
+    /// Up, metres per unit and the mesh's error where objects stand; absent for what does not depend on it.
+    contact: Option<([f64; 3], f64, Option<f64>)>,
+    /// What may be left out; absent likewise.
+    crop: Option<f64>,
+    /// Leaves out what the objects show.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    shadow_only: bool,
+    /// Evaluates what is 0, for those who want to see that; in the key, so that it is done.
+    every_lobe: bool,
+}
+
+/// What tracing goes by.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Settings {
+    /// The most samples of a pixel.
+    pub(crate) most: u32,
+    /// Standard error to reach, if one is asked for.
+    pub(crate) max_error: Option<f64>,
+    /// Side of the blocks of which one pixel is traced for all.
+    pub(crate) coarse_px: u32,
+    /// Share of the light that a change may be to be left out; 0 leaves nothing out.
+    pub(crate) crop: f64,
+    /// How far the receiver may be wrong where objects stand, where that is known.
+    pub(crate) contact_metres: Option<f64>,
+    /// Whether what the objects show is left out.
+    pub(crate) shadow_only: bool,
+    /// Whether lobes are evaluated that no material has.
+    pub(crate) every_lobe: bool,
+}
+
+/// A scene of which pictures are traced.
+pub(crate) struct Tracing<'a> {
+    settings: Settings,
+    pub(crate) cx: &'a Context,
+    prepared: &'a PreparedScene<'a>,
+    pub(crate) cameras: &'a [Camera],
+    objects: &'a Objects,
+    rules: &'a Rules,
+    light_points: Option<Arc<LightPoints>>,
+    crop: OnceLock<Result<Crop, &'static str>>,
+}
+
+impl<'a> Tracing<'a> {
+    pub(crate) fn new(
+        settings: Settings,
+        cx: &'a Context,
+        (prepared, cameras): (&'a PreparedScene<'a>, &'a [Camera]),
+        objects: &'a Objects,
+        rules: &'a Rules,
+    ) -> Result<Self, NodeError> {
+        let near = rules.near.filter(|_| !objects.is_empty());
+        let light_points = near.map(|eye| prepared.light_points(eye)).transpose()?;
+        Ok(Self { settings, cx, prepared, cameras, objects, rules, light_points, crop: OnceLock::new() })
+    }
+
+    pub(crate) fn scene(&self) -> Scene<'_> {
+        Scene {
+            receiver: self.prepared.receiver(),
+            objects: self.objects,
+            sky: self.prepared.sky(),
+            rules: self.rules,
+            light_points: self.light_points.as_deref(),
+        }
+    }
+
+    /// The share of the light that a change may be to be left out, if any may.
+    fn limit(&self) -> Option<f64> {
+        Some(self.settings.crop).filter(|limit| *limit > 0.0)
+    }
+
+    /// Where the objects change nothing, or why that is not asked.
+    pub(crate) fn crop(&self) -> Result<&Crop, &'static str> {
+        let new = || Crop::new(&self.scene(), self.limit().ok_or("as set")?);
+        self.crop.get_or_init(new).as_ref().map_err(|why| *why)
+    }
+
+    pub(crate) fn camera_rays<'s>(&'s self, camera: &'s Camera, coarse_px: u32) -> CameraRays<'s> {
+        CameraRays::new(camera, self.prepared.origin, self.cx.seed(), &self.objects.ground, coarse_px)
+    }
+
+    /// What a part of the receiver alone depends on.
+    fn of_receiver<'s>(&'s self, camera: &'s Camera, area: Area, range: Range) -> Extra<'s> {
+        Extra {
+            view: View::of(camera),
+            rules: self.rules,
+            origin: self.prepared.origin.to_array(),
+            seed: self.cx.seed(),
+            area,
+            coarse_px: self.settings.coarse_px,
+            range,
+            contact: None,
+            crop: None,
+            shadow_only: false,
+            every_lobe: false,
+        }
+    }
+
+    /// What a part with the objects depends on.
+    fn of_objects<'s>(
+        &'s self,
+        camera: &'s Camera,
+        area: Area,
+        range: Range,
+        crop: Option<f64>,
+    ) -> Extra<'s> {
+        let [_, _, up] = crate::math::equirect::axes(self.cx.up());
+        Extra {
+            contact: Some((up.to_array(), self.cx.metres_per_unit(), self.settings.contact_metres)),
+            crop,
+            shadow_only: self.settings.shadow_only,
+            every_lobe: self.settings.every_lobe,
+            ..self.of_receiver(camera, area, range)
+        }
+    }
+
+    /// Adds samples of an area of a picture.
+    fn add(
+        &self,
+        camera_rays: &CameraRays<'_>,
+        accumulator: &mut Accumulator,
+        (area, range): (Area, Range),
+        step: &(dyn Fn() + Send + Sync),
+    ) -> Result<(), NodeError> {
+        let (cx, camera) = (self.cx, camera_rays.camera);
+        let part = Part { name: "r0", version: 10, inputs: &["receiver", "env"] };
+        let r0 = cx.part(part, &self.of_receiver(camera, area, range), || {
+            let scene = self.scene();
+            Sums::trace(cx, area, R0, step, |_, tile| trace_r0(scene, camera_rays, tile, range))
+        })?;
+        expect_size(&r0, area, R0)?;
+        let part = Part { name: "pair", version: 18, inputs: &["receiver", "objects", "env"] };
+        let pair = cx.part(part, &self.of_objects(camera, area, range, self.limit()), || {
+            let (scene, crop) = (self.scene(), self.crop().ok());
+            let trace = |number: usize, tile: &[(u32, u32)]| {
+                trace_pair(scene, camera_rays, crop, (number, tile), range, (area, &r0))
+            };
+            Sums::trace(cx, area, PAIR, step, trace)
+        })?;
+        expect_size(&pair, area, PAIR)?;
+        accumulator.add(area, &r0, &pair, range);
+        Ok(())
+    }
+
+    /// What each pixel of a picture shows first.
+    fn first_hits(&self, camera_rays: &CameraRays<'_>, area: Area) -> Result<Arc<Sums>, NodeError> {
+        let places = self.places();
+        let part = Part { name: "front", version: 10, inputs: &["receiver", "objects"] };
+        let extra = self.of_objects(camera_rays.camera, area, (0, places), None);
+        let front = self.cx.part(part, &extra, || {
+            let scene = self.scene();
+            let trace = |_, tile: &[(u32, u32)]| trace_first_hit(scene, camera_rays, tile, places);
+            Sums::trace(self.cx, area, FIRST_HIT, || (), trace)
+        })?;
+        expect_size(&front, area, FIRST_HIT)?;
+        Ok(front)
+    }
+
+    /// In how many places of a pixel it is looked for what it shows.
+    pub(crate) fn places(&self) -> u32 {
+        self.settings.most.min(PLACES)
+    }
+
+    /// Traces the picture of a camera, of which this is the number.
+    pub(crate) fn picture(&self, number: usize, camera: &Camera) -> Result<FinishedView, NodeError> {
+        let most = self.settings.most;
+        let camera_rays = self.camera_rays(camera, self.settings.coarse_px);
+        let whole = Area::whole(camera).in_blocks(self.settings.coarse_px);
+        // Without an error to reach every sample is in the plan.
+        let chunks = chunks(most);
+        let (first, share) =
+            if self.settings.max_error.is_some() { (&chunks[..1], 0.1) } else { (&chunks[..], 1.0) };
+        let cameras = self.cameras.len() as f32;
+        let progress = |done: f32| self.cx.progress((number as f32 + done) / cameras);
+        let (done, total) = (AtomicUsize::new(0), 2 * first.len() * whole.pieces(TILE).len());
+        let step = || progress(share * (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / total as f32);
+
+        let mut accumulator = Accumulator::new(whole);
+        for &range in first {
+            self.add(&camera_rays, &mut accumulator, (whole, range), &step)?;
+        }
+        let goal = self.settings.max_error.map(|asked| ErrorGoal::new(asked, most, &accumulator));
+        let more = |accumulator: &mut Accumulator, area, range| {
+            self.add(&camera_rays, accumulator, (area, range), &|| ())
+        };
+        let blocks = |done: f32| progress(share + (1.0 - share) * done);
+        let reached = goal.map(|goal| goal.reach(&mut accumulator, more, blocks)).transpose()?;
+        let front = self.first_hits(&camera_rays, whole)?;
+        Ok(finish(camera, self.settings.coarse_px, &accumulator, &front, reached))
+    }
+}
+
+fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError> {
+    let expected = area.pixels() * channels;
+    if sums.sums.len() == expected { Ok(()) } else { Err(NodeError::new("a stored part has another size")) }
+}

@@ -1,0 +1,197 @@
+//! A part of the sphere that holds the directions from some points to a box, and bounds of what comes out of it.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+
+use super::tile_bounds::TileBounds;
+use crate::render::transport::sky::cone::Cone;
+
+/// A part of the sphere that holds the directions from the points of a place to a box: a cone about the way to its
+/// middle, and, where the box is aside, a [`Wedge`].
+pub(crate) struct Window {
+    /// Middle of the normals.
+    up: DVec3,
+    /// Sine and tangent of the angle to the farthest normal.
+    tilt: [f64; 2],
+    /// Middle of the cone, cosine and sine of the angle to its edge; of a cone of less than a right angle.
+    cone: Option<(DVec3, [f64; 2])>,
+    /// Squared sine of the angle from the middle of the box to its edge, for the nearest of the points.
+    ball: f64,
+    wedge: Option<Wedge>,
+}
+
+/// A range of azimuths about the normal, from the horizon of any of its normals up to some elevation.
+struct Wedge {
+    /// Towards the middle, and aside of that.
+    axes: [DVec3; 2],
+    /// Tangent of half of the range of azimuths.
+    side: f64,
+    /// Tangent of the highest elevation.
+    rise: f64,
+}
+
+impl Window {
+    /// Of a box or a triangle by its corners; none where it may be all around the points.
+    pub(crate) fn of(tile: &TileBounds, corners: &[Vec3]) -> Option<Self> {
+        let up = tile.normals.axis.as_dvec3();
+        let heights = corners.iter().map(|corner| corner.as_dvec3().dot(up));
+        let above = heights.fold(f64::NEG_INFINITY, f64::max) - f64::from(tile.height);
+        let cosine = f64::from(tile.normals.cosine);
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let tilt = [sine, if cosine > 0.0 { sine / cosine } else { f64::INFINITY }];
+        if above <= 0.0 && sine == 0.0 {
+            let wedge = Wedge { axes: [DVec3::X, DVec3::Y], side: 0.0, rise: 0.0 };
+            return Some(Self { up, tilt, cone: None, ball: 0.0, wedge: Some(wedge) });
+        }
+        let [low, high] = corners.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], corner| {
+            [low.min(*corner), high.max(*corner)]
+        });
+        let cone = Cone::between([tile.low, tile.high], [low, high]);
+        let cosine = f64::from(cone.cosine);
+        let cone = (cosine > 0.0).then(|| (cone.axis.as_dvec3(), [cosine, (1.0 - cosine * cosine).sqrt()]));
+        let wedge = Wedge::of(tile, corners, above).filter(|_| tilt[1] < 1.0);
+        let (middle, radius) = ((low + high).as_dvec3() * 0.5, (high - low).as_dvec3().length() * 0.5);
+        let way = middle - middle.clamp(tile.low.as_dvec3(), tile.high.as_dvec3());
+        let ball = (radius * radius / way.length_squared()).min(1.0);
+        let any = cone.is_some() || wedge.is_some() || ball < 1.0;
+        any.then_some(Self { up, tilt, cone, ball, wedge })
+    }
+
+    /// A bound of its projected solid angle for any of the normals.
+    pub(crate) fn projected(&self) -> f64 {
+        let of_cone = self.cone.map_or(PI, |(axis, [cosine, sine])| {
+            // Most where the normal is its axis; and all of it times the cosine of the least angle to a normal: that to
+            // the axis, less those from there to the edge and to the farthest normal.
+            let angle = axis.dot(self.up).clamp(-1.0, 1.0);
+            let away = (1.0 - angle * angle).sqrt();
+            let (near, off) = (angle * cosine + away * sine, away * cosine - angle * sine);
+            let [tilt, tangent] = self.tilt;
+            let flat = (1.0 - tilt * tilt).sqrt();
+            let faces = off <= 0.0 || off * flat <= near * tilt || tangent == f64::INFINITY;
+            let least = if faces { 1.0 } else { (near * flat + off * tilt).max(0.0) };
+            (PI * sine * sine).min(2.0 * PI * sine * sine / (1.0 + cosine) * least)
+        });
+        let tilt = self.tilt[1];
+        // Of any cone less than a hemisphere a surface sees the most that faces it.
+        of_cone.min(PI * self.ball).min(self.wedge.as_ref().map_or(PI, |wedge| wedge.projected(tilt)))
+    }
+
+    /// A bound of the cosine to any normal for what lies within `radius` of a unit direction; 0 if none of that is in the
+    /// window.
+    pub(crate) fn cosine(&self, direction: DVec3, radius: f64) -> f64 {
+        // The cosine to the cone's axis changes by no more than the way that a direction goes.
+        let inside = self.cone.is_none_or(|(axis, [cosine, _])| direction.dot(axis) + radius >= cosine);
+        let above = direction.dot(self.up);
+        let within = inside && self.wedge.as_ref().is_none_or(|wedge| wedge.holds(direction, above, radius));
+        if within { (above + self.tilt[1] + radius).clamp(0.0, 1.0) } else { 0.0 }
+    }
+}
+
+impl Wedge {
+    /// Of corners whose highest is so far above the points; none where they may be anywhere above the points.
+    fn of(tile: &TileBounds, corners: &[Vec3], above: f64) -> Option<Self> {
+        let up = tile.normals.axis.as_dvec3();
+        let [low, high] = [tile.low, tile.high].map(|p| p.as_dvec3());
+        let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+        let way = corners.iter().map(|corner| corner.as_dvec3() - middle).sum::<DVec3>();
+        let x = (way - up * way.dot(up)).try_normalize()?;
+        let y = up.cross(x);
+        let (mut nearest, mut side) = (f64::INFINITY, 0.0_f64);
+        for way in corners.iter().map(|corner| corner.as_dvec3() - middle) {
+            // The points may lie nearer and farther aside than their middle.
+            let ahead = way.dot(x) - half.dot(x.abs());
+            let aside = way.dot(y).abs() + half.dot(y.abs());
+            nearest = nearest.min(ahead);
+            side = side.max(aside / ahead);
+        }
+        let there = nearest > 0.0 && side.is_finite();
+        there.then(|| Self { axes: [x, y], side, rise: (above / nearest).max(0.0) })
+    }
+
+    /// Its width times the integral of the sine of the elevation over any normal up to so far from the middle.
+    fn projected(&self, tilt: f64) -> f64 {
+        let steep = self.rise * tilt;
+        if steep >= 1.0 {
+            return PI;
+        }
+        let rise = (self.rise + tilt) / (1.0 - steep);
+        let square = rise * rise;
+        (2.0 * self.side * square / (1.0 + square + (1.0 + square).sqrt())).min(PI)
+    }
+
+    /// Whether some of what lies within `radius` of a unit direction, which is so far above, may be in it.
+    fn holds(&self, direction: DVec3, above: f64, radius: f64) -> bool {
+        let [ahead, aside] = self.axes.map(|axis| axis.dot(direction));
+        let level = (ahead * ahead + aside * aside).sqrt();
+        ahead + radius > 0.0
+            && aside.abs() <= self.side * ahead + radius * (1.0 + self.side)
+            && above <= self.rise * level + radius * (1.0 + self.rise)
+    }
+}
+
+/// The corners of a box.
+pub fn corners([low, high]: [Vec3; 2]) -> [Vec3; 8] {
+    let corner = |i| Vec3::select(glam::BVec3::new(i & 1 == 1, i & 2 == 2, i & 4 == 4), high, low);
+    [0, 1, 2, 3, 4, 5, 6, 7].map(corner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::sampling::Points;
+    use crate::testing::direction;
+
+    /// A number between two.
+    fn between(low: f32, high: f32, u: f32) -> f32 {
+        low + (high - low) * u
+    }
+
+    fn meets([low, high]: [Vec3; 2], from: Vec3, way: Vec3) -> bool {
+        let (a, b) = ((low - from) / way, (high - from) / way);
+        a.min(b).max_element().max(0.0) <= a.max(b).min_element()
+    }
+
+    /// What any point and normal of a place see of a box is within the bound, which is not many times too large.
+    #[test]
+    fn windows_hold_what_is_seen_of_a_box() {
+        const RAYS: u32 = 20_000;
+        let (mut ratios, mut held) = (0.0, 0);
+        for i in 0..40 {
+            let points = Points::new(11, i);
+            let [[a, b], [c, d], [e, f], [g, h]] = [0, 1, 2, 3].map(|k| points.pair(k));
+            let axis = direction([a, b]);
+            let low = Vec3::new(between(1.5, 5.0, c), between(-2.0, 2.0, d), between(-2.0, 2.0, e));
+            let target =
+                [low, low + Vec3::new(between(0.2, 1.0, f), between(0.2, 2.0, g), between(0.2, 2.0, h))];
+            let tile = TileBounds {
+                low: Vec3::splat(-0.2),
+                high: Vec3::splat(0.2),
+                normals: Cone { axis, cosine: if i % 2 == 0 { 1.0 } else { 0.995 } },
+                height: -0.2 * (axis.x.abs() + axis.y.abs() + axis.z.abs()),
+                least: Vec3::ONE,
+            };
+            let Some(window) = Window::of(&tile, &corners(target)) else { continue };
+            held += 1;
+            for number in 0..4 {
+                let points = Points::new(12 + i, number);
+                let [[a, b], [c, d]] = [0, 1].map(|k| points.pair(k));
+                let from = Vec3::new(a, b, c) * 0.4 - 0.2;
+                let tip = Vec3::new(d - 0.5, a - 0.5, b - 0.5).normalize();
+                let normal = (axis + tip * (if i % 2 == 0 { 0.0 } else { 0.08 })).normalize();
+                let mut seen = 0.0;
+                for ray in 0..RAYS {
+                    let way = direction(Points::new(13, ray).pair(0));
+                    if way.dot(normal) > 0.0 && meets(target, from, way) {
+                        let cosine = window.cosine(way.as_dvec3(), 1e-6);
+                        assert!(cosine >= f64::from(way.dot(normal)) - 1e-6, "{cosine} {}", way.dot(normal));
+                        seen += f64::from(way.dot(normal)) * 4.0 * PI / f64::from(RAYS);
+                    }
+                }
+                assert!(seen <= window.projected() * 1.02 + 1e-3, "{i}: {seen} of {}", window.projected());
+                ratios += if window.projected() > 0.0 { seen / window.projected() } else { 1.0 };
+            }
+        }
+        assert!(held > 20 && ratios / f64::from(4 * held) > 0.2, "{held} {ratios}");
+    }
+}

@@ -1,0 +1,57 @@
+//! Boxes along the axes.
+
+use glam::Vec3;
+
+/// An axis-aligned bounding box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Aabb {
+    pub(crate) low: Vec3,
+    pub(crate) high: Vec3,
+}
+
+impl Aabb {
+    /// Around nothing.
+    pub(crate) const EMPTY: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+
+    /// Around points.
+    pub(crate) fn around<'a>(points: impl IntoIterator<Item = &'a Vec3>) -> Self {
+        points.into_iter().fold(Self::EMPTY, |all, &point| all.joined(Self { low: point, high: point }))
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        !self.low.cmple(self.high).all()
+    }
+
+    /// Around both.
+    pub(crate) fn joined(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    /// What lies in both, which may be empty.
+    pub(crate) fn common(self, other: Self) -> Self {
+        Self { low: self.low.max(other.low), high: self.high.min(other.high) }
+    }
+
+    /// With some space on all sides.
+    pub(crate) fn grown(self, space: f32) -> Self {
+        Self { low: self.low - space, high: self.high + space }
+    }
+
+    pub(crate) fn meets(&self, other: &Self) -> bool {
+        self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
+    }
+
+    /// Length of the diagonal; 0 of nothing.
+    pub(crate) fn size(&self) -> f32 {
+        if self.is_empty() { 0.0 } else { (self.high - self.low).length() }
+    }
+
+    /// From a point to the nearest of the box.
+    pub(crate) fn distance(&self, point: Vec3) -> f32 {
+        (point.clamp(self.low, self.high) - point).length()
+    }
+
+    pub(crate) fn holds(&self, point: Vec3) -> bool {
+        point.cmpge(self.low).all() && point.cmple(self.high).all()
+    }
+}

@@ -1,0 +1,58 @@
+//! How much of a surface there is for a ray: cut-outs, blended surfaces, and backs that the camera looks through.
+
+use super::bodies::nearer;
+use super::mipmap::Texels;
+use super::objects::Objects;
+use crate::geometry::bvh::{Hit, Ray};
+use crate::geometry::sampling::{fraction, hash, unit};
+use crate::types::AlphaMode;
+
+impl Objects {
+    /// The share of rays that the surface at a hit stops: none where it is cut out, alpha where it is blended. `camera` rays pass
+    /// through the backs of single-sided surfaces, but for those of bodies, in whose medium they are.
+    pub fn coverage(&self, hit: &Hit, camera: bool) -> f32 {
+        if self.opaque {
+            return 1.0;
+        }
+        let (part, material, point) = self.point(hit);
+        if camera && hit.back && !material.double_sided && part.body.is_none() {
+            return 0.0;
+        }
+        if part.opaque {
+            return 1.0;
+        }
+        let alpha = material.base_colour[3]
+            * point.texture(material.base_colour_texture, Texels::Numbers)[3]
+            * point.vertex_colour()[3];
+        let there = match material.alpha_mode {
+            AlphaMode::Opaque => return 1.0,
+            AlphaMode::Mask(cutoff) => f32::from(u8::from(alpha >= cutoff)),
+            AlphaMode::Blend => alpha,
+        };
+        if there > 0.0 { there.min(1.0) } else { 0.0 }
+    }
+
+    /// Whether a ray of the given random key meets the surface at a hit, as often as it stops rays.
+    pub fn accepts(&self, hit: &Hit, key: u32, camera: bool) -> bool {
+        let coverage = self.coverage(hit, camera);
+        coverage == 1.0 || unit(hash(key, hit.triangle)) < coverage
+    }
+
+    /// What a ray of the camera shows, by one number for all that it passes: each surface in its order takes its share of the numbers
+    /// that are left, so that evenly spread ones show each as evenly. Every further surface takes one more ray, counted in `rays`.
+    pub fn front(&self, ray: Ray, number: u32, rays: &mut u64) -> Option<Hit> {
+        let mut number = fraction(number);
+        let mut passed: Option<Hit> = None;
+        loop {
+            *rays += 1;
+            let behind = |hit: &Hit| passed.is_none_or(|last| nearer(&last, hit).is_lt());
+            let hit = self.bvh.closest(ray, |hit| behind(hit) && self.coverage(hit, true) > 0.0)?;
+            let coverage = f64::from(self.coverage(&hit, true));
+            if number < coverage {
+                return Some(hit);
+            }
+            number = (number - coverage) / (1.0 - coverage);
+            passed = Some(hit);
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! What objects emit: where a ray meets them, and where light samples look for it.
+
+use glam::Vec3;
+
+use super::attributes::SurfacePoint;
+use super::emitters::{COARSE, EmitterSample, Emitters};
+use super::media::Media;
+use super::mipmap::Texels;
+use super::object_surface::emission;
+use super::objects::Objects;
+use crate::geometry::bvh::Hit;
+use crate::types::Material;
+
+/// Of the most that a picture has somewhere, the least that is looked for there: a texel among 128 by 128.
+const FAINT: f32 = 1.0 / 16384.0;
+
+/// Squares of lattices over all triangles that shine, beyond 32 to a side.
+const CELLS: usize = 1 << 17;
+
+impl Objects {
+    /// What shines at a hit towards a unit direction: less than the material emits where a coat or sheen is over it.
+    pub fn emission_towards(&self, hit: &Hit, out: Vec3) -> Vec3 {
+        let (_, material, _) = self.point(hit);
+        if material.unlit
+            || (material.clearcoat.strength.factor == 0.0 && material.sheen.colour.factor == [0.0; 3])
+        {
+            return self.emission(hit, 0.0);
+        }
+        let back = self.normal(hit.triangle).dot(out) < 0.0;
+        self.surface(&Hit { back, ..*hit }, out, false, 0.0, Media::default()).emission
+    }
+
+    /// What the material emits at a hit, on the mean over a width as a share of the square root of twice the triangle's area.
+    pub fn emission(&self, hit: &Hit, width: f32) -> Vec3 {
+        let (_, material, point) = self.point(hit);
+        emission(&SurfacePoint { width, ..point }, material)
+    }
+
+    /// All that shines.
+    pub(crate) fn find_emitters(&self) -> Emitters {
+        // Of a lamp so small that the mean of the picture is rounded to black a little is looked for.
+        let emission = |hit: &Hit, width| self.emission(hit, width).max(self.peak(hit, width) * FAINT);
+        let finest = self.finest();
+        Emitters::new(&self.corners, |triangle| self.lattice(triangle, finest), emission)
+    }
+
+    /// The most that the picture of what the material emits has over a width, as [`emission`](Self::emission) has the mean;
+    /// black without a picture.
+    fn peak(&self, hit: &Hit, width: f32) -> Vec3 {
+        let (_, material, point) = self.point(hit);
+        let [r, g, b, _] = material.base_colour;
+        let (most, picture) = match material.unlit {
+            true => ([r, g, b], material.base_colour_texture),
+            false => (material.emissive, material.emissive_texture),
+        };
+        let Some(picture) = picture else { return Vec3::ZERO };
+        let [r, g, b, _] = SurfacePoint { width, ..point }.texture(Some(picture), Texels::Peaks);
+        Vec3::from_array(most) * Vec3::new(r, g, b)
+    }
+
+    /// Squares a side of the finest lattices: 32, and more of few triangles, such as a panel of lights.
+    fn finest(&self) -> u32 {
+        let shining = self.parts.iter().map(|part| {
+            let object = &self.placed()[part.placed].object;
+            let primitive = &object.primitives[part.primitive];
+            let shines = object.materials.get(primitive.material as usize).is_some_and(Material::shines);
+            if shines { primitive.triangles.len() } else { 0 }
+        });
+        let each = CELLS / shining.sum::<usize>().max(1);
+        (each.isqrt() as u32).max(COARSE)
+    }
+
+    /// Squares a side of the lattice by which the picture of what a triangle emits is looked at: of four texels, as a
+    /// rule, and at most `finest`.
+    fn lattice(&self, triangle: u32, finest: u32) -> u32 {
+        let hit = Hit { t: 0.0, triangle, b1: 0.0, b2: 0.0, back: false };
+        let (_, material, point) = self.point(&hit);
+        let picture = if material.unlit { material.base_colour_texture } else { material.emissive_texture };
+        let texels = picture.map_or(0.0, |picture| point.texels(picture));
+        // What is not a number is 0.
+        ((texels / 4.0).ceil() as u32).clamp(1, finest)
+    }
+
+    /// A point that shines, from fractions; there must be some.
+    pub fn sample_emitter(&self, choice: u32, place: [u32; 2]) -> EmitterSample {
+        self.emitters.sample(&self.corners, choice, place)
+    }
+}

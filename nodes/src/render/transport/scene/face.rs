@@ -1,0 +1,41 @@
+//! A triangle, and how far rays must start off it.
+
+use glam::Vec3;
+
+use crate::geometry::bvh::Hit;
+
+/// How far rays must start off a triangle not to meet it again: the rounding of corners, barycentrics and the ray's
+/// origin, each a few units in the last place of the largest coordinate.
+pub(crate) fn margin([a, b, c]: &[Vec3; 3]) -> f32 {
+    a.abs().max(b.abs()).max(c.abs()).max_element() * (8.0 * f32::EPSILON)
+}
+
+/// Position, unit normal of the winding, and margin of a hit.
+pub(crate) fn geometry(corners: &[Vec3; 3], hit: &Hit) -> (Vec3, Vec3, f32) {
+    let face = Face::new(*corners);
+    (face.at(hit), face.normal, face.margin)
+}
+
+/// A triangle, with what all its points share.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Face {
+    pub(crate) corners: [Vec3; 3],
+    /// Unit normal, by its winding.
+    pub(crate) normal: Vec3,
+    /// See [`margin`].
+    pub(crate) margin: f32,
+}
+
+impl Face {
+    pub(crate) fn new(corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3();
+        Self { corners, normal, margin: margin(&corners) }
+    }
+
+    #[inline]
+    pub(crate) fn at(&self, hit: &Hit) -> Vec3 {
+        let [a, b, c] = self.corners;
+        a * (1.0 - hit.b1 - hit.b2) + b * hit.b1 + c * hit.b2
+    }
+}

@@ -1,0 +1,103 @@
+//! The bodies that light is in, and what they leave of it.
+//!
+//! A path carries the bodies that it has entered and not yet left. The one that it entered last absorbs, alone:
+//! what stands in a body takes the place of its stuff, as ice does in water, so a part of the same stuff changes
+//! nothing. The indices on the two sides of a surface follow from the same list. A body that is left without
+//! having been entered was around all of the ray, inside of what the path knows of; what escapes from an open
+//! mesh was in none.
+
+use glam::Vec3;
+
+/// Bodies inside of one another that a path knows. Where there are more, it forgets the outermost until it
+/// leaves that.
+pub(crate) const MOST: usize = 4;
+/// What is inside of the surfaces of one placed object that bound the same stuff.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body {
+    /// The object.
+    pub placed: usize,
+    /// Absorption for a unit of the scene.
+    pub absorption: Vec3,
+    /// Index of refraction.
+    pub ior: f32,
+}
+
+/// The bodies around a point, from the outermost to the innermost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Media {
+    bodies: [u32; MOST],
+    depth: u32,
+}
+
+impl Media {
+    pub(crate) fn all(&self) -> &[u32] {
+        &self.bodies[..self.depth as usize]
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.depth == 0
+    }
+
+    /// Whether these are others than those, and no fewer.
+    pub fn is_deeper(&self, those: &Self) -> bool {
+        self != those && self.depth >= those.depth
+    }
+
+    /// Past the front of a body.
+    pub(crate) fn enter(mut self, body: u32) -> Self {
+        if self.depth as usize == MOST {
+            self.bodies.rotate_left(1);
+            self.depth -= 1;
+        }
+        self.bodies[self.depth as usize] = body;
+        self.depth += 1;
+        self
+    }
+
+    /// Past the back of a body.
+    pub(crate) fn without(mut self, body: u32) -> Self {
+        if let Some(at) = self.all().iter().rposition(|&b| b == body) {
+            self.bodies.copy_within(at + 1.., at);
+            self.depth -= 1;
+        }
+        self
+    }
+
+    /// With a body around all others, unless it is one of them.
+    pub(crate) fn amid(mut self, body: u32) -> Self {
+        if !self.all().contains(&body) && (self.depth as usize) < MOST {
+            self.bodies.rotate_right(1);
+            self.bodies[0] = body;
+            self.depth += 1;
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn media(bodies: &[u32]) -> Media {
+        bodies.iter().fold(Media::default(), |media, &body| media.enter(body))
+    }
+
+    #[test]
+    fn bodies_are_entered_and_left() {
+        assert_eq!(media(&[3, 7]).without(7).all(), [3]);
+        assert_eq!(media(&[3, 7]).without(3).all(), [7], "overlapping ones in any order");
+        assert_eq!(media(&[3, 7, 3]).without(3).all(), [3, 7], "the last of several of the same stuff");
+        assert_eq!(media(&[3]).without(7).all(), [3], "one that was not entered");
+        assert_eq!(media(&[3]).amid(7).all(), [7, 3], "one that was not entered is around");
+        assert_eq!(media(&[3, 7]).amid(7).all(), [3, 7]);
+    }
+
+    #[test]
+    fn the_outermost_of_many_is_forgotten() {
+        let full = media(&[0, 1, 2, 3, 4]);
+        assert_eq!(full.all(), [1, 2, 3, 4]);
+        assert_eq!(full.amid(0), full);
+        assert_eq!(full.without(4).amid(0).all(), [0, 1, 2, 3], "until it is left");
+    }
+}

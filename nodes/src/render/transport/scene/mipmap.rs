@@ -1,0 +1,125 @@
+//! Smaller copies of a texture, for where a ray sees much of it at once.
+//!
+//! Copy `k + 1` has half the size of copy `k`, rounded up, and holds means of its texels. Colours are averaged as light and
+//! coded again, so that all copies read alike. Of a cut-out or blended surface what is not there has no colour, though its
+//! texels have one (black or white, as a program left them), so colours count by their alpha. Copies are made when first asked for, on any thread, and are
+//! the same whoever makes them.
+
+use std::sync::OnceLock;
+
+use crate::math::color::{code8, srgb_from_linear};
+use crate::types::Texture;
+
+/// What the texels of a texture are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Texels {
+    /// Plain numbers.
+    Numbers,
+    /// Colours, coded as sRGB.
+    Colours,
+    /// Colours that are there as far as their alpha tells.
+    CoveredColours,
+    /// Colours, of which a copy holds the largest in place of the mean: where anything is.
+    Peaks,
+}
+
+/// The smaller copies of a texture, for each way to read it.
+#[derive(Debug, Default)]
+pub struct Mipmap([OnceLock<Vec<Texture>>; 4]);
+
+impl Mipmap {
+    /// The copy `level` steps smaller than `base`, which is copy 0; the smallest beyond the last. `decode` has the
+    /// linear values of sRGB codes.
+    pub fn level<'a>(
+        &'a self,
+        base: &'a Texture,
+        level: usize,
+        (texels, decode): (Texels, &[f32; 256]),
+    ) -> &'a Texture {
+        if level == 0 {
+            return base;
+        }
+        let copies = self.0[texels as usize].get_or_init(|| {
+            let mut copies: Vec<Texture> = Vec::new();
+            while let Some(next) = half(copies.last().unwrap_or(base), texels, decode) {
+                copies.push(next);
+            }
+            copies
+        });
+        copies.get(level - 1).or(copies.last()).unwrap_or(base)
+    }
+}
+
+/// A texture of half the size, or none for a single texel. Where a side is odd the last texels stand alone.
+fn half(texture: &Texture, texels: Texels, decode: &[f32; 256]) -> Option<Texture> {
+    let [width, height] = [texture.width, texture.height].map(|n| n as usize);
+    if width <= 1 && height <= 1 {
+        return None;
+    }
+    let number = texels == Texels::Numbers;
+    let value = |code: u8| if number { f32::from(code) / 255.0 } else { decode[code as usize] };
+    let coded = |v: f32| code8(if number { v } else { srgb_from_linear(v) });
+    let (w, h) = (width.div_ceil(2), height.div_ceil(2));
+    let mut rgba = Vec::with_capacity(w * h * 4);
+    for y in 0..h {
+        for x in 0..w {
+            let columns = [2 * x, (2 * x + 1).min(width - 1)];
+            let rows = [2 * y, (2 * y + 1).min(height - 1)];
+            let four = [0, 1, 2, 3].map(|i| (rows[i / 2] * width + columns[i % 2]) * 4);
+            let alpha = four.map(|at| texture.rgba[at + 3]);
+            let cover = alpha.iter().map(|&a| f32::from(a)).sum::<f32>();
+            for k in 0..3 {
+                let each = four.iter().zip(alpha).map(|(at, alpha)| (value(texture.rgba[at + k]), alpha));
+                rgba.push(coded(match texels {
+                    // Where nothing is there the plain mean is as good as any.
+                    Texels::CoveredColours if cover > 0.0 => {
+                        each.map(|(v, alpha)| v * f32::from(alpha)).sum::<f32>() / cover
+                    }
+                    Texels::Peaks => each.map(|(v, _)| v).fold(0.0, f32::max),
+                    _ => each.map(|(v, _)| v).sum::<f32>() * 0.25,
+                }));
+            }
+            rgba.push(alpha.map(u32::from).iter().sum::<u32>().div_ceil(4) as u8);
+        }
+    }
+    Some(Texture { width: w as u32, height: h as u32, rgba })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::color::linear_from_srgb8;
+
+    // A chequer of black and white is half the light, which is code 188 and not 128; as numbers it is 128.
+    #[test]
+    fn colours_are_averaged_as_light() {
+        let texel =
+            |i: u32| if (i % 5 + i / 5).is_multiple_of(2) { [255, 255, 255, 255] } else { [0, 0, 0, 255] };
+        let base = Texture { width: 5, height: 3, rgba: (0..15).flat_map(texel).collect() };
+        let mipmap = Mipmap::default();
+        let decode = linear_from_srgb8();
+        let colour = mipmap.level(&base, 1, (Texels::Colours, &decode));
+        assert_eq!((colour.width, colour.height, &colour.rgba[..4]), (3, 2, &[188, 188, 188, 255][..]));
+        let numbers = (Texels::Numbers, &decode);
+        assert_eq!(mipmap.level(&base, 1, numbers).rgba[..4], [128, 128, 128, 255]);
+        assert_eq!(mipmap.level(&base, 0, numbers), &base);
+        let last = mipmap.level(&base, 9, numbers);
+        assert_eq!((last.width, last.height), (1, 1));
+    }
+
+    // Stripes of green beside what is not there, which a program left white: green, as much as of it is there.
+    // Mutation: `cover > 0.0` to `false` (seen red: 225, 240, 221).
+    #[test]
+    fn what_is_not_there_has_no_colour() {
+        let texel = |i: u32| if i.is_multiple_of(2) { [60, 160, 40, 255] } else { [255, 255, 255, 0] };
+        let base = Texture { width: 8, height: 8, rgba: (0..64).flat_map(texel).collect() };
+        let (mipmap, decode) = (Mipmap::default(), linear_from_srgb8());
+        for level in 1..=3 {
+            let copy = mipmap.level(&base, level, (Texels::CoveredColours, &decode));
+            assert!(copy.rgba.chunks(4).all(|texel| texel == [60, 160, 40, 128]), "{:?}", copy.rgba);
+        }
+        let nothing = Texture { width: 2, height: 1, rgba: vec![9, 9, 9, 0, 9, 9, 9, 0] };
+        let copy = Mipmap::default();
+        assert_eq!(copy.level(&nothing, 1, (Texels::CoveredColours, &decode)).rgba, [9, 9, 9, 0]);
+    }
+}

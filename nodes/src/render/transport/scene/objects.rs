@@ -1,0 +1,309 @@
+//! The inserted objects as triangles in one frame, and what a ray finds on them.
+//!
+//! Light that passes a transmissive surface is bent and blurred for the camera and for specular rays. For
+//! rays of matte surfaces, and so for shadows, it goes straight and is only dimmed and tinted: caustics of
+//! refraction are left out, and both strategies that look for light from a matte surface agree on that.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use engine::NodeError;
+use glam::{DMat3, DVec3, Vec3};
+
+use super::aabb::Aabb;
+use super::attributes::SurfacePoint;
+use super::emitters::Emitters;
+use super::face::margin;
+use super::media::Body;
+use super::mipmap::Mipmap;
+use super::receiver::Receiver;
+use super::shades::Shades;
+use super::supports::Ground;
+use super::surface::Surface;
+use super::touching::Touching;
+use crate::error::Error;
+use crate::geometry::bvh::{Bvh, Hit, Ray};
+use crate::math::color::linear_from_srgb8;
+use crate::math::num;
+use crate::types::{AlphaMode, Material, Object, Placed, Primitive};
+
+/// One primitive of one placed object.
+#[derive(Debug)]
+pub(crate) struct PlacedPrimitive {
+    pub(crate) placed: usize,
+    pub(crate) primitive: usize,
+    /// Index of its first triangle in the tree.
+    pub(crate) first: u32,
+    /// Normals to the frame of the scene: inverse transpose, columns.
+    pub(crate) normals: [Vec3; 3],
+    /// Tangents to the frame of the scene, columns.
+    pub(crate) tangents: [Vec3; 3],
+    pub(crate) mirrored: bool,
+    pub(crate) opaque: bool,
+    /// Whether light passes it straight.
+    pub(crate) clear: bool,
+    /// The body that it bounds, if light comes into it.
+    pub(crate) body: Option<u32>,
+}
+
+/// The inserted objects.
+#[derive(Debug)]
+pub struct Objects {
+    /// Their tree.
+    pub bvh: Bvh,
+    pub(crate) corners: Vec<[Vec3; 3]>,
+    pub(crate) parts: Vec<PlacedPrimitive>,
+    placed: Vec<Arc<Placed>>,
+    decode: [f32; 256],
+    /// Smaller copies of the textures of each placed object.
+    mipmaps: Vec<Vec<Mipmap>>,
+    pub(crate) opaque: bool,
+    /// Whether light passes any of their surfaces.
+    pub clear: bool,
+    /// Whether the camera sees them.
+    pub shown: bool,
+    /// Whether lobes are evaluated that their materials do not have.
+    pub every_lobe: bool,
+    /// The insides that light can be in, and the box around them.
+    pub(crate) bodies: Vec<Body>,
+    pub(crate) held: Option<Aabb>,
+    /// What shines on them.
+    pub emitters: Emitters,
+    /// Where light of lamps comes through some of them.
+    pub shades: Shades,
+    /// Where they lie on the receiver.
+    pub touching: Touching,
+    /// What they stand on.
+    pub ground: Ground,
+    /// The farthest that a flat one was lifted off another: see [`super::stacked`].
+    pub(crate) lifted: f32,
+}
+
+fn columns(m: DMat3) -> [Vec3; 3] {
+    [m.x_axis.as_vec3(), m.y_axis.as_vec3(), m.z_axis.as_vec3()]
+}
+
+/// Corners in the order that keeps the outside in front after a mirroring transform.
+fn wound([a, b, c]: [u32; 3], mirrored: bool) -> [u32; 3] {
+    if mirrored { [a, c, b] } else { [a, b, c] }
+}
+
+impl Objects {
+    /// Triangles of the objects, relative to `origin`, as they lie on one another and on the receiver, if there is one.
+    pub fn new(
+        receiver: Option<&Receiver>,
+        placed: &[Arc<Placed>],
+        origin: DVec3,
+    ) -> Result<Self, NodeError> {
+        let mut objects = Self {
+            bvh: Bvh::default(),
+            corners: Vec::new(),
+            parts: Vec::new(),
+            placed: placed.to_vec(),
+            decode: linear_from_srgb8(),
+            mipmaps: placed
+                .iter()
+                .map(|one| one.object.textures.iter().map(|_| Mipmap::default()).collect())
+                .collect(),
+            opaque: true,
+            clear: false,
+            shown: true,
+            every_lobe: false,
+            bodies: Vec::new(),
+            held: None,
+            emitters: Emitters::new(&[], |_| 1, |_, _| Vec3::ZERO),
+            shades: Shades::default(),
+            touching: Touching::default(),
+            ground: Ground::default(),
+            lifted: 0.0,
+        };
+        for (index, one) in placed.iter().enumerate() {
+            objects.add(index, one, origin)?;
+        }
+        objects.bvh = Bvh::build(&objects.corners);
+        objects.lift_sheets(receiver);
+        let shining = objects.placed.iter().flat_map(|one| &one.object.materials).any(Material::shines);
+        if shining {
+            objects.emitters = objects.find_emitters();
+            let around = |triangles: Range<usize>| {
+                Aabb::around(objects.corners[triangles].iter().flatten().filter(|p| p.is_finite()))
+            };
+            let parts = objects.parts_with_triangles();
+            objects.shades =
+                Shades::of(parts.map(|(part, triangles)| (around(triangles), objects.part(part.first).3)));
+        }
+        Ok(objects)
+    }
+
+    /// Adds the primitives of a placed object, of which this is the number.
+    fn add(&mut self, index: usize, one: &Placed, origin: DVec3) -> Result<(), NodeError> {
+        let matrix = one.world_from_object;
+        let linear = DMat3::from_mat4(matrix);
+        let mirrored = linear.determinant() < 0.0;
+        let size = num::pow(linear.determinant().abs(), 1.0 / 3.0);
+        for (number, primitive) in one.object.primitives.iter().enumerate() {
+            let material = one.object.materials.get(primitive.material as usize);
+            let (Some(material), true) = (material, primitive.is_consistent()) else {
+                let what = format!("part {number} of object {index} names what it does not have");
+                return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
+            };
+            let opaque = material.alpha_mode == AlphaMode::Opaque;
+            self.opaque &= opaque && material.double_sided;
+            let clear = material.transmission.factor > 0.0;
+            self.clear |= clear;
+            let lets_in = clear || material.diffuse_transmission.strength.factor > 0.0;
+            let body = material.volume.filter(|_| lets_in).map(|volume| {
+                // It grows with the object, which keeps its looks.
+                let absorption = Vec3::from_array(volume) / size as f32;
+                let absorption = if absorption.is_finite() { absorption } else { Vec3::ZERO };
+                self.body(Body { placed: index, absorption, ior: material.ior })
+            });
+            let first = self.corners.len();
+            self.parts.push(PlacedPrimitive {
+                placed: index,
+                primitive: number,
+                first: first as u32,
+                normals: columns(linear.inverse().transpose()),
+                tangents: columns(linear),
+                mirrored,
+                opaque,
+                clear,
+                body,
+            });
+            let place = |i: u32| {
+                let local = DVec3::from_array(primitive.positions[i as usize].map(f64::from));
+                (matrix.transform_point3(local) - origin).as_vec3()
+            };
+            self.corners.extend(primitive.triangles.iter().map(|&t| wound(t, mirrored).map(place)));
+            if body.is_some() {
+                let held = self.corners[first..].iter().flatten().filter(|p| p.is_finite());
+                let held = Aabb::around(held).joined(self.held.unwrap_or(Aabb::EMPTY));
+                self.held = Some(held).filter(|held| !held.is_empty());
+            }
+        }
+        Ok(())
+    }
+
+    /// The number of a body; surfaces of one object around the same stuff share it.
+    fn body(&mut self, body: Body) -> u32 {
+        let at = self.bodies.iter().position(|known| *known == body).unwrap_or(self.bodies.len());
+        if at == self.bodies.len() {
+            self.bodies.push(body);
+        }
+        at as u32
+    }
+
+    /// The box around each placed object, as far as its corners are finite.
+    pub(crate) fn boxes(&self) -> Vec<Aabb> {
+        let mut boxes = vec![Aabb::EMPTY; self.placed.len()];
+        for (part, triangles) in self.parts_with_triangles() {
+            let own = Aabb::around(self.corners[triangles].iter().flatten().filter(|p| p.is_finite()));
+            boxes[part.placed] = boxes[part.placed].joined(own);
+        }
+        boxes
+    }
+
+    /// Their primitives, each with its triangles in the tree.
+    pub(crate) fn parts_with_triangles(&self) -> impl Iterator<Item = (&PlacedPrimitive, Range<usize>)> {
+        let ends = self.parts.iter().skip(1).map(|next| next.first as usize).chain([self.corners.len()]);
+        self.parts.iter().zip(ends).map(|(part, end)| (part, part.first as usize..end))
+    }
+
+    /// The triangles of one of them.
+    pub(crate) fn triangles_of(&self, placed: usize) -> impl Iterator<Item = u32> {
+        let parts = self.parts_with_triangles().filter(move |(part, _)| part.placed == placed);
+        parts.flat_map(|(_, triangles)| triangles.start as u32..triangles.end as u32)
+    }
+
+    /// What they were made from.
+    pub fn placed(&self) -> &[Arc<Placed>] {
+        &self.placed
+    }
+
+    /// True when no ray can meet them.
+    pub fn is_empty(&self) -> bool {
+        self.bvh.bounds().is_none()
+    }
+
+    pub(crate) fn part(&self, triangle: u32) -> (&PlacedPrimitive, &Object, &Primitive, &Material) {
+        let at = self.parts.partition_point(|part| part.first <= triangle).saturating_sub(1);
+        let part = &self.parts[at];
+        let object = &*self.placed[part.placed].object;
+        let primitive = &object.primitives[part.primitive];
+        (part, object, primitive, &object.materials[primitive.material as usize])
+    }
+
+    pub(crate) fn point<'a>(&'a self, hit: &'a Hit) -> (&'a PlacedPrimitive, &'a Material, SurfacePoint<'a>) {
+        let (part, object, primitive, material) = self.part(hit.triangle);
+        let corner = wound(primitive.triangles[(hit.triangle - part.first) as usize], part.mirrored);
+        let mipmaps = &self.mipmaps[part.placed];
+        (
+            part,
+            material,
+            SurfacePoint { object, primitive, corner, hit, decode: &self.decode, mipmaps, width: 0.0 },
+        )
+    }
+
+    /// How far along its ray the receiver counts as met before an object: where glass stands on it, the two are in
+    /// one place, and what leaves the glass is the receiver's; where something flat lies on it, that is met first.
+    pub fn reach(&self, hit: &Hit, direction: Vec3) -> f32 {
+        let slack = self.slack(hit, direction);
+        if slack > 0.0 {
+            return hit.t - slack;
+        }
+        let part = self.part(hit.triangle).0;
+        if !hit.back || !(part.clear || part.body.is_some()) {
+            return hit.t;
+        }
+        let slant = self.normal(hit.triangle).dot(direction).abs().max(0.01);
+        hit.t + 2.0 * margin(&self.corners[hit.triangle as usize]) / slant
+    }
+
+    /// A surface of another part in the very place of a hit, beyond which a ray that passes the first would start: that of
+    /// a table on which glass stands, or of what fills the glass.
+    pub fn touching(&self, hit: &Hit, surface: &Surface, direction: Vec3, key: u32) -> Option<Hit> {
+        let slant = direction.dot(surface.normal).abs().max(0.01);
+        let start = surface.position + surface.normal * surface.margin;
+        let ray = Ray { t_max: 2.0 * surface.margin / slant, ..Ray::new(start, direction) };
+        let own = self.part(hit.triangle).0.first;
+        self.bvh.closest(ray, |hit| self.part(hit.triangle).0.first != own && self.accepts(hit, key, false))
+    }
+
+    /// Unit normal of a triangle, by its winding.
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        let [a, b, c] = self.corners[triangle as usize];
+        (b - a).as_dvec3().cross((c - a).as_dvec3()).normalize_or_zero().as_vec3()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::media::Media;
+    use super::*;
+
+    /// A mirror keeps the outside outside.
+    #[test]
+    fn mirrored_objects_keep_their_front() {
+        let object = Object {
+            primitives: vec![Primitive {
+                positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+                normals: vec![[0.0, 0.0, 1.0]; 3],
+                triangles: vec![[0, 1, 2]],
+                ..Primitive::default()
+            }],
+            materials: vec![Material { double_sided: false, ..Material::default() }],
+            textures: Vec::new(),
+        };
+        let mirror = glam::DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        let placed = Arc::new(Placed { object: Arc::new(object), world_from_object: mirror });
+        let objects = Objects::new(None, &[placed], DVec3::ZERO).expect("consistent");
+        let ray = Ray::new(Vec3::new(-0.2, 0.2, 1.0), Vec3::NEG_Z);
+        let hit = objects.bvh.closest(ray, |hit| objects.accepts(hit, 0, true)).expect("front");
+        assert!(!hit.back);
+        let surface = objects.surface(&hit, Vec3::Z, false, 0.0, Media::default());
+        assert!((surface.normal - Vec3::Z).length() < 1e-6);
+        let behind = Ray::new(Vec3::new(-0.2, 0.2, -1.0), Vec3::Z);
+        assert!(objects.bvh.closest(behind, |hit| objects.accepts(hit, 0, true)).is_none());
+        assert!(objects.bvh.any(behind, |hit| objects.accepts(hit, 0, false)));
+    }
+}

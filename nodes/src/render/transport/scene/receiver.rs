@@ -1,0 +1,129 @@
+//! The receiver: the mesh that stands for the place.
+
+use glam::{DVec3, Vec3};
+
+use super::face::Face;
+use super::subdivide::{Corner, Subdivision};
+use super::surface::Surface;
+use crate::geometry::bvh::{Bvh, Hit};
+use crate::render::transport::bsdf::Bsdf;
+use crate::types::Mesh;
+
+/// Albedo of a receiver without vertex colours.
+pub const GREY: f32 = 0.5;
+/// The least albedo of a receiver: nothing out of doors or in is darker, and what reflects nothing has no ratio. A
+/// capture has vertices that no picture shows, and colours so rich that one channel is 0: with them the shadow would
+/// lose a channel, or be lost.
+pub const DARKEST: f32 = 0.01;
+
+/// The mesh that stands for the place.
+#[derive(Debug, Default)]
+pub struct Receiver {
+    /// Its tree.
+    pub bvh: Bvh,
+    faces: Vec<Face>,
+    colours: Vec<[Vec3; 3]>,
+    /// Vertex colours beyond [0, 1] or not finite, which were clamped.
+    pub clamped: u64,
+    /// Vertex colours with a channel below [`DARKEST`], which was raised to it.
+    pub raised: u64,
+}
+
+impl Receiver {
+    /// Triangles of a mesh, relative to `origin`, near which large ones are cut: see `subdivide`.
+    pub fn new(mesh: &Mesh, origin: DVec3) -> Self {
+        let place = |i: u32| mesh.position(i) - origin;
+        let (mut clamped, mut raised) = (0, 0);
+        let albedos: Vec<Vec3> = mesh
+            .colours
+            .iter()
+            .map(|colour| {
+                // An albedo above 1 would make light; NaN fails the comparison and becomes 0.
+                let good = colour.map(|v| if v > 0.0 { v.min(1.0) } else { 0.0 });
+                clamped += u64::from(good != *colour);
+                raised += u64::from(good.iter().any(|&v| v < DARKEST));
+                Vec3::from_array(good).max(Vec3::splat(DARKEST))
+            })
+            .collect();
+        let mut subdivision = Subdivision::of(mesh.triangles.iter().map(|t| t.map(place)));
+        let (mut corners, mut colours) = (Vec::with_capacity(mesh.triangles.len()), Vec::new());
+        for triangle in &mesh.triangles {
+            let albedo = |i: u32| albedos.get(i as usize).copied().unwrap_or_default();
+            subdivision.cut(triangle.map(|i| (place(i), albedo(i))), |piece: [Corner; 3]| {
+                corners.push(piece.map(|(p, _)| p.as_vec3()));
+                if !albedos.is_empty() {
+                    colours.push(piece.map(|(_, colour)| colour));
+                }
+            });
+        }
+        let bvh = Bvh::build(&corners);
+        Self { bvh, faces: corners.into_iter().map(Face::new).collect(), colours, clamped, raised }
+    }
+
+    /// Memory held.
+    pub fn bytes(&self) -> u64 {
+        self.bvh.bytes() + (size_of_val(&*self.faces) + size_of_val(&*self.colours)) as u64
+    }
+
+    /// The largest albedo of any point, for each channel.
+    pub fn albedo(&self) -> Vec3 {
+        let most = self.colours.iter().flatten().copied().reduce(Vec3::max);
+        most.unwrap_or(if self.faces.is_empty() { Vec3::ZERO } else { Vec3::splat(GREY) })
+    }
+
+    /// The largest margin of the triangles that reach into a box.
+    pub fn margin_within(&self, low: Vec3, high: Vec3) -> f32 {
+        let reaches = |face: &&Face| {
+            let [a, b, c] = face.corners;
+            a.min(b).min(c).cmple(high).all() && a.max(b).max(c).cmpge(low).all()
+        };
+        self.faces.iter().filter(reaches).map(|face| face.margin).fold(0.0, f32::max)
+    }
+
+    /// Unit normal of a triangle, by its winding.
+    #[inline]
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        self.faces[triangle as usize].normal
+    }
+
+    /// Unit normal at a hit, on the side that the ray came from.
+    #[inline]
+    pub fn facing(&self, hit: &Hit) -> Vec3 {
+        let normal = self.normal(hit.triangle);
+        if hit.back { -normal } else { normal }
+    }
+
+    /// The albedo at a hit.
+    #[inline]
+    pub fn albedo_at(&self, hit: &Hit) -> Vec3 {
+        match self.colours.get(hit.triangle as usize) {
+            Some([a, b, c]) => *a * (1.0 - hit.b1 - hit.b2) + *b * hit.b1 + *c * hit.b2,
+            None => Vec3::splat(GREY),
+        }
+    }
+
+    /// Where rays start from a hit to the side that it was seen from.
+    #[inline]
+    pub fn start(&self, hit: &Hit) -> Vec3 {
+        let face = &self.faces[hit.triangle as usize];
+        face.at(hit) + self.facing(hit) * face.margin
+    }
+
+    /// The surface at a hit, seen from where the ray came, in no body.
+    #[inline]
+    pub fn surface(&self, hit: &Hit) -> Surface {
+        let face = &self.faces[hit.triangle as usize];
+        let normal = self.facing(hit);
+        Surface {
+            position: face.at(hit),
+            normal,
+            margin: face.margin,
+            bsdf: Bsdf::matte(normal, self.albedo_at(hit)),
+            emission: Vec3::ZERO,
+            media: Default::default(),
+            cover: None,
+            bed: None,
+            lift: Vec3::ZERO,
+        }
+    }
+}

@@ -1,0 +1,353 @@
+//! The environment as a light: its radiance in a direction, and directions in proportion to it.
+
+use fearless_simd::{Level, dispatch, prelude::*};
+use glam::{DMat3, DVec3, Vec3};
+
+use crate::geometry::sampling::fraction;
+use crate::math::equirect::pixel_solid_angle;
+use crate::render::transport::sky::cone::Cone;
+use crate::render::transport::sky::irradiance_bound::greatest_irradiance;
+use crate::render::transport::sky::light_cells::{LightCells, RowChoice};
+use crate::render::transport::sky::light_distribution::LightDistribution;
+use crate::render::transport::sky::texel_grid::{TexelGrid, approximate_turns};
+use crate::types::Environment;
+
+#[cfg(test)]
+mod tests;
+
+/// Light from a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightSample {
+    /// Unit direction towards the light, in the world.
+    pub direction: Vec3,
+    /// Radiance.
+    pub radiance: Vec3,
+    /// Light samples to be expected a steradian at this direction.
+    pub pdf: f32,
+}
+
+/// A direction towards light that is not looked up yet, which may wait for memory.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct DrawnDirection {
+    /// Unit direction towards the light, in the world.
+    pub direction: Vec3,
+    texel: u32,
+    /// Light samples to be expected in its cell.
+    expected: f32,
+}
+
+/// The tiers of a sky: what is bright and small, and the rest.
+pub const TIERS: usize = 2;
+/// Most columns and rows of the cells of each tier.
+const CELLS: [[usize; 2]; TIERS] = [[16, 8], [32, 16]];
+/// A texel is bright that outshines the mean of the sky so many times.
+const BRIGHT: f64 = 16.0;
+
+/// An environment ready for lookup and sampling. Radiance is constant over each texel, and texels are weighed
+/// by their exact solid angle, so no light is lost or won. Suns and lamps are a tier of their own with
+/// samples of its own, so that how many fall on them is not left to chance.
+#[derive(Debug)]
+pub struct EnvironmentLight {
+    pub(crate) texel_grid: TexelGrid,
+    /// Radiance of each texel, and density at it where its cell is given.
+    pub(crate) texels: Vec<[f32; 4]>,
+    bright: Vec<bool>,
+    pub(crate) tiers: [LightCells; TIERS],
+    /// The vector instructions that light is drawn by, each set with the same bits.
+    pub(crate) level: Level,
+    /// Light samples of each tier where several are taken, powers of 2.
+    pub lights: [u32; TIERS],
+    /// Samples that were negative or not finite and count as black.
+    pub broken: u64,
+    /// Integral of radiance over the sphere, for each channel.
+    pub power: [f64; 3],
+}
+
+/// For each tier where to look for its light.
+pub type Distributions<'a> = [&'a LightDistribution; TIERS];
+
+impl EnvironmentLight {
+    /// Memory held, about: texels, and as many probabilities.
+    pub fn bytes(&self) -> u64 {
+        2 * size_of_val(&*self.texels) as u64
+    }
+
+    /// Prepares an environment.
+    pub fn new(environment: &Environment) -> Self {
+        let image = &environment.image;
+        let texel_grid = TexelGrid::new(image.width, image.height, environment.up);
+        let TexelGrid { width, height, .. } = texel_grid;
+        let (mut broken, mut power) = (0, [0.0; 3]);
+        let mut texels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let solid_angle = pixel_solid_angle(width, height, y);
+            for x in 0..width {
+                let rgb = image.rgb(x, y).map(|v| {
+                    let good = v.is_finite() && v >= 0.0;
+                    broken += u64::from(!good);
+                    if good { v } else { 0.0 }
+                });
+                for (sum, v) in power.iter_mut().zip(rgb) {
+                    *sum += f64::from(v) * solid_angle;
+                }
+                texels.push([rgb[0], rgb[1], rgb[2], 0.0]);
+            }
+        }
+        // Each channel counts by its share of all its light, so that a yellow sun does not leave the blue of the
+        // sky to chance. The mean over the sphere is 1 for each channel that has light.
+        let scales = power.map(|power| if power > 0.0 { 4.0 * std::f64::consts::PI / power } else { 0.0 });
+        let black = power == [0.0; 3];
+        let weight = |t: &[f32; 4]| (0..3).map(|k| f64::from(t[k]) * scales[k]).sum::<f64>();
+        let weights: Vec<f32> = texels.iter().map(|t| if black { 1.0 } else { weight(t) as f32 }).collect();
+        let bright: Vec<bool> = weights.iter().map(|&w| f64::from(w) > 3.0 * BRIGHT).collect();
+        let mut pdf = vec![0.0; weights.len()];
+        let mut tier = |k: usize| {
+            let mine = |(w, bright): (&f32, &bool)| if *bright == (k == 0) { *w } else { 0.0 };
+            let weights: Vec<f32> = weights.iter().zip(&bright).map(mine).collect();
+            let mut of_tier = vec![0.0; weights.len()];
+            let cells = LightCells::new(&texel_grid, weights, CELLS[k], &mut of_tier);
+            for ((to, from), bright) in pdf.iter_mut().zip(of_tier).zip(&bright) {
+                *to = if *bright == (k == 0) { from } else { *to };
+            }
+            cells
+        };
+        let tiers = [tier(0), tier(1)];
+        for (texel, pdf) in texels.iter_mut().zip(pdf) {
+            texel[3] = pdf;
+        }
+        let [high, low] = [0, 1].map(|k| tiers[k].grid.power());
+        let share = (high / (high + low)) as f32;
+        let lights = match share {
+            0.0 => [0, 4],
+            ..0.7 => [1, 4],
+            _ => [2, 2],
+        };
+        Self { texel_grid, texels, bright, tiers, level: Level::new(), lights, broken, power }
+    }
+
+    /// The greatest radiance, and the greatest irradiance of any surface, for each channel; neither is more.
+    pub fn bounds(&self) -> ([f64; 3], [f64; 3]) {
+        let mut brightest = [0.0_f32; 4];
+        let (mut towards, mut squares) = ([DVec3::ZERO; 3], [DMat3::ZERO; 3]);
+        // For each column 1, its sine and cosine, and products of these.
+        let columns: Vec<_> =
+            self.texel_grid.edges.iter().map(|(s, c)| [1.0, *s, *c, s * s, s * c]).collect();
+        for (y, row) in self.texels.chunks_exact(self.texel_grid.width).enumerate() {
+            // Sums over the row of the light times these: of all channels at once, the fourth is none.
+            let mut sums = [[0.0_f64; 4]; 5];
+            for (texel, column) in row.iter().zip(&columns) {
+                let light = texel.map(f64::from);
+                for (sums, factor) in sums.iter_mut().zip(column) {
+                    (0..4).for_each(|k| sums[k] += light[k] * factor);
+                }
+                (0..4).for_each(|k| brightest[k] = brightest[k].max(texel[k]));
+            }
+            let above = 0.5 * (self.texel_grid.cosines[y] + self.texel_grid.cosines[y + 1]);
+            let (radius, solid_angle) = ((1.0 - above * above).sqrt(), self.texel_grid.solid_angle(y));
+            let square = radius * radius;
+            for k in 0..3 {
+                let [light, x, y, xx, xy] = sums.map(|sum| sum[k] * solid_angle);
+                let (xz, yz) = (x * radius * above, y * radius * above);
+                towards[k] += DVec3::new(x * radius, y * radius, light * above);
+                squares[k] += DMat3::from_cols(
+                    DVec3::new(xx * square, xy * square, xz),
+                    DVec3::new(xy * square, (light - xx) * square, yz),
+                    DVec3::new(xz, yz, light * above * above),
+                );
+            }
+        }
+        // Each texel counts as if all of its light came from one point of it.
+        let irradiance = std::array::from_fn(|k| {
+            greatest_irradiance(self.power[k], towards[k], squares[k])
+                + 2.0 * self.texel_grid.radius() * self.power[k]
+        });
+        let brightest = [0, 1, 2].map(|k| f64::from(brightest[k]));
+        (brightest, irradiance)
+    }
+
+    /// Visits the texels that reach into a cone, and perhaps some around it: the direction of a point of each, how far
+    /// others of it may lie from that, its solid angle and its radiance.
+    pub fn each_around(&self, cone: &Cone, mut each: impl FnMut(DVec3, f64, f64, [f64; 3])) {
+        let radius = 2.0 * self.texel_grid.radius();
+        self.texel_grid.each_around(cone, |x, y| {
+            let direction = self.texel_grid.within((x, y), [0.5; 2]).as_dvec3();
+            let [r, g, b, _] = self.texels[y * self.texel_grid.width + x];
+            each(direction, radius, self.texel_grid.solid_angle(y), [r, g, b].map(f64::from));
+        });
+    }
+
+    /// Where to look for a surface of the given unit normal, if light from one side is all it takes.
+    #[inline]
+    pub fn distributions(&self, normal: Option<Vec3>) -> Distributions<'_> {
+        [self.tiers[0].distribution(normal), self.tiers[1].distribution(normal)]
+    }
+
+    /// Where to look for surfaces whose normals lie in a cone, for light from a cone of directions.
+    pub fn distributions_within(&self, normals: Option<Cone>, to: &Cone) -> [LightDistribution; TIERS] {
+        [0, 1].map(|k| LightDistribution::new(&self.tiers[k].grid, normals, to))
+    }
+
+    /// Light samples to be expected of each tier: where several are taken, or of one alone.
+    #[inline]
+    pub fn numbers(&self, distributions: Distributions<'_>, several: Option<[u32; TIERS]>) -> [f32; TIERS] {
+        let [high, low] = distributions.map(|distribution| distribution.power);
+        match (several, high + low > 0.0) {
+            (Some(lights), _) => lights.map(|n| n as f32),
+            (None, true) => [high, low].map(|power| (power / (high + low)) as f32),
+            (None, false) => [0.0; TIERS],
+        }
+    }
+
+    /// The tier of a light sample that is alone, and its point.
+    #[inline]
+    pub fn tier(&self, distributions: Distributions<'_>, [v, u]: [u32; 2]) -> (usize, [u32; 2]) {
+        let share = f64::from(self.numbers(distributions, None)[0]);
+        let at = fraction(v);
+        let (tier, at) = if at < share { (0, at / share) } else { (1, (at - share) / (1.0 - share)) };
+        // The conversion keeps to the range of the type.
+        (tier, [(at / SCALE) as u32, u])
+    }
+
+    /// A direction of a tier, from two 32-bit fractions, of which so many are taken: see [`draw_each`](Self::draw_each).
+    pub fn draw_one(
+        &self,
+        tier: usize,
+        distribution: &LightDistribution,
+        number: f32,
+        point: [u32; 2],
+    ) -> DrawnDirection {
+        dispatch!(self.level, simd => {
+            let row = self.tiers[tier].row(simd, distribution, [fraction(point[0]), fraction(point[1])]);
+            self.found(simd, tier, &row, number)
+        })
+    }
+
+    /// What the second half of a choice of a texel finds; `number` light samples are taken of its tier.
+    #[inline(always)]
+    pub(crate) fn found<S: Simd>(
+        &self,
+        simd: S,
+        tier: usize,
+        row: &RowChoice,
+        number: f32,
+    ) -> DrawnDirection {
+        let (texel, place) = self.tiers[tier].texel(simd, row);
+        let direction = self.texel_grid.within(texel, place);
+        let texel = (texel.1 * self.texel_grid.width + texel.0) as u32;
+        DrawnDirection { direction, texel, expected: number * row.probability }
+    }
+
+    /// The light of a direction that was drawn.
+    #[inline]
+    pub fn light(&self, &DrawnDirection { direction, texel, expected }: &DrawnDirection) -> LightSample {
+        let [r, g, b, pdf] = self.texels[texel as usize];
+        LightSample { direction, radiance: Vec3::new(r, g, b), pdf: expected * pdf }
+    }
+
+    /// A light sample that is alone, for a surface whose light comes from one side, or from all; none where no
+    /// light comes from there.
+    pub fn sample_one(&self, normal: Option<Vec3>, point: [u32; 2]) -> Option<LightSample> {
+        let distributions = self.distributions(normal);
+        distributions.iter().any(|distribution| distribution.power > 0.0).then(|| {
+            let (tier, point) = self.tier(distributions, point);
+            let number = self.numbers(distributions, None)[tier];
+            self.light(&self.draw_one(tier, distributions[tier], number, point))
+        })
+    }
+
+    /// As [`sample_one`](Self::sample_one), but a quarter of the samples takes no regard of the normal: for light whose direction
+    /// is not quite that of the panorama.
+    pub fn sample_defensive(&self, normal: Option<Vec3>, [a, b]: [u32; 2]) -> Option<LightSample> {
+        const QUARTER: u32 = 1 << 30;
+        let (aimed, a) = match a.checked_sub(QUARTER) {
+            Some(rest) => (normal, (u64::from(rest) * 4 / 3) as u32),
+            None => (None, a << 2),
+        };
+        Some(self.eval_defensive(normal, self.sample_one(aimed, [a, b])?.direction))
+    }
+
+    /// The light from a unit direction, and the density of [`sample_defensive`](Self::sample_defensive).
+    pub fn eval_defensive(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
+        let (aimed, any) = (self.eval_one(normal, direction), self.eval_one(None, direction));
+        LightSample { pdf: 0.75 * aimed.pdf + 0.25 * any.pdf, ..aimed }
+    }
+
+    /// The light from a unit direction, and the density of [`sample_one`](Self::sample_one).
+    pub fn eval_one(&self, normal: Option<Vec3>, direction: Vec3) -> LightSample {
+        let distributions = self.distributions(normal);
+        self.eval(distributions, self.numbers(distributions, None), direction)
+    }
+
+    /// The light from a unit direction.
+    #[inline]
+    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+        let (x, y) = self.texel_grid.texel(direction);
+        let [r, g, b, _] = self.texels[y * self.texel_grid.width + x];
+        Vec3::new(r, g, b)
+    }
+
+    /// Whether a glossy lobe is narrower than a texel in a direction of such a density, as off a mirror and through
+    /// clear glass: it would show the edges of texels. Scattered rays alone find its light, as [`seen`](Self::seen).
+    #[inline]
+    pub fn is_narrow(&self, pdf: f32) -> bool {
+        let texels = (self.texel_grid.width * self.texel_grid.height) as f32;
+        // By the solid angle of a texel at the horizon, two pi squared over their number.
+        pdf * 2.0 * std::f32::consts::PI * std::f32::consts::PI > texels
+    }
+
+    /// A light as a glossy ray of such a density sees it: where that is [narrow](Self::is_narrow), as the
+    /// [`background`](Self::background) in its direction, which no light samples look for.
+    pub fn seen(&self, light: LightSample, pdf: f32) -> LightSample {
+        if self.is_narrow(pdf) {
+            LightSample { radiance: self.background(light.direction), pdf: 0.0, ..light }
+        } else {
+            light
+        }
+    }
+
+    /// The sky as a picture behind the scene: between the middles of texels radiance changes linearly. Light
+    /// samples take [`EnvironmentLight::radiance`], whose sum is exact.
+    pub fn background(&self, direction: Vec3) -> Vec3 {
+        let [x, y, z] = self.texel_grid.axes.map(|axis| f64::from(direction.dot(axis)));
+        let u = (approximate_turns(x, y) + 0.5) * self.texel_grid.width as f64 - 0.5;
+        let v = approximate_turns((x * x + y * y).sqrt(), z) * 2.0 * self.texel_grid.height as f64 - 0.5;
+        let v = v.clamp(0.0, (self.texel_grid.height - 1) as f64);
+        let (left, top) = (u.floor(), v.floor());
+        let (du, dv) = ((u - left) as f32, (v - top) as f32);
+        let at = |dx: i64, dy: usize| {
+            let column = (left as i64 + dx).rem_euclid(self.texel_grid.width as i64) as usize;
+            let row = (top as usize + dy).min(self.texel_grid.height - 1);
+            let [r, g, b, _] = self.texels[row * self.texel_grid.width + column];
+            Vec3::new(r, g, b)
+        };
+        let (upper, lower) = (at(0, 0) * (1.0 - du) + at(1, 0) * du, at(0, 1) * (1.0 - du) + at(1, 1) * du);
+        upper * (1.0 - dv) + lower * dv
+    }
+
+    /// The light from a unit direction, and the density of sampling it.
+    #[inline]
+    pub fn eval(
+        &self,
+        distributions: Distributions<'_>,
+        numbers: [f32; TIERS],
+        direction: Vec3,
+    ) -> LightSample {
+        let texel = self.texel_grid.texel(direction);
+        let at = texel.1 * self.texel_grid.width + texel.0;
+        let [r, g, b, pdf] = self.texels[at];
+        let tier = usize::from(!self.bright[at]);
+        let pdf = numbers[tier] * self.tiers[tier].probability(distributions[tier], texel) * pdf;
+        LightSample { direction, radiance: Vec3::new(r, g, b), pdf }
+    }
+}
+
+/// From 32-bit fractions.
+const SCALE: f64 = 1.0 / 4_294_967_296.0;
+
+/// An environment of one colour.
+#[cfg(test)]
+pub(crate) fn constant(up: engine::Up, radiance: [f32; 3], width: usize) -> Environment {
+    let height = (width / 2).max(1);
+    let samples = (0..width * height).flat_map(|_| radiance).collect();
+    Environment { image: crate::types::Image::from_samples(width, height, 3, samples), up, origin: None }
+}

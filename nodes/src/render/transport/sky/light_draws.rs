@@ -1,0 +1,194 @@
+//! Light samples of many vertices, drawn together: eight at once go through vector registers, and all wait for memory
+//! together. Which instructions the machine has changes no bit.
+
+use fearless_simd::{dispatch, prelude::*};
+
+use super::environment::{Distributions, DrawnDirection, EnvironmentLight, TIERS};
+use super::light_cells::RowChoice;
+use super::light_distribution::LightDistribution;
+use crate::geometry::sampling::{Points, fraction};
+
+/// Samples that are drawn at once.
+const LANES: usize = 8;
+/// Between the pairs of dimensions for light of one tier of the sky and those for the next.
+const TIER: u32 = 1 << 18;
+
+/// A light sample that is yet to be drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    tier: usize,
+    distribution: &'a LightDistribution,
+    /// Light samples of its tier that the vertex takes.
+    number: f32,
+    points: Points,
+    pair: u32,
+}
+
+/// The light samples of a vertex, so many of each tier: none of a tier that brings no light.
+pub fn wanted(
+    distributions: Distributions<'_>,
+    lights: [u32; TIERS],
+    points: Points,
+    pair: u32,
+) -> impl Iterator<Item = Wanted<'_>> {
+    let lit = (0..TIERS).filter(move |&tier| distributions[tier].power > 0.0);
+    lit.flat_map(move |tier| Wanted::each((tier, distributions[tier]), lights[tier], points, pair))
+}
+
+impl<'a> Wanted<'a> {
+    /// Those of a tier.
+    fn each(
+        (tier, distribution): (usize, &'a LightDistribution),
+        count: u32,
+        points: Points,
+        pair: u32,
+    ) -> impl Iterator<Item = Self> {
+        let pair = pair + TIER * tier as u32;
+        let one =
+            move |k| Self { tier, distribution, number: count as f32, points: points.twig(k, count), pair };
+        (0..count).map(one)
+    }
+}
+
+impl EnvironmentLight {
+    /// Directions of tiers, about in proportion to light times cosine. They may lie a little below the horizon, never so
+    /// much that light above it is left out.
+    pub fn draw_each(&self, wanted: &[Wanted<'_>], found: impl FnMut(DrawnDirection)) {
+        dispatch!(self.level, simd => self.draw_each_at(simd, wanted, found));
+    }
+
+    #[inline(always)]
+    fn draw_each_at<S: Simd>(&self, simd: S, wanted: &[Wanted<'_>], mut found: impl FnMut(DrawnDirection)) {
+        for wanted in wanted.chunks(LANES) {
+            // Lanes that stay free repeat the first.
+            let (mut points, mut pairs) = ([wanted[0].points; LANES], [wanted[0].pair; LANES]);
+            for (k, wanted) in wanted.iter().enumerate() {
+                (points[k], pairs[k]) = (wanted.points, wanted.pair);
+            }
+            let [v, u] = Points::bits_of_eight(simd, &points, &pairs);
+            let mut rows = [RowChoice::default(); LANES];
+            for (k, (row, wanted)) in rows.iter_mut().zip(wanted).enumerate() {
+                let point = [fraction(v[k]), fraction(u[k])];
+                *row = self.tiers[wanted.tier].row(simd, wanted.distribution, point);
+            }
+            let ahead = rows.iter().zip(wanted).map(|(row, wanted)| self.tiers[wanted.tier].look_ahead(row));
+            std::hint::black_box(ahead.sum::<f32>());
+            for (row, wanted) in rows.iter().zip(wanted) {
+                found(self.found(simd, wanted.tier, row, wanted.number));
+            }
+        }
+    }
+}
+
+/// The light samples of one vertex after another, of which so many are drawn at once.
+pub struct LightDraws<'a, V> {
+    sky: &'a EnvironmentLight,
+    lights: [u32; TIERS],
+    pair: u32,
+    vertices: V,
+    /// Those of the vertices that are drawn, and after the last of each.
+    wanted: Vec<Wanted<'a>>,
+    draws: Vec<DrawnDirection>,
+    ends: Vec<usize>,
+    /// Vertices of them that were asked for.
+    asked: usize,
+}
+
+/// Vertices whose light samples are drawn at once: enough to fill registers, few enough to stay near.
+const TOGETHER: usize = 32;
+
+impl<'a, V: Iterator<Item = Option<(Points, Distributions<'a>)>>> LightDraws<'a, V> {
+    /// Of vertices, where there are any, so many of each tier and from a pair of dimensions on.
+    pub fn new(sky: &'a EnvironmentLight, lights: [u32; TIERS], pair: u32, vertices: V) -> Self {
+        let (wanted, draws, ends) = (Vec::new(), Vec::new(), Vec::new());
+        Self { sky, lights, pair, vertices, wanted, draws, ends, asked: 0 }
+    }
+
+    /// Those of the next vertex, tier after tier; none where there is no vertex.
+    pub fn next_vertex(&mut self) -> &[DrawnDirection] {
+        if self.asked == self.ends.len() {
+            self.draw();
+        }
+        let start = if self.asked > 0 { self.ends[self.asked - 1] } else { 0 };
+        let Some(&end) = self.ends.get(self.asked) else { return &[] };
+        self.asked += 1;
+        &self.draws[start..end]
+    }
+
+    fn draw(&mut self) {
+        self.asked = 0;
+        self.wanted.clear();
+        self.ends.clear();
+        for vertex in self.vertices.by_ref().take(TOGETHER) {
+            if let Some((points, distributions)) = vertex {
+                // As `wanted` gives them; one tier at a time, their number is known.
+                for (tier, distribution) in distributions.into_iter().enumerate() {
+                    if distribution.power > 0.0 {
+                        let number = self.lights[tier];
+                        self.wanted.extend(Wanted::each((tier, distribution), number, points, self.pair));
+                    }
+                }
+            }
+            self.ends.push(self.wanted.len());
+        }
+        let draws = &mut self.draws;
+        draws.clear();
+        self.sky.draw_each(&self.wanted, |drawn| draws.push(drawn));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use engine::Up;
+    use glam::Vec3;
+
+    use super::*;
+    use crate::geometry::sampling::{mix, stream, unit};
+    use crate::types::{Environment, Image};
+
+    /// A sky of noise with a few lamps in it.
+    fn sky() -> EnvironmentLight {
+        let (width, height) = (256, 96);
+        let lamp = |i: usize| if mix(i as u32 / 3).is_multiple_of(997) { 3e3 } else { unit(mix(i as u32)) };
+        let samples = (0..width * height * 3).map(lamp).collect();
+        let image = Image::from_samples(width, height, 3, samples);
+        EnvironmentLight::new(&Environment { image, up: Up::PlusY, origin: None })
+    }
+
+    /// Many vertices at once find what each finds alone, and every set of vector instructions the same bits.
+    /// Mutation: `wanted[0]` for `lane(k)` in `draw_each_at`, `draws.clear()` left out.
+    #[test]
+    fn drawn_together_is_drawn_alone() {
+        let sky = sky();
+        assert!(sky.lights.iter().all(|&n| n > 0));
+        let normals = [Vec3::Y, Vec3::new(0.6, -0.48, 0.64), Vec3::NEG_X];
+        let vertex = |i: u32| {
+            let points = Points::new(stream(2, i, 5), i % 7);
+            (!i.is_multiple_of(5)).then(|| (points, sky.distributions(Some(normals[i as usize % 3]))))
+        };
+        let mut together = LightDraws::new(&sky, sky.lights, 9, (0..301).map(vertex));
+        for i in 0..301 {
+            let together = together.next_vertex();
+            let Some((points, distributions)) = vertex(i) else {
+                assert!(together.is_empty());
+                continue;
+            };
+            let lit = (0..TIERS).filter(|&tier| distributions[tier].power > 0.0);
+            let alone = lit.flat_map(|tier| {
+                let count = sky.lights[tier];
+                (0..count).map(move |k| (tier, points.twig(k, count).bits(9 + TIER * tier as u32)))
+            });
+            let alone: Vec<_> = alone
+                .map(|(tier, point)| sky.draw_one(tier, distributions[tier], sky.lights[tier] as f32, point))
+                .collect();
+            assert_eq!(together, alone);
+            let all: Vec<Wanted<'_>> = wanted(distributions, sky.lights, points, 9).collect();
+            for level in crate::testing::levels() {
+                let mut found = Vec::new();
+                let keep = |drawn| found.push(drawn);
+                dispatch!(level, simd => sky.draw_each_at(simd, &all, keep));
+                assert_eq!(together, found, "{level:?}");
+            }
+        }
+    }
+}
