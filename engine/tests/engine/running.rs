@@ -1,6 +1,7 @@
 //! How graphs run: parts, sinks, wanted nodes, memory, threads, stores and other processes.
 
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
 use cache::{LeaseState, Options, Store};
 use engine::{Engine, Event};
