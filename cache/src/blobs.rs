@@ -83,7 +83,7 @@ impl Blobs {
         }
     }
 
-    /// Whether a blob exists; it is verified only when it is read.
+    /// True if a blob exists; it is verified only when it is read.
     pub fn has(&self, digest: &Digest) -> bool {
         match self {
             Blobs::Nowhere => false,
@@ -343,7 +343,7 @@ fn read_file(path: &Path) -> io::Result<(Vec<u8>, Metadata)> {
     Ok((bytes, metadata))
 }
 
-/// Whether reading failed because this process lacks memory, file handles or permission, and not because of what is on
+/// True if reading failed because this process lacks memory, file handles or permission, and not because of what is on
 /// the disk.
 fn is_own_failure(error: &io::Error) -> bool {
     // EMFILE and ENFILE, which have no stable `ErrorKind`.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Why the cache could not do something. What was stored before stays valid after any of these.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// There is no room: the file system is full, the user's quota is used up, or the file would be larger than a
+    /// No room is left: the file system is full, the user's quota is used up, or the file would be larger than a
     /// process may write (`ulimit -f`).
     #[error("{}: cannot {operation} {}", no_room(source), path.display())]
     Full {
@@ -64,7 +64,7 @@ impl Error {
         }
     }
 
-    /// Whether the system reports that this place cannot be written at all.
+    /// True if the system reports that this place cannot be written at all.
     pub(crate) fn is_read_only(&self) -> bool {
         let Error::Io { source, .. } = self else { return false };
         matches!(source.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem)

@@ -23,7 +23,7 @@ use crate::store::Store;
 /// The share of the maximum size down to which a collection removes, so that the next run does not need another one.
 const LOW_WATER: f64 = 0.9;
 
-/// What a collection may remove.
+/// Limits of a collection.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Limits {
     /// The maximum size of the cache in bytes.
@@ -34,7 +34,7 @@ pub struct Limits {
     pub dry_run: bool,
 }
 
-/// What a collection removed, or would remove.
+/// The result of a collection, or of a dry run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Collected {
     /// The number of records removed.

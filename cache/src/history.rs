@@ -18,7 +18,7 @@ pub(crate) struct Table {
     offsets: HashMap<u64, usize, std::hash::BuildHasherDefault<DigestHasher>>,
     /// Rows that are not in `stored` yet.
     written: BTreeMap<String, Vec<u8>>,
-    /// Whether rows were removed from `stored`.
+    /// True if rows were removed from `stored`.
     trimmed: bool,
 }
 
@@ -87,7 +87,7 @@ impl Table {
         self.offsets.get(&hash(name.as_bytes())).copied()
     }
 
-    /// Whether there is anything to store.
+    /// True if there is anything to store.
     pub fn is_changed(&self) -> bool {
         self.trimmed || !self.written.is_empty()
     }

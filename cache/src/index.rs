@@ -30,7 +30,7 @@ pub(crate) struct Index {
     count: u64,
     /// The number of bytes of the log that are indexed.
     pub covered: u64,
-    /// What these bytes consist of.
+    /// Sizes of the entries in these bytes.
     pub sizes: LogSizes,
     /// The first 8 bytes of the first key of each page, as numbers.
     directory: Vec<u64>,
@@ -79,7 +79,7 @@ impl Index {
         Some(Index { file, salt, count, covered, sizes, directory, pages })
     }
 
-    /// Whether the index at `path` belongs to the log with this salt, but covers more than `length` bytes: the log was
+    /// True if the index at `path` belongs to the log with this salt, but covers more than `length` bytes: the log was
     /// cut. Once the log has grown again, such an index would hide entries.
     pub fn is_beyond(path: &Path, salt: u32, length: u64) -> bool {
         let mut head = [0; PAGE];

@@ -51,7 +51,7 @@ pub struct Checked {
 }
 
 impl Checked {
-    /// Whether no damage was found.
+    /// True if no damage was found.
     pub fn is_whole(&self) -> bool {
         self.damaged_bytes == 0 && self.bad.is_empty() && self.incomplete.is_empty()
     }

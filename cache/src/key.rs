@@ -15,7 +15,7 @@ pub struct Key {
     pub manifest: Manifest,
 }
 
-/// Why there is no key.
+/// The reason that a key cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum KeyError {
     /// A number was NaN, which does not equal itself and so cannot identify anything.

@@ -34,7 +34,7 @@ impl Store {
         });
     }
 
-    /// What [`last_run_put`](Self::last_run_put) stored last, verified by its digest.
+    /// The bytes that [`last_run_put`](Self::last_run_put) stored last, verified by their digest.
     pub fn last_run_get(&self, graph: &str) -> Option<Vec<u8>> {
         read(&self.last_run_path(graph)?)
     }

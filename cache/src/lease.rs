@@ -63,7 +63,7 @@ impl Drop for Lease {
 #[derive(Debug, Default)]
 pub(crate) struct Leases {
     held: Mutex<Vec<Weak<File>>>,
-    /// Of each lease that another has: the time of its file, and since when it has been the same.
+    /// For each lease held elsewhere: the time of its file, and since when it has been the same.
     awaited: Mutex<BTreeMap<Digest, (Option<SystemTime>, Instant)>>,
 }
 

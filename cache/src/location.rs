@@ -12,7 +12,7 @@ pub(crate) struct Location {
     pub length: u32,
 }
 
-/// What a log consists of, in bytes of its file.
+/// Sizes of the contents of a log, in bytes of its file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LogSizes {
     /// Entries that can be read.

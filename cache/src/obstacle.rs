@@ -34,7 +34,7 @@ pub(crate) fn clear_all(root: &Path) -> Vec<Incident> {
     found
 }
 
-/// What belongs at a path.
+/// The kind of entry that belongs at a path.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Expected {
     File,
@@ -62,7 +62,7 @@ pub(crate) fn clear_folder(root: &Path, path: &Path) {
     }
 }
 
-/// Whether something lies at `path` that is not `right` once links are followed.
+/// True if something lies at `path` that is not `right` once links are followed.
 fn is_obstacle(path: &Path, right: fn(&fs::Metadata) -> bool) -> bool {
     match fs::metadata(path) {
         Ok(found) => !right(&found),

@@ -66,7 +66,7 @@ pub(crate) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// Whether `error`, the result of following the link at `path`, says that the link leads nowhere: its target does
+/// True if `error`, the result of following the link at `path`, says that the link leads nowhere: its target does
 /// not exist, or is the link itself.
 pub(crate) fn is_broken_link(path: &Path, error: &io::Error) -> bool {
     error.kind() != io::ErrorKind::PermissionDenied

@@ -42,7 +42,7 @@ pub struct Options {
 pub struct Incident {
     /// The damaged blob; `None` if the damage was elsewhere.
     pub digest: Option<Digest>,
-    /// What was found and what was done about it.
+    /// The finding, and the action taken.
     pub what: String,
 }
 

@@ -77,21 +77,21 @@ impl FileStamp {
         bytes
     }
 
-    /// Whether the last change was long enough before the stamp was taken that any later change must give a different
+    /// True if the last change was long enough before the stamp was taken that any later change must give a different
     /// stamp (git's rule for "racily clean" files). Never true for a file whose time is in the future.
     pub fn is_settled(&self) -> bool {
         self.mtime_ns.max(self.ctime_ns).saturating_add(GRANULARITY_NS) < self.taken_ns
     }
 }
 
-/// Whether two results of `stat` are of one file, not only of one path.
+/// True if two results of `stat` are of one file, not only of one path.
 #[cfg(unix)]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt;
     (a.dev(), a.ino()) == (b.dev(), b.ino())
 }
 
-/// Whether two results of `stat` are of one file, judged by its time of creation.
+/// True if two results of `stat` are of one file, judged by its time of creation.
 #[cfg(not(unix))]
 pub(crate) fn same_file(a: &Metadata, b: &Metadata) -> bool {
     a.created().ok() == b.created().ok()

@@ -132,7 +132,7 @@ impl Store {
         }
     }
 
-    /// Whether nothing is written.
+    /// True if nothing is written.
     pub fn is_read_only(&self) -> bool {
         self.read_only.is_some()
     }
@@ -229,7 +229,7 @@ impl Store {
         self.blobs.get(digest, |incident| self.report(incident))
     }
 
-    /// Whether a blob with this digest exists. It is not read, and so not verified.
+    /// True if a blob with this digest exists. It is not read, and so not verified.
     pub fn has_blob(&self, digest: &Digest) -> bool {
         self.blobs.has(digest)
     }

@@ -90,7 +90,7 @@ fn the_longest_unused_goes_first_and_the_limit_holds() {
     let limits = Limits { max_size: Some(600_000), ..Limits::default() };
     let store = open(folder.path());
     let plan = collect(&store, Limits { dry_run: true, ..limits });
-    assert_eq!(whole(folder.path()).len(), 10, "only told");
+    assert_eq!(whole(folder.path()).len(), 10, "only reported");
     // Reading counts as use.
     (0..10).for_each(|n| set_used(folder.path(), n, 20 - u64::from(n)));
     let done = collect(&store, limits);

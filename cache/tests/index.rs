@@ -34,7 +34,7 @@ fn filled() -> tempfile::TempDir {
     folder
 }
 
-/// How many records a new process finds; panics on a wrong value.
+/// Number of records that a new process finds; panics on a wrong value.
 fn found(store: &Store) -> u32 {
     let there = |n: &u32| {
         let value = store.get_record(&key(*n));
@@ -98,7 +98,7 @@ fn a_damaged_index_is_not_believed() {
 }
 
 #[test]
-fn damage_behind_the_index_costs_what_it_lies_in_and_is_told() {
+fn damage_behind_the_index_costs_what_it_lies_in_and_is_reported() {
     let folder = filled();
     let path = file(folder.path(), "records.log");
     let index = fs::read(file(folder.path(), "records.index")).unwrap();
@@ -110,8 +110,8 @@ fn damage_behind_the_index_costs_what_it_lies_in_and_is_told() {
         fs::write(file(folder.path(), "records.index"), &index).unwrap();
         let store = open(folder.path());
         assert_eq!(found(&store), COUNT - 1, "byte {at}");
-        let told: Vec<String> = store.take_incidents().iter().map(ToString::to_string).collect();
-        assert!(matches!(&told[..], [one] if one.contains("damaged bytes")), "{told:?}");
+        let reported: Vec<String> = store.take_incidents().iter().map(ToString::to_string).collect();
+        assert!(matches!(&reported[..], [one] if one.contains("damaged bytes")), "{reported:?}");
         store.flush().unwrap();
         let store = open(folder.path());
         assert_eq!((found(&store), store.take_incidents()), (COUNT - 1, vec![]), "healed");

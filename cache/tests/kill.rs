@@ -91,8 +91,8 @@ fn run(folder: &Path, failpoint: Option<&str>) -> bool {
     }
     let output = command.output().unwrap();
     // 101 is a panic, and a failed test; an abort has no code at all.
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_ne!(output.status.code(), Some(101), "{failpoint:?}: {said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert_ne!(output.status.code(), Some(101), "{failpoint:?}: {printed}");
     !output.status.success()
 }
 
@@ -120,7 +120,7 @@ fn check(folder: &Path, what: &str) {
         assert!(blob.is_none() || blob == Some(content(n)), "{what}: wrong blob {n}");
         assert!(matches!(store.lease(&key(n)), LeaseState::Acquired(_)), "{what}: a dead holder");
     }
-    assert_eq!(store.take_incidents(), [], "{what}: a stop is no damage");
+    assert_eq!(store.take_incidents(), [], "{what}: a stop does not count as damage");
     match fs::read(folder.join("out/picture.png")) {
         Ok(found) => {
             assert_eq!(found, vec![found[0]; 3000], "{what}: half a file");
@@ -156,7 +156,7 @@ fn killed_at_every_place_nothing_acknowledged_is_lost() {
 }
 
 #[test]
-fn errors_at_every_place_are_said_and_harm_nothing() {
+fn errors_at_every_place_are_reported_and_harm_nothing() {
     for name in failpoint::NAMES {
         for (count, effect) in [(1, "error"), (2, "full"), (5, "error")] {
             let folder = tempfile::tempdir().unwrap();

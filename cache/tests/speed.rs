@@ -1,5 +1,5 @@
-//! How long the cache takes:
-//! `cargo test --release -p lightharmony-cache --test speed -- --ignored --nocapture`.
+//! The time that the cache takes: `cargo test --release -p lightharmony-cache --test speed -- --ignored
+//! --nocapture`.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a measurement for people")]
 
 use std::time::Instant;

@@ -51,7 +51,7 @@ pub(crate) struct Log {
     lock: Option<FileLock>,
     /// The index of the first part of the file.
     index: Option<Index>,
-    /// Whether an index turned out wrong; none is read again.
+    /// True if an index turned out wrong; none is read again.
     index_rejected: bool,
     /// The entries after the part that is indexed; `None` for one that was removed.
     recent: HashMap<EntryId, Option<Location>, BuildHasherDefault<DigestHasher>>,
@@ -121,7 +121,7 @@ impl Log {
         Ok(log)
     }
 
-    /// Whether the entry exists, as far as this process has read.
+    /// True if the entry exists, as far as this process has read.
     pub fn contains(&mut self, kind: u8, key: &Digest) -> Result<bool> {
         Ok(self.find(&(kind, *key))?.is_some())
     }
@@ -223,7 +223,7 @@ impl Log {
         Ok(true)
     }
 
-    /// Whether the file is the one that was read, and has not grown.
+    /// True if the file is the one that was read, and has not grown.
     fn is_current(&self) -> Result<bool> {
         let (Some(settings), Some(open)) = (&self.settings, &self.open) else {
             return Ok(self.settings.is_none());

@@ -112,7 +112,7 @@ impl Log {
         Ok(())
     }
 
-    /// Whether enough of the file is dead or damaged that it should be rewritten.
+    /// True if enough of the file is dead or damaged that it should be rewritten.
     pub fn wants_compaction(&self) -> bool {
         let LogSizes { live, dead, damaged } = self.sizes;
         damaged > 0 || (dead > live && dead > MIN_DEAD)

@@ -10,6 +10,7 @@ use std::ops::Range;
 use ron::value::RawValue;
 use serde::Deserialize;
 
+use crate::graph::axis_names::Padding;
 use crate::text::diag::{Diagnostic, nearest, shown};
 use crate::text::document::RawField;
 use crate::text::subgraph::calls;
@@ -21,8 +22,8 @@ pub(crate) struct Axis<'t> {
     pub name: &'t str,
     /// Values as RON.
     pub values: Vec<String>,
-    /// Number of digits of the longest value, if all are whole numbers without a sign.
-    pub digits: Option<usize>,
+    /// Padding of the values in file names.
+    pub padding: Option<Padding>,
 }
 
 /// Maximum number of values of an axis.
@@ -70,7 +71,7 @@ impl<'t> Axis<'t> {
 
     /// A placeholder for an axis that could not be parsed, so that its name is known.
     pub fn broken(name: &'t str) -> Self {
-        Self { name, values: Vec::new(), digits: None }
+        Self { name, values: Vec::new(), padding: None }
     }
 
     /// Whether the axis could be parsed.
@@ -79,10 +80,8 @@ impl<'t> Axis<'t> {
     }
 
     fn new(name: &'t str, values: Vec<String>) -> Self {
-        let is_whole = |text: &String| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-        let longest = values.iter().map(String::len).max();
-        let digits = longest.filter(|_| values.iter().all(is_whole));
-        Self { name, values, digits }
+        let padding = Padding::of(&values);
+        Self { name, values, padding }
     }
 }
 
@@ -285,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axes_of_a_field_are_found_or_what_is_wrong_is_said_in_its_place() {
+    fn the_axes_of_a_field_are_found_or_what_is_wrong_is_reported_in_its_place() {
         let read = |text: &str| axes_read(text, &(5..5 + text.len()), &axes());
         assert_eq!(read("(Axis(\"frame\"), Axis(\"yaw\"))"), Ok(vec![1, 0]));
         assert_eq!(read("\"plain\""), Ok(vec![]));

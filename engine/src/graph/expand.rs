@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::graph::axis::Axis;
+use crate::graph::axis_names::{file_text, is_held, with_value};
 use crate::graph::checker::{Check, GATHER, Gather, Template, at_each};
 use crate::graph::node::{Node, Wire};
 use crate::graph::wires::{End, wire_names};
@@ -15,7 +16,6 @@ use crate::text::document::RawNode;
 use crate::text::include::parse_all;
 use crate::text::source::Source;
 use crate::text::values::parse_value;
-use crate::value::files::plain_name;
 use crate::value::root::SourceRoot;
 
 /// Maximum number of instances of all nodes.
@@ -209,15 +209,15 @@ impl<'t> Check<'t, '_> {
         let span = || template.node.place(Some("path"));
         for (index, axis) in self.axes.clone().iter().enumerate() {
             let holder = format!("{{{}}}", axis.name);
-            let named = path.contains(&holder) || template.own.contains(&index);
-            if grid.has(index) && path.contains(&holder) {
+            let named = is_held(path, axis.name) || template.own.contains(&index);
+            if grid.has(index) && is_held(path, axis.name) {
                 self.file_names(axis, &span());
             }
             if grid.has(index) && !named {
                 let what =
                     format!("`{path}` names one file, but there is one for each value of `{}`", axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("put `{holder}` into the path")));
-            } else if !grid.has(index) && path.contains(&holder) {
+            } else if !grid.has(index) && is_held(path, axis.name) {
                 let what = format!("`{}` does not vary along `{}`", template.node.id, axis.name);
                 self.report(Diagnostic::new(span(), what).hint(format!("leave `{holder}` out of the path")));
             }
@@ -228,7 +228,7 @@ impl<'t> Check<'t, '_> {
     fn file_names(&mut self, axis: &Axis<'_>, span: &Range<usize>) {
         let mut seen: BTreeMap<String, usize> = BTreeMap::new();
         for value in 0..axis.values.len() {
-            if let Some(first) = seen.insert(file_text(axis, value), value) {
+            if let Some(first) = seen.insert(file_text(&axis.values[value], axis.padding, None), value) {
                 let (a, b) = (shown(&axis.values[first]), shown(&axis.values[value]));
                 let what = format!("the values {a} and {b} of `{}` give the same file name", axis.name);
                 return self.report(Diagnostic::new(span.clone(), what).hint("rename one of them"));
@@ -251,9 +251,8 @@ impl<'t> Check<'t, '_> {
         for &(axis, value) in point {
             let (name, text) = (axes[axis].name, axes[axis].values[value].trim_matches('"'));
             node.id.push_str(&format!("/{name}={text}"));
-            let path = node.sink_path.take();
-            node.sink_path =
-                path.map(|path| path.replace(&format!("{{{name}}}"), &file_text(&axes[axis], value)));
+            let text_of = |width| file_text(&axes[axis].values[value], axes[axis].padding, width);
+            node.sink_path = node.sink_path.take().map(|path| with_value(&path, name, text_of));
             node.point.push((name.to_owned(), text.to_owned()));
         }
         Some(node)
@@ -285,13 +284,4 @@ fn wires(
         inputs.push(ends);
     }
     inputs
-}
-
-/// The value of an axis as part of a file name. Whole numbers are padded with zeros, so that names sort.
-fn file_text(axis: &Axis<'_>, value: usize) -> String {
-    let text = axis.values[value].trim_matches('"');
-    if let Some(digits) = axis.digits {
-        return format!("{text:0>digits$}");
-    }
-    plain_name(text.strip_suffix(".0").unwrap_or(text))
 }

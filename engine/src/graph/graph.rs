@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::graph::axis_names::after_value;
 use crate::graph::node::{Node, Wire};
 use crate::kind::context::{Point, Scene};
 use crate::kind::contract::ViewCount;
@@ -280,7 +281,7 @@ impl Graph {
             let plain = node.id.get(..node.id.len().saturating_sub(length)).unwrap_or_default();
             let inside = plain.strip_prefix(name);
             inside.is_some_and(|inside| inside.is_empty() || inside.starts_with('.'))
-                && values.is_none_or(|values| stands_at(&segments, values))
+                && values.is_none_or(|values| stands_at(&node.point, values))
         };
         (0..self.nodes.len()).filter(|&index| is(&self.nodes[index])).collect()
     }
@@ -324,18 +325,15 @@ fn segment((axis, value): &(String, String)) -> String {
     format!("/{axis}={}", value.trim_matches('"'))
 }
 
-/// Whether `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node. A value may contain slashes.
-fn stands_at(segments: &[String], values: &str) -> bool {
-    let mut rest = Some(values);
-    for segment in segments {
-        let Some(left) = rest else { break };
-        if let Some(after) = left.strip_prefix(&segment[1..])
-            && (after.is_empty() || after.starts_with('/'))
-        {
-            rest = after.strip_prefix('/');
-        }
-    }
-    rest.is_none()
+/// Whether `values`, such as `x=1/y=2`, is a subsequence of the axis values of a node; `x=1..3` matches a range.
+fn stands_at(point: &[(String, String)], values: &str) -> bool {
+    let left = point.iter().fold(Some(values), |left, (axis, value)| {
+        let left = left?;
+        let after = after_value(left, axis, value.trim_matches('"'));
+        // All of them are found.
+        if after.is_empty() && !left.is_empty() { None } else { Some(after) }
+    });
+    left.is_none()
 }
 
 /// Inserts `{view}`: `out/final.png` becomes `out/final_{view}.png`.

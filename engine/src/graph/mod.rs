@@ -1,6 +1,7 @@
 //! The checked graph: nodes, wires, axes, and all checks before a run.
 
 pub(crate) mod axis;
+pub(crate) mod axis_names;
 pub(crate) mod check;
 pub(crate) mod checker;
 pub(crate) mod expand;

@@ -202,11 +202,35 @@ impl<'t, 'a> Check<'t, 'a> {
             .label(format!("this is of type `{given}`"));
             if !fitting.is_empty() {
                 diagnostic = diagnostic.hint(format!("use {}", fitting.join(" or ")));
+            } else if let Some(makers) = self.makers(given, wanted) {
+                diagnostic = diagnostic.hint(format!("{makers} makes a {wanted}"));
             }
             self.report(diagnostic);
             return None;
         }
         Some(Wire { node, port: index })
+    }
+}
+
+/// Maximum number of kinds proposed to convert a type; with more candidates, none is proposed.
+const MOST_MAKERS: usize = 2;
+
+impl Check<'_, '_> {
+    /// Kinds whose first output is of type `wanted` and that take `given` but not `wanted`, as calls with their first
+    /// required input.
+    fn makers(&self, given: &str, wanted: &str) -> Option<String> {
+        let takes = |kind: &KindEntry, name: &str| kind.inputs.iter().any(|port| port.artifact.name == name);
+        let makes = |kind: &&Arc<KindEntry>| {
+            kind.outputs.first().is_some_and(|port| port.artifact.name == wanted)
+                && takes(kind, given)
+                && !takes(kind, wanted)
+        };
+        let written = |kind: &Arc<KindEntry>| {
+            let port = kind.inputs.iter().find(|port| port.arity != Arity::Optional).or(kind.inputs.first());
+            port.map(|port| format!("`{}({}: ..)`", kind.camel_name(), port.name))
+        };
+        let makers: Vec<String> = self.registry.iter().filter(makes).filter_map(written).collect();
+        (1..=MOST_MAKERS).contains(&makers.len()).then(|| makers.join(" or "))
     }
 }
 

@@ -1,6 +1,6 @@
 //! The context of a running node: scene, files, threads, parts, progress, cancellation.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -245,6 +245,16 @@ impl Context {
         Self { progress: Box::new(progress), ..self }
     }
 
+    /// The same context with these files listed as sources; for tests of kinds.
+    pub fn having_listed(mut self, files: &[SourceFile]) -> Self {
+        let read = |file: &SourceFile| {
+            let content = std::fs::read(&file.path).unwrap_or_default();
+            ReadSource { file: file.clone(), digest: Digest::of(&content), bytes: content.len() as u64 }
+        };
+        self.sources = files.iter().map(read).collect();
+        self
+    }
+
     /// An error if the run was cancelled; for loops without tiles.
     pub fn check(&self) -> Result<(), NodeError> {
         if self.cancelled() { Err(NodeError::cancelled()) } else { Ok(()) }
@@ -364,9 +374,28 @@ impl Context {
         Ok(made)
     }
 
+    /// The folder that relative file names start from.
+    pub fn root(&self) -> &SourceRoot {
+        &self.root
+    }
+
     /// The source file or folder that a parameter names.
     pub fn source(&self, file: &InputFile) -> SourceFile {
         self.root.file(file)
+    }
+
+    /// For kinds that list a folder again when they run: an error that asks for another run if these files differ from
+    /// those that `sources` listed. Outside a run nothing was listed, and every file is accepted.
+    pub fn check_listed(&self, files: &[SourceFile]) -> Result<(), NodeError> {
+        if self.parts.is_none() && self.sources.is_empty() {
+            return Ok(());
+        }
+        let (now, listed): (BTreeSet<&str>, BTreeSet<&str>) = (
+            files.iter().map(|file| file.name.as_str()).collect(),
+            self.sources.iter().map(|source| source.file.name.as_str()).collect(),
+        );
+        let Some(name) = now.symmetric_difference(&listed).next() else { return Ok(()) };
+        Err(NodeError::new(format!("`{name}` changed while the graph was running")).hint("run again"))
     }
 
     /// The bytes of a source file. It is an error if the file changed since its digest was taken.

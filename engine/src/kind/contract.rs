@@ -14,6 +14,15 @@ pub struct Cost {
     pub bytes: u64,
 }
 
+impl Cost {
+    /// The sum of counts times bytes each; saturates, so a node that needs too much is refused rather than admitted as
+    /// a small one.
+    pub fn of(items: impl IntoIterator<Item = (u64, u64)>) -> Self {
+        let add = |sum: u64, (count, each): (u64, u64)| sum.saturating_add(count.saturating_mul(each));
+        Self { bytes: items.into_iter().fold(0, add) }
+    }
+}
+
 /// Sizes of the inputs of a node, by [`crate::Artifact::size`]. Known from records, without the values.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sizes {
@@ -145,4 +154,16 @@ pub trait Kind: 'static {
 
     /// Computes the outputs.
     fn run(params: &Self::Params, inputs: Self::In, cx: &Context) -> Result<(Self::Out, Notes), NodeError>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn costs_add_up_and_do_not_wrap() {
+        assert_eq!(Cost::of([(3, 4), (5, 6)]).bytes, 42);
+        assert_eq!(Cost::of([(u64::MAX / 2, 4), (1, 1)]).bytes, u64::MAX);
+        assert_eq!(Cost::of([(u64::MAX, 1), (1, 1)]).bytes, u64::MAX);
+    }
 }

@@ -11,6 +11,10 @@ pub trait ParamType:
 {
     /// Description of the values, such as `number` or `Hard | Ramp`.
     fn describe() -> String;
+    /// Names of the choices, each with its documentation; empty for other types.
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        Vec::new()
+    }
     /// The role of the parameter.
     const ROLE: Role = Role::Value;
     /// Whether every number in the value lies in the closed range.
@@ -127,6 +131,9 @@ impl<T: ParamType> ParamType for Vec<T> {
     fn describe() -> String {
         format!("[{}, ..]", T::describe())
     }
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        T::choices()
+    }
     fn within(&self, low: f64, high: f64) -> bool {
         self.iter().all(|v| v.within(low, high))
     }
@@ -136,6 +143,9 @@ impl<T: ParamType> ParamType for Option<T> {
     const ROLE: Role = T::ROLE;
     fn describe() -> String {
         format!("{} (optional)", T::describe())
+    }
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        T::choices()
     }
     fn within(&self, low: f64, high: f64) -> bool {
         self.as_ref().is_none_or(|v| v.within(low, high))

@@ -13,6 +13,8 @@ pub struct ParamSpec {
     pub doc: &'static str,
     /// Description of the values.
     pub describe: fn() -> String,
+    /// Names of the choices, each with its documentation; empty for other types.
+    pub choices: fn() -> Vec<(&'static str, &'static str)>,
     /// Canonical text of the default; `None` if the parameter is required.
     pub default: fn() -> Option<String>,
     /// Closed range of every number in the value.
@@ -99,6 +101,7 @@ macro_rules! params {
                     let mut spec = $crate::ParamSpec {
                         name: stringify!($field), doc: concat!($($doc, "\n"),*).trim_ascii(),
                         describe: <$type as $crate::ParamType>::describe,
+                        choices: <$type as $crate::ParamType>::choices,
                         default: || $crate::params!(@default $type $(= $default)?)
                             .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
                         range: None, unit: "", other: None, inert: None, knob: None,
@@ -164,6 +167,9 @@ macro_rules! choices {
         $vis enum $name { $($(#[doc = $doc])* $variant,)* }
         impl $crate::ParamType for $name {
             fn describe() -> String { [$(stringify!($variant)),*].join(" | ") }
+            fn choices() -> Vec<(&'static str, &'static str)> {
+                vec![$((stringify!($variant), concat!($($doc, "\n"),*).trim_ascii())),*]
+            }
         }
     };
 }

@@ -230,14 +230,19 @@ fn bounded(mut text: String) -> String {
 }
 
 /// The candidate most similar to `found`, if it differs by few edits: at most a third of the letters, and at most
-/// three, inserted, deleted, replaced or swapped with their neighbour.
+/// three, inserted, deleted, replaced or swapped with their neighbour. Otherwise the only candidate that has `found` as a
+/// word, as `yaw_deg` has `yaw`.
 pub fn nearest<'k>(found: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     // Only the first letters of long names are compared, since the time grows with the square of the length.
     let folded = |text: &str| -> String { text.to_lowercase().chars().take(64).collect() };
-    let (limit, found) = ((found.chars().count() / 3).clamp(1, 3), folded(found));
-    let distance = |candidate: &'k str| (strsim::osa_distance(&found, &folded(candidate)), candidate);
-    let near = known.into_iter().map(distance).filter(|(distance, _)| *distance <= limit);
-    near.min_by_key(|(distance, _)| *distance).map(|(_, candidate)| candidate)
+    let known: Vec<&str> = known.into_iter().collect();
+    let (limit, name) = ((found.chars().count() / 3).clamp(1, 3), folded(found));
+    let distance = |&candidate: &&'k str| (strsim::osa_distance(&name, &folded(candidate)), candidate);
+    let near = known.iter().map(distance).filter(|(distance, _)| *distance <= limit);
+    let near = near.min_by_key(|(distance, _)| *distance).map(|(_, candidate)| candidate);
+    let mut longer =
+        known.into_iter().filter(|candidate| candidate.split(['_', '-']).any(|word| word == found));
+    near.or_else(|| longer.next().filter(|_| longer.next().is_none()))
 }
 
 /// A mistake in a graph, for programs that display it on their own.

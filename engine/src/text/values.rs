@@ -40,6 +40,19 @@ pub(crate) fn with_article(described: &str) -> String {
     format!("{article}{described}")
 }
 
+/// The list with its brackets, for numbers separated by commas without brackets.
+fn numbers_without_brackets(described: &str, text: &str) -> Option<String> {
+    let numbers: Vec<&str> = text.split(',').map(str::trim).collect();
+    let all =
+        numbers.len() > 1 && numbers.iter().all(|number| number.parse::<f64>().is_ok_and(f64::is_finite));
+    let numbers = all.then(|| numbers.join(", "))?;
+    if described.contains(" numbers in ( )") {
+        Some(format!("({numbers})"))
+    } else {
+        (described.starts_with('[') && described.contains("number")).then(|| format!("[{numbers}]"))
+    }
+}
+
 /// The mistake inside a group or list of numbers of the right form: their count, or an item that is not a number.
 fn wrong_items(described: &str, text: &str) -> Option<String> {
     let (numbers, sort) = (described.contains("number"), form_of(text));
@@ -140,6 +153,9 @@ pub(crate) fn value_mistake(
             match (sort, whole) {
                 ("a number", Some(whole)) => mistake.label(format!("write {whole}")),
                 _ if let Some(choice) = choice => mistake.label(format!("write {choice} without quotes")),
+                ("text", _) if let Some(list) = numbers_without_brackets(described, inner) => {
+                    mistake.label(format!("write {list} without quotes"))
+                }
                 ("text", _) if inner.parse::<f64>().is_ok() => {
                     mistake.label(format!("write {inner} without quotes"))
                 }
