@@ -54,7 +54,7 @@ const BUNDLE: &[u8] = b"LHbundle";
 
 /// Maximum bytes of a picture and of a graph; bundles are streamed.
 const LARGEST_PICTURE: u64 = 4 << 30;
-const LARGEST_GRAPH: u64 = 64 << 20;
+const LARGEST_GRAPH: u64 = engine::MAX_GRAPH_BYTES;
 const MOST_AT_ONCE: u64 = 16 << 20;
 
 impl Origin {

@@ -23,7 +23,7 @@ const HELD: &[&str] = &[
     "extras",
     "src",
     "trade",
-    "cache/tests",
+    "cache",
     "nodes/benches",
     "nodes/fuzz",
     "engine",

@@ -197,9 +197,16 @@ impl Graph {
                 node.inputs[port].first().and_then(|wire| views[wire.node])
             };
             views[index] = match node.step.views(&self.root) {
-                ViewCount::Unknown => None,
-                ViewCount::Known(count) => Some(count),
-                ViewCount::As(inputs) => inputs.iter().find_map(of_input),
+                Ok(ViewCount::Unknown) => None,
+                Ok(ViewCount::Known(count)) => Some(count),
+                Ok(ViewCount::As(inputs)) => inputs.iter().find_map(of_input),
+                Err(error) => {
+                    let mut mistake =
+                        Diagnostic::of(Code::Wiring, self.place(index, error.field), error.message());
+                    mistake.hints.extend(error.hint);
+                    mistakes.push(mistake);
+                    None
+                }
             };
         }
         for index in sinks {

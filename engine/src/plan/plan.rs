@@ -246,7 +246,7 @@ impl<'a> Outlook<'a> {
             &record.outputs[wire.port]
         };
         let sizes = sizes(node, &self.actions[index].sources, output);
-        guarded(|| Ok(node.step.work(&sizes))).ok()
+        node.step.work(&sizes).ok()
     }
 
     /// The action of a node with known inputs.
@@ -305,8 +305,8 @@ impl<'a> Outlook<'a> {
         let inputs =
             node.inputs.iter().map(|wires| wires.iter().map(value).collect()).collect::<Option<_>>()?;
         let context = context_of(graph, index, &self.actions[index]);
-        let (values, notes) = guarded(|| node.step.run(inputs, &context)).ok()?;
-        let (outputs, _) = encode(node, &values);
+        let (values, notes) = node.step.run(inputs, &context).ok()?;
+        let (outputs, _) = guarded(|| Ok(encode(node, &values))).ok()?;
         self.records[index] = Some(Record { outputs, files: Vec::new(), notes, spent: Spent::default() });
         self.values[index] = Some(values);
         Some(())

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::graph::graph::Graph;
-use crate::graph::node::{Node, Wire};
+use crate::graph::node::Node;
 use crate::kind::context::{Context, ContextField, Part, PartStore};
 use crate::kind::contract::Keep;
 use crate::kind::port::PortSpec;
@@ -18,7 +18,7 @@ use crate::record::key::part_key;
 use crate::record::pace::Pace;
 use crate::record::record::{FileRecord, Output, PartRecord, Record, Spent};
 use crate::run::event::{Event, State};
-use crate::run::message::{Finished, Message};
+use crate::run::message::{Finished, Message, Owed};
 use crate::run::trace::Tracer;
 use crate::run::value_cache::{Name, ValueCache};
 use crate::value::artifact::{AnyArtifact, ArtifactType};
@@ -59,21 +59,26 @@ impl Job<'_> {
 
     /// Runs the code, reports the values and then stores them.
     pub fn run(self) {
-        // The scheduler outlives every job, so sending cannot fail.
         let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
-        let finish = |outcome: Result<Finished, NodeError>| {
-            let _ = tell.send(Message::Finished { node: index, outcome: outcome.map(Box::new) });
+        // The later of two is dropped first, so that the messages of a panic come in their order.
+        let text = |error: NodeError| Some(error.to_string());
+        let stored = Owed::new(&tell, |error| Message::Stored { node: index, error: text(error) });
+        let finished = Owed::new(&tell, |error| Message::Finished { node: index, outcome: Err(error) });
+        let ended = |outcome: Result<Finished, NodeError>| Message::Finished {
+            node: index,
+            outcome: outcome.map(Box::new),
         };
-        let LeaseState::Acquired(lease) = store.lease(&key) else {
-            let _ = tell.send(Message::Busy { node: index, key, spent: Effort::default() });
-            return;
+        // A stalled one is not waited for: equal keys give equal bytes.
+        let (LeaseState::Acquired(lease) | LeaseState::Stalled(lease)) = store.lease(&key) else {
+            finished.send(Message::Busy { node: index, key, spent: Effort::default() });
+            return stored.cancel();
         };
         let mut error = None;
         // Another process may have held the lease before and stored the result.
         match look_up(store, self.node(), &key).filter(|_| !self.remake) {
             Some(record) => {
                 let (values, effort) = (Vec::new(), Effort::default());
-                finish(Ok(Finished { record, values, effort, ran: false }));
+                finished.send(ended(Ok(Finished { record, values, effort, ran: false })));
             }
             None => {
                 if !self.remake {
@@ -86,16 +91,16 @@ impl Job<'_> {
                 let mut spent = Effort::default();
                 match guarded(|| self.compute(&mut spent)) {
                     Err(NodeError { kind: NodeErrorKind::Busy(key), .. }) => {
-                        let _ = tell.send(Message::Busy { node: index, key, spent });
-                        return;
+                        finished.send(Message::Busy { node: index, key, spent });
+                        return stored.cancel();
                     }
-                    Err(error) => finish(Err(error)),
-                    Ok((finished, encoded)) => {
+                    Err(error) => finished.send(ended(Err(error))),
+                    Ok((result, encoded)) => {
                         let kind = &graph.nodes[index].kind;
-                        Pace::learn(store, kind, work, finished.record.spent.seconds);
-                        let outputs = finished.record.outputs.clone();
-                        let record = manifest.map(|manifest| finished.record.encode(&manifest));
-                        finish(Ok(finished));
+                        Pace::learn(store, kind, work, result.record.spent.seconds);
+                        let outputs = result.record.outputs.clone();
+                        let record = manifest.map(|manifest| result.record.encode(&manifest));
+                        finished.send(ended(Ok(result)));
                         let put = || {
                             encoded
                                 .iter()
@@ -106,14 +111,14 @@ impl Job<'_> {
                                     record.map_or(Ok(()), |record| store.put_record(&key, &record))
                                 })
                         };
-                        let stored = tracer.span(&graph.nodes[index].id, "store", put);
-                        error = stored.err().map(|error| NodeError::from(error).to_string());
+                        let put = tracer.span(&graph.nodes[index].id, "store", put);
+                        error = put.err().map(|error| NodeError::from(error).to_string());
                     }
                 }
             }
         }
         drop(lease);
-        let _ = tell.send(Message::Stored { node: index, error });
+        stored.send(Message::Stored { node: index, error });
     }
 
     /// Runs the code and encodes its outputs. `spent` is set even if the code fails.
@@ -242,7 +247,7 @@ impl PartStore for StoredParts {
     fn claim(&self, part: Part<'_>, extra: &str) -> Result<Option<Lease>, NodeError> {
         let Some(key) = self.key(part, extra) else { return Ok(None) };
         match self.store.lease(&key) {
-            LeaseState::Acquired(lease) => Ok(Some(lease)),
+            LeaseState::Acquired(lease) | LeaseState::Stalled(lease) => Ok(Some(lease)),
             LeaseState::Busy => Err(NodeError::busy(key)),
         }
     }
@@ -275,17 +280,16 @@ fn of_part(key: Digest, part: Part<'_>) -> Name {
     (key, "part", part.version)
 }
 
-/// Reads a value from the store; `None` if it is missing, damaged or of another format.
+/// A value out of the store; `None` if it is missing, damaged or of another form.
 pub(crate) fn stored_value(store: &Store, artifact: &ArtifactType, digest: &Digest) -> Option<AnyArtifact> {
     let bytes = store.get_blob(digest).ok()??;
-    guarded(|| Ok((artifact.decode)(&bytes)?)).ok()
-}
-
-/// Reads a stored output and sends it, or `None` if it is missing or damaged.
-pub(crate) fn load(store: &Store, graph: &Graph, wire: Wire, output: &Output, tell: &Sender<Message>) {
-    let Wire { node, port } = wire;
-    let value = stored_value(store, &graph.nodes[node].kind.outputs[port].artifact, &output.digest);
-    let _ = tell.send(Message::Loaded { node, port, value });
+    guarded(|| {
+        let value = (artifact.decode)(&bytes)?;
+        // Code of a kind, too, which the thread that decides calls without a guard.
+        (artifact.bytes)(&value);
+        Ok(value)
+    })
+    .ok()
 }
 
 /// The context for the code of a node, without parts and cancellation.

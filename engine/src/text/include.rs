@@ -12,10 +12,11 @@ use crate::text::subgraph::{FILE, SUBGRAPH, SubgraphFiles, expand};
 use crate::text::syntax::{FileKind, parse_part, parse_preset, parse_setting};
 use crate::text::values::parse_value;
 use crate::value::root::{InputFile, SourceRoot};
+use crate::value::text_file::{MAX_GRAPH_BYTES, read_text};
 
 /// Limits on the number of included files and on their total bytes.
 const MOST_FILES: usize = 1000;
-const MOST_BYTES: usize = 256 << 20;
+const MOST_BYTES: u64 = 256 << 20;
 
 impl Source {
     /// Reads the files that the graph includes or uses as subgraphs, recursively, each once, and appends them to
@@ -44,11 +45,10 @@ impl Source {
                     continue;
                 }
                 let may = !root.is_outside(&file) && !root.is_strange(&file.path);
-                if may && let Ok(text) = std::fs::read_to_string(&file.path) {
-                    bytes += text.len();
-                    if bytes > MOST_BYTES {
-                        return (self, paths);
-                    }
+                // No more than what is left of the limit of all files, so that nothing beyond it is read.
+                let left = (MOST_BYTES - bytes).min(MAX_GRAPH_BYTES);
+                if may && let Ok(text) = read_text(&file.path, left) {
+                    bytes += text.len() as u64;
                     self = self.joined(role, &file.name, &text);
                 }
                 paths.push(file.path);
@@ -175,9 +175,12 @@ fn not_joined(root: &SourceRoot, name: &str, place: Range<usize>) -> Diagnostic 
                 "if you trust it, remove `.lightharmony-bundle` from its folder; otherwise run it on its own",
             )
     } else {
-        let why = match std::fs::read_to_string(&file.path) {
+        let why = match read_text(&file.path, MAX_GRAPH_BYTES) {
             Err(error) => error.to_string(),
-            Ok(_) => "too many files, or too many bytes".to_owned(),
+            Ok(_) => format!(
+                "the files of a graph are more than {MOST_FILES}, or longer than {} MiB together",
+                MOST_BYTES >> 20
+            ),
         };
         Diagnostic::of(Code::MissingFile, place, format!("`{}` cannot be read: {why}", shown(name)))
             .hint("paths are relative to the folder of the file that names them")

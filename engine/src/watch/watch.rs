@@ -260,21 +260,29 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 }
             });
             let next = self.wait(current, true);
-            if !matches!(next, Next::Ended) {
-                cancel.store(true, Ordering::Relaxed);
-                while let Ok(input) = self.inputs.recv() {
-                    match input {
-                        // The node is about to run in the next run.
-                        Input::Told(Event::Node { state: State::Skipped, .. }) => {}
-                        Input::Told(event) => self.pass_on(event),
-                        Input::Heard(paths) => self.hear(&paths),
-                        Input::Ended => break,
-                        Input::Quit => return Next::Quit,
-                    }
-                }
+            if matches!(next, Next::Ended) {
+                return next;
             }
-            next
+            cancel.store(true, Ordering::Relaxed);
+            if self.drain() { Next::Quit } else { next }
         })
+    }
+
+    /// Waits for the end of a run that was cancelled. Returns whether the watch is to quit; what the run still reports is
+    /// taken in even then, so that the list of files that do not show the graph is right.
+    fn drain(&mut self) -> bool {
+        let mut quit = false;
+        while let Ok(input) = self.inputs.recv() {
+            match input {
+                // The node is about to run in the next run.
+                Input::Told(Event::Node { state: State::Skipped, .. }) => {}
+                Input::Told(event) => self.pass_on(event),
+                Input::Heard(paths) => self.hear(&paths),
+                Input::Ended => break,
+                Input::Quit => quit = true,
+            }
+        }
+        quit
     }
 
     /// Waits until changes settled, the run ended, or the watch is to end.
@@ -440,6 +448,8 @@ fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
 
 #[cfg(test)]
 mod tests {
+    use cache::Store;
+
     use super::*;
 
     fn told(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
@@ -456,5 +466,34 @@ mod tests {
         assert_eq!(told(1, None), [(1, 4)], "one sample of many pixels");
         assert_eq!(told(3, None), [(1, 4), (1, 1)]);
         assert_eq!(levels(3, None, false), [Level { level: 1, coarse: 1 }], "no node can be coarse");
+    }
+
+    #[test]
+    fn what_a_run_reports_after_quit_still_counts() {
+        let watch = Watch::new(WatchOptions { poll: true, ..WatchOptions::default() });
+        let sender = watch.handle().0;
+        let Watch { options, inputs, handle, files } = watch;
+        let load = |_| Load { graph: Err(Refusal::other(String::new())), texts: Vec::new() };
+        let mut session = Session {
+            engine: &Engine::new(Store::in_memory(), 1, 1 << 20),
+            pace: Pace::new(options.settle, LONGEST),
+            options,
+            inputs,
+            handle,
+            files,
+            load,
+            tell: |_| {},
+            shown: BTreeMap::new(),
+            doubted: false,
+            good: false,
+        };
+        let (path, written) = (PathBuf::from("out/a.png"), true);
+        sender.send(Input::Quit).unwrap();
+        let event = Event::File { id: "save".to_owned(), path: path.clone(), written, preview: false };
+        sender.send(Input::Told(event)).unwrap();
+        sender.send(Input::Ended).unwrap();
+        assert!(session.drain(), "it quits");
+        assert!(session.shown.get(&path).is_some_and(|file| file.shown == Shown::Right));
+        assert!(session.inputs.try_recv().is_err(), "nothing is left unread");
     }
 }

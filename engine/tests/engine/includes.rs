@@ -261,3 +261,26 @@ fn a_graph_can_be_had_without_its_presets() {
     assert_eq!(over(laid).without_presets(), over(source.clone()));
     assert_eq!(source.without_presets(), source);
 }
+
+#[cfg(unix)]
+#[test]
+fn files_without_an_end_and_pipes_are_refused_and_named() {
+    let lab = Lab::on_disk();
+    assert!(std::process::Command::new("mkfifo").arg(lab.path("pipe")).status().unwrap().success());
+    // Sparse: a reader that took it whole would need 8 GiB.
+    std::fs::File::create(lab.path("big.ron")).unwrap().set_len(8 << 30).unwrap();
+    let cases =
+        [("pipe", "it is a pipe"), ("/dev/zero", "it is a device"), ("big.ron", "longer than 64 MiB")];
+    for (name, why) in cases {
+        let include = with(&format!("[\"{name}\"]"), "a: Number(),");
+        let subgraph = graph_text(&format!("a: Subgraph(graph: \"{name}\"),"));
+        for text in [include, subgraph] {
+            let start = std::time::Instant::now();
+            let source = Source::new("graph.ron", lab.joined(&text));
+            let mistakes = Graph::parse(source, &registry(), SourceRoot::new(lab.path(""))).err().unwrap();
+            let said = mistakes.render(false);
+            assert!(said.contains(&format!("`{name}` cannot be read: ")) && said.contains(why), "{said}");
+            assert!(start.elapsed().as_secs() < 5, "{name}: not read");
+        }
+    }
+}

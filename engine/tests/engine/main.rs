@@ -16,6 +16,7 @@ mod kills;
 mod lab;
 mod mistakes;
 mod noop_check;
+mod panics;
 mod plans;
 mod previous_run;
 mod reparse;

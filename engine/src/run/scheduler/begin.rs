@@ -95,6 +95,7 @@ impl<'a> Run<'a> {
             unchanged: whole,
             owed: 0,
             store_failed: false,
+            gone: std::collections::BTreeSet::new(),
             failures: Vec::new(),
             totals,
             tracer,

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use cache::{Digest, LeaseState};
+use cache::{Digest, LeaseState, STALLED_AFTER};
 
 use crate::graph::node::Wire;
 use crate::record::action::{Action, sizes};
@@ -12,7 +12,7 @@ use crate::run::job::Job;
 use crate::run::queue::Parked;
 use crate::run::scheduler::Run;
 use crate::value::artifact::AnyArtifact;
-use crate::value::error::{NodeError, guarded};
+use crate::value::error::NodeError;
 use crate::value::root::FileHead;
 use crate::value::units::bytes_text;
 
@@ -50,7 +50,7 @@ impl<'a> Run<'a> {
             &self.slots[wire.node].record.as_ref().expect("inputs are resolved first").outputs[wire.port]
         };
         let sizes = sizes(node, &self.slots[index].action.sources, output);
-        let work = guarded(|| Ok(node.step.work(&sizes)))?;
+        let work = node.step.work(&sizes)?;
         let seconds = self.known.seconds(store, &node.kind, work);
         let slot = &mut self.slots[index];
         slot.work = work;
@@ -73,8 +73,8 @@ impl<'a> Run<'a> {
         let (node, inputs) = (&self.graph.nodes[index], self.inputs(index));
         let sources = &self.slots[index].action.sources;
         let heads: Vec<_> = sources.iter().map(|source| FileHead::new(&source.file, source.bytes)).collect();
-        let parts = || Ok([node.step.estimate(inputs), node.step.estimate_files(&heads)]);
-        let bytes = guarded(parts)?.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
+        let parts = [node.step.estimate(inputs)?, node.step.estimate_files(&heads)?];
+        let bytes = parts.iter().fold(0, |sum: u64, part| sum.saturating_add(part.bytes));
         let (held, budget) = (self.input_bytes(index), self.memory.limit());
         if bytes.saturating_add(held) > budget {
             let inputs = if bytes > budget || held < budget / 16 {
@@ -153,10 +153,28 @@ impl<'a> Run<'a> {
     pub fn unpark(&mut self) {
         let now = Instant::now();
         let store = &self.engine.store;
+        let mut stalled = Vec::new();
         let is_free = |parked: &Parked| {
-            parked.when <= now && matches!(store.lease(&parked.key), LeaseState::Acquired(_))
+            if parked.when > now {
+                return false;
+            }
+            match store.lease(&parked.key) {
+                LeaseState::Acquired(_) => true,
+                LeaseState::Busy => false,
+                LeaseState::Stalled(_) => {
+                    stalled.push(parked.node);
+                    true
+                }
+            }
         };
         let free = self.queue.take_parked(is_free);
+        for node in stalled {
+            let (id, seconds) = (&self.graph.nodes[node].id, STALLED_AFTER.as_secs());
+            let text = format!(
+                "`{id}` is computed here as well: the other process that computes it has not moved for {seconds} s"
+            );
+            (self.tell)(Event::Warning { id: "stalled", text });
+        }
         // While nodes of this run are running, one of them may hold the key.
         let idle = self.queue.nothing_runs();
         for parked in self.queue.parked().iter_mut().filter(|parked| parked.when <= now) {
@@ -166,7 +184,9 @@ impl<'a> Run<'a> {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
-                    "`{id}` waits for another process that is computing it in the same cache; if that process is suspended, end it"
+                    "`{id}` waits for another process that is computing it in the same cache; if that process is \
+                     suspended, it is computed here after {} s",
+                    STALLED_AFTER.as_secs()
                 );
                 (self.tell)(Event::Warning { id: "waits", text });
             }

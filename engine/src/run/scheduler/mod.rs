@@ -11,7 +11,8 @@ mod launch;
 mod placing;
 mod supply;
 
-use std::collections::VecDeque;
+use std::cell::LazyCell;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
@@ -26,7 +27,7 @@ use crate::run::engine::Engine;
 use crate::run::event::{Event, State, Totals};
 use crate::run::known::Known;
 use crate::run::memory::Memory;
-use crate::run::message::{Finished, Message};
+use crate::run::message::{Finished, Message, Owed};
 use crate::run::options::{Outcome, RunOptions};
 use crate::run::queue::Queue;
 use crate::run::slot::{Life, Slot};
@@ -38,6 +39,12 @@ use crate::value::artifact::AnyArtifact;
 use crate::value::counts::Effort;
 use crate::value::cpu;
 use crate::value::error::{NodeError, guarded};
+
+/// How often other processes are shown that the holder of this process's leases is at work.
+const RENEW_EVERY: Duration = Duration::from_secs(1);
+
+/// History of a graph is never trimmed to fewer nodes than this.
+const MIN_HISTORY: usize = 1024;
 
 /// A pending step of the scheduler.
 enum Task {
@@ -81,6 +88,8 @@ pub(crate) struct Run<'a> {
     /// Number of messages that threads are still to send.
     owed: usize,
     store_failed: bool,
+    /// Nodes whose stored values were missing.
+    gone: BTreeSet<usize>,
     failures: Vec<Diagnostic>,
     totals: Totals,
     tracer: Tracer,
@@ -163,7 +172,12 @@ impl<'a> Run<'a> {
         workers: &'s Workers<'a>,
         receiver: &Receiver<Message>,
     ) {
+        let mut renewed = Instant::now();
         loop {
+            if renewed.elapsed() >= RENEW_EVERY {
+                self.engine.store.renew_leases();
+                renewed = Instant::now();
+            }
             self.decide();
             for Errand { node, is_code, work } in std::mem::take(&mut self.errands) {
                 if let Err(error) = workers.hand(scope, is_code, work) {
@@ -268,7 +282,7 @@ impl<'a> Run<'a> {
         if !graph.nodes[index].kind.reads_files {
             return self.look_up(index, Vec::new());
         }
-        let files = match guarded(|| graph.nodes[index].step.sources(&graph.root)) {
+        let files = match graph.nodes[index].step.sources(&graph.root) {
             Ok(files) => files,
             Err(error) => return self.fail(index, &error),
         };
@@ -279,9 +293,10 @@ impl<'a> Run<'a> {
         self.slots[index].life = Life::Reading;
         let (sender, tracer) = (self.sender.clone(), self.tracer.clone());
         self.send(index, move || {
+            let owed = Owed::new(&sender, |error| Message::Sources { node: index, sources: Err(error) });
             let read = || guarded(|| digest_sources(&graph.nodes[index], files, &engine.store));
             let sources = tracer.span(&graph.nodes[index].id, "sources", read);
-            let _ = sender.send(Message::Sources { node: index, sources });
+            owed.send(Message::Sources { node: index, sources });
         });
     }
 
@@ -402,6 +417,27 @@ impl<'a> Run<'a> {
         self.memory.drop_unread(&mut self.slots[index]);
     }
 
+    /// A warning about stored values that were missing: one, however many there were, since they have one cause.
+    fn gone_text(&self) -> Option<String> {
+        const NAMED: usize = 3;
+        if self.gone.is_empty() {
+            return None;
+        }
+        if let (Some(&node), 1) = (self.gone.first(), self.gone.len()) {
+            let id = &self.graph.nodes[node].id;
+            return Some(format!(
+                "`{id}`: its stored value was missing from the cache and was computed again"
+            ));
+        }
+        let names = self.gone.iter().take(NAMED).map(|&node| format!("`{}`", self.graph.nodes[node].id));
+        let names = names.collect::<Vec<_>>().join(", ");
+        let more = match self.gone.len().saturating_sub(NAMED) {
+            0 => String::new(),
+            more => format!(" and {more} more nodes"),
+        };
+        Some(format!("stored values of {names}{more} were missing from the cache and were computed again"))
+    }
+
     /// Ends the run. Returns its outcome and the end state of each node.
     pub fn finish(mut self) -> (Outcome, Vec<Slot>) {
         for index in 0..self.slots.len() {
@@ -413,6 +449,11 @@ impl<'a> Run<'a> {
             }
         }
         let store = &self.engine.store;
+        // Names of nodes that the graph once had, such as those of other values of an axis.
+        let most = MIN_HISTORY.max(2 * self.graph.nodes.len());
+        let names =
+            LazyCell::new(|| self.graph.nodes.iter().map(|node| node.id.as_str()).collect::<BTreeSet<_>>());
+        store.history_trim(self.known.history(), most, |name| names.contains(name));
         let mut quiet = self.unchanged;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
@@ -422,6 +463,9 @@ impl<'a> Run<'a> {
         for incident in store.take_incidents() {
             (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
             quiet = false;
+        }
+        if let Some(text) = self.gone_text() {
+            (self.tell)(Event::Warning { id: "cache-damage", text });
         }
         self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();

@@ -10,8 +10,9 @@ use cache::Digest;
 use crate::graph::node::Wire;
 use crate::record::record::Output;
 use crate::run::event::Event;
-use crate::run::job::load;
+use crate::run::job::stored_value;
 use crate::run::message::Finished;
+use crate::run::message::{Message, Owed};
 use crate::run::scheduler::{Run, Task};
 use crate::run::slot::{Life, Waiter};
 use crate::value::artifact::AnyArtifact;
@@ -77,8 +78,11 @@ impl<'a> Run<'a> {
             let (engine, graph, sender) = (self.engine, self.graph, self.sender.clone());
             let tracer = self.tracer.clone();
             self.send(node, move || {
-                let read = || load(&engine.store, graph, wire, &output, &sender);
-                tracer.span(&graph.nodes[node].id, "load", read);
+                let owed = Owed::new(&sender, |_| Message::Loaded { node, port, value: None });
+                let artifact = &graph.nodes[node].kind.outputs[port].artifact;
+                let read = || stored_value(&engine.store, artifact, &output.digest);
+                let value = tracer.span(&graph.nodes[node].id, "load", read);
+                owed.send(Message::Loaded { node, port, value });
             });
         }
     }
@@ -96,9 +100,8 @@ impl<'a> Run<'a> {
             let text = if ours { format!("`{}`: {incident}", node.id) } else { incident.to_string() };
             (self.tell)(Event::Warning { id: "cache-damage", text });
         }
-        if let (false, Some(digest)) = (told, digest) {
-            let text = format!("`{}`: its stored value {} is missing", node.id, digest.short());
-            (self.tell)(Event::Warning { id: "cache-damage", text });
+        if !told {
+            self.gone.insert(index);
         }
         self.remake(index, "its stored bytes were missing or damaged");
     }
