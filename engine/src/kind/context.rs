@@ -142,7 +142,7 @@ pub struct Context {
     pub(crate) sources: Vec<ReadSource>,
     pub(crate) cancel: Arc<AtomicBool>,
     /// True if the node has seen that the run is cancelled. Its result may then be incomplete.
-    pub(crate) told: AtomicBool,
+    pub(crate) saw_cancel: AtomicBool,
     pub(crate) progress: Box<dyn Fn(f32) + Send + Sync>,
     pub(crate) parts: Option<Box<dyn PartStore>>,
     /// The threads of the run; `None` for the rayon pool of the caller.
@@ -167,7 +167,7 @@ impl Context {
             root: SourceRoot::new(folder),
             sources: Vec::new(),
             cancel: Arc::default(),
-            told: AtomicBool::new(false),
+            saw_cancel: AtomicBool::new(false),
             progress: Box::new(|_| {}),
             parts: None,
             threads: None,
@@ -224,7 +224,7 @@ impl Context {
     pub fn cancelled(&self) -> bool {
         let cancelled = self.cancel.load(Ordering::Relaxed);
         if cancelled {
-            self.told.store(true, Ordering::Relaxed);
+            self.saw_cancel.store(true, Ordering::Relaxed);
         }
         cancelled
     }

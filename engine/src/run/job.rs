@@ -49,7 +49,7 @@ pub(crate) struct Job<'a> {
     pub memory: u64,
     pub tracer: Tracer,
     pub cancel: Arc<AtomicBool>,
-    pub tell: Sender<Message>,
+    pub sender: Sender<Message>,
 }
 
 impl Job<'_> {
@@ -59,11 +59,11 @@ impl Job<'_> {
 
     /// Runs the code, reports the values and then stores them.
     pub fn run(self) {
-        let (index, tell, store, key) = (self.node, self.tell.clone(), self.store, self.key);
+        let (index, sender, store, key) = (self.node, self.sender.clone(), self.store, self.key);
         // The later of two is dropped first, so that the messages of a panic come in their order.
         let text = |error: NodeError| Some(error.to_string());
-        let stored = Owed::new(&tell, |error| Message::Stored { node: index, error: text(error) });
-        let finished = Owed::new(&tell, |error| Message::Finished { node: index, outcome: Err(error) });
+        let stored = Owed::new(&sender, |error| Message::Stored { node: index, error: text(error) });
+        let finished = Owed::new(&sender, |error| Message::Finished { node: index, outcome: Err(error) });
         let ended = |outcome: Result<Finished, NodeError>| Message::Finished {
             node: index,
             outcome: outcome.map(Box::new),
@@ -84,7 +84,7 @@ impl Job<'_> {
                 if !self.remake {
                     let forecast = Pace::of(store, &self.node().kind).seconds(self.work);
                     let (id, kind) = (self.node().id.clone(), self.node().kind.name);
-                    let _ = tell.send(Message::Event(Event::Start { id, kind, forecast }));
+                    let _ = sender.send(Message::Event(Event::Start { id, kind, forecast }));
                 }
                 let manifest = self.action.key.as_ref().map(|key| key.manifest.clone());
                 let (work, graph, tracer) = (self.work, self.graph, self.tracer.clone());
@@ -125,15 +125,15 @@ impl Job<'_> {
     fn compute(self, spent: &mut Effort) -> Result<(Finished, Vec<Vec<u8>>), NodeError> {
         let graph = self.graph;
         let node = &graph.nodes[self.node];
-        let (id, tell) = (node.id.clone(), Mutex::new(self.tell.clone()));
+        let (id, sender) = (node.id.clone(), Mutex::new(self.sender.clone()));
         let last = Mutex::new(Instant::now());
         let progress = move |fraction: f32| {
             // At most twenty reports per second.
             let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             if fraction >= 1.0 || last.elapsed() > Duration::from_millis(50) {
                 *last = Instant::now();
-                let tell = tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-                let _ = tell.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
+                let sender = sender.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                let _ = sender.send(Message::Event(Event::Progress { id: id.clone(), fraction }));
             }
         };
         let context = Context {
@@ -147,7 +147,7 @@ impl Job<'_> {
                 kind: node.kind.name,
                 profile: node.kind.profile,
                 inputs: self.input_digests,
-                tell: Mutex::new(self.tell),
+                sender: Mutex::new(self.sender),
                 tracer: self.tracer.clone(),
             })),
             ..context_of(graph, self.node, &self.action)
@@ -159,9 +159,9 @@ impl Job<'_> {
         let start = Instant::now();
         let outcome = context.on_cpu(|| node.step.run(self.inputs, &context));
         let seconds = start.elapsed().as_secs_f64();
-        self.tracer.tell(&node.id, "code", seconds);
+        self.tracer.record(&node.id, "code", seconds);
         // After a cancellation, a codec may report the truncated data as an error.
-        if context.told.load(Ordering::Relaxed) {
+        if context.saw_cancel.load(Ordering::Relaxed) {
             return Err(NodeError::cancelled());
         }
         let counts = context.counts().into_iter().map(|(name, n)| (name.to_owned(), n)).collect();
@@ -218,7 +218,7 @@ struct StoredParts {
     kind: &'static str,
     profile: &'static str,
     inputs: Vec<(&'static str, Vec<Digest>)>,
-    tell: Mutex<Sender<Message>>,
+    sender: Mutex<Sender<Message>>,
     tracer: Tracer,
 }
 
@@ -227,10 +227,10 @@ impl StoredParts {
         part_key(self.kind, self.profile, part, &self.inputs, extra).ok().map(|key| key.digest)
     }
 
-    fn tell(&self, part: Part<'_>, state: State, key: Digest, seconds: f64) {
+    fn emit(&self, part: Part<'_>, state: State, key: Digest, seconds: f64) {
         let event = Event::Part { id: self.id.clone(), part: part.name.to_owned(), state, key, seconds };
-        let tell = self.tell.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let _ = tell.send(Message::Event(event));
+        let sender = self.sender.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let _ = sender.send(Message::Event(event));
     }
 }
 
@@ -239,8 +239,8 @@ impl PartStore for StoredParts {
         let (key, begin) = (self.key(part, extra)?, Instant::now());
         let record = PartRecord::decode(&self.store.get_record(&key)?).ok()?;
         let bytes = self.store.get_blob(&record.blob).ok()??;
-        self.tracer.tell(&self.id, part.name, begin.elapsed().as_secs_f64());
-        self.tell(part, State::Cached, key, 0.0);
+        self.tracer.record(&self.id, part.name, begin.elapsed().as_secs_f64());
+        self.emit(part, State::Cached, key, 0.0);
         Some((bytes, record.spent))
     }
 
@@ -254,13 +254,13 @@ impl PartStore for StoredParts {
 
     fn save(&self, part: Part<'_>, extra: &str, encoded: &[u8], spent: Effort) -> Result<(), NodeError> {
         let seconds = spent.seconds;
-        self.tracer.tell(&self.id, part.name, seconds);
+        self.tracer.record(&self.id, part.name, seconds);
         let Some(key) = self.key(part, extra) else { return Ok(()) };
         // A part that cannot be stored is recomputed later. The result of the node reports the problem.
         if let Ok(blob) = self.store.put_blob(encoded) {
             let _ = self.store.put_record(&key, &PartRecord { blob, spent }.encode());
         }
-        self.tell(part, State::Ran, key, seconds);
+        self.emit(part, State::Ran, key, seconds);
         Ok(())
     }
 

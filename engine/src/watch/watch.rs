@@ -21,7 +21,7 @@ use crate::text::diag::{Diagnostics, Mistake};
 use crate::watch::files::Files;
 use crate::watch::handle::{Handle, Input};
 use crate::watch::listener::listen;
-use crate::watch::settling::Pace;
+use crate::watch::settling::Settling;
 
 /// The watched graph as read at one moment.
 pub struct Load {
@@ -87,7 +87,7 @@ const LONGEST: Duration = Duration::from_millis(300);
 /// Interval of inspections without notifications.
 const POLL: Duration = Duration::from_millis(500);
 /// Interval of inspections with notifications, which network drives omit and systems lose.
-const DOUBT: Duration = Duration::from_secs(2);
+const CHECK: Duration = Duration::from_secs(2);
 /// Time in seconds below which no preview is needed.
 const SOON: f64 = 0.5;
 
@@ -116,11 +116,11 @@ impl Watch {
     pub fn new(options: WatchOptions) -> Self {
         let (sender, inputs) = channel();
         let handle = Handle(sender);
-        let ears = match options.poll {
+        let notifier = match options.poll {
             true => Err("polling was requested".to_owned()),
             false => listen(handle.clone()),
         };
-        Self { options, inputs, handle, files: Files::new(ears) }
+        Self { options, inputs, handle, files: Files::new(notifier) }
     }
 
     /// A handle to end the watch from outside.
@@ -135,14 +135,14 @@ impl Watch {
         self,
         engine: &Engine,
         load: impl FnMut(bool) -> Load,
-        tell: impl FnMut(Event),
+        emit: impl FnMut(Event),
     ) -> Vec<PathBuf> {
         let Watch { options, inputs, handle, files } = self;
-        let pace = Pace::new(options.settle, LONGEST);
+        let settling = Settling::new(options.settle, LONGEST);
         let shown = BTreeMap::new();
-        let (doubted, good) = (false, false);
+        let (suspected, good) = (false, false);
         let mut session =
-            Session { engine, options, inputs, handle, files, pace, load, tell, shown, doubted, good };
+            Session { engine, options, inputs, handle, files, settling, load, emit, shown, suspected, good };
         session.run();
         let wrong = session.shown.into_iter().filter(|(_, file)| file.shown != Shown::Right);
         wrong.map(|(path, _)| path).collect()
@@ -172,12 +172,12 @@ struct Session<'a, L, T> {
     inputs: Receiver<Input>,
     handle: Handle,
     files: Files,
-    pace: Pace,
+    settling: Settling,
     load: L,
-    tell: T,
+    emit: T,
     shown: BTreeMap<PathBuf, SinkFile>,
     /// The graph has mistakes but may be half written.
-    doubted: bool,
+    suspected: bool,
     /// True if the last run was successful.
     good: bool,
 }
@@ -191,13 +191,13 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 Err(refusal) => {
                     self.turn_stale(None);
                     let Refusal { list, text, .. } = refusal.clone();
-                    (self.tell)(Event::Mistakes { list, text });
+                    (self.emit)(Event::Mistakes { list, text });
                     Next::Ended
                 }
             };
             let next = match next {
                 Next::Ended => {
-                    (self.tell)(Event::Idle { files: self.files.count() });
+                    (self.emit)(Event::Idle { files: self.files.count() });
                     self.wait(&current, false)
                 }
                 other => other,
@@ -215,7 +215,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         let plan = self.engine.plan_next(graph, only, &self.options.out);
         let forecast = Forecast::of(&plan);
         if forecast.open > 0 {
-            (self.tell)(Event::Plan(forecast));
+            (self.emit)(Event::Plan(forecast));
         }
         let parameter = self.options.refine.unwrap_or_default();
         let opens = |fate: &Fate| matches!(fate, Fate::Runs(_) | Fate::Follows(_) | Fate::Lost);
@@ -228,7 +228,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         let coarse = open().any(|(index, _)| graph.can_be_coarse(index));
         for Level { level, coarse } in levels(most, seconds, coarse) {
             let Some((rough, changed)) = graph.rough(parameter, level, coarse) else { continue };
-            (self.tell)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
+            (self.emit)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
             match self.pass(current, &rough, only, changed) {
                 Next::Ended => {}
                 other => return other,
@@ -253,10 +253,10 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             scope.spawn(|| {
                 // Sent even if the engine panics, so that nothing waits for ever.
                 let ended = Ended(handle);
-                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Told(event))));
+                let outcome = engine.run(graph, &options, |event| drop(ended.0.0.send(Input::Event(event))));
                 if let Some(failures) = outcome.failures {
                     let (list, text) = (failures.mistakes(), failures.to_string());
-                    drop(ended.0.0.send(Input::Told(Event::Mistakes { list, text })));
+                    drop(ended.0.0.send(Input::Event(Event::Mistakes { list, text })));
                 }
             });
             let next = self.wait(current, true);
@@ -275,9 +275,9 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         while let Ok(input) = self.inputs.recv() {
             match input {
                 // The node is about to run in the next run.
-                Input::Told(Event::Node { state: State::Skipped, .. }) => {}
-                Input::Told(event) => self.pass_on(event),
-                Input::Heard(paths) => self.hear(&paths),
+                Input::Event(Event::Node { state: State::Skipped, .. }) => {}
+                Input::Event(event) => self.pass_on(event),
+                Input::Changed(paths) => self.on_change(&paths),
                 Input::Ended => break,
                 Input::Quit => quit = true,
             }
@@ -287,11 +287,11 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
 
     /// Waits until changes settled, the run ended, or the watch is to end.
     fn wait(&mut self, current: &Load, running: bool) -> Next {
-        let pause = if self.files.hears() { DOUBT } else { POLL };
+        let pause = if self.files.has_notifier() { CHECK } else { POLL };
         let mut look = Instant::now() + pause;
         loop {
             let now = Instant::now();
-            if self.pace.take(now)
+            if self.settling.take(now)
                 && let Some(load) = self.changed(current, running)
             {
                 return Next::Changed(Box::new(load));
@@ -300,14 +300,14 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 look = now + pause;
                 let changed = self.files.look();
                 if !changed.is_empty() {
-                    self.files.doubt(changed);
-                    self.pace.hint(now);
+                    self.files.suspect(changed);
+                    self.settling.hint(now);
                 }
             }
-            let until = self.pace.due().map_or(look, |due| due.min(look));
+            let until = self.settling.due().map_or(look, |due| due.min(look));
             match self.inputs.recv_timeout(until.saturating_duration_since(now)) {
-                Ok(Input::Heard(paths)) => self.hear(&paths),
-                Ok(Input::Told(event)) => self.pass_on(event),
+                Ok(Input::Changed(paths)) => self.on_change(&paths),
+                Ok(Input::Event(event)) => self.pass_on(event),
                 Ok(Input::Ended) => return Next::Ended,
                 Ok(Input::Quit) | Err(RecvTimeoutError::Disconnected) => return Next::Quit,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -315,10 +315,10 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         }
     }
 
-    fn hear(&mut self, paths: &[PathBuf]) {
-        if self.files.heard(paths) {
-            self.doubted = false;
-            self.pace.hint(Instant::now());
+    fn on_change(&mut self, paths: &[PathBuf]) {
+        if self.files.notified(paths) {
+            self.suspected = false;
+            self.settling.hint(Instant::now());
         }
     }
 
@@ -338,19 +338,19 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             _ => false,
         };
         if same && only_texts {
-            self.doubted = false;
-            (self.tell)(Event::Same);
+            self.suspected = false;
+            (self.emit)(Event::Same);
             // Saving an unchanged graph retries what failed.
             let in_place = |(path, file): (&PathBuf, &SinkFile)| file.shown == Shown::Right && path.exists();
             let again = !running && load.graph.is_ok() && !(self.good && self.shown.iter().all(in_place));
             return again.then_some(load);
         }
-        if load.graph.is_err() && !std::mem::replace(&mut self.doubted, true) {
-            self.files.doubt(changed);
-            self.pace.wait(Instant::now(), self.options.patience);
+        if load.graph.is_err() && !std::mem::replace(&mut self.suspected, true) {
+            self.files.suspect(changed);
+            self.settling.wait(Instant::now(), self.options.patience);
             return None;
         }
-        self.doubted = false;
+        self.suspected = false;
         Some(load)
     }
 
@@ -365,12 +365,12 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
                 Err(refusal) => paths.extend(refusal.files.iter().cloned().chain(self.files.paths())),
             }
             let new = self.files.follow(&paths);
-            if let Some(why) = self.files.take_deafness() {
+            if let Some(why) = self.files.take_failure() {
                 let text = format!(
                     "no notifications from the system ({why}): checking files every {} ms",
                     POLL.as_millis()
                 );
-                (self.tell)(Event::Warning { id: "watch-polls", text });
+                (self.emit)(Event::Warning { id: "watch-polls", text });
             }
             if !new {
                 return load;
@@ -390,7 +390,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             Event::Done(totals) => self.good = !totals.stopped && totals.failed == 0 && totals.skipped == 0,
             _ => {}
         }
-        (self.tell)(event);
+        (self.emit)(event);
         if let Some(id) = stale {
             self.turn_stale(Some(&id));
         }
@@ -401,7 +401,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
         for (path, file) in &mut self.shown {
             if file.shown != Shown::Stale && id.is_none_or(|id| file.id == id) {
                 file.shown = Shown::Stale;
-                (self.tell)(Event::Stale { path: path.clone() });
+                (self.emit)(Event::Stale { path: path.clone() });
             }
         }
     }
@@ -452,19 +452,19 @@ mod tests {
 
     use super::*;
 
-    fn told(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
+    fn pairs(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
         levels(most, seconds, true).into_iter().map(|l| (l.level, l.coarse)).collect()
     }
 
     #[test]
     fn what_takes_long_comes_roughly_first() {
-        assert_eq!(told(0, None), [], "nothing is refined");
-        assert_eq!(told(64, Some(0.4)), [], "soon there");
-        assert_eq!(told(64, Some(1.0)), [(16, 1)]);
-        assert_eq!(told(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(told(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(told(1, None), [(1, 4)], "one sample of many pixels");
-        assert_eq!(told(3, None), [(1, 4), (1, 1)]);
+        assert_eq!(pairs(0, None), [], "nothing is refined");
+        assert_eq!(pairs(64, Some(0.4)), [], "soon there");
+        assert_eq!(pairs(64, Some(1.0)), [(16, 1)]);
+        assert_eq!(pairs(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
+        assert_eq!(pairs(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
+        assert_eq!(pairs(1, None), [(1, 4)], "one sample of many pixels");
+        assert_eq!(pairs(3, None), [(1, 4), (1, 1)]);
         assert_eq!(levels(3, None, false), [Level { level: 1, coarse: 1 }], "no node can be coarse");
     }
 
@@ -476,21 +476,21 @@ mod tests {
         let load = |_| Load { graph: Err(Refusal::other(String::new())), texts: Vec::new() };
         let mut session = Session {
             engine: &Engine::new(Store::in_memory(), 1, 1 << 20),
-            pace: Pace::new(options.settle, LONGEST),
+            settling: Settling::new(options.settle, LONGEST),
             options,
             inputs,
             handle,
             files,
             load,
-            tell: |_| {},
+            emit: |_| {},
             shown: BTreeMap::new(),
-            doubted: false,
+            suspected: false,
             good: false,
         };
         let (path, written) = (PathBuf::from("out/a.png"), true);
         sender.send(Input::Quit).unwrap();
         let event = Event::File { id: "save".to_owned(), path: path.clone(), written, preview: false };
-        sender.send(Input::Told(event)).unwrap();
+        sender.send(Input::Event(event)).unwrap();
         sender.send(Input::Ended).unwrap();
         assert!(session.drain(), "it quits");
         assert!(session.shown.get(&path).is_some_and(|file| file.shown == Shown::Right));

@@ -27,7 +27,7 @@ impl<'a> Run<'a> {
         graph: &'a Graph,
         options: &'a RunOptions,
         sender: Sender<Message>,
-        tell: &'a mut dyn FnMut(Event),
+        emit: &'a mut dyn FnMut(Event),
     ) -> Self {
         let (start, start_cpu) = (Instant::now(), cpu::of_process());
         let tracer = Tracer::new(start, options.trace.then(|| sender.clone()));
@@ -63,7 +63,7 @@ impl<'a> Run<'a> {
             }
         };
         for (node, path) in kept {
-            tell(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
+            emit(Event::File { id: graph.nodes[node].id.clone(), path, written: false, preview: false });
         }
         let open = |index: usize| wanted[index] && cone[index];
         for (index, node) in graph.nodes.iter().enumerate().filter(|(index, _)| open(*index)) {
@@ -83,10 +83,10 @@ impl<'a> Run<'a> {
             graph,
             options,
             sender,
-            tell,
+            emit,
             slots,
             todo,
-            errands: Vec::new(),
+            unstarted: Vec::new(),
             queue: Queue::new(engine.limits().jobs, rank),
             memory: Memory::new(engine.limits().memory),
             known: Known::new(history),
@@ -106,12 +106,12 @@ impl<'a> Run<'a> {
 }
 
 impl Engine {
-    /// Runs a graph. Events are sent to `tell` on the calling thread, in order.
-    pub fn run(&self, graph: &Graph, options: &RunOptions, mut tell: impl FnMut(Event)) -> Outcome {
+    /// Runs a graph. Events are sent to `emit` on the calling thread, in order.
+    pub fn run(&self, graph: &Graph, options: &RunOptions, mut emit: impl FnMut(Event)) -> Outcome {
         let cancelled = || options.cancel.load(Ordering::Relaxed);
         let _running = self.store.begin_run(&history_of(graph), &cancelled);
         let (sender, receiver) = channel();
-        let mut run = Run::new(self, graph, options, sender, &mut tell);
+        let mut run = Run::new(self, graph, options, sender, &mut emit);
         run.run(&receiver);
         let (outcome, slots) = run.finish();
         if let Some(warm) = &self.warm {

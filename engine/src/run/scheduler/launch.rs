@@ -22,7 +22,7 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(80);
 /// Forecast in seconds below which a node does not wait for others to end.
 const SHORT: f64 = 1.0;
 /// Time after which waiting for another process is reported.
-const TOLD_AFTER: Duration = Duration::from_secs(2);
+const REPORT_AFTER: Duration = Duration::from_secs(2);
 
 impl<'a> Run<'a> {
     /// Starts queued nodes while threads and memory are available. One node always runs, even if it needs the whole
@@ -32,7 +32,7 @@ impl<'a> Run<'a> {
             let bytes = match self.cost(index) {
                 Ok(bytes) => bytes,
                 Err(error) => {
-                    self.stumble(index, &error);
+                    self.fail_or_lose(index, &error);
                     continue;
                 }
             };
@@ -135,7 +135,7 @@ impl<'a> Run<'a> {
             memory: bytes,
             tracer: self.tracer.clone(),
             cancel: self.options.cancel.clone(),
-            tell: self.sender.clone(),
+            sender: self.sender.clone(),
         };
         self.send_code(index, move || job.run());
     }
@@ -173,14 +173,14 @@ impl<'a> Run<'a> {
             let text = format!(
                 "`{id}` is computed here as well: the other process that computes it has not moved for {seconds} s"
             );
-            (self.tell)(Event::Warning { id: "stalled", text });
+            (self.emit)(Event::Warning { id: "stalled", text });
         }
         // While nodes of this run are running, one of them may hold the key.
         let idle = self.queue.nothing_runs();
         for parked in self.queue.parked().iter_mut().filter(|parked| parked.when <= now) {
             parked.pause = (parked.pause * 2).min(LONGEST_PAUSE);
             parked.when = now + parked.pause;
-            if idle && parked.since.is_some_and(|since| now - since >= TOLD_AFTER) {
+            if idle && parked.since.is_some_and(|since| now - since >= REPORT_AFTER) {
                 parked.since = None;
                 let id = &self.graph.nodes[parked.node].id;
                 let text = format!(
@@ -188,7 +188,7 @@ impl<'a> Run<'a> {
                      suspended, it is computed here after {} s",
                     STALLED_AFTER.as_secs()
                 );
-                (self.tell)(Event::Warning { id: "waits", text });
+                (self.emit)(Event::Warning { id: "waits", text });
             }
         }
         for node in free {

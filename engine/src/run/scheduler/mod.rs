@@ -56,7 +56,7 @@ enum Task {
 }
 
 /// Work for a node that was not passed to a thread yet.
-struct Errand<'a> {
+struct Unstarted<'a> {
     node: usize,
     is_code: bool,
     work: Work<'a>,
@@ -68,11 +68,11 @@ pub(crate) struct Run<'a> {
     graph: &'a Graph,
     options: &'a RunOptions,
     sender: Sender<Message>,
-    tell: &'a mut dyn FnMut(Event),
+    emit: &'a mut dyn FnMut(Event),
     slots: Vec<Slot>,
     todo: VecDeque<Task>,
     /// Work that was not passed to a thread yet.
-    errands: Vec<Errand<'a>>,
+    unstarted: Vec<Unstarted<'a>>,
     /// The nodes whose code is to run.
     queue: Queue,
     /// Bytes of values and of running code.
@@ -105,7 +105,7 @@ impl<'a> Run<'a> {
     /// Runs to the end. Threads start only if there is work for them.
     pub fn run(&mut self, receiver: &Receiver<Message>) {
         self.decide();
-        if self.errands.is_empty() {
+        if self.unstarted.is_empty() {
             return;
         }
         let workers = Workers::new(self.engine.threads(), self.engine.limits().jobs);
@@ -119,14 +119,14 @@ impl<'a> Run<'a> {
     fn without_thread(&mut self, node: usize, is_code: bool, error: &std::io::Error) {
         let error = NodeError::new(format!("cannot start a thread: {error}"))
             .hint("ask for fewer threads with `--jobs`");
-        self.settle_debt(node);
+        self.count_message(node);
         if is_code {
             self.end_running(node);
             self.slots[node].storing = false;
         }
         match self.slots[node].life {
             Life::Done => self.lose(node, Some(&error)),
-            _ => self.stumble(node, &error),
+            _ => self.fail_or_lose(node, &error),
         }
     }
 
@@ -155,14 +155,14 @@ impl<'a> Run<'a> {
     pub fn send(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
-        self.errands.push(Errand { node, is_code: false, work: Box::new(act) });
+        self.unstarted.push(Unstarted { node, is_code: false, work: Box::new(act) });
     }
 
     /// Has a thread run the code of a node.
     pub fn send_code(&mut self, node: usize, act: impl FnOnce() + Send + 'a) {
         self.owed += 1;
         self.slots[node].owed += 1;
-        self.errands.push(Errand { node, is_code: true, work: Box::new(act) });
+        self.unstarted.push(Unstarted { node, is_code: true, work: Box::new(act) });
     }
 
     /// Decides until nothing is left to do, or the run is cancelled and the threads are idle.
@@ -179,7 +179,7 @@ impl<'a> Run<'a> {
                 renewed = Instant::now();
             }
             self.decide();
-            for Errand { node, is_code, work } in std::mem::take(&mut self.errands) {
+            for Unstarted { node, is_code, work } in std::mem::take(&mut self.unstarted) {
                 if let Err(error) = workers.hand(scope, is_code, work) {
                     self.without_thread(node, is_code, &error);
                 }
@@ -207,12 +207,12 @@ impl<'a> Run<'a> {
         self.memory.check(self.graph, &self.slots);
         self.known.check(&self.slots);
         assert_eq!(self.owed, self.slots.iter().map(|slot| slot.owed).sum::<usize>(), "messages owed");
-        let unstarted = self.errands.len();
+        let unstarted = self.unstarted.len();
         assert!(unstarted <= self.owed, "messages owed by work that waits for a thread");
     }
 
     /// Counts a message of a thread.
-    fn settle_debt(&mut self, node: usize) {
+    fn count_message(&mut self, node: usize) {
         self.owed -= 1;
         self.slots[node].owed -= 1;
     }
@@ -227,23 +227,23 @@ impl<'a> Run<'a> {
 
     fn act_on(&mut self, message: Message) {
         match message {
-            Message::Event(event) => (self.tell)(event),
+            Message::Event(event) => (self.emit)(event),
             Message::Sources { node, sources } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 match sources {
                     Ok(sources) => self.look_up(node, sources),
                     Err(error) => self.fail(node, &error),
                 }
             }
             Message::Loaded { node, port, value } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 match value {
                     Some(value) => self.arrive(node, port, value),
                     None => self.missing(node, port),
                 }
             }
             Message::Busy { node, key, spent } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 self.end_running(node);
                 self.slots[node].effort.add(&spent);
                 self.park(node, key);
@@ -253,11 +253,11 @@ impl<'a> Run<'a> {
                 match (outcome, self.slots[node].remaking) {
                     (Ok(finished), Some(_)) => self.remade(node, *finished),
                     (Ok(finished), None) => self.finished(node, *finished),
-                    (Err(error), _) => self.stumble(node, &error),
+                    (Err(error), _) => self.fail_or_lose(node, &error),
                 }
             }
             Message::Stored { node, error } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 self.slots[node].storing = false;
                 if let Some(error) = error {
                     self.unstored(node, error);
@@ -265,7 +265,7 @@ impl<'a> Run<'a> {
                 self.memory.drop_unread(&mut self.slots[node]);
             }
             Message::Placed { node, placed } => {
-                self.settle_debt(node);
+                self.count_message(node);
                 self.placed(node, placed);
             }
         }
@@ -395,7 +395,7 @@ impl<'a> Run<'a> {
         let record = slot.record.as_ref().expect("a node that is done has a record");
         self.totals.add(state);
         self.totals.degraded += usize::from(slot.degraded);
-        (self.tell)(Event::Node {
+        (self.emit)(Event::Node {
             id: node.id.clone(),
             kind: node.kind.name,
             state,
@@ -445,7 +445,7 @@ impl<'a> Run<'a> {
             let over = matches!(slot.life, Life::Unwanted | Life::Done | Life::Failed | Life::Skipped);
             if !over && slot.remaking != Some(Life::Done) {
                 self.slots[index].life = Life::Skipped;
-                self.tell_skipped(index);
+                self.report_skipped(index);
             }
         }
         let store = &self.engine.store;
@@ -457,15 +457,15 @@ impl<'a> Run<'a> {
         let mut quiet = self.unchanged;
         if let Err(error) = store.flush() {
             let text = NodeError::from(error).to_string();
-            (self.tell)(Event::Warning { id: "cache-write", text });
+            (self.emit)(Event::Warning { id: "cache-write", text });
             quiet = false;
         }
         for incident in store.take_incidents() {
-            (self.tell)(Event::Warning { id: "cache-damage", text: incident.to_string() });
+            (self.emit)(Event::Warning { id: "cache-damage", text: incident.to_string() });
             quiet = false;
         }
         if let Some(text) = self.gone_text() {
-            (self.tell)(Event::Warning { id: "cache-damage", text });
+            (self.emit)(Event::Warning { id: "cache-damage", text });
         }
         self.totals.peak_bytes = self.memory.peak();
         self.totals.stopped = self.stopped();
@@ -474,7 +474,7 @@ impl<'a> Run<'a> {
         }
         self.totals.seconds = self.start.elapsed().as_secs_f64();
         self.totals.cpu_seconds = (cpu::of_process() - self.start_cpu).as_secs_f64();
-        (self.tell)(Event::Done(self.totals.clone()));
+        (self.emit)(Event::Done(self.totals.clone()));
         let failures = (!self.failures.is_empty())
             .then(|| Diagnostics::new(self.graph.source.clone(), std::mem::take(&mut self.failures)));
         (Outcome { totals: self.totals, failures }, self.slots)

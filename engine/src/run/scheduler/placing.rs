@@ -57,7 +57,7 @@ impl Run<'_> {
                 for (path, written) in files {
                     self.unchanged &= !written;
                     let (id, preview) = (self.graph.nodes[index].id.clone(), self.slots[index].rough);
-                    (self.tell)(Event::File { id, path, written, preview });
+                    (self.emit)(Event::File { id, path, written, preview });
                 }
                 let slot = &mut self.slots[index];
                 slot.readers -= 1;

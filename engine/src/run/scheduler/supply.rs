@@ -93,14 +93,14 @@ impl<'a> Run<'a> {
         let slot = &mut self.slots[index];
         slot.end_loading(port);
         let digest = slot.record.as_ref().map(|record| record.outputs[port].digest);
-        let mut told = false;
+        let mut reported = false;
         for incident in self.engine.store.take_incidents() {
             let ours = incident.digest.is_some() && incident.digest == digest;
-            told |= ours;
+            reported |= ours;
             let text = if ours { format!("`{}`: {incident}", node.id) } else { incident.to_string() };
-            (self.tell)(Event::Warning { id: "cache-damage", text });
+            (self.emit)(Event::Warning { id: "cache-damage", text });
         }
-        if !told {
+        if !reported {
             self.gone.insert(index);
         }
         self.remake(index, "its stored bytes were missing or damaged");
@@ -117,7 +117,7 @@ impl<'a> Run<'a> {
             self.slots[above].readers += 1;
         }
         let id = self.graph.nodes[index].id.clone();
-        (self.tell)(Event::Remake { id, reason: reason.to_owned() });
+        (self.emit)(Event::Remake { id, reason: reason.to_owned() });
         match self.forecast(index) {
             Ok(()) => self.todo.push_back(Task::Gather(index)),
             Err(error) => self.lose(index, Some(&error)),
@@ -218,7 +218,7 @@ impl<'a> Run<'a> {
     pub fn warn_unstored(&mut self, id: &'static str, why: String) {
         if !std::mem::replace(&mut self.store_failed, true) {
             let text = format!("not all results of this run were stored: {why}");
-            (self.tell)(Event::Warning { id, text });
+            (self.emit)(Event::Warning { id, text });
         }
     }
 
