@@ -42,7 +42,7 @@ impl Sizes {
     }
 }
 
-/// True if the outputs of a kind are stored in the cache.
+/// Storage policy for the outputs of a kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keep {
     /// Outputs are stored.
@@ -90,7 +90,7 @@ pub trait Kind: 'static {
     const VERSION: u32;
     /// The context fields that `run` reads; only these enter the key.
     const READS: &'static [ContextField] = &[];
-    /// True if outputs are stored.
+    /// Storage policy for outputs.
     const STORE: Keep = Keep::Always;
     /// True if source paths may be folders.
     const FOLDERS: bool = false;

@@ -31,7 +31,7 @@ pub trait ParamType:
     }
 }
 
-/// True if a parameter names a file.
+/// Role of a parameter: a plain value, or a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// A plain value.

@@ -27,7 +27,7 @@ pub struct ParamSpec {
     pub inert: Option<&'static str>,
     /// How it trades work for accuracy, if it does.
     pub knob: Option<Knob>,
-    /// True if it names a file.
+    /// Role: a plain value, or a file.
     pub role: Role,
 }
 
