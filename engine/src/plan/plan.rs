@@ -100,15 +100,14 @@ impl Engine {
     pub(crate) fn plan_next(&self, graph: &Graph, only: &[usize], out: &Path) -> Vec<Planned> {
         let wanted = graph.wanted(only);
         let Some(warm) = &self.warm else { return self.plan(graph, only) };
-        let previous_run = warm.previous();
-        let cone = previous_run
-            .as_ref()
-            .and_then(|previous_run| previous_run.cone(graph, only, &wanted, out, &self.store));
-        let (Some(previous_run), Some(Cone { of, .. })) = (&*previous_run, cone) else {
+        let previous = warm.previous();
+        let cone =
+            previous.as_ref().and_then(|previous| previous.cone(graph, only, &wanted, out, &self.store));
+        let (Some(previous), Some(Cone { of, .. })) = (&*previous, cone) else {
             return self.plan(graph, only);
         };
         let mut outlook = Outlook::new(self, graph);
-        for (index, slot) in previous_run.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
+        for (index, slot) in previous.slots.iter().enumerate().filter(|(index, _)| !of[*index]) {
             if graph.nodes[index].kind.reads_files {
                 outlook.actions[index].sources.clone_from(&slot.action.sources);
             }

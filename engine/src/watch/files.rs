@@ -17,7 +17,7 @@ pub(crate) trait Notifier: Send {
 }
 
 /// The watched files.
-pub(crate) struct Files {
+pub(crate) struct WatchedFiles {
     notifier: Option<Box<dyn Notifier>>,
     /// Reason for missing notifications; `None` once it was reported.
     failure: Option<String>,
@@ -34,7 +34,7 @@ pub(crate) struct Files {
 /// Identity of a folder: device and inode.
 type Identity = (u64, u64);
 
-impl Files {
+impl WatchedFiles {
     /// Watches nothing yet. Without notifications, only [`look`](Self::look) finds changes.
     pub fn new(notifier: Result<Box<dyn Notifier>, String>) -> Self {
         let (notifier, failure) = match notifier {
@@ -239,14 +239,14 @@ mod tests {
     struct Place {
         folder: tempfile::TempDir,
         log: Log,
-        files: Files,
+        files: WatchedFiles,
     }
 
     impl Place {
         fn new(limit: Option<&'static str>) -> Self {
             let (folder, log) = (tempfile::tempdir().unwrap(), Log::default());
             std::fs::create_dir(folder.path().join("home")).unwrap();
-            let files = Files::new(Ok(Box::new(TestNotifier(log.clone(), limit))));
+            let files = WatchedFiles::new(Ok(Box::new(TestNotifier(log.clone(), limit))));
             Self { folder, log, files }
         }
 

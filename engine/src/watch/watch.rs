@@ -18,7 +18,7 @@ use crate::run::engine::Engine;
 use crate::run::event::{Event, Forecast, State};
 use crate::run::options::RunOptions;
 use crate::text::diag::{Diagnostics, Mistake};
-use crate::watch::files::Files;
+use crate::watch::files::WatchedFiles;
 use crate::watch::handle::{Handle, Input};
 use crate::watch::listener::listen;
 use crate::watch::settling::Settling;
@@ -38,7 +38,7 @@ pub struct Refusal {
     pub list: Vec<Mistake>,
     /// The mistakes as text for a person.
     pub text: String,
-    /// Files that the graph names; a change to one may resolve the mistakes.
+    /// WatchedFiles that the graph names; a change to one may resolve the mistakes.
     pub files: Vec<PathBuf>,
 }
 
@@ -96,7 +96,7 @@ const AT_ONCE: f64 = 0.3;
 
 /// The result of waiting.
 enum Next {
-    /// Files changed, and the graph must run again.
+    /// WatchedFiles changed, and the graph must run again.
     Changed(Box<Load>),
     /// The run ended.
     Ended,
@@ -108,7 +108,7 @@ pub struct Watch {
     options: WatchOptions,
     inputs: Receiver<Input>,
     handle: Handle,
-    files: Files,
+    files: WatchedFiles,
 }
 
 impl Watch {
@@ -120,7 +120,7 @@ impl Watch {
             true => Err("polling was requested".to_owned()),
             false => listen(handle.clone()),
         };
-        Self { options, inputs, handle, files: Files::new(notifier) }
+        Self { options, inputs, handle, files: WatchedFiles::new(notifier) }
     }
 
     /// A handle to end the watch from outside.
@@ -171,7 +171,7 @@ struct Session<'a, L, T> {
     options: WatchOptions,
     inputs: Receiver<Input>,
     handle: Handle,
-    files: Files,
+    files: WatchedFiles,
     settling: Settling,
     load: L,
     emit: T,
@@ -226,7 +226,7 @@ impl<L: FnMut(bool) -> Load, T: FnMut(Event)> Session<'_, L, T> {
             .map(|(_, node)| node.forecast)
             .sum();
         let coarse = open().any(|(index, _)| graph.can_be_coarse(index));
-        for Level { level, coarse } in levels(most, seconds, coarse) {
+        for Reduction { level, coarse } in levels(most, seconds, coarse) {
             let Some((rough, changed)) = graph.rough(parameter, level, coarse) else { continue };
             (self.emit)(Event::Pass { parameter: parameter.to_owned(), level, of: most, coarse });
             match self.pass(current, &rough, only, changed) {
@@ -418,7 +418,7 @@ impl Drop for Ended {
 
 /// The reduction of a preview.
 #[derive(Debug, PartialEq, Eq)]
-struct Level {
+struct Reduction {
     /// Limit of the parameter.
     level: u64,
     /// Side of the blocks of pixels of which one is computed.
@@ -428,7 +428,7 @@ struct Level {
 /// The previews for a parameter with maximum `most` and a total time of `seconds`, if known. The limits are the
 /// chunk boundaries of nodes that work in chunks, and 1. If even that takes long and a node supports it, the first
 /// preview computes a subset of the pixels.
-fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
+fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
     let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
     let block = match takes(1) {
         ..=AT_ONCE => None,
@@ -436,13 +436,13 @@ fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Level> {
         time if time <= 4.0 * AT_ONCE => Some(2),
         _ => Some(4),
     };
-    let first = block.filter(|_| coarse && most > 0).map(|coarse| Level { level: 1, coarse });
+    let first = block.filter(|_| coarse && most > 0).map(|coarse| Reduction { level: 1, coarse });
     let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
     // A preview is left out if the next one comes soon.
     let levels = steps
         .take_while(|step| *step < most)
         .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
-        .map(|level| Level { level, coarse: 1 });
+        .map(|level| Reduction { level, coarse: 1 });
     first.into_iter().chain(levels).collect()
 }
 
@@ -465,7 +465,7 @@ mod tests {
         assert_eq!(pairs(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
         assert_eq!(pairs(1, None), [(1, 4)], "one sample of many pixels");
         assert_eq!(pairs(3, None), [(1, 4), (1, 1)]);
-        assert_eq!(levels(3, None, false), [Level { level: 1, coarse: 1 }], "no node can be coarse");
+        assert_eq!(levels(3, None, false), [Reduction { level: 1, coarse: 1 }], "no node can be coarse");
     }
 
     #[test]

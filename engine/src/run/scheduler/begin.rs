@@ -36,10 +36,10 @@ impl<'a> Run<'a> {
         for (position, &node) in graph.order().iter().enumerate() {
             rank[node] = position;
         }
-        let previous_run = engine.warm.as_ref().and_then(|warm| warm.previous().take());
-        let cone = previous_run.as_ref().and_then(|previous_run| {
-            previous_run.cone(graph, &options.only, &wanted, &options.out, &engine.store)
-        });
+        let previous = engine.warm.as_ref().and_then(|warm| warm.previous().take());
+        let cone = previous
+            .as_ref()
+            .and_then(|previous| previous.cone(graph, &options.only, &wanted, &options.out, &engine.store));
         let whole = cone.is_none();
         let all = || Cone { of: vec![true; graph.nodes.len()], kept: Vec::new() };
         let Cone { of: cone, kept } = cone.unwrap_or_else(all);
@@ -48,7 +48,7 @@ impl<'a> Run<'a> {
             Slot::new(life, graph.reads(node).iter().filter(|&&above| cone[above]).count())
         };
         let mut totals = Totals::default();
-        let mut slots = match previous_run.filter(|_| !whole) {
+        let mut slots = match previous.filter(|_| !whole) {
             None => (0..graph.nodes.len()).map(slot).collect(),
             Some(PreviousRun { mut slots, .. }) => {
                 for (index, known) in slots.iter_mut().enumerate() {

@@ -10,7 +10,7 @@ use crate::plan::plan::{Fate, Outlook};
 use crate::record::action::prepare;
 use crate::record::record::{Record, Spent};
 use crate::run::engine::Engine;
-use crate::share::bundle::container::{BundleError, Parts};
+use crate::share::bundle::container::{BundleError, BundleParts};
 use crate::share::bundle::names::{GRAPH, LOCK, wrong_name};
 use crate::text::edit::replace_strings;
 use crate::text::source::folder_of;
@@ -60,7 +60,7 @@ impl Engine {
         let wanted = graph.above(&targets);
         let mut outlook = Outlook::new(self, graph);
         let places = Places::new(graph);
-        let mut parts = Parts::default();
+        let mut parts = BundleParts::default();
         let mut packed = Packed::default();
         // With their names in the bundle, since names are part of keys.
         let mut sources: Vec<Vec<ReadSource>> = vec![Vec::new(); graph.nodes.len()];

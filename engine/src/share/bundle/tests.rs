@@ -5,7 +5,7 @@ use super::*;
 
 /// A bundle with all types of parts.
 fn bundle() -> Vec<u8> {
-    let mut parts = Parts::default();
+    let mut parts = BundleParts::default();
     parts.file("graph.ron", b"Graph()".to_vec());
     parts.file("graph.lock", b"Lock()".to_vec());
     parts.file("inputs/0/a.ply", vec![7; 300]);
