@@ -102,14 +102,16 @@ pub use graph::graph::Graph;
 pub use graph::knobs::GraphKnob;
 pub use graph::node::{Node, Wire};
 pub use graph::reads::ReadFiles;
-pub use kind::context::{Context, ContextField, Part, Point, Scene, Up};
+pub use kind::context::{Context, ContextField};
 pub use kind::contract::{Cost, Keep, Kind, Preview, Sizes, ViewCount};
 pub use kind::fields::Fields;
 pub use kind::knob::{Knob, KnobKind};
 pub use kind::param_type::{NotCanonical, OutputFile, ParamType, ParamValue, Role, canonical};
 pub use kind::params::{ParamSpec, Params};
+pub use kind::part::Part;
 pub use kind::port::{Arity, InPort, Inputs, Outputs, PortSpec, Wired};
 pub use kind::registry::{KindEntry, Registry};
+pub use kind::scene::{Point, Scene, Up};
 pub use plan::diff::{
     NodeDifference, ResultDifference, ResultDifferences, graph_differences, result_differences,
 };
@@ -142,4 +144,7 @@ pub use value::root::{FileHead, InputFile, SourceFile, SourceRoot, bundle_around
 pub use value::text_file::{MAX_GRAPH_BYTES, read_text};
 pub use value::units::{bytes_text, parse_bytes};
 pub use watch::handle::Handle;
-pub use watch::watch::{Load, Refusal, Watch, WatchOptions};
+pub use watch::options::Load;
+pub use watch::options::Refusal;
+pub use watch::options::WatchOptions;
+pub use watch::watch::Watch;

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use crate::graph::axis_names::after_value;
 use crate::graph::node::{Node, Wire};
-use crate::kind::context::{Point, Scene};
 use crate::kind::contract::ViewCount;
 use crate::kind::port::Wired;
+use crate::kind::scene::{Point, Scene};
 use crate::text::diag::{Code, Diagnostic, Diagnostics};
 use crate::text::source::Source;
 use crate::value::error::NodeError;

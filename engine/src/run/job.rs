@@ -9,8 +9,9 @@ use cache::{Digest, Lease, LeaseState, Store};
 
 use crate::graph::graph::Graph;
 use crate::graph::node::Node;
-use crate::kind::context::{Context, ContextField, Part, PartStore};
+use crate::kind::context::{Context, ContextField};
 use crate::kind::contract::Keep;
+use crate::kind::part::{Part, PartStore};
 use crate::kind::port::PortSpec;
 use crate::kind::tiles::Threads;
 use crate::record::action::{Action, look_up};

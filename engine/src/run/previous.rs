@@ -8,7 +8,7 @@ use cache::Store;
 
 use crate::graph::graph::Graph;
 use crate::graph::node::Node;
-use crate::kind::context::Scene;
+use crate::kind::scene::Scene;
 use crate::record::action::known_sources;
 use crate::run::sink;
 use crate::run::slot::{Life, Slot};

@@ -17,70 +17,12 @@ use crate::plan::plan::Fate;
 use crate::run::engine::Engine;
 use crate::run::event::{Event, Forecast, State};
 use crate::run::options::RunOptions;
-use crate::text::diag::{Diagnostics, Mistake};
 use crate::watch::files::WatchedFiles;
 use crate::watch::handle::{Handle, Input};
 use crate::watch::listener::listen;
+use crate::watch::options::{Load, Refusal, WatchOptions};
+use crate::watch::previews::{Reduction, levels};
 use crate::watch::settling::Settling;
-
-/// The watched graph as read at one moment.
-pub struct Load {
-    /// The graph and its targets (empty: the default ones), or its mistakes.
-    pub graph: Result<(Arc<Graph>, Vec<usize>), Refusal>,
-    /// The files of the graph itself, whether they exist or not.
-    pub texts: Vec<PathBuf>,
-}
-
-/// Reason why a graph cannot run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Refusal {
-    /// The mistakes with their places.
-    pub list: Vec<Mistake>,
-    /// The mistakes as text for a person.
-    pub text: String,
-    /// WatchedFiles that the graph names; a change to one may resolve the mistakes.
-    pub files: Vec<PathBuf>,
-}
-
-impl Refusal {
-    /// The mistakes of a graph; `colour` for terminals.
-    pub fn mistakes(diagnostics: &Diagnostics, colour: bool) -> Self {
-        let (list, files) = (diagnostics.mistakes(), diagnostics.files.clone());
-        Self { list, text: diagnostics.render(colour), files }
-    }
-
-    /// Any other cause, such as a file that cannot be read.
-    pub fn other(text: String) -> Self {
-        Self { list: Vec::new(), text, files: Vec::new() }
-    }
-}
-
-/// Options of a watch.
-#[derive(Debug, Clone)]
-pub struct WatchOptions {
-    /// Output folder of sinks.
-    pub out: PathBuf,
-    /// The parameter that previews limit.
-    pub refine: Option<&'static str>,
-    /// Inspects the files every half second and does not use notifications.
-    pub poll: bool,
-    /// Time without further changes before a change is handled.
-    pub settle: Duration,
-    /// Time before mistakes are reported, since a graph may be half written.
-    pub patience: Duration,
-}
-
-impl Default for WatchOptions {
-    fn default() -> Self {
-        Self {
-            out: PathBuf::from("out"),
-            refine: Some("samples"),
-            poll: false,
-            settle: Duration::from_millis(25),
-            patience: Duration::from_millis(200),
-        }
-    }
-}
 
 /// Maximum time before continuous changes are handled.
 const LONGEST: Duration = Duration::from_millis(300);
@@ -88,12 +30,6 @@ const LONGEST: Duration = Duration::from_millis(300);
 const POLL: Duration = Duration::from_millis(500);
 /// Interval of inspections with notifications, which network drives omit and systems lose.
 const CHECK: Duration = Duration::from_secs(2);
-/// Time in seconds below which no preview is needed.
-const SOON: f64 = 0.5;
-
-/// Time in seconds below which the first preview computes all pixels.
-const AT_ONCE: f64 = 0.3;
-
 /// The result of waiting.
 enum Next {
     /// WatchedFiles changed, and the graph must run again.
@@ -416,57 +352,11 @@ impl Drop for Ended {
     }
 }
 
-/// The reduction of a preview.
-#[derive(Debug, PartialEq, Eq)]
-struct Reduction {
-    /// Limit of the parameter.
-    level: u64,
-    /// Side of the blocks of pixels of which one is computed.
-    coarse: u64,
-}
-
-/// The previews for a parameter with maximum `most` and a total time of `seconds`, if known. The limits are the
-/// chunk boundaries of nodes that work in chunks, and 1. If even that takes long and a node supports it, the first
-/// preview computes a subset of the pixels.
-fn levels(most: u64, seconds: Option<f64>, coarse: bool) -> Vec<Reduction> {
-    let takes = |level: u64| seconds.map_or(f64::INFINITY, |all| all * level as f64 / most.max(1) as f64);
-    let block = match takes(1) {
-        ..=AT_ONCE => None,
-        // Blocks of 2 by 2 pixels take a quarter of the time.
-        time if time <= 4.0 * AT_ONCE => Some(2),
-        _ => Some(4),
-    };
-    let first = block.filter(|_| coarse && most > 0).map(|coarse| Reduction { level: 1, coarse });
-    let steps = std::iter::successors(Some(1_u64), |step| step.checked_mul(4));
-    // A preview is left out if the next one comes soon.
-    let levels = steps
-        .take_while(|step| *step < most)
-        .filter(|step| takes(step.saturating_mul(4).min(most)) > SOON)
-        .map(|level| Reduction { level, coarse: 1 });
-    first.into_iter().chain(levels).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use cache::Store;
 
     use super::*;
-
-    fn pairs(most: u64, seconds: Option<f64>) -> Vec<(u64, u64)> {
-        levels(most, seconds, true).into_iter().map(|l| (l.level, l.coarse)).collect()
-    }
-
-    #[test]
-    fn what_takes_long_comes_roughly_first() {
-        assert_eq!(pairs(0, None), [], "nothing is refined");
-        assert_eq!(pairs(64, Some(0.4)), [], "soon there");
-        assert_eq!(pairs(64, Some(1.0)), [(16, 1)]);
-        assert_eq!(pairs(64, Some(64.0)), [(1, 2), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(pairs(64, Some(640.0)), [(1, 4), (1, 1), (4, 1), (16, 1)]);
-        assert_eq!(pairs(1, None), [(1, 4)], "one sample of many pixels");
-        assert_eq!(pairs(3, None), [(1, 4), (1, 1)]);
-        assert_eq!(levels(3, None, false), [Reduction { level: 1, coarse: 1 }], "no node can be coarse");
-    }
 
     #[test]
     fn what_a_run_reports_after_quit_still_counts() {
