@@ -126,7 +126,7 @@ impl GraphArgs {
     /// The graph of the present text, where it is the same file with a small edit.
     fn edited(&self, known: &Arc<Graph>) -> Option<Arc<Graph>> {
         let path = self.graph.canonicalize().ok()?;
-        let text = std::fs::read_to_string(&path).ok()?;
+        let text = engine::read_text(&path, engine::MAX_GRAPH_BYTES).ok()?;
         if path.parent() != Some(known.root.folder()) {
             return None;
         }
@@ -170,7 +170,7 @@ impl GraphArgs {
                     path.display()
                 )));
             }
-            let text = std::fs::read_to_string(path);
+            let text = engine::read_text(path, engine::MAX_GRAPH_BYTES);
             let text = text.map_err(|error| Error::unreadable("overlay", path, &error))?;
             source = source.overlaid(&path.display().to_string(), &text);
         }

@@ -23,10 +23,10 @@ const HELD: &[&str] = &[
     "extras",
     "src",
     "trade",
-    "cache/tests",
+    "cache",
     "nodes/benches",
     "nodes/fuzz",
-    "engine/examples",
+    "engine",
 ];
 
 fn workspace() -> &'static Path {

@@ -74,7 +74,7 @@ impl<'t> Axis<'t> {
         Self { name, values: Vec::new(), padding: None }
     }
 
-    /// Whether the axis could be parsed.
+    /// True if the axis could be parsed.
     pub fn is_whole(&self) -> bool {
         !self.values.is_empty()
     }

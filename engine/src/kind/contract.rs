@@ -42,7 +42,7 @@ impl Sizes {
     }
 }
 
-/// Whether the outputs of a kind are stored in the cache.
+/// Storage policy for the outputs of a kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Keep {
     /// Outputs are stored.
@@ -90,9 +90,9 @@ pub trait Kind: 'static {
     const VERSION: u32;
     /// The context fields that `run` reads; only these enter the key.
     const READS: &'static [ContextField] = &[];
-    /// Whether outputs are stored.
+    /// Storage policy for outputs.
     const STORE: Keep = Keep::Always;
-    /// Whether source paths may be folders.
+    /// True if source paths may be folders.
     const FOLDERS: bool = false;
     /// Where to download required files; shown when one is missing.
     const SUPPLIED: Option<&'static str> = None;
@@ -101,7 +101,7 @@ pub trait Kind: 'static {
 
     /// Compiled-in data that may change without a new version, such as weights. Its digest enters the key.
     const DATA: &'static [u8] = &[];
-    /// Whether `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
+    /// True if `run` takes microseconds for any input. A plan then runs the node to find out what follows from it.
     const INSTANT: bool = false;
 
     /// How `watch`, presets and forecasts reduce its work.

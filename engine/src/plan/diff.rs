@@ -94,7 +94,7 @@ pub struct ResultDifference {
     pub id: String,
     /// Names of the outputs that differ, with the distance between their values if both are stored.
     pub outputs: Vec<(String, Option<Difference>)>,
-    /// Whether none of its inputs differ, so that the difference originates here.
+    /// True if none of its inputs differ, so that the difference originates here.
     pub first: bool,
 }
 

@@ -75,7 +75,7 @@ pub(crate) fn node_key<'s>(
 pub(crate) fn part_key(
     kind: &str,
     profile: &str,
-    part: crate::kind::context::Part<'_>,
+    part: crate::kind::part::Part<'_>,
     inputs: &[(&'static str, Vec<Digest>)],
     extra: &str,
 ) -> Result<Key, cache::KeyError> {

@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use crate::graph::graph::Graph;
-use crate::kind::context::{ReadSource, Scene};
+use crate::kind::context::ReadSource;
 use crate::kind::param_type::Role;
 use crate::kind::port::Arity;
 use crate::kind::registry::KindEntry;
+use crate::kind::scene::Scene;
 use crate::text::edit::replace_strings;
 
 /// Start of a recipe; the kinds follow.

@@ -73,7 +73,7 @@ struct Parser<'t> {
     scan: Scanner<'t>,
     document: Document<'t>,
     sort: FileKind,
-    /// Whether a node was found outside of `nodes`.
+    /// True if a node was found outside of `nodes`.
     stray: bool,
 }
 

@@ -32,7 +32,7 @@ fn lab(outer: &Path) -> (Lab, Graph) {
 }
 
 fn parse(lab: &Lab, text: &str, root: SourceRoot) -> Result<Graph, engine::Diagnostics> {
-    Graph::parse(Source::new("graph.ron", text), &lab.registry, root)
+    Graph::parse(Source::packed("graph.ron", text), &lab.registry, root)
 }
 
 fn run(lab: &Lab, graph: &Graph, out: &str) -> engine::Outcome {

@@ -207,7 +207,7 @@ fn mistakes_are_reported_where_they_are_and_where_they_come_from() {
         (
             r#"n: Number(value: Param("x"))"#,
             &[],
-            &["the graph has no parameter `x`", "parameters stand beside"],
+            &["the graph has no parameter `x`", "parameters are declared next to"],
         ),
         (r#"n: Number(value: Param(x))"#, &[], &["does not read a parameter"]),
         (

@@ -159,7 +159,7 @@ fn a_wrong_graph_is_reported_and_the_picture_stays_until_it_is_right_again() {
     let gone = watch.rest();
     assert!(!mistakes(&gone).is_empty());
     assert_eq!(stale(&gone), 0, "it was reported before");
-    assert_eq!(watch.quit(), [watch.lab.path("out/sum.txt")], "what is stale is said at the end");
+    assert_eq!(watch.quit(), [watch.lab.path("out/sum.txt")], "stale files are listed at the end");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use nodes::kinds::load_mesh::{self, LoadMesh};
 use serde::Serialize;
 
 use crate::session::Error;
-use crate::session::splats;
+use crate::session::splats::{self, MemoryArgs};
 use crate::terminal;
 
 /// Prints the properties of a scene of splats or of a mesh: size, up axis, floor, what looks wrong.
@@ -24,6 +24,8 @@ pub struct Inspect {
     /// One JSON object on standard output
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    memory: MemoryArgs,
 }
 
 /// The output, as JSON.
@@ -45,7 +47,9 @@ struct Answer<'a> {
 impl Inspect {
     /// Exit code 0, or 1 where the file cannot be read.
     pub fn run(self) -> Result<u8, Error> {
-        if let Err(error) = splats::check(&self.file) {
+        let memory = self.memory.bytes()?;
+        if let Err(error) = splats::check(&self.file).and_then(|()| splats::check_memory(&self.file, memory))
+        {
             return Ok(splats::failed(&error));
         }
         let cx = splats::context(Up::PlusY);
