@@ -1,5 +1,5 @@
-//! What the kinds about recovered light share: connected regions of a panorama, distances in them, and
-//! the measures light is judged by.
+//! Light of panoramas: measures of recovered light, connected regions, exposure, filling of holes, and files that
+//! show a whole sphere.
 
 pub mod books;
 pub mod energy;

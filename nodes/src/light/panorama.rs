@@ -1,4 +1,4 @@
-//! What is common to panoramas made of splats, however they were drawn: how holes are filled, and their encoding.
+//! Panoramas made of splats, by any renderer: filling of holes, and encoding.
 
 use std::f64::consts::PI;
 
@@ -10,7 +10,7 @@ use crate::math::{color, equirect};
 use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
 
 engine::choices! {
-    /// What shows where nothing was seen.
+    /// Content of pixels where nothing was seen.
     pub enum Holes {
         /** What surrounds them, smoothly (push-pull over a pyramid; Gortler et al. 1996, section 3.4). */
         PushPull,
@@ -19,24 +19,24 @@ engine::choices! {
     }
 }
 
-/// Columns of a panorama that a pixel along the side of a view is worth: no more than it resolves at its middle.
+/// Number of panorama columns per pixel of a view's side: the resolution of the view at its centre.
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
-/// What was found out about a panorama before its holes are filled.
+/// A panorama before its holes are filled.
 pub(crate) struct Found {
     /// Linear light, premultiplied, row by row.
     pub premultiplied: Vec<[f32; 4]>,
-    /// In pixels; the height is half of it.
+    /// Width in pixels; the height is half of it.
     pub width: usize,
     /// Whether the panorama is to be display-encoded.
     pub encoded: bool,
-    /// As of [`Panorama`].
+    /// As in [`Panorama`].
     pub up: Up,
-    /// As of [`Panorama`].
+    /// As in [`Panorama`].
     pub origin: DVec3,
 }
 
-/// Fills the holes of a panorama and tells of them in `notes`.
+/// Fills the holes of a panorama and reports them in `notes`.
 pub(crate) fn finish(
     found: Found,
     how: Holes,
@@ -74,7 +74,7 @@ pub(crate) fn finish(
         Holes::Black => premultiplied
             .iter()
             .map(|&[r, g, b, a]| {
-                // Fades to black over the alphas of a hole, so that noise is not blown up.
+                // Fades to black over the alphas of a hole, which does not amplify noise.
                 let by = if a > 0.0 { (a / hole_alpha).min(1.0) / a } else { 0.0 };
                 [r * by, g * by, b * by]
             })
@@ -113,7 +113,7 @@ pub(crate) fn linear_row(row: &[[f32; 4]], encoded: bool) -> Vec<[f32; 4]> {
     pixels.collect()
 }
 
-/// A panorama is twice as wide as high.
+/// Checks that the width is even, since a panorama is twice as wide as high.
 pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
     if width_px.is_multiple_of(2) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Files of everything around a point: what the loaders of panoramas and of light have in common.
+//! Pictures of the whole sphere from files, for the loaders of panoramas and of light.
 
 use std::io::Read;
 
@@ -10,8 +10,8 @@ use crate::io::picture::{FileEncoding, decode};
 use crate::io::stretch::Stretch;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
-/// The picture that a file holds, or a layer of it; a part of a sphere is laid where its metadata says, transparent
-/// around it, and what is no whole panorama otherwise is told.
+/// Reads the picture of a file, or a layer of it. A partial sphere is placed by its metadata and is transparent
+/// elsewhere; a picture of another aspect ratio is reported.
 pub(crate) fn open(
     path: &InputFile,
     layer: &str,
@@ -34,7 +34,7 @@ pub(crate) fn open(
     Ok(picture)
 }
 
-/// The whole sphere, of a picture that may be a part of it by the metadata of its file.
+/// Expands a picture to the whole sphere if the metadata of its file says that it is a part.
 pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Notes) -> Result<Picture, Error> {
     let Some(part) = GPano::find(bytes) else { return Ok(picture) };
     tell(&part, notes);
@@ -48,14 +48,14 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     Ok(laid(&picture, placement))
 }
 
-/// Pixels of the whole sphere that a file becomes, over those of its picture: 1 unless it holds a part.
+/// The number of pixels of the whole sphere relative to those of the picture: 1 unless it is a part.
 pub(crate) fn growth(file: &FileHead<'_>) -> f64 {
     let mut head = Vec::new();
     let read = file.open().and_then(|reader| reader.take(gpano::HEAD as u64).read_to_end(&mut head).ok());
     read.and_then(|_| GPano::find(&head)).map_or(1.0, |part| part.share().recip())
 }
 
-/// What of the metadata is passed over.
+/// Warns about metadata that is ignored.
 fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
@@ -73,7 +73,7 @@ fn tell(part: &GPano, notes: &mut Notes) {
     }
 }
 
-/// A picture within a whole sphere.
+/// Places a picture within a whole sphere.
 fn laid(picture: &Picture, placement: Placement) -> Picture {
     let ([w, h], [left, top]) = (placement.size, placement.at);
     let (width, _, channels) = picture.size();
@@ -103,7 +103,7 @@ pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usiz
     Ok((width, height, linear(name, &picture)?))
 }
 
-/// Linear RGB of a picture of light. What is seen in part counts as that part.
+/// Linear RGB of a picture of light. Partly transparent pixels count by their alpha.
 pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     let Picture::Linear(image) = picture else {
         return Err(Error::format(name, "holds display colours; light is in OpenEXR and Radiance pictures"));
@@ -119,7 +119,7 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
     Ok(rgb)
 }
 
-/// Premultiplied colours of at least 0 with alpha from 0 to 1.
+/// Premultiplied colours, clamped to at least 0, with alpha from 0 to 1.
 pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<[f32; 4]>, Error> {
     let (width, height, channels) = picture.size();
     let mut pixels = Vec::with_capacity(width * height);
@@ -139,7 +139,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
     Ok(pixels)
 }
 
-/// Colours as they are where they are seen, and how much of each is.
+/// Un-premultiplied colours, and alpha.
 pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     let alpha = pixels.iter().map(|pixel| pixel[3]).collect();
     let colour =
@@ -147,7 +147,8 @@ pub(crate) fn straight(pixels: Vec<[f32; 4]>) -> (Vec<f32>, Vec<f32>) {
     (pixels.into_iter().flat_map(colour).collect(), alpha)
 }
 
-/// Moves every row of pixels of `N` samples to the left by the turn: light of forward goes to the left of forward.
+/// Rotates the pixels of `N` samples by shifting every row to the left: light in front moves to the left of
+/// forward.
 pub(crate) fn turn<const N: usize>(
     pixels: &[[f32; N]],
     width: usize,
@@ -155,7 +156,7 @@ pub(crate) fn turn<const N: usize>(
     cx: &Context,
 ) -> Result<Vec<[f32; N]>, NodeError> {
     let shift = (degrees / 360.0).rem_euclid(1.0) * width as f64;
-    // What is whole but for rounding mixes nothing.
+    // A whole number of columns, except for rounding, is not interpolated.
     let shift = if (shift - shift.round()).abs() < 1e-9 * width as f64 { shift.round() } else { shift };
     let (whole, part) = (shift.floor() as usize % width, (shift - shift.floor()) as f32);
     if whole == 0 && part == 0.0 {
@@ -168,7 +169,7 @@ pub(crate) fn turn<const N: usize>(
             if part == 0.0 {
                 return near;
             }
-            // Where both are the same, so is what lies between: alpha stays 1.
+            // Equal values stay exact, so that alpha stays 1.
             let mix = |a: f32, b: f32| if a == b { a } else { a * (1.0 - part) + b * part };
             std::array::from_fn(|c| mix(near[c], far[c]))
         };
@@ -189,7 +190,7 @@ mod tests {
         Context::detached(Scene { up, metres_per_unit: 1.0, seed: 0 }, ".")
     }
 
-    // A light in front, turned by yaw, must lie where the yaw of a pose would put it.
+    // A light in front, rotated by yaw, must be where the yaw of a pose would put it.
     #[test]
     fn turns_as_a_pose_does() {
         let (width, height) = (72, 36);
