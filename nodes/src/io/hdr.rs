@@ -1,4 +1,5 @@
-//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length coded.
+//! Radiance pictures (`.hdr`): shared-exponent RGBE, flat or run-length encoded. Decoded here, since the decoder of
+//! `image` ignores `EXPOSURE` and `COLORCORR` and cannot be cancelled.
 
 use super::png::believable;
 use super::stretch::Stretch;
@@ -10,7 +11,7 @@ pub struct Radiance {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Three samples a pixel, finite and at least 0.
+    /// Three samples per pixel, finite and at least 0.
     pub rgb: Vec<f32>,
 }
 
@@ -19,13 +20,13 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
     read_for(file, bytes, Stretch::ALONE)
 }
 
-/// The same as part of a node's work.
+/// The same with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radiance, Error> {
     let bad = |what: &str| Error::format(file, what);
     if !bytes.starts_with(b"#?") {
         return Err(bad("not a Radiance picture: it does not start with `#?`"));
     }
-    // What the file was multiplied by, of each channel.
+    // Factor of each channel that the file was multiplied by.
     let (mut rest, mut scale) = (bytes, [1.0_f64; 3]);
     let line = |rest: &mut &[u8]| -> Result<String, Error> {
         let end = rest
@@ -84,13 +85,13 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     Ok(Radiance { width, height, rgb })
 }
 
-/// The value of a texel, as OpenImageIO, OpenCV and the references have it. (Radiance's own reader adds
-/// half a unit to each mantissa; pictures rendered with the two differ by 0.3 % of their dark parts.)
+/// The value of a texel, as in OpenImageIO and OpenCV. (Radiance's own reader adds half a unit to each mantissa;
+/// pictures rendered with the two differ by 0.3 % in dark parts.)
 fn decode([r, g, b, e]: [u8; 4], scale: [f64; 3]) -> [f32; 3] {
     if e == 0 {
         return [0.0; 3];
     }
-    // Exact: a power of two of an exponent in -135..=119.
+    // Exact: a power of two with an exponent in -135..=119.
     let unit = f64::from_bits(((i64::from(e) - 136 + 1023) as u64) << 52);
     let light = |m: u8, scale: f64| (f64::from(m) * (unit / scale)).min(f64::from(f32::MAX)) as f32;
     [light(r, scale[0]), light(g, scale[1]), light(b, scale[2])]
@@ -127,8 +128,8 @@ fn scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     Some(())
 }
 
-/// Plain texels, or the older run-length code: a texel (1, 1, 1, n) repeats the one before n times, and
-/// several in a row count as the bytes of one number.
+/// Plain texels, or the older run-length code: a texel (1, 1, 1, n) repeats the previous one n times, and several
+/// in a row are the bytes of one number.
 fn flat_scanline(rest: &mut &[u8], scan: &mut [[u8; 4]]) -> Option<()> {
     let (mut x, mut shift) = (0, 0);
     while x < scan.len() {
@@ -186,7 +187,7 @@ mod tests {
         assert_eq!(picture.rgb[9], 2.5);
     }
 
-    /// What a file was multiplied by is divided out, of each channel. Mutation: `COLORCORR` not asked.
+    /// `EXPOSURE` and `COLORCORR` are divided out, per channel. Mutation: `COLORCORR` not read.
     #[test]
     fn exposure_and_colour_correction_are_divided_out() {
         let texel = |head: &str| read("a.hdr", &file(&format!("{head}\n-Y 1 +X 1\n"), &[10, 20, 30, 136]));
@@ -198,7 +199,7 @@ mod tests {
         }
     }
 
-    /// 1e-38 and 1e38 lie near the ends of what an exponent of 8 bits tells; 0 is black whatever the mantissas are.
+    /// 1e-38 and 1e38 are near the limits of an exponent of 8 bits; exponent 0 is black for any mantissa.
     #[test]
     fn rgbe_at_the_ends() {
         let body = [200, 100, 50, 0, 174, 174, 174, 2, 151, 0, 0, 255, 128, 128, 128, 129];

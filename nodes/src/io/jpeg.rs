@@ -10,15 +10,15 @@ use super::png::{Raster, believable};
 use super::stretch::{Fed, Stretch, Sunk};
 use crate::error::Error;
 
-/// Reads a JPEG as RGB codes; grey ones come as three equal channels.
+/// Reads a JPEG as RGB codes; grey pictures have three equal channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
     read_for(file, bytes, Stretch::ALONE)
 }
 
-/// The same as part of a node's work.
+/// The same with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
     let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a whole JPEG: {e}"));
-    // Without SIMD: those paths round differently from machine to machine.
+    // Without SIMD: the SIMD paths round differently on different machines.
     let options = DecoderOptions::default()
         .set_use_unsafe(false)
         .set_strict_mode(true)
@@ -33,8 +33,8 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     if matches!(decoder.input_colorspace(), Some(ColorSpace::CMYK | ColorSpace::YCCK)) {
         return Err(Error::unsupported(file, "CMYK colours: save it as RGB"));
     }
-    // A block of 64 samples takes at least 2 bits a component; progressive files may end a band of
-    // 32767 blocks with a few.
+    // A block of 64 samples takes at least 2 bits per component; progressive files may end a band of 32767 blocks
+    // with a few bits.
     believable(file, width as u64, height as u64, 3, bytes.len(), 64 * 4096)?;
     if !bytes.trim_ascii_end().ends_with(&[0xff, 0xd9]) && !bytes.windows(2).any(|pair| pair == [0xff, 0xd9])
     {
@@ -55,12 +55,12 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     Ok(Raster { width, height, channels: 3, largest: 255, codes, ignored, linear: meaning.linear })
 }
 
-/// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with a comment where given.
+/// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with an optional comment.
 pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<u8>, Error> {
     write_for(raster, quality, comment, Stretch::ALONE)
 }
 
-/// The same as part of a node's work.
+/// The same with progress and cancellation.
 pub fn write_for(
     raster: &Raster,
     quality: u8,
@@ -81,7 +81,7 @@ pub fn write_for(
         .map_err(fail)?;
     let mut bytes = sunk.bytes;
     bytes.shrink_to_fit();
-    // Comments hold 65533 bytes; a longer text goes into several, right after the start marker.
+    // Comments hold up to 65533 bytes; a longer text is split into several, right after the start marker.
     let mut at = 2;
     for piece in comment.map(str::as_bytes).into_iter().flat_map(|text| text.chunks(65_533)) {
         let mut segment = vec![0xff, 0xfe];

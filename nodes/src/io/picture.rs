@@ -1,4 +1,4 @@
-//! Pictures of any format in memory: PNG, JPEG, OpenEXR or Radiance HDR, by their first bytes.
+//! Decodes pictures of any format: PNG, JPEG, OpenEXR or Radiance HDR, detected by their first bytes.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 engine::choices! {
-    /// What the numbers of a file mean.
+    /// Meaning of the numbers of a file.
     pub enum FileEncoding {
         /// PNG and JPEG hold display colours, unless their colour profile says linear light; OpenEXR and Radiance hold
         /// linear light.
@@ -26,22 +26,22 @@ engine::choices! {
     }
 }
 
-/// Most bytes that reading a picture takes with its file, and those of its floats.
+/// Largest memory for reading a picture including its file, and the bytes of its floats.
 pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
     let head = file.open().and_then(|mut reader| Head::read(&mut reader));
     let [reading, floats] = head.map_or([0; 2], |head| head.as_floats());
     [reading.saturating_add(file.bytes), floats]
 }
 
-/// The picture in the bytes of a file, as the kind `load-image` reads it with its other parameters at their defaults.
+/// Decodes a picture as the kind `load-image` does with default parameters.
 ///
 /// # Errors
-/// When they are no picture, or not a whole one.
+/// If the bytes are not a complete picture.
 pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
     decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Stretch::ALONE)
 }
 
-/// The picture that a file holds, in the given encoding; of an OpenEXR file, the given layer.
+/// Decodes a picture with the given encoding, and from an OpenEXR file the given layer.
 pub(crate) fn decode(
     encoding: FileEncoding,
     of_layer: &str,
@@ -83,7 +83,7 @@ pub(crate) fn decode(
 
 type Decoded = (usize, usize, usize, Vec<f32>, bool);
 
-/// Codes to numbers. Colour comes as RGB or RGBA, data with as many channels as it has.
+/// Converts codes to numbers. Colours become RGB or RGBA; data keeps its number of channels.
 fn whole(
     raster: Raster,
     encoding: FileEncoding,
@@ -107,7 +107,7 @@ fn whole(
     Ok((raster.width, raster.height, channels, samples, linear))
 }
 
-/// Notes on what of an EXR file was passed over.
+/// Reports parts of an EXR file that are ignored.
 fn tell(planes: &exr::Planes, notes: &mut Notes) {
     if planes.parts > 1 {
         notes.warning(
@@ -124,7 +124,7 @@ fn tell(planes: &exr::Planes, notes: &mut Notes) {
     }
 }
 
-/// The planes of a layer: its colour with alpha where it has one, a vector, or a single plane.
+/// The planes of a layer: colour with optional alpha, a vector, or a single plane.
 fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a [f32]>, Error> {
     let prefix = if layer.is_empty() { String::new() } else { format!("{layer}.") };
     let all = |letters: &[&str]| {
@@ -147,7 +147,7 @@ fn layer<'a>(name: &str, planes: &'a exr::Planes, layer: &str) -> Result<Vec<&'a
     found.ok_or_else(|| no_layer(name, planes, layer, chroma))
 }
 
-/// That a file has no such layer, with those that it has.
+/// The error about a missing layer, with the layers of the file.
 fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Error {
     let what = match layer {
         _ if chroma => "holds luminance and chroma (Y, RY, BY), which are not read as colour".to_owned(),
@@ -163,7 +163,7 @@ fn no_layer(name: &str, planes: &exr::Planes, layer: &str, chroma: bool) -> Erro
     Error::format(name, format!("{text}; its channels are {}", channels.join(", ")))
 }
 
-/// Only data may be infinite, and nothing may be not a number.
+/// Replaces NaN, and infinite samples unless the picture is data.
 fn finite(
     mut samples: Vec<f32>,
     data: bool,
@@ -220,7 +220,7 @@ mod tests {
         assert_eq!(load(&grey, FileEncoding::Data, "").0.size(), (2, 1, 1));
     }
 
-    // Once decoded as display colours: 0.5 became 0.21.
+    // Used to be decoded as display colours, with 0.5 becoming 0.21.
     #[test]
     fn a_picture_with_a_linear_profile_is_linear_light() {
         let profile = crate::io::icc::tests::profile(
@@ -270,7 +270,7 @@ mod tests {
             "{told}"
         );
 
-        // What is no colour is not taken for one, and what there is is named.
+        // Data is not mistaken for colour, and the channels of the file are listed.
         let of = |names: &[&str]| {
             let channels = names.iter().map(|name| plane(name, 0.5)).collect();
             exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}")).0

@@ -1,8 +1,8 @@
-//! A stretch of a node's work, for codecs: how far it is told, and whether it is to go on asked.
+//! Progress and cancellation for codecs: maps the progress of a codec to a range of the node's progress.
 //!
-//! Codecs of others know nothing of runs. They get their bytes from [`Fed`] and put them into [`Sunk`], which ask
-//! every few thousand bytes and fail once the run is to stop; the engine then takes the node as stopped, whatever
-//! the codec makes of that.
+//! Codecs of other crates know nothing of runs. They read from [`Fed`] and write to [`Sunk`], which check every few
+//! thousand bytes and fail once the run is cancelled; the engine then treats the node as cancelled, whatever error
+//! the codec returns.
 
 use std::io::{self, BufRead, Read, Seek, SeekFrom, Write};
 
@@ -10,13 +10,13 @@ use engine::Context;
 
 use crate::error::Error;
 
-/// Packed bytes between two questions. Deflate makes 4 MB of them at most, some 20 ms of work.
+/// Number of compressed bytes between two checks. Deflate expands them to 4 MB at most, some 20 ms of work.
 const STEP: usize = 4096;
 
-/// Numbers that are turned into others between two questions: whole pixels of 1 to 4 channels.
+/// Number of samples converted between two checks: whole pixels of 1 to 4 channels.
 const PIECE: usize = 12 << 16;
 
-/// A part of a node's work, from some of its progress to some.
+/// A range of a node's progress.
 #[derive(Clone, Copy)]
 pub struct Stretch<'a> {
     cx: Option<&'a Context>,
@@ -25,15 +25,15 @@ pub struct Stretch<'a> {
 }
 
 impl<'a> Stretch<'a> {
-    /// Work that nobody waits for and nobody stops: outside of any run.
+    /// Work outside of any run, without progress and cancellation.
     pub const ALONE: Stretch<'static> = Stretch { cx: None, from: 0.0, to: 1.0 };
 
-    /// Work that brings a node from one progress to another.
+    /// The work of a node between two values of its progress.
     pub fn of(cx: &'a Context, from: f32, to: f32) -> Self {
         Self { cx: Some(cx), from, to }
     }
 
-    /// What of it lies between two progresses of its own.
+    /// A part of this range, between two fractions of it.
     pub fn part(self, from: f32, to: f32) -> Self {
         let at = |done: f32| self.from + (self.to - self.from) * done;
         Self { from: at(from), to: at(to), ..self }
@@ -45,7 +45,7 @@ impl<'a> Stretch<'a> {
         self.part(at(index), at(index + 1))
     }
 
-    /// Tells how far it is, from 0 to 1.
+    /// Reports progress from 0 to 1 within the range.
     ///
     /// # Errors
     /// [`Error::Stopped`].
@@ -55,7 +55,7 @@ impl<'a> Stretch<'a> {
         if cx.cancelled() { Err(Error::Stopped) } else { Ok(()) }
     }
 
-    /// `f` of a slice, some of its elements at a time.
+    /// Applies `f` to a slice, some elements at a time.
     ///
     /// # Errors
     /// [`Error::Stopped`].
@@ -67,7 +67,7 @@ impl<'a> Stretch<'a> {
         Ok(())
     }
 
-    /// `f` of every index below `n`, in that order, on the shared threads where there are some.
+    /// Applies `f` to every index below `n`, with results in that order, on the shared threads if there are any.
     ///
     /// # Errors
     /// [`Error::Stopped`].
@@ -79,22 +79,22 @@ impl<'a> Stretch<'a> {
     }
 }
 
-/// That a codec is to stop, as it understands it.
+/// The cancellation as an error of a codec.
 fn stopped(error: Error) -> io::Error {
     io::Error::other(error)
 }
 
-/// The bytes of a file, a few at a time.
+/// A reader of the bytes of a file that checks for cancellation.
 pub struct Fed<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Where to ask next.
+    /// Position of the next check.
     asks: usize,
     stretch: Stretch<'a>,
 }
 
 impl<'a> Fed<'a> {
-    /// From the start of a file.
+    /// A reader at the start of a file.
     pub fn new(bytes: &'a [u8], stretch: Stretch<'a>) -> Self {
         Self { bytes, at: 0, asks: 0, stretch }
     }
@@ -135,18 +135,18 @@ impl Seek for Fed<'_> {
     }
 }
 
-/// A file in the making.
+/// A writer of a file that checks for cancellation.
 pub struct Sunk<'a> {
-    /// What was written.
+    /// The bytes written.
     pub bytes: Vec<u8>,
     asks: usize,
-    /// About how many there will be.
+    /// Approximate final length.
     expected: usize,
     stretch: Stretch<'a>,
 }
 
 impl<'a> Sunk<'a> {
-    /// Nothing yet, of about so many bytes.
+    /// An empty file with an approximate final length.
     pub fn new(expected: usize, stretch: Stretch<'a>) -> Self {
         Self { bytes: Vec::with_capacity(expected), asks: 0, expected, stretch }
     }
@@ -188,8 +188,8 @@ mod tests {
         assert_eq!(ends(all.part(0.5, 1.0).piece(0, 2)), (0.5, 0.75));
     }
 
-    /// Asked to stop a tenth or four fifths on the way, each format stops, and none has to come to its end for it.
-    /// Mutation: `check` left away in `reach`, and `Stretch::ALONE` in place of the given one in each codec.
+    /// Cancelled after a tenth or four fifths of the way, each format stops before its end. Mutation: `check` left
+    /// out in `reach`, and `Stretch::ALONE` in place of the argument in each codec.
     #[test]
     fn every_codec_stops_half_way() {
         let (width, height) = (512, 600);

@@ -20,7 +20,7 @@ impl<'a> Weights<'a> {
         Ok(Self { file, tensors })
     }
 
-    /// Whether there is a tensor of that name.
+    /// True if there is a tensor with this name.
     pub fn has(&self, name: &str) -> bool {
         self.tensors.tensor(name).is_ok()
     }
@@ -42,8 +42,7 @@ impl<'a> Weights<'a> {
         Ok((view.shape().to_vec(), values))
     }
 
-    /// A convolution: `name.weight` of four axes, of `inputs` channels where that is known, and
-    /// `name.bias` where it is there.
+    /// A convolution: `name.weight` with four axes and `inputs` channels, if given, and `name.bias` if it exists.
     pub fn conv(
         &self,
         name: &str,

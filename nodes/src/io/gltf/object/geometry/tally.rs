@@ -1,8 +1,8 @@
-//! What is told of shapes.
+//! Counts of dropped and repaired parts of shapes, for notes.
 
 use engine::Notes;
 
-/// What was dropped or repaired, to be told.
+/// Counts of dropped and repaired parts.
 #[derive(Default)]
 pub(super) struct Tally {
     pub(super) points_and_lines: u64,
@@ -22,7 +22,7 @@ pub(super) struct Tally {
 }
 
 impl Tally {
-    /// Notes of what was found.
+    /// Adds the notes.
     pub(super) fn tell(&self, notes: &mut Notes) {
         for (id, count, what) in [
             ("points-and-lines", self.points_and_lines, "primitives of points or lines were left out"),
