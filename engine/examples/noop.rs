@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use engine::{Engine, Graph, RunOptions, Source, SourceRoot};
 
-/// A graph file of about so many nodes.
+/// A graph file of about `count` nodes.
 fn graph(shape: &str, count: usize) -> String {
     let mut text = String::from("Graph(version: 1, scene: (up: \"+z\", seed: 7), nodes: (\n");
     let mut node = |id: usize, what: String| {

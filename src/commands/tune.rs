@@ -69,7 +69,7 @@ impl Tune {
             if !self.json {
                 let point = &bench.points[at];
                 let (work, seconds) = (tick_text(point.work), tick_text(point.cpu_seconds));
-                let error = wanted.metric.told(wanted.metric.error(&point.off));
+                let error = wanted.metric.shown(wanted.metric.error(&point.off));
                 let name = bench.name(&point.assignment);
                 terminal::remark(&format!(
                     "measured work {work:>8}, {seconds:>7} CPU-s, error {error:>8}  {name}"

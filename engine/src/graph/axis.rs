@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axes_of_a_field_are_found_or_what_is_wrong_is_said_in_its_place() {
+    fn the_axes_of_a_field_are_found_or_what_is_wrong_is_reported_in_its_place() {
         let read = |text: &str| axes_read(text, &(5..5 + text.len()), &axes());
         assert_eq!(read("(Axis(\"frame\"), Axis(\"yaw\"))"), Ok(vec![1, 0]));
         assert_eq!(read("\"plain\""), Ok(vec![]));

@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panics_are_told_in_words() {
+    fn panics_are_reported_in_words() {
         let panic = catch_unwind(|| panic!("row {}", 7)).expect_err("it panics");
         assert_eq!(panic_text(&*panic), "row 7");
     }

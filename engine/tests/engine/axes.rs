@@ -1,4 +1,4 @@
-//! One node, many values: what runs how often, and what is said where that makes no sense.
+//! One node, many values: how often each node runs, and the mistakes that are reported.
 
 use crate::lab::{Lab, Log};
 
@@ -28,7 +28,7 @@ fn a_node_runs_once_for_each_value_that_it_or_its_inputs_read() {
     assert_eq!(log.outcome.totals.ran, 4 + 3 * 6);
     assert_eq!(lab.out("2/frame_0.txt"), "37.0\n");
     assert_eq!(lab.out("3/frame_2.txt"), "49.0\n");
-    // One more value of one axis costs what is new.
+    // One more value of one axis runs only the new instances.
     let more = run(
         &lab,
         "by: List([2.0, 3.0]), frame: Range(0, 4)",
@@ -198,7 +198,7 @@ fn a_long_axis_is_one_node_a_value() {
 }
 
 #[test]
-fn an_instance_that_is_wrong_is_told_once_however_its_neighbours_are_wired() {
+fn an_instance_that_is_wrong_is_reported_once_however_its_neighbours_are_wired() {
     let lab = Lab::in_memory();
     for by in ["Axis(\"n\")", "Track(\"n\", [(0, 1.0), (50, 101.0)])"] {
         let nodes = format!(

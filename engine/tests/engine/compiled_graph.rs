@@ -1,4 +1,4 @@
-//! A compiled graph is the graph that its text gives, in every way that counts.
+//! A compiled graph equals the graph of its text in every respect.
 
 use std::fs;
 
@@ -88,7 +88,7 @@ fn is_made_again_when_anything_it_depends_on_changes() {
     fs::remove_file(&gone).unwrap();
     let mistakes = cached(&lab, store, &text).map(drop).unwrap_err().render(false);
     assert!(mistakes.contains("`a.txt` does not exist"), "{mistakes}");
-    assert!(mistakes.contains("ask whoever counted"), "its kind says where it is to be had: {mistakes}");
+    assert!(mistakes.contains("ask whoever counted"), "its kind says where to get it: {mistakes}");
     fs::write(gone, "4").unwrap();
     cached(&lab, store, &text).unwrap();
     // A wrong text is never kept.
@@ -118,7 +118,7 @@ fn damage_to_it_costs_only_time() {
     }
 }
 
-/// Where the last runs of a lab's graphs are, as the cache keeps them.
+/// The files in which the cache keeps the last runs of a lab's graphs.
 fn last_runs(lab: &Lab) -> Vec<std::path::PathBuf> {
     let folder = lab.cache().join("v1/last");
     lab.cache_files().into_iter().filter(|path| path.starts_with(&folder)).collect()
@@ -136,7 +136,7 @@ fn what_the_last_run_looked_up_is_found_by_key_or_not_at_all() {
     };
     assert_eq!(lab.run(&nodes(2.0)).ran(), "in s t w");
     assert_eq!(last_runs(&lab).len(), 1, "one for the graph file");
-    // It alone is enough to find that nothing is to be done ..
+    // It alone suffices to find that nothing has to run ..
     let paths = ["records.log", "records.index"].map(|name| lab.cache().join("v1").join(name));
     let kept = paths.clone().map(|path| fs::read(path).ok());
     paths.iter().for_each(|path| drop(fs::remove_file(path)));
@@ -144,21 +144,21 @@ fn what_the_last_run_looked_up_is_found_by_key_or_not_at_all() {
     for (path, bytes) in paths.iter().zip(&kept) {
         bytes.iter().for_each(|bytes| fs::write(path, bytes).unwrap());
     }
-    // .. and what is not as it was is not found: an edit, another content of a file.
+    // .. and a change is noticed: an edit, another content of a file.
     assert_eq!(lab.run(&nodes(2.1)).ran(), "s t", "rounding stops it");
     lab.write("a.txt", "30");
     assert_eq!(lab.run(&nodes(2.1)).ran(), "in s t w");
     lab.write("a.txt", "3");
     assert_eq!(lab.run(&nodes(2.0)).ran(), "", "known by records, though not by the last run");
     assert_eq!(lab.out("w.txt"), "6.0\n");
-    // A damaged one costs time only.
+    // A damaged file costs time only.
     for cut in [1, 40, 100] {
         let path = &last_runs(&lab)[0];
         let bytes = fs::read(path).unwrap();
         fs::write(path, &bytes[..bytes.len() - cut]).unwrap();
         assert_eq!(lab.run(&nodes(2.0)).ran(), "");
     }
-    // What is collected is not found in it.
+    // Collected results are not found in it.
     let limits = cache::Limits { max_size: Some(0), ..cache::Limits::default() };
     lab.engine().store().collect(&limits, &engine::blobs_of, std::time::Duration::from_secs(60)).unwrap();
     assert_eq!(last_runs(&lab).len(), 0);

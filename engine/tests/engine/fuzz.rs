@@ -1,4 +1,4 @@
-//! Bytes changed at random, from fixed seeds: whatever is read, nothing panics, and what still runs is right.
+//! Bytes changed at random, from fixed seeds: nothing panics, and every run that completes is right.
 //!
 //! A few hundred rounds here; `LIGHTHARMONY_FUZZ_SECONDS` makes each test go on for that long.
 
@@ -125,7 +125,8 @@ fn graph_files() {
     assert!(good > 0 && bad > good / 20, "{good} good, {bad} bad");
 }
 
-/// A run that may go any way but a panic, with what always holds of its events; how many nodes it told of.
+/// A run that may end in any way but a panic, with the invariants of its events; returns the number of nodes
+/// reported.
 fn run(lab: &Lab, engine: &Engine, graph: &Graph) -> usize {
     let options = RunOptions { out: lab.path("out"), ..RunOptions::default() };
     let mut ends = 0;
@@ -179,7 +180,7 @@ fn compiled_graphs() {
         mutate(&mut bytes, &mut random, &[]);
         let blob = store.put_blob(&bytes).unwrap();
         store.put_record(&key, blob.as_bytes()).unwrap();
-        // What is no compiled graph is parsed anew; what is one may be another graph.
+        // Bytes that are not a compiled graph are parsed again; a valid one may be another graph.
         run(&lab, &engine, &load(store));
     }
 }
@@ -198,7 +199,7 @@ fn logs_blobs_and_indices() {
             if random.below(3) == 0 {
                 mutate(&mut bytes, &mut random, &["LHe1"]);
             }
-            // A repair removes the folder of what last runs looked up.
+            // A repair removes the folder with the lookups of last runs.
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             std::fs::write(path, bytes).unwrap();
         }

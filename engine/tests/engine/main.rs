@@ -1,4 +1,4 @@
-//! What the engine promises, asserted on the log of events of graphs of small arithmetic kinds.
+//! The guarantees of the engine, asserted on the events of graphs of small arithmetic kinds.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 #![allow(missing_docs, reason = "the names say it")]
 

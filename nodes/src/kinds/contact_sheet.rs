@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_is_about_square_unless_told() {
+    fn a_sheet_is_about_square_unless_reported() {
         let size = |columns, count: usize| {
             let image = sheet(columns, 0, vec![plain(1, 1, 1.0); count]).unwrap_or_else(|e| panic!("{e}"));
             (image.width, image.height)

@@ -329,7 +329,7 @@ mod tests {
 
     // Mutation: `fill_holes` not called.
     #[test]
-    fn holes_of_a_file_are_filled_and_told() {
+    fn holes_of_a_file_are_filled_and_reported() {
         let codes = [[90, 128, 0, 255], [0, 0, 0, 0], [90, 128, 0, 255], [90, 128, 0, 60]].concat().repeat(2);
         let raster = Raster {
             width: 4,
@@ -353,7 +353,7 @@ mod tests {
 
     // Additive light with alpha 0 is not treated as a hole without a warning. Mutation: `lost > 0` to `false`.
     #[test]
-    fn light_of_transparent_pixels_is_told() {
+    fn light_of_transparent_pixels_is_reported() {
         let file = |glow: f32| {
             let plane = |name: &str, other: f32, at: f32| {
                 let samples = (0..8).map(|i| if i == 3 { at } else { other }).collect();

@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_are_filled_and_told_and_sizes_are_checked() {
+    fn holes_are_filled_and_reported_and_sizes_are_checked() {
         let eye = DVec3::ZERO;
         let mut half = Arc::unwrap_or_clone(sky(eye));
         half.opacities.iter_mut().zip(&half.means).for_each(|(o, m)| *o = if m[1] > 0.0 { *o } else { 0.0 });

@@ -366,7 +366,7 @@ mod tests {
     // Mutations: data treated as linear light; layers listed that are not display-encoded; a warning for `Linear`
     // too.
     #[test]
-    fn unlike_encodings_are_told_by_layer_and_like_ones_are_not() {
+    fn unlike_encodings_are_reported_by_layer_and_like_ones_are_not() {
         let encoded = || Arc::new(Images::single("v", Image::<Srgb>::new(3, 2, 3)));
         let told = |encoding, names: &[&str], layers| {
             let p = WriteExr { encoding, ..node(names) };

@@ -346,7 +346,7 @@ fn sog_versions_and_wrappings_agree() {
 
 // For truncated files, the error describes the damage, not an unknown format.
 #[test]
-fn files_that_were_cut_off_are_told_as_what_they_were() {
+fn files_that_were_cut_off_are_reported_as_what_they_were() {
     let told = |name: &str, bytes: &[u8]| {
         from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
     };
@@ -364,7 +364,7 @@ fn files_that_were_cut_off_are_told_as_what_they_were() {
 }
 
 #[test]
-fn what_follows_the_splats_is_told() {
+fn what_follows_the_splats_is_reported() {
     for (name, mut bytes) in [
         ("ply", build::ply(&[PlyRow::default()], 0)),
         ("ksplat", build::ksplat(1, 1)),

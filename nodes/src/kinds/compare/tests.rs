@@ -91,7 +91,7 @@ fn rows_for_baselines_and_regions() {
 }
 
 #[test]
-fn a_mask_restricts_everything_and_empty_regions_are_told() {
+fn a_mask_restricts_everything_and_empty_regions_are_reported() {
     let half =
         one(Image::<Srgb>::from_samples(16, 12, 3, (0..576).map(|i| f32::from(i % 48 < 24)).collect()));
     let masked = In { mask: Some(left_half()), ..inputs(half.clone(), flat(1.0)) };
@@ -254,7 +254,7 @@ fn luminance_alone_is_grey() {
 }
 
 #[test]
-fn what_a_viewer_sees_has_a_map_and_what_is_missing_is_said() {
+fn what_a_viewer_sees_has_a_map_and_what_is_missing_is_reported() {
     let (out, notes) = Compare::run(&node(), inputs(flat(0.2), flat(0.6)), &context()).expect("runs");
     let map = out.flip.0[0].picture.samples();
     let table = &out.report.tables[0];

@@ -102,7 +102,7 @@ fn noise_goes_and_the_edge_stays() {
 /// The light of a lamp in a dark place, many times brighter than without it, keeps its gradient and loses its
 /// noise. Earlier, all ratios above 8 counted as equal, so that a pool of light became a plateau with a rim.
 #[test]
-fn bright_ratios_are_told_apart() {
+fn bright_ratios_are_distinguished() {
     let lit = |x: usize| crate::math::num::f32::exp(x as f32 * 0.15 - 1.0);
     let mut inputs = noisy(5);
     let before = samples(&inputs.without).to_vec();
@@ -314,7 +314,7 @@ fn light_of_any_strength_is_filtered_alike() {
 
 // Without a variance nothing is filtered, which is reported; without an object there is nothing to report.
 #[test]
-fn a_variance_of_nothing_is_told() {
+fn a_variance_of_nothing_is_reported() {
     let mut input = noisy(1);
     let Picture::Data(variance) = &mut Arc::make_mut(&mut input.variance).0[0].picture else {
         panic!("is data")

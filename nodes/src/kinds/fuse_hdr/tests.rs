@@ -275,7 +275,7 @@ fn energy_does_not_depend_on_how_many_pixels_hold_it() {
 
 // Without exposures the panorama is the darkest one, and its white is a lower bound. Mutation: `kept(false)` there.
 #[test]
-fn a_bracket_of_no_exposures_is_told() {
+fn a_bracket_of_no_exposures_is_reported() {
     let taken = photograph(&ramp, &[], Transfer::Srgb, Some(255.0));
     let (out, notes) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, taken);
     let white = (0..W * H).filter(|&at| ramp(at)[0] >= 1.0).count();
@@ -288,7 +288,7 @@ fn a_bracket_of_no_exposures_is_told() {
 // A threshold above the value at which a lamp clips leaves out the light predicted for it; so does a prediction for
 // another panorama. Mutation: `!used[at]` to `used[at]`.
 #[test]
-fn predicted_light_that_is_left_out_is_told() {
+fn predicted_light_that_is_left_out_is_reported() {
     let (base, brackets) =
         photograph(&|at| if at == 9 { [0.97; 3] } else { [0.2; 3] }, &[], Transfer::Srgb, None);
     let mut gain = (*brackets).clone();

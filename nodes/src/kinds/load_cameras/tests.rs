@@ -94,7 +94,7 @@ fn six_ways_to_write_one_camera() {
 }
 
 #[test]
-fn distortion_is_refused_or_told() {
+fn distortion_is_refused_or_reported() {
     let bent = STUDIO.replace("\"k1\": 0.0", "\"k1\": 0.1");
     let files: [(&str, &[u8]); 1] = [("t.json", bent.as_bytes())];
     assert!(load(&files, &node("t.json")).is_err());

@@ -133,7 +133,7 @@ fn colours_of_faces_are_those_of_their_corners() {
 /// A glTF file is y up by its specification, while meshes of captures are usually in axes of the world: the
 /// decision is reported.
 #[test]
-fn axes_of_gltf_are_told() {
+fn axes_of_gltf_are_reported() {
     for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
         let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;

@@ -210,7 +210,7 @@ mod tests {
 
     // Mutation: the length not checked, or the name of the wrong number.
     #[test]
-    fn a_list_that_is_no_emitter_is_told_what_it_lacks() {
+    fn a_list_that_is_no_emitter_is_reported_what_it_lacks() {
         fn read<T: IntoDeserializer<'static, Error>>(list: Vec<T>) -> Result<[f64; 4], String> {
             let list = SeqDeserializer::<_, Error>::new(list.into_iter());
             Emitter::deserialize(list).map(|Emitter(numbers)| numbers).map_err(|error| error.to_string())

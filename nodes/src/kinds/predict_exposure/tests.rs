@@ -215,7 +215,7 @@ fn exposures_are_sorted_and_listed_once() {
 
 // A file of weights is reported for a method that has none. Mutation: the warning dropped.
 #[test]
-fn weights_that_no_method_reads_are_told() {
+fn weights_that_no_method_reads_are_reported() {
     let weights = Some(InputFile("own.safetensors".to_owned()));
     let params = |method| PredictExposure {
         evs: vec![],

@@ -31,7 +31,7 @@ fn the_sun_in_the_picture_puts_no_shadow_out() {
 
 /// `Difference` ignores the parameters that shape a ratio, and reports those that are set.
 #[test]
-fn what_shapes_no_difference_is_told() {
+fn what_shapes_no_difference_is_reported() {
     let difference = || ShadowRatio { form: RatioForm::Difference, ..ShadowRatio::default() };
     let set = ShadowRatio { gamma: 0.5, s_max: 2.0, ..difference() };
     let lambda = ShadowRatio { lambda: 0.5, ..difference() };
@@ -50,7 +50,7 @@ fn what_shapes_no_difference_is_told() {
 
 /// A few samples on black do not dominate the reported brightness.
 #[test]
-fn how_much_brighter_is_told_by_sums() {
+fn how_much_brighter_is_reported_by_sums() {
     let (mut r0, mut r1) = ([1.0; 100], [1.2; 100]);
     (r0[0], r1[0]) = (0.002, 1.0);
     let inputs = In { without: image(&r0), with: image(&r1) };
@@ -63,7 +63,7 @@ fn how_much_brighter_is_told_by_sums() {
 /// Light of an inserted lamp that `s_max` clips is a warning with a remedy; the reflection of a matte object, noise
 /// and a firefly are not. Mutation: `SHONE_ON` 1, `SEEN` 1, `is_shone_on` always true.
 #[test]
-fn light_that_is_kept_from_the_picture_is_told() {
+fn light_that_is_kept_from_the_picture_is_reported() {
     let told = |s_max: f64, bright: &[f32]| {
         let mut r1 = vec![1.002; 1000];
         r1[..bright.len()].copy_from_slice(bright);
@@ -84,7 +84,7 @@ fn light_that_is_kept_from_the_picture_is_told() {
 
 // `Hybrid` adds light, so nothing is clipped.
 #[test]
-fn what_is_added_is_not_told_as_clipped() {
+fn what_is_added_is_not_reported_as_clipped() {
     let clipped = |form, s_max| {
         let p = ShadowRatio { form, s_max, ..ShadowRatio::default() };
         let run = ShadowRatio::run(&p, In { without: image(&[1.0]), with: image(&[2.0]) }, &context());
@@ -97,7 +97,7 @@ fn what_is_added_is_not_told_as_clipped() {
 /// Bounds that give the same factor everywhere are refused, and bounds that darken the whole picture are reported.
 /// Mutation: `powered` left out of `check`.
 #[test]
-fn bounds_that_leave_no_shadow_are_told() {
+fn bounds_that_leave_no_shadow_are_reported() {
     let of = |s_min, s_max, gamma| ShadowRatio { s_min, s_max, gamma, ..ShadowRatio::default() };
     for (s_min, s_max, gamma, good) in
         [(0.9, 0.5, 1.0, false), (0.6, 0.5, 0.5, true), (0.8, 0.5, 0.5, false), (1.0, 1.0, 1.0, true)]

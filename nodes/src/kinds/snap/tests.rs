@@ -54,7 +54,7 @@ fn objects_come_to_stand_from_above_and_below() {
 
 /// An object whose origin is its middle, as in many models: its foot is far below a pose that is near the ground.
 #[test]
-fn what_is_too_far_is_told_by_the_foot() {
+fn what_is_too_far_is_reported_by_the_foot() {
     let mut object = (*object()).clone();
     object.primitives[0].positions.iter_mut().for_each(|p| p[1] -= 0.9);
     let pose = Pose { world_from_local: DMat4::from_translation(DVec3::new(0.3, 0.1, 0.1)) };

@@ -127,7 +127,7 @@ fn holes_take_the_colour_around_them() {
 
 // A very small alpha is not the same as none.
 #[test]
-fn a_panorama_of_next_to_nothing_is_told_from_one_of_nothing() {
+fn a_panorama_of_next_to_nothing_is_reported_from_one_of_nothing() {
     for (alpha, id) in [(0.0, "nothing-seen"), (0.155, "little-seen")] {
         let scene = views(rig(8, 3.0, Turn::OffAxis), |camera, x, y| {
             let up = camera.direction(x as f64 + 0.5, y as f64 + 0.5).z > 0.9;

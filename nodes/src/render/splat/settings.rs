@@ -199,7 +199,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_file_says_how_it_was_trained_and_another_choice_is_told() {
+    fn the_file_says_how_it_was_trained_and_another_choice_is_reported() {
         for antialiased in [false, true] {
             let splats = Splats { antialiased, ..crate::testing::no_splats() };
             for (compensation, on, told) in [

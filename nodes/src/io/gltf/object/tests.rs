@@ -276,7 +276,7 @@ fn webp_pictures_are_read_and_preferred() {
 }
 
 #[test]
-fn what_makes_no_triangle_is_told() {
+fn what_makes_no_triangle_is_reported() {
     let mut json = triangle(json!({"mesh": 0}));
     let told = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
     json["meshes"][0]["primitives"][0]["mode"] = json!(0);

@@ -109,7 +109,7 @@ fn without_an_albedo_holes_stay_as_they_were_filled() {
 // A sky counts as missing if the ground is too bright for the light and a part of the upper half was not seen.
 // Mutation: `MOST_ALBEDO` to 3, or either condition of `tell` to true.
 #[test]
-fn a_missing_sky_is_told_where_the_ground_needs_it() {
+fn a_missing_sky_is_reported_where_the_ground_needs_it() {
     let dim = |sky: f32, alpha: &dyn Fn(usize) -> f32| {
         let light = |at: usize| if at / W < H / 2 { [sky; 3] } else { [0.4; 3] };
         let (base, brackets) = photograph(&light, &[], Transfer::Srgb, None);
@@ -135,7 +135,7 @@ fn a_missing_sky_is_told_where_the_ground_needs_it() {
 // Without a place for a sky, or without ground to measure, the panorama is kept, and that is reported. Mutation:
 // either early return of `sky` left out.
 #[test]
-fn an_albedo_that_has_nothing_to_act_on_is_told() {
+fn an_albedo_that_has_nothing_to_act_on_is_reported() {
     let no_ground = |at: usize| if at / W < H / 2 { outdoors(at) } else { 0.0 };
     for (base, brackets) in [capture(0.3, |_| 1.0), capture(0.3, no_ground)] {
         let own = linear_pixels(&base.image, Transfer::Srgb).rgb;

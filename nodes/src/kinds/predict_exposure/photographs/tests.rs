@@ -180,7 +180,7 @@ fn linear_light_has_no_ceiling() {
 /// Files that were swapped, or taken elsewhere, are detected by comparison with the panorama. Mutation: `middle`
 /// taken as 0, `apart` as 0, or `short` as 0.
 #[test]
-fn photographs_that_contradict_the_panorama_are_told() {
+fn photographs_that_contradict_the_panorama_are_reported() {
     let place = Place::new();
     let (_, notes) = place.gains(&["b.png", "a.png"], &[-3.0, -6.0]);
     let found = told(&notes, "photograph-disagrees");

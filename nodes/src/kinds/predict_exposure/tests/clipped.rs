@@ -78,7 +78,7 @@ fn what_fills_a_hole_changes_no_gain() {
 
 // White that is mostly transparent is reported, without a contradiction. Mutation: `tell_unseen` not called.
 #[test]
-fn white_that_is_mostly_transparent_is_told() {
+fn white_that_is_mostly_transparent_is_reported() {
     let mut pano = (*pano(64, |x, y| if (x, y) == (5, 8) { [1.0; 3] } else { [0.5; 3] })).clone();
     pano.alpha.samples[8 * 64 + 5] = 0.4;
     let (_, notes) = run(Arc::new(pano), &[-3.0]);

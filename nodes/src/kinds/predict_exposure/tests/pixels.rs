@@ -89,7 +89,7 @@ fn glints_do_not_count_as_whole_cells() {
 
 // Mutation: `<` to `<=` in `tell_coarse`, or it not called.
 #[test]
-fn a_panorama_too_coarse_for_lamps_is_told() {
+fn a_panorama_too_coarse_for_lamps_is_reported() {
     for (width, told) in [(32, Some("a pixel of the panorama is 11.2 degrees wide")), (64, None)] {
         let (_, notes) = run(pano(width, |_, _| [0.5; 3]), &[-3.0]);
         let text = notes.iter().find(|note| note.id == "coarse").map(|note| note.text.clone());

@@ -89,7 +89,7 @@ fn there_is_one_sun() {
 // A sun over water, which is as blue as the sky, is reported as possibly missed; a lamp in a grey room is not.
 // Mutation: `*blue > BLUE` to `false`, or to `true`.
 #[test]
-fn a_sun_over_water_is_told_to_be_doubtful() {
+fn a_sun_over_water_is_reported_to_be_doubtful() {
     for method in METHODS {
         let told = |colour: [f32; 3]| {
             let source = pano(256, |x, y| match (x, y) {

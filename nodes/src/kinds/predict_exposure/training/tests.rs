@@ -42,7 +42,7 @@ fn a_training_repeats_and_resumes() {
 // If one fold has all the places, the others leave nothing to learn from, which is reported before training.
 // Mutation: `chosen.is_empty()` not checked (candle then ends in a message of its own).
 #[test]
-fn too_few_places_to_part_are_told() {
+fn too_few_places_to_part_are_reported() {
     let folder = tempfile::tempdir().expect("a folder");
     let recipe = Recipe { steps: 1, batch: 1, ..Recipe::default() };
     let plan = Plan { seed: 3, members: 1, folds: 2, procedural: 0, recipe };

@@ -164,7 +164,7 @@ fn a_mesh_a_little_under_its_splats_keeps_them() {
 
 // An empty picture is not an error, but a warning with its probable cause.
 #[test]
-fn an_empty_view_is_told_with_its_cause() {
+fn an_empty_view_is_reported_with_its_cause() {
     let splats = cloud(300, 5);
     let told = |camera: &Camera, near: f64| {
         let mut notes = Notes::none();
