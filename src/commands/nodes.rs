@@ -80,6 +80,10 @@ fn describe(kind: &KindEntry) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "  {:<20} {}", param.name, facts.join(", "));
         lines(param.doc).for_each(|line| text.push_str(&format!("  {:<20}   {line}\n", "")));
+        for (word, meaning) in (param.choices)() {
+            let meaning = lines(meaning).collect::<Vec<_>>().join(" ");
+            let _ = writeln!(text, "  {:<20}   {word}: {meaning}", "");
+        }
     }
     if kind.sink_param().is_none() {
         ports(&mut text, "outputs (the first is the default)", &kind.outputs);
@@ -118,7 +122,10 @@ fn markdown(kind: &KindEntry) -> String {
             (None, Role::Value) => "required".to_owned(),
             (None, _) => "required path".to_owned(),
         };
-        let doc = lines(param.doc).collect::<Vec<_>>().join(" ");
+        let mut doc = lines(param.doc).collect::<Vec<_>>().join(" ");
+        for (word, meaning) in (param.choices)() {
+            let _ = write!(doc, " `{word}`: {}", lines(meaning).collect::<Vec<_>>().join(" "));
+        }
         text.push_str(&format!(
             "| `{}` | {} | {default} | {range}{unit} | {} |\n",
             param.name,

@@ -15,6 +15,8 @@ pub struct ParamSpec {
     pub doc: &'static str,
     /// What a person writes.
     pub describe: fn() -> String,
+    /// The words of a choice with the meaning of each; empty for other types.
+    pub choices: fn() -> Vec<(&'static str, &'static str)>,
     /// Canonical text of the default, made when asked for; `None` where the parameter must be given.
     pub default: fn() -> Option<String>,
     /// Closed range of every number in it.
@@ -101,6 +103,7 @@ macro_rules! params {
                     let mut spec = $crate::ParamSpec {
                         name: stringify!($field), doc: concat!($($doc, "\n"),*).trim_ascii(),
                         describe: <$type as $crate::ParamType>::describe,
+                        choices: <$type as $crate::ParamType>::choices,
                         default: || $crate::params!(@default $type $(= $default)?)
                             .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
                         range: None, unit: "", other: None, inert: None, knob: None,
@@ -156,16 +159,20 @@ macro_rules! params {
 ///     pub enum Blend { /** At the threshold, as the paper. */ Hard, /** Over a ramp. */ Ramp }
 /// }
 /// assert_eq!(<Blend as engine::ParamType>::describe(), "Hard | Ramp");
+/// assert_eq!(<Blend as engine::ParamType>::choices()[1], ("Ramp", "Over a ramp."));
 /// ```
 #[macro_export]
 macro_rules! choices {
-    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])* $variant:ident),* $(,)? }) => {
+    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])+ $variant:ident),* $(,)? }) => {
         $(#[doc = $sdoc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, $crate::serde::Serialize, $crate::serde::Deserialize)]
         #[serde(crate = "engine::serde")]
         $vis enum $name { $($(#[doc = $doc])* $variant,)* }
         impl $crate::ParamType for $name {
             fn describe() -> String { [$(stringify!($variant)),*].join(" | ") }
+            fn choices() -> Vec<(&'static str, &'static str)> {
+                vec![$((stringify!($variant), concat!($($doc, "\n"),+).trim_ascii())),*]
+            }
         }
     };
 }

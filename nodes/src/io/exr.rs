@@ -71,7 +71,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
 pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes, Error> {
     let bad = |e: exr::error::Error| match e {
         exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
-        other => Error::format(file, format!("not a whole EXR: {other}")),
+        other => Error::format(file, format!("not a complete EXR: {other}")),
     };
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(bad)?;
     let Some(header) = meta.headers.iter().find(|header| !header.deep) else {

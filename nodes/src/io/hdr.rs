@@ -49,7 +49,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
             return Err(Error::unsupported(file, format!("the Radiance format `{format}`")));
         }
         if let Some(value) = text.strip_prefix("EXPOSURE=") {
-            let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is no number"))?;
+            let value: f64 = value.trim().parse().map_err(|_| bad("EXPOSURE is not a number"))?;
             scale = scale.map(|scale| scale * value);
         }
         if let Some(values) = text.strip_prefix("COLORCORR=") {
@@ -69,7 +69,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     let ["-Y", height, "+X", width] = words[..] else {
         return Err(Error::unsupported(file, format!("the orientation `{size}`; save it as `-Y .. +X ..`")));
     };
-    let number = |text: &str| text.parse::<u32>().map_err(|_| bad("the size is no number"));
+    let number = |text: &str| text.parse::<u32>().map_err(|_| bad("the size is not a number"));
     let (width, height) = (number(width)?, number(height)?);
     // A run of 127 equal samples takes 2 bytes; an old-style run of up to 255 pixels takes 4.
     believable(file, width.into(), height.into(), 3, rest.len(), 255)?;

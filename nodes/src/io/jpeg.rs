@@ -17,7 +17,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 
 /// The same with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
-    let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a whole JPEG: {e}"));
+    let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a complete JPEG: {e}"));
     // Without SIMD: the SIMD paths round differently on different machines.
     let options = DecoderOptions::default()
         .set_use_unsafe(false)
@@ -38,11 +38,11 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     believable(file, width as u64, height as u64, 3, bytes.len(), 64 * 4096)?;
     if !bytes.trim_ascii_end().ends_with(&[0xff, 0xd9]) && !bytes.windows(2).any(|pair| pair == [0xff, 0xd9])
     {
-        return Err(Error::format(file, "not a whole JPEG: it ends without its end marker"));
+        return Err(Error::format(file, "not a complete JPEG: it ends without its end marker"));
     }
     let raw = decoder.decode().map_err(bad)?;
     if raw.len() != width * height * 3 {
-        return Err(Error::format(file, "holds another number of samples than it claims"));
+        return Err(Error::format(file, "holds a different number of samples than its header says"));
     }
     let mut codes = Vec::with_capacity(raw.len());
     stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;

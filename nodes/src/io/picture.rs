@@ -101,7 +101,7 @@ fn whole(
     if linear {
         notes.decision(
             "linear-profile",
-            "the colour profile of the file says that it holds linear light, and it is read as that",
+            "the colour profile of the file declares linear light; it is read as linear",
         );
     }
     Ok((raster.width, raster.height, channels, samples, linear))
@@ -116,7 +116,7 @@ fn tell(planes: &exr::Planes, notes: &mut Notes) {
         );
     }
     if planes.other_primaries() {
-        let text = "the file has chromaticities of other colours than those of sRGB, which are not used; convert it to linear Rec. 709";
+        let text = "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
         notes.warning("profile-ignored", text);
     }
     if planes.cropped {

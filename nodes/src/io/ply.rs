@@ -267,7 +267,7 @@ impl<'a> Rows<'a> {
                 Ok(value)
             }
             _ if text.is_empty() => Err(self.fail("the file ends early,")),
-            _ => Err(self.fail(&format!("`{text}` is no {scalar:?} number,"))),
+            _ => Err(self.fail(&format!("`{text}` is not a {scalar:?} number,"))),
         }
     }
 

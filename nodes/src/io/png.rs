@@ -95,7 +95,7 @@ pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
 
 /// The same with progress and cancellation.
 pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
-    let bad = |e: png::DecodingError| Error::format(file, format!("not a whole PNG: {e}"));
+    let bad = |e: png::DecodingError| Error::format(file, format!("not a complete PNG: {e}"));
     // The largest ratio of deflate is 1032 to 1.
     let mut decoder = Decoder::new_with_limits(
         Fed::new(bytes, stretch),
@@ -134,7 +134,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let wide = depth == BitDepth::Sixteen;
     let sample = if wide { 2 } else { 1 };
     if raw.len() != width * height * channels * sample {
-        return Err(Error::format(file, "holds another number of samples than it claims"));
+        return Err(Error::format(file, "holds a different number of samples than its header says"));
     }
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {

@@ -41,7 +41,7 @@ impl Lost {
         for (id, count, what) in
             [("clipped-above", self.above, "lie above 1"), ("clipped-below", self.below, "lie below 0")]
         {
-            notes.count(id, count, format!("samples of `{view}` {what} and were cut off"));
+            notes.count(id, count, format!("samples of `{view}` {what} and were clamped"));
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::error::Error;
 
 /// Reads a still WebP, lossy or lossless, as RGB or RGBA codes.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    let bad = |e: DecodingError| Error::format(file, format!("not a whole WebP: {e}"));
+    let bad = |e: DecodingError| Error::format(file, format!("not a complete WebP: {e}"));
     let mut decoder = WebPDecoder::new(Cursor::new(bytes)).map_err(bad)?;
     if decoder.is_animated() {
         return Err(Error::unsupported(file, "an animated WebP; save one picture of it"));

@@ -174,8 +174,8 @@ impl Kind for Composite {
                 None => None,
             };
             if front.as_ref().is_some_and(|image| image.channels != 4) {
-                let error = NodeError::new("what lies in front needs alpha").at("front");
-                return Err(error.hint("wire a splat-render with `limit`"));
+                let error = NodeError::new("`front` needs an alpha channel").at("front");
+                return Err(error.hint("wire the output of a splat-render with `limit`"));
             }
             let variance = match &inputs.variance {
                 Some(images) => Some(matching(images, "variance", &view.name, size)?),

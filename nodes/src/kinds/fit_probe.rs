@@ -17,7 +17,7 @@ engine::params! {
     /// enlarged. Set `as_views: true` on `stitch` so that the panorama gets the number of columns that its views
     /// support.
     pub struct FitProbe {
-        /// Whether to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
+        /// True to reduce the views; `false` keeps the rig and only reports the resolution that would be enough.
         skip_fine: bool = true, other("false");
     }
 }
@@ -59,7 +59,7 @@ impl Kind for FitProbe {
         };
         if let Some(odd) = rig.cameras.iter().find(|c| [c.width_px, c.height_px] != [side; 2]) {
             let text = format!("view `{}` is {}x{} pixels", odd.name, odd.width_px, odd.height_px);
-            let hint = "views of a probe are squares of one size; `cube-rig` makes such";
+            let hint = "views of a probe are squares of equal size, as from `cube-rig`";
             return Err(NodeError::new(text).at("rig").hint(hint));
         }
         let most = side.saturating_mul(COLUMNS_A_PIXEL) as usize;
@@ -71,9 +71,9 @@ impl Kind for FitProbe {
         notes.decision(
             "probe-size",
             match (enough < side, params.skip_fine) {
-                (true, true) => format!("views of {enough} px in place of {side} do: {why}"),
+                (true, true) => format!("views of {enough} px are enough, instead of {side}: {why}"),
                 (true, false) => {
-                    format!("views of {enough} px would do, and have {side}, as is asked: {why}")
+                    format!("views of {enough} px would be enough; they keep {side} because of `skip_fine: false`: {why}")
                 }
                 (false, _) => format!("all {side} px of a view are needed: {why}"),
             },

@@ -89,7 +89,7 @@ impl Kind for LoadImage {
             let name = p.names.get(index).map_or(stem, String::as_str).to_owned();
             if views.iter().any(|view| view.name == name) {
                 let error = NodeError::new(format!("two views are called `{name}`"));
-                return Err(error.at("more").hint("tell them apart with `names`"));
+                return Err(error.at("more").hint("distinguish them with `names`"));
             }
             views.push(NamedImage { name, picture });
         }

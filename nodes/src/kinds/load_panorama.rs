@@ -110,8 +110,8 @@ impl Kind for LoadPanorama {
         }
         let (image, light) = match p.photograph_ev {
             Some(_) if !linear => {
-                let error = NodeError::new("the file holds display colours, which are a photograph already");
-                return Err(error.at("photograph_ev").hint("leave it away, or load OpenEXR or Radiance"));
+                let error = NodeError::new("the file holds display colours, which are already a photograph");
+                return Err(error.at("photograph_ev").hint("leave it out, or load OpenEXR or Radiance"));
             }
             Some(ev) => photograph(Image::from_samples(width, height, 3, samples), ev, cx.up(), &mut notes),
             None if linear => {
@@ -145,7 +145,7 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
     if (whole - degrees).abs() > 1e-6 * column {
-        let text = format!("display colours turn by whole columns: by {whole:.4} degrees for {degrees}");
+        let text = format!("display colours are rotated by whole columns: by {whole:.4} degrees instead of {degrees}");
         notes.decision("turned-by-columns", text);
     }
     whole
@@ -166,13 +166,13 @@ fn fill_holes(
     }
     let height = pixels.len() / width;
     if open.len() == pixels.len() {
-        notes.warning("no-light", "the panorama is transparent everywhere, and so black");
+        notes.warning("no-light", "the panorama is transparent everywhere: it is black");
         return Ok(None);
     }
     let share = open.iter().map(|at| pixel_solid_angle(width, height, at / width)).sum::<f64>() / (4.0 * PI);
     notes.decision(
         "holes",
-        format!("{:.2} % of the sphere is transparent; filled from around it", 100.0 * share),
+        format!("{:.2} % of the sphere is transparent; filled from the surroundings", 100.0 * share),
     );
     // Pixels of additive light, as renderers write glows. Their content is lost here, which is reported.
     let lost = open.iter().filter(|at| pixels[**at][..3].iter().any(|v| *v > 0.0)).count();
@@ -198,7 +198,7 @@ fn fill_holes(
 /// The photograph that a camera would take of the light, and the light at the exposure of the camera.
 fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (Picture, Image<Linear>) {
     let ev0 = ev0_scale(&light).unwrap_or_else(|| {
-        notes.warning("no-light", "the panorama is black; there is nothing to meter");
+        notes.warning("no-light", "the panorama is black; its exposure cannot be measured");
         1.0
     });
     let scale = ev0 * num::f64::exp2(ev);
@@ -213,7 +213,7 @@ fn photograph(mut light: Image<Linear>, ev: f64, up: Up, notes: &mut Notes) -> (
     let (all, kept) = (energy(f32::MAX), energy(1.0));
     let percent = |part: f64, of: f64| if of > 0.0 { 100.0 * part / of } else { 100.0 };
     let text = format!(
-        "light was multiplied by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
+        "light was scaled by {scale:.3e} and clipped at white, which keeps {:.1} % of its power and {:.1} % of the irradiance of the ground",
         percent(kept.power, all.power),
         percent(kept.ground, all.ground)
     );
@@ -420,7 +420,7 @@ mod tests {
         let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
         assert!(image.rgb(1, 0).iter().zip([200.0, 100.0, 50.0]).all(|(v, c)| (v * 255.0 - c).abs() < 1e-3));
         assert_eq!(out.pano.alpha.samples[..2], [1.0, 0.2]);
-        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a photograph already");
-        assert!(error.to_string().contains("photograph already"), "{error}");
+        let error = load(&bytes, Some(0.0)).map(|_| ()).expect_err("is a already a photograph");
+        assert!(error.to_string().contains("already a photograph"), "{error}");
     }
 }

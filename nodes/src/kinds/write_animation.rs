@@ -52,7 +52,7 @@ impl Kind for WriteAnimation {
         match p.path.extension().as_str() {
             "png" | "apng" => Ok(()),
             other => Err(NodeError::new(format!("cannot write an animation as `.{other}`")).at("path").hint(
-                "end the path in `.png` or `.apng`; for single frames there is WriteImage with `{frame}`",
+                "end the path in `.png` or `.apng`; for single frames use WriteImage with `{frame}`",
             )),
         }
     }
@@ -93,7 +93,7 @@ impl Kind for WriteAnimation {
                         "frame 0 is {}x{}x{}, frame {index} is {}x{}x{}",
                         a.0, a.1, a.2, b.0, b.1, b.2
                     );
-                    return Err(NodeError::new(text).at("frames").hint("frames are of one size"));
+                    return Err(NodeError::new(text).at("frames").hint("all frames must have the same size"));
                 }
                 rasters.push(raster);
             }

@@ -35,7 +35,7 @@ engine::params! {
         /// Names of the layers, in the order of the wires: B, R0, R1, S, O, M, Z, N, variance, or others. The
         /// default is the names of the outputs that the wires come from.
         names: Vec<String> = Vec::new(), other("[\"B\"]");
-        /// Whether to write colours as 16-bit floats: half the size, three digits; samples that overflow are
+        /// True to write colours as 16-bit floats: half the size, three digits; samples that overflow are
         /// counted. Data (depth, masks, variance) stays in 32 bits.
         half: bool = false, other("true");
         /// Encoding of the written colours. `Linear` un-premultiplies display-encoded colours, decodes them and
@@ -80,7 +80,7 @@ impl Kind for WriteExr {
             let word =
                 !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-'));
             if !word || p.names[..index].contains(name) {
-                return Err(NodeError::new(format!("`{name}` cannot name a layer, or names two"))
+                return Err(NodeError::new(format!("`{name}` is empty, has other characters, or names two layers"))
                     .at("names")
                     .hint("use letters, digits, `-` and `_`, and each name once"));
             }
@@ -160,7 +160,7 @@ impl Kind for WriteExr {
                 exr::write_for(width, height, channels, &encodings.join(" "), recipe, stretch)?;
             if clamped > 0 {
                 let what =
-                    format!("samples of `{}` exceed 65504, the largest half, and became it", view.name);
+                    format!("samples of `{}` exceed 65504, the largest half, and were clamped to it", view.name);
                 notes.count("half-overflow", clamped, what);
             }
             files.push(FileBytes { view: view.name.clone(), bytes });
@@ -189,9 +189,9 @@ fn layer_names<'a>(
         (0, layers, 0) if layers == outputs.len() => {
             match outputs.iter().enumerate().find(|(i, name)| outputs[..*i].contains(name)) {
                 Some((_, twice)) => {
-                    Err(NodeError::new(format!("two layers come from outputs named `{twice}`"))
+                    Err(NodeError::new(format!("two layers come from outputs called `{twice}`"))
                         .at("layers")
-                        .hint("tell them apart with `names`"))
+                        .hint("distinguish them with `names`"))
                 }
                 None => Ok(outputs.to_vec()),
             }
@@ -204,7 +204,7 @@ fn layer_names<'a>(
 }
 
 impl WriteExr {
-    /// Whether a picture is decoded before it is written.
+    /// True if a picture is decoded before it is written.
     fn decodes(&self, picture: &Picture) -> bool {
         self.encoding == WrittenEncoding::Linear && matches!(picture, Picture::Srgb(_))
     }
@@ -219,10 +219,10 @@ fn report_encodings(layers: &[(&str, &Images)], notes: &mut Notes) {
     let encoded = of(|picture| matches!(picture, Picture::Srgb(_)));
     let linear = of(|picture| matches!(picture, Picture::Linear(_)));
     if !encoded.is_empty() && !linear.is_empty() {
-        let text = format!("display-encoded layers ({encoded}) stand beside linear ones ({linear})");
+        let text = format!("display-encoded layers ({encoded}) are mixed with linear ones ({linear})");
         notes.warning(
             "mixed-encodings",
-            format!("{text}, and other programs take all as linear; `encoding: Linear` decodes them"),
+            format!("{text}, and other programs treat all as linear; `encoding: Linear` decodes them"),
         );
     }
 }
@@ -268,7 +268,7 @@ fn add_layer(
             }
         })?;
         if samples.iter().any(|v| v.is_nan()) {
-            return Err(NodeError::new(format!("channel `{full}` holds what is not a number")).at("layers"));
+            return Err(NodeError::new(format!("channel `{full}` contains NaN")).at("layers"));
         }
         to.push((Channel { name: full, samples }, depth));
     }
@@ -378,7 +378,7 @@ mod tests {
         assert_eq!(
             told(WrittenEncoding::Keep, &all, layers()),
             [
-                "display-encoded layers (`B`) stand beside linear ones (`R0`, `R1`), and other programs take all as \
+                "display-encoded layers (`B`) are mixed with linear ones (`R0`, `R1`), and other programs treat all as \
               linear; `encoding: Linear` decodes them"
             ]
         );

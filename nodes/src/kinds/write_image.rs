@@ -72,14 +72,14 @@ impl Kind for WriteImage {
             other => {
                 return Err(NodeError::new(format!("cannot write pictures as `.{other}`"))
                     .at("path")
-                    .hint("end the path in `.png` or `.jpg`; for float data there is WriteExr"));
+                    .hint("end the path in `.png` or `.jpg`; for float data use WriteExr"));
             }
         };
         if p.bits != 8 && p.bits != 16 {
-            return Err(NodeError::new("a sample has 8 or 16 bits").at("bits"));
+            return Err(NodeError::new("`bits` must be 8 or 16").at("bits"));
         }
         if jpeg && p.bits == 16 {
-            return Err(NodeError::new("a JPEG has 8 bits a sample")
+            return Err(NodeError::new("a JPEG has 8 bits per sample")
                 .at("bits")
                 .hint("end the path in `.png`"));
         }

@@ -55,7 +55,7 @@ pub(crate) struct Shown {
     pub ev: f64,
     /// Linear light, as stored in the photograph.
     pub rgb: [f32; 3],
-    /// Whether the pixel is clipped.
+    /// True if the pixel is clipped.
     pub clipped: bool,
 }
 

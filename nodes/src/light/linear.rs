@@ -37,7 +37,7 @@ pub struct LinearPixels {
     pub broken: u64,
     /// Number of samples below 0, which count as 0.
     pub negative: u64,
-    /// Whether white is clipped. Display codes end at white; linear light is clipped at white only if no sample
+    /// True if white is clipped. Display codes end at white; linear light is clipped at white only if no sample
     /// lies above it: a picture with larger values is not clipped anywhere.
     pub ceiling: bool,
 }

@@ -12,9 +12,9 @@ use crate::types::{Data, Image, Linear, Panorama, Picture, Srgb};
 engine::choices! {
     /// Content of pixels where nothing was seen.
     pub enum Holes {
-        /** What surrounds them, smoothly (push-pull over a pyramid; Gortler et al. 1996, section 3.4). */
+        /// A smooth fill from the surroundings (push-pull over a pyramid; Gortler et al. 1996, section 3.4).
         PushPull,
-        /** Black. */
+        /// Black.
         Black,
     }
 }
@@ -28,7 +28,7 @@ pub(crate) struct Found {
     pub premultiplied: Vec<[f32; 4]>,
     /// Width in pixels; the height is half of it.
     pub width: usize,
-    /// Whether the panorama is to be display-encoded.
+    /// True if the panorama is to be display-encoded.
     pub encoded: bool,
     /// As in [`Panorama`].
     pub up: Up,
@@ -54,7 +54,7 @@ pub(crate) fn finish(
         notes.degraded("nothing-seen", "nothing is seen in any direction: the panorama is a hole");
     } else if open == alpha.len() {
         let text = format!(
-            "alpha reaches {most:.2e}, nowhere the `hole_alpha` of {hole_alpha}: all counts as holes"
+            "the largest alpha is {most:.2e}, below `hole_alpha` {hole_alpha}: all pixels count as holes"
         );
         notes.warning("little-seen", text);
     } else if open > 0 {
@@ -65,7 +65,7 @@ pub(crate) fn finish(
                 holes * equirect::pixel_solid_angle(width, height, y)
             })
             .sum();
-        let text = if how == Holes::PushPull { "filled from around them" } else { "left black" };
+        let text = if how == Holes::PushPull { "filled from the surroundings" } else { "left black" };
         let percent = 100.0 * share / (4.0 * PI);
         notes.decision("holes", format!("{percent:.2} % of the sphere was not seen; {text}"));
     }
@@ -118,7 +118,7 @@ pub(crate) fn check_width(width_px: u32) -> Result<(), NodeError> {
     if width_px.is_multiple_of(2) {
         return Ok(());
     }
-    Err(NodeError::new(format!("a panorama {width_px} px wide has no height"))
+    Err(NodeError::new(format!("a panorama of {width_px} px has no integer height"))
         .at("width_px")
         .hint("give an even number"))
 }

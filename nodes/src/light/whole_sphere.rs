@@ -27,7 +27,7 @@ pub(crate) fn open(
     let (width, height, _) = picture.size();
     if width != 2 * height {
         let what = format!(
-            "the picture is {width}x{height}, a whole panorama is twice as wide as high: it is stretched over the whole sphere; pad it to 2:1, transparent where nothing was seen"
+            "the picture is {width}x{height}, not twice as wide as high, and is stretched over the whole sphere; pad it to 2:1 with transparent pixels"
         );
         notes.warning("not-two-to-one", what);
     }
@@ -42,7 +42,7 @@ pub(crate) fn whole(name: &str, bytes: &[u8], picture: Picture, notes: &mut Note
     let Some(placement) = part.place(name, [width, height])? else { return Ok(picture) };
     let ([w, h], [x, y]) = (placement.size, placement.at);
     let what = format!(
-        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, as the file says (GPano); nothing is known of the rest"
+        "the {width}x{height} pixels are a part of a sphere of {w}x{h}, at {x}, {y}, by its metadata (GPano); the rest is unknown"
     );
     notes.decision("part-of-a-sphere", what);
     Ok(laid(&picture, placement))
@@ -60,13 +60,13 @@ fn tell(part: &GPano, notes: &mut Notes) {
     if part.tilt.iter().any(|degrees| degrees.abs() > 0.5) {
         let [pitch, roll] = part.tilt;
         let what = format!(
-            "the file says that it is pitched by {pitch} and rolled by {roll} degrees (GPano), which is not undone: its rows are taken for level"
+            "the metadata says that the file is pitched by {pitch} and rolled by {roll} degrees (GPano), which is ignored: its rows are treated as level"
         );
         notes.warning("tilt-ignored", what);
     }
     if !part.projection.eq_ignore_ascii_case("equirectangular") {
         let what = format!(
-            "the file says that its projection is {} (GPano); it is taken for equirectangular",
+            "the metadata says that the projection is {} (GPano); it is treated as equirectangular",
             part.projection
         );
         notes.warning("projection-ignored", what);
@@ -113,7 +113,7 @@ pub(crate) fn linear(name: &str, picture: &Picture) -> Result<Vec<f32>, Error> {
         match *pixel {
             [y] | [y, _] => rgb.extend([y; 3]),
             [r, g, b] | [r, g, b, _] => rgb.extend([r, g, b]),
-            _ => return Err(Error::Mismatch(format!("{} channels are no colours", image.channels))),
+            _ => return Err(Error::Mismatch(format!("{} channels are not colours", image.channels))),
         }
     }
     Ok(rgb)
@@ -129,7 +129,7 @@ pub(crate) fn premultiplied(picture: &Picture, notes: &mut Notes) -> Result<Vec<
             [y, a] => ([y; 3], a),
             [r, g, b] => ([r, g, b], 1.0),
             [r, g, b, a] => ([r, g, b], a),
-            _ => return Err(Error::Mismatch(format!("{channels} channels are no colours"))),
+            _ => return Err(Error::Mismatch(format!("{channels} channels are not colours"))),
         };
         let [r, g, b] = colour.map(|v| v.clamp(0.0, f32::MAX));
         pixels.push([r, g, b, a.clamp(0.0, 1.0)]);

@@ -115,7 +115,7 @@ impl Artifact for Object {
                 material: from.u32()?,
             };
             if !primitive.is_consistent() || primitive.material as usize >= object.materials.len() {
-                return Err(Corrupt("a primitive that names what it does not have".to_owned()));
+                return Err(Corrupt("a primitive that refers to data that does not exist".to_owned()));
             }
             object.primitives.push(primitive);
         }

@@ -68,11 +68,11 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         findings: Vec::new(),
     };
     for (id, holds, text) in [
-        ("no-triangles", found.triangles == 0, "nothing that light could meet".to_owned()),
+        ("no-triangles", found.triangles == 0, "no surface".to_owned()),
         (
             "no-colours",
             found.triangles > 0 && !found.coloured,
-            "no vertex colours: light that it bounces will be grey".to_owned(),
+            "no vertex colours: reflected light will be grey".to_owned(),
         ),
         (
             "odd-edges",
@@ -82,7 +82,7 @@ pub fn inspect(mesh: &Mesh) -> Inspection {
         (
             "floor-unclear",
             found.triangles > 0 && found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "which way is up cannot be told from the surface".to_owned(),
+            "the up axis cannot be determined from the surface".to_owned(),
         ),
     ] {
         if holds {

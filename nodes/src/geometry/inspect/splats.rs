@@ -230,7 +230,7 @@ fn findings(
         (
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
-            format!("half of the splats are smaller than {relative:.1e} of the scene: nothing would be seen"),
+            format!("half of the splats are smaller than {relative:.1e} of the scene: nothing would be visible"),
         ),
         (
             "needles",
@@ -268,7 +268,7 @@ fn findings(
         (
             "floor-unclear",
             found.floor.as_ref().is_none_or(|floor| !floor.is_clear()),
-            "which way is up cannot be told from the splats; look at a render".to_owned(),
+            "the up axis cannot be determined from the splats; look at a render".to_owned(),
         ),
     ];
     list.into_iter().filter(|(_, holds, _)| *holds).map(|(id, _, text)| Finding { id, text }).collect()

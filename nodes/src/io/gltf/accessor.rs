@@ -85,7 +85,7 @@ impl File {
                 let at = number(index, index_type, false) as usize * width;
                 let slot = values
                     .get_mut(at..at + width)
-                    .ok_or_else(|| wrong("changes an element that there is not"))?;
+                    .ok_or_else(|| wrong("changes an element that does not exist"))?;
                 for (value, raw) in slot.iter_mut().zip(change.chunks_exact(data.size())) {
                     *value = number(raw, data, accessor.normalized());
                 }

@@ -77,7 +77,7 @@ pub fn believed(file: &str, count: u64, held: usize, densest: f64) -> Result<usi
     {
         return Ok(count);
     }
-    let what = format!("{count} splats are promised, which {held} bytes cannot hold");
+    let what = format!("the header claims {count} splats, which {held} bytes cannot hold");
     Err(Error::format(file, what))
 }
 

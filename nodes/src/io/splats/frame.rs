@@ -9,15 +9,15 @@ use super::sh_turn::ShTurn;
 engine::choices! {
     /// Up axis of a file of splats.
     pub enum Frame {
-        /** What the format says: +y for SPZ and glTF, nothing for the others, which stay as stored. */
+        /// +y for SPZ and glTF, which define it; other formats are used as stored.
         ByFormat,
-        /** As stored, whatever the format says. */
+        /// As stored, for any format.
         AsStored,
-        /** +y is up. */
+        /// +y is up.
         YUp,
-        /** -y is up, as COLMAP often gives. */
+        /// -y is up, as in many COLMAP models.
         YDown,
-        /** +z is up. */
+        /// +z is up.
         ZUp,
     }
 }
@@ -139,7 +139,7 @@ impl Placing {
         let scale = if metres && self.frame != Frame::AsStored { 1.0 / self.metres_per_unit } else { 1.0 };
         let Some(up) = self.frame.up(declared) else {
             let text =
-                declared.map(|up| format!("is used as stored, though its format has {} up", up.name()));
+                declared.map(|up| format!("is used as stored, although its format has {} up", up.name()));
             return (None, text);
         };
         let matrix = from_y_up(self.up) * from_y_up(up).transpose();

@@ -128,7 +128,7 @@ struct Buffer {
 impl Document {
     /// Reads the JSON of a file.
     pub fn read(file: &str, json: &[u8]) -> Result<Self, Error> {
-        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("no glTF: {e}")))
+        serde_json::from_slice(json).map_err(|e| Error::format(file, format!("not glTF: {e}")))
     }
 
     /// The files that contain its buffers.
@@ -315,11 +315,11 @@ fn primitive(
             // The default of the extension.
             None | Some("cameraDistance") => {
                 let text =
-                    format!("`{file}` was made for sorting by distance: `SplatRender(sort: Distance)`");
+                    format!("`{file}` was made for sorting by distance: use `SplatRender(sort: Distance)`");
                 notes.decision("sorting-method", text);
             }
             Some(other) => {
-                let text = format!("`{file}` asks for the sorting method `{other}`, which is not known here");
+                let text = format!("`{file}` requires the sorting method `{other}`, which is unknown");
                 notes.warning("sorting-method", text);
             }
         }

@@ -143,7 +143,7 @@ impl Loaded {
 /// Warns about bytes after the end of the data.
 fn left_over(file: &str, bytes: usize, notes: &mut Notes) {
     if bytes > 0 {
-        let text = format!("`{file}` goes on for {bytes} bytes after its splats; they are passed over");
+        let text = format!("`{file}` has {bytes} bytes after its splats, which are ignored");
         notes.warning("bytes-left-over", text);
     }
 }
@@ -184,7 +184,7 @@ pub fn from_bytes(
     let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
     let reading = Reading { cx, placing, max_extent: 1e6 };
     let mut notes = Notes::none();
-    let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` beside it")));
+    let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));
     let loaded = load(file, bytes, &alone, &reading, &mut notes)?;
     report(file, &loaded, false, &mut notes)?;
     Ok((assemble(vec![loaded], cx)?, notes))
@@ -201,7 +201,7 @@ pub(crate) fn assemble(mut files: Vec<Loaded>, cx: &Context) -> Result<Splats, N
     ] {
         if differs {
             let what = format!("some of the files say that they {what} and some do not");
-            return Err(NodeError::new(what).at("more").hint("load them as scenes of their own"));
+            return Err(NodeError::new(what).at("more").hint("load them as separate scenes"));
         }
     }
     files.iter_mut().for_each(|file| file.widen(sh_degree));

@@ -131,7 +131,7 @@ pub(super) fn load(
     }
     if !layout.unused.is_empty() {
         let text =
-            format!("`{file}`: {} fields are passed over: {}", layout.unused.len(), some(&layout.unused));
+            format!("`{file}`: {} fields are ignored: {}", layout.unused.len(), some(&layout.unused));
         notes.decision("fields-passed-over", text);
     }
     let turn = reading.turn(file, None, false, notes);

@@ -129,7 +129,7 @@ impl Meta {
         struct Version {
             version: Option<u32>,
         }
-        let wrong = |e: serde_json::Error| Error::format(file, format!("no SOG `meta.json`: {e}"));
+        let wrong = |e: serde_json::Error| Error::format(file, format!("not a SOG `meta.json`: {e}"));
         let version: Version = serde_json::from_slice(bytes).map_err(wrong)?;
         let meta = match version.version {
             None | Some(1) => {
@@ -153,7 +153,7 @@ impl Meta {
         let inside =
             |name: &str| Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
         if let Some(name) = meta.files().find(|name| !inside(name)) {
-            return Err(Error::format(file, format!("names `{name}`, which does not lie beside it")));
+            return Err(Error::format(file, format!("refers to `{name}`, which is not in the same folder")));
         }
         Ok(meta)
     }
@@ -235,7 +235,7 @@ impl Pixels {
     fn read(name: &str, bytes: &[u8], at_least: u64) -> Result<Self, Error> {
         let wrong = |what: String| Error::format(name, what);
         let mut decoder = image_webp::WebPDecoder::new(std::io::Cursor::new(bytes))
-            .map_err(|e| wrong(format!("no WebP picture: {e}")))?;
+            .map_err(|e| wrong(format!("not a WebP picture: {e}")))?;
         let (width, height) = decoder.dimensions();
         let area = u64::from(width) * u64::from(height);
         if area < at_least {
@@ -244,7 +244,7 @@ impl Pixels {
             )));
         }
         if area > 64 * 64 + DENSEST * bytes.len() as u64 {
-            return Err(wrong(format!("{width}x{height} pixels in {} bytes are not believed", bytes.len())));
+            return Err(wrong(format!("{width}x{height} pixels are impossible in {} bytes", bytes.len())));
         }
         if decoder.is_lossy() || decoder.is_animated() {
             return Err(wrong("only still, lossless WebP holds the numbers of a SOG file".to_owned()));

@@ -95,7 +95,7 @@ impl Format {
                 bytes.len()
             ),
             None => {
-                "no known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)".to_owned()
+                "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)".to_owned()
             }
         };
         Err(Error::format(file, what))

@@ -267,7 +267,7 @@ impl<'a> Lit<'a> {
         self.sky.radiance(toward)
     }
 
-    /// Whether something stands between a point and the sky in a direction.
+    /// True if something stands between a point and the sky in a direction.
     pub(super) fn hidden(&self, from: DVec3, toward: DVec3) -> bool {
         self.caster.blocked(from, toward, FAR)
     }

@@ -83,7 +83,7 @@ impl Lights {
         let all: f64 = (0..pixels.rgb.len()).map(own).sum();
         if lost > UNUSED * all {
             let text = format!(
-                "the exposures are darker than the panorama in {} pixels above `threshold`, which takes {:.1} % of its power; `blend: Ramp` takes none",
+                "the exposures are darker than the panorama in {} pixels above `threshold`, which removes {:.1} % of its power; `blend: Ramp` removes none",
                 self.darker.len(),
                 100.0 * lost / all
             );
@@ -116,11 +116,11 @@ impl Lights {
             let without = match pixels.rgb.iter().zip(log2_gain).filter(clipped).count() {
                 0 => String::new(),
                 _ if !pixels.ceiling => String::new(),
-                n => format!("; {n} that are get none: is `base` the panorama that it was predicted for?"),
+                n => format!("; {n} clipped pixels get none: was the prediction made for `base`?"),
             };
             notes.warning(
                 "prediction-unused",
-                format!("{percent:.1} % of the predicted light is of {count} pixels that are not clipped above `threshold`, and is left out; where `white` of the prediction is lower, `threshold` should be below it{without}"),
+                format!("{percent:.1} % of the predicted light belongs to {count} pixels below `threshold` and is left out; `threshold` should be below `white` of the prediction{without}"),
             );
         }
     }
@@ -155,7 +155,7 @@ impl Lights {
         }
         if short > 0 {
             let text = format!(
-                "{short} lights are barely clipped and get less than was predicted; a lower `threshold` gives all"
+                "{short} lights are barely clipped and get less than the prediction; a lower `threshold` gives all of it"
             );
             notes.warning("flux-held-back", text);
         }

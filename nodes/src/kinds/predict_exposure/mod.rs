@@ -50,26 +50,16 @@ engine::params! {
         /// Exposures to derive, in stops below the panorama (which is EV 0), in any order; for `Photographs`, the
         /// exposures of the files, in their order.
         evs: Vec<f64> = vec![-6.0, -3.0], range(-24.0, -0.1), unit("EV"), other("[-9.0, -4.0]");
-        /// Method of estimating hidden light. `Learned`: total amount by a regression on the visible light, and its
-        /// distribution by small networks. `Region`: by a regression on nine numbers of each connected clipped
-        /// region. `Manual`: lights given by the user, each by azimuth (degrees clockwise from forward, seen from
-        /// above; -360 to 360), elevation (degrees above the horizon; -90 to 90), radius of the disc of clipped
-        /// pixels it acts on (degrees; above 0 to 180), and stops by which these are brighter than they appear (0
-        /// to 24); the narrowest light that covers a pixel is used, and pixels without one stay clipped.
-        /// `Photographs`: measured from darker photographs of the same scene and size, one file for each of `evs`,
-        /// which are rotated with the panorama; OpenEXR and Radiance files are not clipped. `Skip`: clipped pixels
-        /// stay clipped. `FluxKontext`: by a diffusion model with weights of your own (feature `learned`);
-        /// `strength` of the LoRA 0 to 4, `steps` 1 to 200 for each exposure, `guidance` 0 to 20, `width_px` at
-        /// most 64 to 4096.
+        /// Method of estimating hidden light.
         method: Method = Method::Learned, other("Skip");
         /// Value from which a channel counts as clipped, in linear light with white at 1. Lower it for pictures
         /// whose whites end below 1, as those of splats and of video may.
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` that replace the built-in ones: a file written by `train-exposure`.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
-        /// Whether to run the method even if no pixel is clipped. Only clipped pixels get a gain, so this does not
+        /// True to run the method even if no pixel is clipped. Only clipped pixels get a gain, so this does not
         /// change the light; it serves to measure the cost of the method.
-        force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
+        force: bool = false, inert("without clipped pixels no gain is applied");
     }
 }
 
@@ -133,7 +123,7 @@ impl Kind for PredictExposure {
             let text = format!("{} exposures are more than {MOST_EXPOSURES}", evs.len());
             return Err(NodeError::new(text)
                 .at("evs")
-                .hint("list fewer; the gain map holds the light of all"));
+                .hint("list fewer exposures; the gain map contains all of the light"));
         }
         if evs.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(NodeError::new("an exposure is listed twice").at("evs").hint("name each one once"));
@@ -181,7 +171,7 @@ impl Kind for PredictExposure {
         let nothing = || (vec![0.0; mask.len()], Vec::new());
         let unseen = |notes: &mut Notes| {
             let text =
-                "nothing but clipped pixels and black: there is no visible light to judge hidden light by";
+                "all pixels are clipped or black: hidden light cannot be estimated without visible light";
             notes.warning("nothing-visible", text);
             nothing()
         };
@@ -234,19 +224,19 @@ impl Kind for PredictExposure {
         books.enter_panorama("predicted", pixels.width, &predicted, cx)?;
         drop(predicted);
         if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
-            let text = "the panorama holds linear light and none above white, so what is white counts as clipped; if that is all the light there is, use `method: Skip`";
+            let text = "the panorama holds linear light without values above white, so white pixels count as clipped; if they are not, use `method: Skip`";
             notes.warning("linear-white", text);
         }
         let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
         if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
-            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels stay as they are"));
+            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels are not changed"));
         }
         // With any method, the report lists the regions of the panorama.
         let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
         if regions.iter().any(|region| region.sun) {
             notes.decision(
                 "sun",
-                "a small clipped region above the horizon, in a sky bluer than the ground, is taken for the sun",
+                "a small clipped region above the horizon, in a sky bluer than the ground, counts as the sun",
             );
         }
         notes.count("clipped-regions", regions.len() as u64, "clipped regions");
@@ -283,7 +273,7 @@ fn learned(
 ) -> Result<Option<network::Network>, NodeError> {
     if !matches!(params.method, Method::Learned) {
         if let Some(file) = &params.weights {
-            let text = format!("`{}` is not read: `weights` are of `method: Learned`", file.0);
+            let text = format!("`{}` is ignored: `weights` belong to `method: Learned`", file.0);
             notes.warning("weights-unused", text);
         }
         return Ok(None);
@@ -409,7 +399,7 @@ fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Not
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
         let text = format!(
-            "{count} white pixels are more than half transparent; they are not taken for clipped, and stay as they are"
+            "{count} white pixels are more than half transparent; they do not count as clipped and are not changed"
         );
         notes.decision("white-unseen", text);
     }
@@ -420,7 +410,7 @@ fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Not
 fn tell_coarse(width: usize, notes: &mut Notes) {
     if width < COARSE {
         let text = format!(
-            "a pixel of the panorama is {:.1} degrees wide; a smaller light may clip nowhere, and is then not found: {COARSE} columns or more show most",
+            "a pixel of the panorama is {:.1} degrees wide; smaller lights may not clip and are then missed: use {COARSE} columns or more",
             360.0 / width as f64
         );
         notes.decision("coarse", text);
@@ -432,7 +422,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
         format!(
-            "no pixel is clipped: the brightest reaches {brightest:.3} of white, and clipping is told from `white`, {}, on",
+            "no pixel is clipped: the brightest has {brightest:.3} of white, and pixels count as clipped from `white`, {}",
             params.white
         )
     } else {
@@ -445,7 +435,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
         && !emitters.is_empty()
         && !params.force
     {
-        let text = format!("none of the {} stated lights acts: {why}", emitters.len());
+        let text = format!("none of the {} given lights has an effect: {why}", emitters.len());
         notes.warning(
             "nothing-to-light",
             format!("{text}; a lower `white` lets more pixels count as clipped"),
@@ -453,7 +443,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
         return;
     }
     let then =
-        if params.force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+        if params.force { "the method runs anyway, because of `force`" } else { "nothing is predicted" };
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 

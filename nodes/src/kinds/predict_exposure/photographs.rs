@@ -36,7 +36,7 @@ pub(super) fn check(files: &[InputFile], evs: &[f64]) -> Result<(), NodeError> {
         return Ok(());
     }
     let text = format!("{} photographs for {} exposures", files.len(), evs.len());
-    Err(NodeError::new(text).at("method").hint("list in `evs` the exposure of each file, in the same order"))
+    Err(NodeError::new(text).at("method").hint("list the exposure of each file in `evs`, in the same order"))
 }
 
 struct Photograph {
@@ -45,7 +45,7 @@ struct Photograph {
     /// Linear light.
     rgb: Vec<[f32; 3]>,
     alpha: Vec<f32>,
-    /// Whether the file holds linear light, which is not clipped at white.
+    /// True if the file holds linear light, which is not clipped at white.
     linear: bool,
 }
 
@@ -144,7 +144,7 @@ impl Photographs {
         }
         let columns = pano.turned_deg / 360.0 * pano.alpha.width as f64;
         if (columns - columns.round()).abs() > 1e-6 {
-            let text = "the panorama was turned by part of a column and its photographs by whole ones, so they lie up to half a pixel apart";
+            let text = "the panorama was rotated by a fraction of a column and its photographs by whole columns, so they differ by up to half a pixel";
             notes.warning("photographs-between-pixels", text);
         }
         taken.sort_by(|a, b| a.ev.total_cmp(&b.ev));
@@ -236,7 +236,7 @@ impl Photographs {
         tell_still(still, notes);
         let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
         if unseen > 0 {
-            let text = format!("{unseen} clipped pixels are holes in every photograph and stay as they are");
+            let text = format!("{unseen} clipped pixels are holes in every photograph and are not changed");
             notes.warning("photographs-have-holes", text);
         }
         Ok(rows.iter().flatten().map(|gain| gain.map_or(0.0, |(gain, _)| gain)).collect())
@@ -304,7 +304,7 @@ pub(super) fn tell_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",
-            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; a darker one in `evs` would tell more"),
+            format!("{pixels} pixels are clipped even in the darkest exposure that shows them, so their gain is a lower bound; add a darker one to `evs`"),
         );
     }
 }

@@ -39,7 +39,7 @@ fn what_shapes_no_difference_is_reported() {
         (difference(), None),
         (lambda, None),
         (ShadowRatio { form: RatioForm::Stable, ..set.clone() }, None),
-        (set, Some("`form: Difference` takes no ratio, so `s_max`, `gamma` has no say; `lambda` has")),
+        (set, Some("`form: Difference` has no ratio and ignores `s_max`, `gamma`; use `lambda`")),
     ] {
         let inputs = In { without: image(&[0.5; 4]), with: image(&[0.4; 4]) };
         let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");

@@ -29,7 +29,7 @@ pub(super) struct Columns {
     pub(super) up: Vec<[f64; 3]>,
     /// Hits on surfaces that face down.
     pub(super) down: Vec<[f64; 3]>,
-    /// Whether any surface there is steeper than ground may be.
+    /// True if any surface there is steeper than ground may be.
     steep: bool,
 }
 
@@ -98,12 +98,12 @@ impl Felt {
                     return Err(under_a_shell([reach, under, upper].map(|v| v * cx.metres_per_unit())));
                 }
                 let text =
-                    "no face under the object looks up, so those that look down are taken for the ground";
+                    "no face below the object faces up, so faces that face down count as ground";
                 notes.warning("ground-looks-down", text);
                 Ok(down)
             }
             (true, true) if steep => {
-                let hint = "move the pose to where it is less steep, or leave `snap` out and place the object by its pose";
+                let hint = "move the pose to less steep ground, or place the object by its pose without `snap`";
                 Err(NodeError::new("the ground under the object is steeper than 45 degrees")
                     .at("pose")
                     .hint(hint))
@@ -136,7 +136,7 @@ impl Felt {
 fn under_a_shell([reach, under, upper]: [f64; 3]) -> NodeError {
     let side = if under > 0.0 { "above" } else { "below" };
     let text = format!(
-        "nothing within {reach} m of the object's foot looks up: what is {:.2} m {side} it is the underside of a shell, whose \
+        "no surface within {reach} m of the object's foot faces up: the one {:.2} m {side} it is the underside of a shell, whose \
          upper side is {upper:.2} m above it",
         under.abs()
     );

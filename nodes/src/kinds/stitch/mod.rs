@@ -27,7 +27,7 @@ engine::params! {
         /// Width of the panorama, even; the height is half of it.
         width_px: u32 = 2048, range(2, 16384), unit("px"), other("64"),
             knob(Resolution, "256", "512", "1024", "2048");
-        /// Whether to limit the width to twice the side of the largest view in pixels, which is the resolution of
+        /// True to limit the width to twice the side of the largest view in pixels, which is the resolution of
         /// the views of a cube: for views whose size `fit-probe` chose.
         as_views: bool = false, other("true");
         /// Content of pixels where nothing was seen. Alpha marks these pixels however they are filled.
@@ -277,12 +277,12 @@ impl Kind for Stitch {
             let apart = (view.camera.eye() - origin).length();
             if apart > 1e-6 * (1.0 + origin.length()) {
                 let what = format!(
-                    "views `{}` and `{}` are seen from points {apart:.4} apart",
+                    "views `{}` and `{}` have positions {apart:.4} apart",
                     first.camera.name, view.camera.name
                 );
                 return Err(NodeError::new(what)
                     .at("views")
-                    .hint("a panorama is seen from one point: use `CubeRig`"));
+                    .hint("all views of a panorama need the same position: use `CubeRig`"));
             }
             if view.colour.encoding() != first.colour.encoding() {
                 return Err(NodeError::new("the views differ in encoding").at("views"));

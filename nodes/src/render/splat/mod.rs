@@ -95,9 +95,9 @@ impl Work {
             cx.count("splat_evaluations_f64", self.evaluations);
         }
         cx.count("splat_blends", self.blends);
-        notes.count("degenerate-splats", self.degenerate, "footprints are no finite ellipse; left out");
+        notes.count("degenerate-splats", self.degenerate, "footprints are not finite ellipses and were left out");
         let text =
-            format!("colours are above {:e}, where white is 1, or overflow; held at that", sh::LARGEST);
+            format!("colours exceed {:e} (white is 1) or overflow and were clamped to it", sh::LARGEST);
         notes.count("colours-held", self.held, text);
         // A scene and an eye in different frames give an empty picture, not an error.
         if self.projected * 100 < splats as u64 {
@@ -106,12 +106,12 @@ impl Work {
                 format!("most have an opacity of 0 or below `alpha_cut`, {:.6}", settings.alpha_cut)
             } else if most(self.behind) {
                 format!(
-                    "most lie behind or nearer than `near`, {near} world units: is that too far for this scene, or does \
+                    "most lie behind the eye or nearer than `near`, {near} world units: is `near` too large for this scene, or does \
                      the eye look away from it?"
                 )
             } else if self.degenerate > self.projected {
                 format!(
-                    "the footprints of {} are no finite ellipse: are their scales meant?",
+                    "the footprints of {} are not finite ellipses: are their scales correct?",
                     self.degenerate
                 )
             } else {

@@ -7,34 +7,52 @@ use crate::types::Splats;
 engine::choices! {
     /// Pixels at which a splat is evaluated.
     pub enum Bounds {
-        /** Where its alpha reaches the cut: the exact ellipse, closed. */ Exact,
-        /** As the INRIA rasterizer: every tile that a square of 3 standard deviations touches. */ Inria,
-        /** All. */ None,
+        /// Pixels where its alpha reaches the cut: the exact ellipse.
+        Exact,
+        /// Tiles that a square of 3 standard deviations touches, as in the INRIA rasterizer.
+        Inria,
+        /// All pixels.
+        None,
     }
 }
 engine::choices! {
     /// Arithmetic of the blend; the projection is always in f64.
-    pub enum Precision { /** 8 pixels at once. */ F32, /** The reference: slow. */ F64 }
+    pub enum Precision {
+        /// Single precision, 8 pixels at once.
+        F32,
+        /// Double precision: the slow reference.
+        F64,
+    }
 }
 engine::choices! {
     /// Sort key of the splats of a pixel.
     pub enum Sort {
-        /** Planar depth of the centre, as nearly every trainer. */ Depth,
-        /** Distance of the centre, which does not change as the camera turns. */ Distance,
+        /// Planar depth of the centre, as in nearly every trainer.
+        Depth,
+        /// Distance of the centre, which does not change as the camera rotates.
+        Distance,
     }
 }
 engine::choices! {
     /// Compensation of opacity for the area that the low-pass filter adds to a splat.
-    pub enum Compensation { /** As the file says it was trained. */ File, /** Always. */ On, /** Never. */ Off }
+    pub enum Compensation {
+        /// On if the file says that it was trained with it.
+        File,
+        /// Always on.
+        On,
+        /// Always off.
+        Off,
+    }
 }
 engine::choices! {
     /// Depth of a pixel.
     pub enum DepthMode {
-        /** Mean depth of what was blended, by weight. */ Expected,
-        /** Depth of the splat that takes transmittance to one half or below; none where none does. */
+        /// Mean depth of the blended splats by their weights.
+        Expected,
+        /// Depth of the splat at which transmittance falls to one half or below; +inf if it does not.
         Median,
-        /** As `Expected`, with each weight times the transmittance in front once more: what shines through
-        counts less, so it lies nearer to the first surface. */
+        /// As `Expected`, with each weight multiplied by the transmittance in front again: splats seen through others count
+        /// less, so the depth is closer to the first surface.
         Transmittance,
     }
 }
@@ -54,7 +72,7 @@ engine::params! {
         near: f64 = 0.2, range(1e-12, 1e12), unit("world units"), other("1.5");
         /// Variance of the low-pass filter added to every footprint, in square pixels (in a panorama, square samples).
         low_pass_px2: f64 = 0.3, range(0.0, 100.0), unit("px^2"), other("1.0");
-        /// Whether to reduce opacity for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
+        /// True to reduce opacity for the area that the low-pass filter adds to a splat (as in Mip-Splatting).
         compensation: Compensation = Compensation::File, other("On");
         /// Smallest alpha that is blended; 0 blends every splat at every pixel.
         alpha_cut: f64 = 1.0 / 255.0, range(0.0, 0.5), other("0.1"),
@@ -65,12 +83,12 @@ engine::params! {
         stop: f64 = 1e-4, range(0.0, 0.5), other("0.3"), knob(Cutoff, "0.001", "0.0001", "0.0001", "0.0");
         /// Depth of a pixel.
         depth: DepthMode = DepthMode::Expected, other("Median");
-        /// Whether to count the splats added to each pixel, for `blends`.
+        /// True to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
-        /// Whether to skip blocks of splats that cannot be in a picture, if there are enough pictures to make up
+        /// True to skip blocks of splats that cannot be in a picture, if there are enough pictures to make up
         /// for computing the blocks; the pictures have the same bits.
         skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
-        /// Whether to skip harmonics above the degree of the file and `sh_degree`, and the viewing direction if
+        /// True to skip harmonics above the degree of the file and `sh_degree`, and the viewing direction if
         /// that degree is 0; evaluating them with coefficients of 0 gives the same bits.
         skip_harmonics: bool = true, inert("what is left out is 0: only work is saved");
     }

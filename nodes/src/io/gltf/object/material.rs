@@ -25,18 +25,18 @@ pub struct Materials<'a> {
 
 /// Extensions that are not rendered, and what is visible instead.
 const NOT_DRAWN: [(&str, &str); 6] = [
-    ("KHR_lights_punctual", "its lamps shed no light; emissive surfaces do"),
-    ("KHR_materials_dispersion", "light of all colours is bent alike"),
-    ("KHR_materials_volume_scatter", "nothing scatters inside"),
-    ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are taken"),
-    ("KHR_materials_variants", "the materials are those of no variant"),
-    ("KHR_texture_basisu", "textures show the PNG or JPEG that stands beside"),
+    ("KHR_lights_punctual", "its lights are not used; emissive surfaces are"),
+    ("KHR_materials_dispersion", "all colours are refracted equally"),
+    ("KHR_materials_volume_scatter", "there is no scattering inside"),
+    ("KHR_materials_pbrSpecularGlossiness", "its metallic-roughness values, if any, are used"),
+    ("KHR_materials_variants", "the materials without variants are used"),
+    ("KHR_texture_basisu", "textures use the PNG or JPEG fallback"),
 ];
 
 /// The effect of leaving out an extension.
 fn effect(extension: &str) -> &'static str {
     let known = NOT_DRAWN.iter().find(|(name, _)| *name == extension);
-    known.map_or("it is not known here", |(_, effect)| effect)
+    known.map_or("it is unknown", |(_, effect)| effect)
 }
 
 impl<'a> Materials<'a> {
@@ -55,7 +55,7 @@ impl<'a> Materials<'a> {
         }
         self.tell_others(notes);
         if self.occluded {
-            let text = "occlusion maps are not read: rays find what the shape hides, and would find it twice";
+            let text = "occlusion maps are ignored, since path tracing computes occlusion from the shape";
             notes.decision("occlusion-traced", text);
         }
         Ok(materials)
@@ -64,7 +64,7 @@ impl<'a> Materials<'a> {
     /// Reports content outside of materials that is not supported. Lights are reported only if a node has one.
     fn tell_others(&self, notes: &mut Notes) {
         for (what, instead) in
-            [("animations", "all parts stand as their nodes say"), ("cameras", "the graph has its own")]
+            [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
         {
             let held = self.json[what].as_array().map_or(0, Vec::len);
             if held > 0 {
@@ -378,7 +378,7 @@ mod tests {
             "{told:?}"
         );
         assert!(told[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
-        assert!(told[3].1.ends_with("the PNG or JPEG that stands beside"));
+        assert!(told[3].1.ends_with("the PNG or JPEG fallback"));
         assert_eq!(told.len(), 4);
     }
 

@@ -49,12 +49,12 @@ pub fn encode(
 ) -> Result<(Vec<u8>, Notes), NodeError> {
     let mut notes = Notes::none();
     if splats.encoding == SplatEncoding::Linear {
-        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot say");
+        notes.warning("encoding-not-stored", "the colours are linear, which the file cannot store");
     }
     let bytes = match format {
         SaveFormat::Ply => {
             if splats.antialiased {
-                let text = "the splats were trained antialiased, which PLY cannot say";
+                let text = "the splats were trained with antialiasing, which PLY cannot store";
                 notes.warning("antialiasing-not-stored", text);
             }
             ply::encode(splats, cx, &mut notes)?
@@ -70,7 +70,7 @@ pub fn encode(
                 Some(matrix) => {
                     let from = up.map_or("", Up::name);
                     let text = format!(
-                        "taken to have {from} up, and turned so that +y is, as SPZ says of its files"
+                        "rotated from {from} up to +y up, as SPZ defines"
                     );
                     notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);

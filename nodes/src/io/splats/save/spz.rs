@@ -68,7 +68,7 @@ fn fraction_bits(splats: &Splats, notes: &mut Notes) -> Result<u32, NodeError> {
     let wanted = (FRACTION_BITS..MOST_FRACTION_BITS).find(fine).unwrap_or(MOST_FRACTION_BITS);
     let fits = |bits: &u32| widest <= (LARGEST - 1.0) * step(*bits);
     let bits = (0..=wanted).rev().find(fits).ok_or_else(|| {
-        NodeError::new(format!("SPZ holds no coordinate of {widest}; the largest is about 8 million"))
+        NodeError::new(format!("SPZ cannot store a coordinate of {widest}; the largest is about 8 million"))
     })?;
     // A centre moves by up to half a step.
     if 4.0 * step(bits) > size && !splats.is_empty() {

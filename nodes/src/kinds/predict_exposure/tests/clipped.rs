@@ -28,7 +28,7 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
             };
             let ((left, told), (forced, why)) = (run(false), run(true));
             assert!(left.log2_gain == forced.log2_gain && left.exposures == forced.exposures, "{method:?}");
-            assert!(told.ends_with("nothing is predicted") && why.ends_with("by `force`"), "{told}; {why}");
+            assert!(told.ends_with("nothing is predicted") && why.ends_with("because of `force`"), "{told}; {why}");
             let name = |brackets: &Brackets| brackets.report.tables[0].rows[0][0].clone();
             assert_eq!(name(&left), Cell::Text("skip".to_owned()));
             assert_ne!(name(&forced), name(&left), "the report says what was asked");

@@ -59,7 +59,7 @@ impl<'a> Geometry<'a> {
         let count = document.scenes().len();
         let chosen = match scene {
             Some(index) => Some(document.scenes().nth(index as usize).ok_or_else(|| {
-                NodeError::new(format!("`{}` has {count} scenes, so none is number {index}", self.name))
+                NodeError::new(format!("`{}` has {count} scenes, so index {index} does not exist", self.name))
                     .at("scene")
             })?),
             None => document.default_scene().or_else(|| document.scenes().next()),
@@ -67,7 +67,7 @@ impl<'a> Geometry<'a> {
         if let (Some(chosen), None, true) = (&chosen, scene, count > 1) {
             notes.decision(
                 "scene",
-                format!("of {count} scenes in the file, number {} is taken", chosen.index()),
+                format!("scene {} of the {count} scenes of the file is used", chosen.index()),
             );
         }
         let mut order = Vec::new();
@@ -224,7 +224,7 @@ impl<'a> Geometry<'a> {
         let set = material.and_then(Material::tangent_set);
         self.shading_frame(&mut p, set.map(|set| set == 1));
         if !p.is_consistent() {
-            return Err(self.bad("a primitive names what it does not have"));
+            return Err(self.bad("a primitive refers to data that does not exist"));
         }
         Ok(Some(p))
     }
@@ -259,7 +259,7 @@ impl<'a> Geometry<'a> {
                 if numbers.width != 1
                     || numbers.values.iter().any(|&i| i.is_nan() || i < 0.0 || i >= n as f64)
                 {
-                    return Err(self.bad(format!("indices name vertices beyond the {n} there are")));
+                    return Err(self.bad(format!("indices refer to vertices beyond the {n} vertices")));
                 }
                 numbers.values.into_iter().map(|i| i as u32).collect()
             }
