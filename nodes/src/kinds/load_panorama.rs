@@ -346,7 +346,7 @@ mod tests {
             let found = image.rgb(x, 1).map(|v| v * 255.0);
             assert!(found.iter().zip([90.0, 128.0, 0.0]).all(|(a, b)| (a - b).abs() < 0.1), "{x}: {found:?}");
         }
-        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still tells of it");
+        assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still marks it");
         let told = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
         assert!(told.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{told:?}");
     }

@@ -408,7 +408,7 @@ mod tests {
             Arc::new(Images(vec![named(a), named(b)]))
         };
         let rigs = In { image: None, layers: vec![pair("x", "y"), pair("x", "z")] };
-        let Err(told) = run(&node(&["a", "b"]), rigs) else { panic!("other rigs are no layers of one file") };
+        let Err(told) = run(&node(&["a", "b"]), rigs) else { panic!("layers of different rigs") };
         assert_eq!(told.message(), "layer `b` has no view `y`; it has x, z");
         assert_eq!(told.advice(), Some("all layers of a file come from one rig"));
         for (p, inputs) in [

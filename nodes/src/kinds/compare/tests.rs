@@ -49,7 +49,7 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         let node = Compare { space, quantise: false, ..node() };
         let (out, notes) =
             Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
-        let told = notes.iter().find(|note| note.id == "alpha-on-black").expect("told");
+        let found = notes.iter().find(|note| note.id == "alpha-on-black").expect("a note");
         assert!(told.text.contains("192 pixels"), "{}", told.text);
         out.difference.0[0].picture.samples()[0]
     };

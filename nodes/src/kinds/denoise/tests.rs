@@ -381,7 +381,7 @@ fn oidn_is_refused_where_it_cannot_run() {
 /// The conditions of `noise_goes_and_the_edge_stays` and `what_no_object_touches_stays`, for the library.
 #[cfg(feature = "oidn")]
 #[test]
-#[allow(clippy::print_stderr, reason = "what is left out is told")]
+#[allow(clippy::print_stderr, reason = "a skipped test is reported")]
 fn where_oidn_is_installed_it_filters_what_is_noisy() {
     if let Err(missing) = Denoise::check(&oidn()) {
         return eprintln!("where_oidn_is_installed_it_filters_what_is_noisy: left out, {missing}");

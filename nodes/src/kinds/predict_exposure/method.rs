@@ -250,11 +250,11 @@ mod tests {
         }
         assert_eq!(read(vec![1.0, 2.0, 3.5, 4.0]), Ok([1.0, 2.0, 3.5, 4.0]));
         for count in [0, 3, 5] {
-            let why = read(vec![1.0; count]).expect_err("is none");
+            let why = read(vec![1.0; count]).expect_err("an error");
             let wanted =
                 format!("invalid length {count}, expected an emitter (azimuth, elevation, radius, stops)");
             assert_eq!(why, wanted);
         }
-        assert_eq!(read(vec!["nan"]).expect_err("is none"), "the azimuth of an emitter is not a number");
+        assert_eq!(read(vec!["nan"]).expect_err("an error"), "the azimuth of an emitter is not a number");
     }
 }

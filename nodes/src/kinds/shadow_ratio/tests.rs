@@ -56,7 +56,7 @@ fn how_much_brighter_is_reported_by_sums() {
     let inputs = In { without: image(&r0), with: image(&r1) };
     let params = ShadowRatio { min_energy: 0.0, ..ShadowRatio::default() };
     let (_, notes) = ShadowRatio::run(&params, inputs, &context()).expect("runs");
-    let told = notes.iter().find(|note| note.id == "clipped").expect("told");
+    let found = notes.iter().find(|note| note.id == "clipped").expect("a note");
     assert!(told.text.contains("1.210 times"), "{}", told.text);
 }
 

@@ -54,7 +54,7 @@ fn a_coarse_panorama_is_judged_on_the_same_grid() {
 }
 
 // Glints, single pixels that clip in a finer panorama, hide the light of their pixels and not that of the grid
-// cells around them: in a room with a glint in each fourth cell of the floor, `Learned`, to which so many look like
+// cells around them: in a room with a glint in each fourth cell of the floor, `Learned`, which mistakes them for
 // white on the floor, finds at most half as much light again, and `Region` less; and each cell keeps its unclipped
 // share. Mutation: `share` 1 for each cell that is clipped in part.
 #[test]

@@ -189,7 +189,7 @@ fn an_empty_view_is_reported_with_its_cause() {
         let settings = Settings { low_pass_px2, ..F64 };
         let mut notes = Notes::none();
         draw(&points, &ahead, settings).work.report(points.len(), &settings, &context(), &mut notes);
-        let few = notes.iter().find(|note| note.id == "few-splats-seen").expect("is told");
+        let few = notes.iter().find(|note| note.id == "few-splats-seen").expect("a note");
         assert!(few.text.contains(cause), "{}", few.text);
     }
     let aside = DMat4::from_translation(DVec3::new(1e4, 0.0, -1e3)).to_cols_array();
