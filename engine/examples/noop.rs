@@ -65,8 +65,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let engine = Engine::new(store, 2, 1 << 30);
     stage("open");
     let root = SourceRoot::new(&folder);
-    let graph = Graph::parse_cached(source, &arithmetic::registry(), root, engine.store())
-        .map_err(|mistakes| mistakes.render(false))?;
+    let graph =
+        Graph::parse(source, &arithmetic::registry(), root).map_err(|mistakes| mistakes.render(false))?;
     stage("parse and check");
     let outcome = engine.run(&graph, &RunOptions::default(), |_| {});
     stage("run");

@@ -7,6 +7,7 @@ mod incremental;
 mod kill;
 mod layers;
 mod messages;
+mod names;
 mod share;
 mod splats;
 mod stop;

@@ -135,7 +135,7 @@ fn what_is_wired_wrong_is_reported_before_anything_runs() {
     let (path, wiring) = ("output-path", "wiring");
     let expected = [(5, path), (6, path), (8, wiring), (9, wiring), (10, wiring), (11, wiring), (12, wiring)];
     assert_eq!(found, expected, "{reported:#?}");
-    assert!(reported[0]["message"].as_str().unwrap().contains("6 views come to it"));
+    assert!(reported[0]["message"].as_str().unwrap().contains("there are 6 views"));
     assert_eq!(reported[1]["hints"][0], "put `{view}` into the path: \"out/two_{view}.png\"");
 }
 
@@ -201,7 +201,7 @@ fn what_a_method_holds_wrongly_is_reported() {
 #[test]
 fn what_a_choice_holds_wrongly_is_reported() {
     for (wrong, reported) in [
-        ("PassBeyond(2.0)", "what stands in the brackets needs its name"),
+        ("PassBeyond(2.0)", "fields in the brackets need names"),
         ("PassBeyond(2.0)", "expected PassBeyond(metres: number)"),
         ("FrontFace(max_layers: 0)", "`max_layers` must lie between 1 and 16, and is 0"),
         ("PassBeyond(metres: -1.0)", "`metres` must be at least 0, and is -1"),

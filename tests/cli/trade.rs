@@ -139,7 +139,7 @@ fn a_photograph_is_a_background_and_what_no_knob_reaches_is_left_out() {
     }
     assert_eq!(error(&["--max-error", "flip=0.1", "--metric", "rmse"]).0, Some(2));
     assert_eq!(error(&["--max-work", "1e9", "--budget", "0"]).0, Some(2));
-    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("no measure of error"));
+    assert!(error(&["--max-work", "1e9", "--metric", "foo"]).1.contains("not a measure of error"));
     assert!(error(&["--max-error", "flip"]).1.contains("write METRIC=VALUE"));
 
     let drawn = place.run(&["--only", "save"]);

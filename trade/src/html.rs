@@ -7,6 +7,8 @@ use nodes::io::png::{self, Raster};
 use nodes::math::color::srgb_from_linear;
 use nodes::types::{Cell, Picture, Report};
 
+use crate::escape::escaped;
+
 /// The parts of a page, in order.
 #[derive(Default)]
 pub struct Page {
@@ -155,11 +157,6 @@ fn is_number(cell: &str) -> bool {
     let (first, rest) = cell.split_once(' ').unwrap_or((cell, ""));
     let unit = matches!(rest, "" | "k" | "M" | "G" | "%" | "dB");
     (unit && first.parse::<f64>().is_ok()) || matches!(cell, "not computed" | "not measured")
-}
-
-/// Escapes text for HTML and SVG, in content and in attributes.
-pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 fn cell_text(cell: &Cell) -> String {

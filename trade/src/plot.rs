@@ -95,13 +95,13 @@ pub fn svg(
         let (cx, cy) = (x(dot.cost), y(dot.error));
         let class = if dot.front { "dot on" } else { "dot" };
         let (cost, error) = (tick_text(dot.cost), shown(dot.error));
-        let title = crate::html::escaped(&format!("{}: work {cost}, error {error}", dot.name));
+        let title = crate::escape::escaped(&format!("{}: work {cost}, error {error}", dot.name));
         let _ = writeln!(
             text,
             "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"4\" class=\"{class}\"><title>{title}</title></circle>"
         );
         if dot.named {
-            let name = crate::html::escaped(&dot.name);
+            let name = crate::escape::escaped(&dot.name);
             // To the right of its dot, above or below it, where there is no other name; else above.
             let at = |dy: f64| [cx + 7.0, cy + dy, 6.5 * dot.name.len() as f64, 11.0];
             let apart = |a: [f64; 4], b: &[f64; 4]| {

@@ -148,7 +148,7 @@ fn mistakes_of_overlays_lie_in_them() {
         ),
         (
             source().overlaid("mine.ron", "(two: (by: 1))"),
-            &["mine.ron:1:1\n", "an overlay begins with `Overlay(`"],
+            &["mine.ron:1:1\n", "an overlay must begin with `Overlay(`"],
         ),
         (source().overlaid("mine.ron", "Overlay(nodes: ("), &["mine.ron:1:16\n", "no matching"]),
         (

@@ -124,7 +124,7 @@ fn views_cannot_lead_out_of_the_folder_nor_onto_each_other() {
     assert!(!lab.path("out/w.txt").exists() && lab.path("out/in/__/w.txt").exists());
     let two = "a: Number(), b: Number(value: 2), w: WriteNumber(number: [\"a\", \"b\"], each: true, views: [\"x/y\", \"x_y\"], path: \"{view}.txt\")";
     let log = lab.run(two);
-    assert!(log.failures().contains("`x/y` and `x_y` would be one file"), "{}", log.failures());
+    assert!(log.failures().contains("`x/y` and `x_y` give the same file name"), "{}", log.failures());
     let sinks = "a: Number(), v: WriteNumber(number: \"a\", each: true, path: \"w_{view}.txt\"), w: WriteNumber(number: \"a\", path: \"w_a.txt\")";
     let log = lab.run(sinks);
     assert_eq!(log.exit_code(), 1);
@@ -196,7 +196,7 @@ fn what_needs_more_memory_than_there_is_never_starts() {
     assert_eq!((log.failed().as_str(), log.skipped().as_str()), ("h", "s"));
     assert!(!log.events.iter().any(|event| matches!(event, Event::Start { id, .. } if id == "h")));
     let text = log.failures();
-    assert!(text.contains("needs about 3906.2 GiB of memory, the budget is 100.0 MiB"), "{text}");
+    assert!(text.contains("needs about 3906.2 GiB of memory, but the budget is 100.0 MiB"), "{text}");
 }
 
 #[test]

@@ -12,7 +12,7 @@ use exr::prelude::{
 };
 
 use super::png::believable;
-use super::stretch::{Fed, Stretch};
+use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
 /// One plane of numbers.
@@ -64,11 +64,11 @@ impl Planes {
 
 /// Reads half, float and whole-number channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Planes, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes, Error> {
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Planes, Error> {
     let bad = |e: exr::error::Error| match e {
         exr::error::Error::NotSupported(what) => Error::unsupported(file, what.into_owned()),
         other => Error::format(file, format!("not a complete EXR: {other}")),
@@ -96,7 +96,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Planes
         .first_valid_layer()
         .all_attributes()
         .non_parallel()
-        .from_buffered(Fed::new(bytes, stretch))
+        .from_buffered(TrackedReader::new(bytes, progress))
         .map_err(bad)?;
     let layer = image.layer_data;
     let (size, position) = (layer.size, layer.attributes.layer_position);
@@ -143,11 +143,11 @@ fn place(data: &[f32], columns: usize, [dx, dy]: [i64; 2], width: usize, height:
 ///
 /// # Errors
 /// [`Error::Stopped`].
-pub fn interleaved(planes: &[&[f32]], stretch: Stretch<'_>) -> Result<Vec<f32>, Error> {
+pub fn interleaved(planes: &[&[f32]], progress: Progress<'_>) -> Result<Vec<f32>, Error> {
     let pixels = planes.first().map_or(0, |plane| plane.len());
     let mut samples = Vec::with_capacity(pixels * planes.len());
     for start in (0..pixels).step_by(1 << 18) {
-        stretch.reach(1.0)?;
+        progress.report(1.0)?;
         for i in start..pixels.min(start + (1 << 18)) {
             samples.extend(planes.iter().map(|plane| plane[i]));
         }
@@ -179,7 +179,7 @@ pub fn write(
     encoding: &str,
     recipe: Option<&str>,
 ) -> Result<(Vec<u8>, u64), Error> {
-    write_for(width, height, channels, encoding, recipe, Stretch::ALONE)
+    write_for(width, height, channels, encoding, recipe, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation. Blocks of rows are compressed on all threads and written in order.
@@ -189,7 +189,7 @@ pub fn write_for(
     channels: Vec<(Channel, Depth)>,
     encoding: &str,
     recipe: Option<&str>,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<(Vec<u8>, u64), Error> {
     let fail = |e: exr::error::Error| Error::Mismatch(format!("cannot make an EXR: {e}"));
     let mut clamped = 0;
@@ -228,8 +228,8 @@ pub fn write_for(
         let stopped = |e: Error| exr::error::Error::Invalid(e.to_string().into());
         let blocks: Vec<_> = enumerate_ordered_header_block_indices(&meta.headers).collect();
         for (at, batch) in blocks.chunks(BATCH).enumerate() {
-            stretch.reach((at * BATCH) as f32 / blocks.len() as f32).map_err(stopped)?;
-            let packed = stretch.tiles(batch.len(), |i| {
+            progress.report((at * BATCH) as f32 / blocks.len() as f32).map_err(stopped)?;
+            let packed = progress.tiles(batch.len(), |i| {
                 let index = batch[i].1;
                 let data = layers.extract_uncompressed_block(&meta.headers, index);
                 UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)

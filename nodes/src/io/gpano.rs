@@ -160,8 +160,8 @@ mod tests {
             ["256", "128", "0", "64", "0", "0"],
             ["1e9", "1e9", "128", "64", "0", "0"],
         ] {
-            let told = place(wrong, [128, 64]).expect_err("is refused");
-            assert!(told.contains("part"), "{told}");
+            let reported = place(wrong, [128, 64]).expect_err("is refused");
+            assert!(reported.contains("part"), "{reported}");
         }
         assert!(place(half, [128, 128]).is_err());
         assert_eq!(GPano::find(b"GPano:FullPanoWidthPixels=\"no\""), None);

@@ -2,7 +2,7 @@
 //! `image` ignores `EXPOSURE` and `COLORCORR` and cannot be cancelled.
 
 use super::png::believable;
-use super::stretch::Stretch;
+use super::progress::Progress;
 use crate::error::Error;
 
 /// Linear RGB of a Radiance file, with `EXPOSURE` and `COLORCORR` already divided out, row 0 at the top.
@@ -17,11 +17,11 @@ pub struct Radiance {
 
 /// Reads a Radiance picture of the usual orientation, `-Y height +X width`.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Radiance, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radiance, Error> {
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Radiance, Error> {
     let bad = |what: &str| Error::format(file, what);
     if !bytes.starts_with(b"#?") {
         return Err(bad("not a Radiance picture: it does not start with `#?`"));
@@ -77,7 +77,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Radian
     let mut rgb = Vec::with_capacity(width * height * 3);
     let mut scan = vec![[0_u8; 4]; width];
     for row in 0..height {
-        stretch.reach(row as f32 / height as f32)?;
+        progress.report(row as f32 / height as f32)?;
         scanline(&mut rest, &mut scan)
             .ok_or_else(|| Error::format(file, format!("row {row} of {height} is cut off or broken")))?;
         rgb.extend(scan.iter().flat_map(|texel| decode(*texel, scale)));

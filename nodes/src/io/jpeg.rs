@@ -7,16 +7,16 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::icc;
 use super::png::{Raster, believable};
-use super::stretch::{Fed, Stretch, Sunk};
+use super::progress::{Progress, TrackedReader, TrackedWriter};
 use crate::error::Error;
 
 /// Reads a JPEG as RGB codes; grey pictures have three equal channels.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
     let bad = |e: zune_jpeg::errors::DecodeErrors| Error::format(file, format!("not a complete JPEG: {e}"));
     // Without SIMD: the SIMD paths round differently on different machines.
     let options = DecoderOptions::default()
@@ -25,7 +25,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
         .jpeg_set_out_colorspace(ColorSpace::RGB)
         .set_max_width(65_535)
         .set_max_height(65_535);
-    let mut decoder = JpegDecoder::new_with_options(Fed::new(bytes, stretch), options);
+    let mut decoder = JpegDecoder::new_with_options(TrackedReader::new(bytes, progress), options);
     decoder.decode_headers().map_err(bad)?;
     let Some((width, height)) = decoder.dimensions() else {
         return Err(Error::format(file, "has no size"));
@@ -45,7 +45,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
         return Err(Error::format(file, "holds a different number of samples than its header says"));
     }
     let mut codes = Vec::with_capacity(raw.len());
-    stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
+    progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     let turned = decoder.exif().and_then(|exif| Orientation::from_exif_chunk(exif));
     let meaning = decoder.icc_profile().map(|profile| icc::meaning(&profile)).unwrap_or_default();
     let mut ignored = Vec::from_iter(meaning.ignored);
@@ -57,7 +57,7 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
 
 /// Writes 8-bit RGB or grey codes as a JPEG of a quality from 1 to 100, with an optional comment.
 pub fn write(raster: &Raster, quality: u8, comment: Option<&str>) -> Result<Vec<u8>, Error> {
-    write_for(raster, quality, comment, Stretch::ALONE)
+    write_for(raster, quality, comment, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation.
@@ -65,7 +65,7 @@ pub fn write_for(
     raster: &Raster,
     quality: u8,
     comment: Option<&str>,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: image::ImageError| Error::Mismatch(format!("cannot make a JPEG: {e}"));
     let (width, height) = (raster.width as u32, raster.height as u32);
@@ -75,7 +75,7 @@ pub fn write_for(
     let raw: Vec<u8> = raster.codes.iter().map(|&code| code as u8).collect();
     let color =
         if raster.channels == 1 { image::ExtendedColorType::L8 } else { image::ExtendedColorType::Rgb8 };
-    let mut sunk = Sunk::new(raw.len(), stretch);
+    let mut sunk = TrackedWriter::new(raw.len(), progress);
     image::codecs::jpeg::JpegEncoder::new_with_quality(&mut sunk, quality)
         .encode(&raw, width, height, color)
         .map_err(fail)?;

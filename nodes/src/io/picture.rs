@@ -6,7 +6,7 @@ use engine::{FileHead, Notes};
 
 use super::head::Head;
 use super::png::Raster;
-use super::stretch::Stretch;
+use super::progress::Progress;
 use super::{exr, hdr, jpeg, png};
 use crate::error::Error;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
@@ -38,7 +38,7 @@ pub(crate) fn floats_of(file: &FileHead<'_>) -> [u64; 2] {
 /// # Errors
 /// If the bytes are not a complete picture.
 pub fn of_bytes(name: &str, bytes: &[u8]) -> Result<Picture, Error> {
-    decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Stretch::ALONE)
+    decode(FileEncoding::Auto, "", name, bytes, &mut Notes::none(), Progress::UNTRACKED)
 }
 
 /// Decodes a picture with the given encoding, and from an OpenEXR file the given layer.
@@ -48,22 +48,22 @@ pub(crate) fn decode(
     name: &str,
     bytes: &[u8],
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Picture, Error> {
     let (width, height, channels, samples, linear) = match bytes {
         [0x89, b'P', b'N', b'G', ..] => {
-            whole(png::read_for(name, bytes, stretch)?, encoding, notes, stretch)?
+            whole(png::read_for(name, bytes, progress)?, encoding, notes, progress)?
         }
-        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, stretch)?, encoding, notes, stretch)?,
+        [0xff, 0xd8, ..] => whole(jpeg::read_for(name, bytes, progress)?, encoding, notes, progress)?,
         [b'#', b'?', ..] => {
-            let picture = hdr::read_for(name, bytes, stretch)?;
+            let picture = hdr::read_for(name, bytes, progress)?;
             (picture.width, picture.height, 3, picture.rgb, true)
         }
         [0x76, 0x2f, 0x31, 0x01, ..] => {
-            let planes = exr::read_for(name, bytes, stretch)?;
+            let planes = exr::read_for(name, bytes, progress)?;
             tell(&planes, notes);
             let found = layer(name, &planes, of_layer)?;
-            let samples = exr::interleaved(&found, stretch)?;
+            let samples = exr::interleaved(&found, progress)?;
             (planes.width, planes.height, found.len(), samples, true)
         }
         _ => return Err(Error::format(name, "neither PNG, JPEG, OpenEXR nor Radiance HDR")),
@@ -73,7 +73,7 @@ pub(crate) fn decode(
         FileEncoding::Auto => FileEncoding::Srgb,
         given => given,
     };
-    let samples = finite(samples, encoding == FileEncoding::Data, notes, stretch)?;
+    let samples = finite(samples, encoding == FileEncoding::Data, notes, progress)?;
     Ok(match encoding {
         FileEncoding::Linear => Image::<Linear>::from_samples(width, height, channels, samples).into(),
         FileEncoding::Data => Image::<Data>::from_samples(width, height, channels, samples).into(),
@@ -88,14 +88,14 @@ fn whole(
     raster: Raster,
     encoding: FileEncoding,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Decoded, Error> {
     for ignored in &raster.ignored {
         notes.warning("profile-ignored", format!("the file has {ignored}, which is not used"));
     }
     let (channels, samples) = match encoding {
         FileEncoding::Data => (raster.channels, raster.samples()),
-        _ => raster.colours(stretch)?,
+        _ => raster.colours(progress)?,
     };
     let linear = raster.linear && encoding == FileEncoding::Auto;
     if linear {
@@ -116,7 +116,8 @@ fn tell(planes: &exr::Planes, notes: &mut Notes) {
         );
     }
     if planes.other_primaries() {
-        let text = "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
+        let text =
+            "the chromaticities of the file differ from sRGB and are ignored; convert it to linear Rec. 709";
         notes.warning("profile-ignored", text);
     }
     if planes.cropped {
@@ -168,11 +169,11 @@ fn finite(
     mut samples: Vec<f32>,
     data: bool,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<f32>, Error> {
     let (mut lost, mut capped) = (0, 0);
     for row in samples.chunks_mut(1 << 20) {
-        stretch.reach(1.0)?;
+        progress.report(1.0)?;
         for v in row.iter_mut().filter(|v| !v.is_finite()) {
             if v.is_nan() {
                 lost += 1;
@@ -195,7 +196,8 @@ mod tests {
     fn load(bytes: &[u8], encoding: FileEncoding, layer: &str) -> (Picture, Notes) {
         let mut notes = Notes::none();
         (
-            decode(encoding, layer, "a", bytes, &mut notes, Stretch::ALONE).unwrap_or_else(|e| panic!("{e}")),
+            decode(encoding, layer, "a", bytes, &mut notes, Progress::UNTRACKED)
+                .unwrap_or_else(|e| panic!("{e}")),
             notes,
         )
     }
@@ -261,13 +263,13 @@ mod tests {
         assert_eq!(load(&bytes, FileEncoding::Data, "Z").0.samples(), [f32::INFINITY]);
         assert_eq!(load(&bytes, FileEncoding::Data, "N").0.samples(), [0.0, 0.0, 1.0]);
         let refused = |bytes: &[u8], layer: &str| {
-            let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Stretch::ALONE);
+            let read = decode(FileEncoding::Auto, layer, "a", bytes, &mut Notes::none(), Progress::UNTRACKED);
             read.err().map(|error| error.to_string()).unwrap_or_default()
         };
-        let told = refused(&bytes, "S");
+        let reported = refused(&bytes, "S");
         assert!(
-            told.contains("no layer `S`") && told.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
-            "{told}"
+            reported.contains("no layer `S`") && reported.contains("one of `B`, `G`, `N`, `R`, `R0`, `Z`"),
+            "{reported}"
         );
 
         // Data is not mistaken for colour, and the channels of the file are listed.
@@ -276,8 +278,11 @@ mod tests {
             exr::write(1, 1, channels, "", None).unwrap_or_else(|e| panic!("{e}")).0
         };
         assert_eq!(load(&of(&["r", "g", "b"]), FileEncoding::Auto, "").0.size(), (1, 1, 3));
-        let told = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
-        assert!(told.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"), "{told}");
+        let reported = refused(&of(&["variance.R", "variance.G", "variance.B"]), "");
+        assert!(
+            reported.contains("no channels R, G and B, nor Y; `layer` may be one of `variance`"),
+            "{reported}"
+        );
         for more in [&["Y", "RY", "BY"][..], &["Y", "RY", "BY", "A"]] {
             assert!(refused(&of(more), "").contains("luminance and chroma"));
             assert_eq!(load(&of(more), FileEncoding::Auto, "Y").0.size(), (1, 1, 1));

@@ -7,7 +7,7 @@ use png::{BitDepth, ColorType, Decoder, Encoder, Limits, Transformations};
 
 use super::icc;
 use super::png_pack::pack;
-use super::stretch::{Fed, Stretch};
+use super::progress::{Progress, TrackedReader};
 use crate::error::Error;
 
 /// A decoded picture: samples as stored, divided by the largest code, not linearised, alpha straight.
@@ -40,12 +40,12 @@ impl Raster {
     ///
     /// # Errors
     /// [`Error::Stopped`].
-    pub fn colours(&self, stretch: Stretch<'_>) -> Result<(usize, Vec<f32>), Error> {
+    pub fn colours(&self, progress: Progress<'_>) -> Result<(usize, Vec<f32>), Error> {
         let alpha = self.channels.is_multiple_of(2);
         let channels = if alpha { 4 } else { 3 };
         let mut out = Vec::with_capacity(self.width * self.height * channels);
         let sample = |code: u16| f32::from(code) / f32::from(self.largest);
-        stretch.over(&self.codes, |codes| {
+        progress.over(&self.codes, |codes| {
             for pixel in codes.chunks_exact(self.channels) {
                 let rgb = match *pixel {
                     [y] | [y, _] => [y; 3],
@@ -90,15 +90,15 @@ pub fn believable(
 
 /// Reads a PNG of any kind; palettes and low depths are widened to 8 bits.
 pub fn read(file: &str, bytes: &[u8]) -> Result<Raster, Error> {
-    read_for(file, bytes, Stretch::ALONE)
+    read_for(file, bytes, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation.
-pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster, Error> {
+pub fn read_for(file: &str, bytes: &[u8], progress: Progress<'_>) -> Result<Raster, Error> {
     let bad = |e: png::DecodingError| Error::format(file, format!("not a complete PNG: {e}"));
     // The largest ratio of deflate is 1032 to 1.
     let mut decoder = Decoder::new_with_limits(
-        Fed::new(bytes, stretch),
+        TrackedReader::new(bytes, progress),
         Limits { bytes: (bytes.len() + 65_536).saturating_mul(2_200) },
     );
     decoder.set_transformations(Transformations::EXPAND);
@@ -139,9 +139,9 @@ pub fn read_for(file: &str, bytes: &[u8], stretch: Stretch<'_>) -> Result<Raster
     let mut codes = Vec::with_capacity(width * height * channels);
     if wide {
         let pairs = raw.as_chunks::<2>().0;
-        stretch.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
+        progress.over(pairs, |pairs| codes.extend(pairs.iter().map(|pair| u16::from_be_bytes(*pair))))?;
     } else {
-        stretch.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
+        progress.over(&raw, |raw| codes.extend(raw.iter().map(|&code| u16::from(code))))?;
     }
     let largest = if wide { 65_535 } else { 255 };
     Ok(Raster { width, height, channels, largest, codes, ignored, linear })
@@ -188,7 +188,7 @@ pub enum Packing {
 /// Writes codes as a PNG: 8 bits where `largest` is 255, else 16. `srgb` declares that colour samples are
 /// sRGB-encoded; `texts` are keywords and texts of its metadata. Fixed filter and compression.
 pub fn write(raster: &Raster, srgb: bool, texts: &[(&str, &str)]) -> Result<Vec<u8>, Error> {
-    write_for(raster, Packing::Small, srgb, texts, Stretch::ALONE)
+    write_for(raster, Packing::Small, srgb, texts, Progress::UNTRACKED)
 }
 
 /// The same with progress and cancellation, and a given compression effort.
@@ -197,9 +197,9 @@ pub fn write_for(
     packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, stretch)
+    write_all(std::slice::from_ref(raster), None, packing, srgb, texts, progress)
 }
 
 /// Writes frames of equal size and type as an animated PNG. `delay` is the duration of a frame as a fraction of a
@@ -210,9 +210,9 @@ pub fn write_frames(
     plays: u32,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
-    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, stretch)
+    write_all(frames, Some((delay, plays)), Packing::Small, srgb, texts, progress)
 }
 
 type Animation = ((u16, u16), u32);
@@ -223,7 +223,7 @@ fn write_all(
     packing: Packing,
     srgb: bool,
     texts: &[(&str, &str)],
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
 ) -> Result<Vec<u8>, Error> {
     let fail = |e: png::EncodingError| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let Some(first) = frames.first() else {
@@ -250,7 +250,7 @@ fn write_all(
     let mut writer = encoder.write_header().map_err(fail)?;
     let mut sequence = 0_u32;
     for (index, frame) in frames.iter().enumerate() {
-        let packed = pack(frame, packing, stretch.piece(index, frames.len()))?;
+        let packed = pack(frame, packing, progress.piece(index, frames.len()))?;
         if let Some((delay, _)) = animation {
             writer.write_chunk(png::chunk::fcTL, &frame_control(sequence, frame, delay)).map_err(fail)?;
             sequence += 1;

@@ -8,7 +8,7 @@ use std::io::{Cursor, Write};
 use flate2::write::ZlibEncoder;
 
 use super::png::{Packing, Raster};
-use super::stretch::Stretch;
+use super::progress::Progress;
 use crate::error::Error;
 
 /// Number of bytes of rows that are filtered at a time and held in addition to the picture.
@@ -45,7 +45,7 @@ impl Deflate {
 }
 
 /// The data of a picture: every row after the number of its filter, deflated.
-pub fn pack(raster: &Raster, packing: Packing, stretch: Stretch<'_>) -> Result<Vec<u8>, Error> {
+pub fn pack(raster: &Raster, packing: Packing, progress: Progress<'_>) -> Result<Vec<u8>, Error> {
     let fail = |e: std::io::Error| Error::Mismatch(format!("cannot make a PNG: {e}"));
     let rows = raster.height;
     let step = (BATCH / (raster.width * raster.channels * 2).max(1)).clamp(1, 256);
@@ -53,8 +53,8 @@ pub fn pack(raster: &Raster, packing: Packing, stretch: Stretch<'_>) -> Result<V
     // Incompressible data is stored, with 5 bytes per block.
     let mut deflate = Deflate::new(packing, length * rows + length * rows / 1000 + 64).map_err(fail)?;
     for start in (0..rows).step_by(step) {
-        stretch.reach(start as f32 / rows as f32)?;
-        let filtered = stretch.tiles(step.min(rows - start), |i| filtered(raster, start + i, packing));
+        progress.report(start as f32 / rows as f32)?;
+        let filtered = progress.tiles(step.min(rows - start), |i| filtered(raster, start + i, packing));
         for row in filtered? {
             deflate.put(&row).map_err(fail)?;
         }
@@ -206,7 +206,8 @@ mod tests {
                 for (width, height) in [(1, 1), (3, 700), (97, 41)] {
                     let raster = raster(width, height, channels, largest, noise);
                     for packing in [Packing::Small, Packing::Fast] {
-                        let made = super::super::png::write_for(&raster, packing, false, &[], Stretch::ALONE);
+                        let made =
+                            super::super::png::write_for(&raster, packing, false, &[], Progress::UNTRACKED);
                         let what = format!("{width}x{height}x{channels}, {largest}, {noise}, {packing:?}");
                         assert!(made.is_ok_and(|made| made == at_once(&raster, packing)), "{what}");
                     }

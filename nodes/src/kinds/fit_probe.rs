@@ -44,7 +44,7 @@ impl Kind for FitProbe {
     const NAME: &'static str = "fit-probe";
     const VERSION: u32 = 2;
     const STORE: Keep = Keep::Cheap;
-    const LOOKS: &'static [&'static str] = &["look"];
+    const PREVIEW: engine::Preview = engine::Preview { looks: &["look"], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -147,8 +147,8 @@ mod tests {
             (32, 1.0, 24.0, 32),
             (100, 0.0, 24.0, 100),
         ] {
-            let (rig, told) = run(side, roughness, lit(128, disc_deg), true);
-            assert_eq!(rig.cameras[0].width_px, enough, "{side} {roughness} {disc_deg}: {told}");
+            let (rig, reported) = run(side, roughness, lit(128, disc_deg), true);
+            assert_eq!(rig.cameras[0].width_px, enough, "{side} {roughness} {disc_deg}: {reported}");
             let expected = smaller(enough);
             for (a, b) in rig.cameras.iter().zip(&expected.cameras) {
                 assert_eq!(
@@ -159,9 +159,9 @@ mod tests {
                     [a.fx - b.fx, a.fy - b.fy, a.cx - b.cx, a.cy - b.cy].iter().all(|off| off.abs() < 1e-9)
                 );
             }
-            assert_eq!(told.contains("in place of"), enough < side, "{told}");
-            let (kept, told) = run(side, roughness, lit(128, disc_deg), false);
-            assert_eq!(*kept, smaller(side), "{told}");
+            assert_eq!(reported.contains("in place of"), enough < side, "{reported}");
+            let (kept, reported) = run(side, roughness, lit(128, disc_deg), false);
+            assert_eq!(*kept, smaller(side), "{reported}");
         }
     }
 
@@ -196,8 +196,8 @@ mod tests {
             let mut rig = cube(DVec3::ONE, axes(Up::PlusZ), 64, 3.0, Turn::OffAxis);
             change(&mut rig);
             let inputs = In { rig: Arc::new(rig), objects: Vec::new(), look: lit(64, 9.0) };
-            let told = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
-            told.err().map(|error| error.to_string()).unwrap_or_default()
+            let reported = FitProbe::run(&FitProbe { skip_fine: true }, inputs, &crate::testing::context());
+            reported.err().map(|error| error.to_string()).unwrap_or_default()
         };
         assert!(refused(|rig| rig.cameras.clear()).contains("no camera"));
         assert!(refused(|rig| rig.cameras[2].height_px = 63).contains("64x63"));

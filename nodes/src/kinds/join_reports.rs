@@ -108,7 +108,8 @@ mod tests {
         let joined = join(vec![report(&["x"], 1.0), report(&["x"], 2.0)]).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(joined.tables[0].rows, [[Cell::Number(1.0)], [Cell::Number(2.0)]]);
         assert!(
-            join(vec![report(&["x"], 1.0), report(&["y"], 2.0)]).is_err_and(|e| e.contains("different columns"))
+            join(vec![report(&["x"], 1.0), report(&["y"], 2.0)])
+                .is_err_and(|e| e.contains("different columns"))
         );
         assert_eq!(join(vec![]).map(|joined| joined.tables.len()), Ok(0));
     }

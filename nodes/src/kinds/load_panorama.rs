@@ -145,7 +145,9 @@ fn whole_columns(degrees: f64, width: usize, notes: &mut Notes) -> f64 {
     let column = 360.0 / width as f64;
     let whole = (degrees / column).round() * column;
     if (whole - degrees).abs() > 1e-6 * column {
-        let text = format!("display colours are rotated by whole columns: by {whole:.4} degrees instead of {degrees}");
+        let text = format!(
+            "display colours are rotated by whole columns: by {whole:.4} degrees instead of {degrees}"
+        );
         notes.decision("turned-by-columns", text);
     }
     whole
@@ -269,12 +271,12 @@ mod tests {
         let bytes = png::write(&raster, false, &[]).expect("writes");
         let light = |out: &Out| out.env.image.samples.iter().map(|v| f64::from(*v)).sum::<f64>();
         let (still, _) = turned(&bytes, None, 0.0).expect("loads");
-        for (degrees, told) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
+        for (degrees, reported) in [(0.3, true), (29.0, true), (45.0, false), (-67.5, false), (719.9, true)] {
             let (out, notes) = turned(&bytes, None, degrees).expect("loads");
             let Picture::Srgb(image) = &out.pano.image else { panic!("display colours") };
             assert_eq!(image.samples.iter().filter(|v| **v == 1.0).count(), 3, "{degrees}");
             assert_eq!(light(&out), light(&still));
-            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), told, "{degrees}");
+            assert_eq!(notes.iter().any(|note| note.id == "turned-by-columns"), reported, "{degrees}");
         }
         let mut rgb = vec![0.2_f32; 8 * 4 * 3];
         rgb[3 * 9..3 * 10].fill(900.0);
@@ -347,8 +349,8 @@ mod tests {
             assert!(found.iter().zip([90.0, 128.0, 0.0]).all(|(a, b)| (a - b).abs() < 0.1), "{x}: {found:?}");
         }
         assert_eq!(out.pano.alpha.samples[1], 0.0, "alpha still marks it");
-        let told = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
-        assert!(told.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{told:?}");
+        let reported = notes.iter().find(|note| note.id == "holes").map(|note| note.text.as_str());
+        assert!(reported.is_some_and(|text| text.starts_with("25.00 % of the sphere")), "{reported:?}");
     }
 
     // Additive light with alpha 0 is not treated as a hole without a warning. Mutation: `lost > 0` to `false`.
@@ -367,12 +369,12 @@ mod tests {
             ];
             crate::io::exr::write(4, 2, planes, "linear", None).expect("writes").0
         };
-        let told = |glow: f32| {
+        let reported = |glow: f32| {
             let (_, notes) = load(&file(glow), None).expect("loads");
             notes.iter().find(|note| note.id == "light-in-holes").map(|note| note.text.clone())
         };
-        assert_eq!(told(0.0), None);
-        assert!(told(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
+        assert_eq!(reported(0.0), None);
+        assert!(reported(50.0).is_some_and(|text| text.starts_with("1 transparent pixels hold light")));
     }
 
     /// A photograph of the front half, as phones write it: placed where its metadata says, and the rest is a hole.
@@ -399,8 +401,8 @@ mod tests {
         let seen = |x: usize, y: usize| (4..12).contains(&x) && (2..6).contains(&y);
         let alpha = |x: usize, y: usize| if seen(x, y) { 1.0 } else { 0.0 };
         assert!((0..128).all(|at| out.pano.alpha.samples[at] == alpha(at % 16, at / 16)));
-        let told = |id: &str| notes.iter().any(|note| note.id == id);
-        assert!(told("part-of-a-sphere") && told("holes") && !told("not-two-to-one"));
+        let reported = |id: &str| notes.iter().any(|note| note.id == id);
+        assert!(reported("part-of-a-sphere") && reported("holes") && !reported("not-two-to-one"));
     }
 
     #[test]

@@ -65,16 +65,13 @@ impl Kind for PoseNode {
                 .hint("give either `matrix`, or the others"));
         }
         if m[12..] != [0.0, 0.0, 0.0, 1.0] {
-            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
-                .at("matrix")
-                .hint("the matrix is in row-major order; the translation is at the end of the first three rows"));
+            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1").at("matrix").hint(
+                "the matrix is in row-major order; the translation is at the end of the first three rows",
+            ));
         }
         let det = DMat3::from_mat4(row_major(&m)).determinant();
         if det == 0.0 || !det.is_finite() {
-            return Err(NodeError::new(
-                "the determinant of `matrix` must be finite and not 0",
-            )
-            .at("matrix"));
+            return Err(NodeError::new("the determinant of `matrix` must be finite and not 0").at("matrix"));
         }
         Ok(())
     }

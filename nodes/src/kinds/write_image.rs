@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, FileBytes, Files, Kind, NodeError, Notes, OutputFile, ViewCount};
 
+use crate::io::progress::Progress;
 use crate::io::quantise::quantise;
 use crate::io::recipe::KEYWORD;
-use crate::io::stretch::Stretch;
 use crate::io::{jpeg, png};
 use crate::types::{Images, NamedImage, Picture};
 
@@ -60,7 +60,8 @@ impl Kind for WriteImage {
     const NAME: &'static str = "write-image";
     const VERSION: u32 = 1;
     const READS: &'static [ContextField] = &[ContextField::Recipe];
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("effort", "Fast")];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("effort", "Fast")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;
@@ -114,8 +115,8 @@ impl Kind for WriteImage {
         }
         let recipe = cx.recipe().filter(|_| p.recipe);
         for (index, view) in views.iter().enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 1.0).piece(index, views.len());
-            stretch.reach(0.0)?;
+            let progress = Progress::of(cx, 0.0, 1.0).piece(index, views.len());
+            progress.report(0.0)?;
             let (raster, lost) = quantise(&view.picture, p.bits == 16, p.alpha, cx)?;
             lost.tell(&view.name, &mut notes);
             let srgb = !matches!(view.picture, Picture::Data(_));
@@ -126,9 +127,9 @@ impl Kind for WriteImage {
                     Effort::Balanced => png::Packing::Small,
                     Effort::Fast => png::Packing::Fast,
                 };
-                png::write_for(&raster, packing, srgb, &texts, stretch)?
+                png::write_for(&raster, packing, srgb, &texts, progress)?
             } else {
-                jpeg::write_for(&raster, p.quality as u8, recipe, stretch)?
+                jpeg::write_for(&raster, p.quality as u8, recipe, progress)?
             };
             files.push(FileBytes { view: view.name.clone(), bytes });
         }

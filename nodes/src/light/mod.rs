@@ -1,8 +1,8 @@
 //! Light of panoramas: measures of recovered light, connected regions, exposure, filling of holes, and files that
 //! show a whole sphere.
 
-pub mod books;
 pub mod energy;
+pub mod energy_table;
 pub(crate) mod env_resolution;
 pub mod exposure;
 pub mod holes;

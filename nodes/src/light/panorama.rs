@@ -23,7 +23,7 @@ engine::choices! {
 pub(crate) const COLUMNS_A_PIXEL: u32 = 2;
 
 /// A panorama before its holes are filled.
-pub(crate) struct Found {
+pub(crate) struct Unfilled {
     /// Linear light, premultiplied, row by row.
     pub premultiplied: Vec<[f32; 4]>,
     /// Width in pixels; the height is half of it.
@@ -38,13 +38,13 @@ pub(crate) struct Found {
 
 /// Fills the holes of a panorama and reports them in `notes`.
 pub(crate) fn finish(
-    found: Found,
+    found: Unfilled,
     how: Holes,
     hole_alpha: f64,
     notes: &mut Notes,
     cx: &Context,
 ) -> Result<Panorama, NodeError> {
-    let Found { premultiplied, width, encoded, up, origin } = found;
+    let Unfilled { premultiplied, width, encoded, up, origin } = found;
     let height = width / 2;
     let alpha: Vec<f32> = premultiplied.iter().map(|p| p[3].min(1.0)).collect();
     let hole_alpha = hole_alpha as f32;

@@ -7,7 +7,7 @@ use engine::{Context, FileHead, InputFile, NodeError, Notes};
 use crate::error::Error;
 use crate::io::gpano::{self, GPano, Placement};
 use crate::io::picture::{FileEncoding, decode};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::types::{Data, Image, Linear, Picture, Srgb};
 
 /// Reads the picture of a file, or a layer of it. A partial sphere is placed by its metadata and is transparent
@@ -19,7 +19,7 @@ pub(crate) fn open(
     cx: &Context,
 ) -> Result<Picture, NodeError> {
     let bytes = cx.read(path).map_err(|e| e.at("path"))?;
-    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Stretch::of(cx, 0.0, 0.4));
+    let picture = decode(FileEncoding::Auto, layer, &path.0, &bytes, notes, Progress::of(cx, 0.0, 0.4));
     let picture = picture.map_err(|e| NodeError::from(e).at("path"))?;
     let picture = whole(&path.0, &bytes, picture, notes).map_err(|e| NodeError::from(e).at("path"))?;
     cx.check()?;
@@ -98,7 +98,7 @@ fn laid(picture: &Picture, placement: Placement) -> Picture {
 /// Width, height and linear RGB of a file of light, finite.
 #[cfg(feature = "learned")]
 pub(crate) fn light(name: &str, bytes: &[u8], notes: &mut Notes) -> Result<(usize, usize, Vec<f32>), Error> {
-    let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Stretch::ALONE)?;
+    let picture = decode(FileEncoding::Auto, "", name, bytes, notes, Progress::UNTRACKED)?;
     let (width, height, _) = picture.size();
     Ok((width, height, linear(name, &picture)?))
 }

@@ -8,6 +8,7 @@ mod files;
 mod formats;
 mod light;
 mod looks;
+mod mesh;
 mod metrics;
 mod splat;
 mod trace;

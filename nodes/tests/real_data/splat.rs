@@ -17,7 +17,7 @@ fn context() -> Context {
     Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 7 }, data(""))
 }
 
-fn load(path: &str, more: &[&str]) -> Arc<Splats> {
+pub fn load(path: &str, more: &[&str]) -> Arc<Splats> {
     let file = |path: &str| InputFile(path.to_owned());
     let params = LoadSplats {
         path: file(path),

@@ -230,7 +230,9 @@ fn findings(
         (
             "scales-tiny",
             middle > 0.0 && relative < 1e-6,
-            format!("half of the splats are smaller than {relative:.1e} of the scene: nothing would be visible"),
+            format!(
+                "half of the splats are smaller than {relative:.1e} of the scene: nothing would be visible"
+            ),
         ),
         (
             "needles",
@@ -369,23 +371,23 @@ mod tests {
     /// > 0.05`.
     #[test]
     fn scenes_without_extent_give_no_infinite_figures() {
-        let told = |change: fn(&mut Splats)| {
+        let reported = |change: fn(&mut Splats)| {
             let mut splats = room(2, 1.0);
             change(&mut splats);
             let found = inspect(&splats, &context()).unwrap();
             found.findings.into_iter().map(|finding| finding.text).collect::<String>()
         };
         for text in [
-            told(|s| s.means.fill([1.0; 3])),
-            told(|s| s.means[10..].fill([1.0; 3])),
-            told(|s| {
+            reported(|s| s.means.fill([1.0; 3])),
+            reported(|s| s.means[10..].fill([1.0; 3])),
+            reported(|s| {
                 s.means.truncate(1);
                 s.quats.truncate(1);
                 s.scales.truncate(1);
                 s.opacities.truncate(1);
                 s.sh.truncate(1);
             }),
-            told(|s| s.scales.fill([0.0; 3])),
+            reported(|s| s.scales.fill([0.0; 3])),
         ] {
             assert!(["inf", "NaN"].iter().all(|word| !text.contains(word)), "{text}");
         }

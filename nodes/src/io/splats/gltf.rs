@@ -282,11 +282,11 @@ pub(super) fn load(
 
 /// The encoding of the colours; an error if the file requires other settings than ours.
 fn encoding(file: &str, splatting: &Splatting) -> Result<SplatEncoding, Error> {
-    for (what, told, done) in
+    for (what, reported, done) in
         [("kernel", &splatting.kernel, "ellipse"), ("projection", &splatting.projection, "perspective")]
     {
-        if let Some(told) = told.as_deref().filter(|told| *told != done) {
-            return Err(Error::unsupported(file, format!("the {what} `{told}` of {NAME}")));
+        if let Some(reported) = reported.as_deref().filter(|reported| *reported != done) {
+            return Err(Error::unsupported(file, format!("the {what} `{reported}` of {NAME}")));
         }
     }
     match splatting.color_space.as_deref() {

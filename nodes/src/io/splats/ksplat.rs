@@ -138,7 +138,7 @@ pub(super) fn load(
     };
     let limit = |at: usize, otherwise: f64| match f64::from(f32_at(head, at)) {
         0.0 => otherwise,
-        told => told,
+        reported => reported,
     };
     let (low, high) = (limit(36, -HALF_RANGE), limit(40, HALF_RANGE));
     let heads =

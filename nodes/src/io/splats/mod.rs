@@ -184,7 +184,8 @@ pub fn from_bytes(
     let placing = Placing { frame, up: cx.up(), metres_per_unit: cx.metres_per_unit() };
     let reading = Reading { cx, placing, max_extent: 1e6 };
     let mut notes = Notes::none();
-    let alone = |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));
+    let alone =
+        |name: &str| Err(NodeError::new(format!("`{file}` needs the file `{name}` in the same folder")));
     let loaded = load(file, bytes, &alone, &reading, &mut notes)?;
     report(file, &loaded, false, &mut notes)?;
     Ok((assemble(vec![loaded], cx)?, notes))

@@ -324,7 +324,7 @@ pub(super) fn load(
             // 64 sets of coefficients per row.
             let degree = [1, 2, 3].into_iter().find(|l| centroids.width == 64 * sh_rest(*l));
             let degree =
-                degree.filter(|l| palette.degree.is_none_or(|told| told == *l)).ok_or_else(|| {
+                degree.filter(|l| palette.degree.is_none_or(|reported| reported == *l)).ok_or_else(|| {
                     Error::format(file, format!("a palette {} pixels wide fits no degree", centroids.width))
                 })?;
             Some((palette, centroids, labels, degree))

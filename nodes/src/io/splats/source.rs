@@ -94,9 +94,8 @@ impl Format {
                 "{} bytes that do not begin as a `{ending}` does, nor as splats of any format; is the file whole?",
                 bytes.len()
             ),
-            None => {
-                "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)".to_owned()
-            }
+            None => "not a known format of splats (PLY, compressed PLY, SOG, SPZ, .splat, .ksplat, glTF)"
+                .to_owned(),
         };
         Err(Error::format(file, what))
     }

@@ -347,20 +347,22 @@ fn sog_versions_and_wrappings_agree() {
 // For truncated files, the error describes the damage, not an unknown format.
 #[test]
 fn files_that_were_cut_off_are_reported_as_what_they_were() {
-    let told = |name: &str, bytes: &[u8]| {
+    let reported = |name: &str, bytes: &[u8]| {
         from_bytes(name, bytes, Frame::ByFormat, &context()).err().unwrap().message().to_owned()
     };
     let splat = build::splat(3);
-    assert!(told("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
-    assert!(told("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
+    assert!(reported("a", &splat[..90]).contains("2 whole ones of 32 bytes and 26 bytes more"));
+    assert!(reported("a.splat", &splat[..20]).contains("20 bytes that do not begin as a `.splat`"));
     let mut ksplat = build::ksplat(1, 1);
     // Some writers leave out the number in use and the capacity.
     ksplat[8..16].fill(0);
     assert_eq!(read(&ksplat).unwrap().0.len(), 5);
-    assert!(told("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30"));
-    assert!(told("a", &ksplat[..5000]).contains("the headers of sections"));
-    assert!(told("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
-    assert!(told("a.ksplat", &ksplat[..16]).contains("do not begin as a `.ksplat`"));
+    assert!(
+        reported("a", &ksplat[..30]).contains("the header: 4096 bytes at 0 are needed, the file holds 30")
+    );
+    assert!(reported("a", &ksplat[..5000]).contains("the headers of sections"));
+    assert!(reported("a", &ksplat[..ksplat.len() - 1]).contains("the splats of a section"));
+    assert!(reported("a.ksplat", &ksplat[..16]).contains("do not begin as a `.ksplat`"));
 }
 
 #[test]
@@ -375,8 +377,8 @@ fn what_follows_the_splats_is_reported() {
         assert!(notes.iter().all(|note| note.id != "bytes-left-over"), "{name}");
         bytes.extend_from_slice(b"more of it");
         let (splats, notes) = read(&bytes).unwrap();
-        let told = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
-        assert!(splats == whole && told.text.contains("10 bytes"), "{name}: {told:?}");
+        let reported = notes.iter().find(|note| note.id == "bytes-left-over").unwrap();
+        assert!(splats == whole && reported.text.contains("10 bytes"), "{name}: {reported:?}");
     }
 }
 

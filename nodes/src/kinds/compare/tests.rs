@@ -50,7 +50,7 @@ fn what_is_open_is_black_in_the_numbers_of_the_picture() {
         let (out, notes) =
             Compare::run(&node, inputs(made.image.clone(), view.clone()), &context()).expect("runs");
         let found = notes.iter().find(|note| note.id == "alpha-on-black").expect("a note");
-        assert!(told.text.contains("192 pixels"), "{}", told.text);
+        assert!(found.text.contains("192 pixels"), "{}", found.text);
         out.difference.0[0].picture.samples()[0]
     };
     assert_eq!(off(Space::Linear), 0.0);
@@ -235,8 +235,8 @@ fn what_is_infinite_alike_is_no_difference() {
     let (_, notes) = row(depth(1, &[1.0, f32::NAN]), depth(1, &[1.0, 1.0]));
     assert!(notes.contains("1 samples are NaN"), "{notes}");
     let other = inputs(depth(1, &[1.0]), depth(3, &[1.0; 3]));
-    let Err(told) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
-    assert!(told.to_string().contains("data of 1 channels"), "{told}");
+    let Err(reported) = Compare::run(&node(), other, &context()) else { panic!("is compared") };
+    assert!(reported.to_string().contains("data of 1 channels"), "{reported}");
 }
 
 #[test]

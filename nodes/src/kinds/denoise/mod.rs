@@ -140,7 +140,9 @@ fn guide<'a>(
         return Ok(picture);
     }
     let what = format!("`{port}` has {} channels, not {channels}", picture.size().2);
-    Err(NodeError::new(what).at(port).hint("wire every input to the output of the same name of one path-trace"))
+    Err(NodeError::new(what)
+        .at(port)
+        .hint("wire every input to the output of the same name of one path-trace"))
 }
 
 impl Kind for Denoise {
@@ -148,7 +150,8 @@ impl Kind for Denoise {
     const VERSION: u32 = 6;
     // The time grows with the square of the radius; a preview has so few samples that the nearest pixels are
     // enough.
-    const ROUGH: &'static [(&'static str, &'static str)] = &[("radius_px", "2")];
+    const PREVIEW: engine::Preview =
+        engine::Preview { rough: &[("radius_px", "2")], ..engine::Preview::NONE };
     type Params = Self;
     type In = In;
     type Out = Out;

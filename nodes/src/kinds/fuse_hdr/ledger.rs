@@ -53,21 +53,21 @@ impl Lights {
         let kept = |&at: &usize| fused[at].luminance == own(at) && predicted(at) > own(at);
         let left = (0..fused.len()).filter(kept).collect();
         let mut lights = Self { members, darker, left, steps: Vec::new(), sky: None };
-        lights.enter("panorama", |at| luminance_of(pixels, at));
+        lights.record("panorama", |at| luminance_of(pixels, at));
         lights
     }
 
     /// Records a step.
-    pub(super) fn enter(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
+    pub(super) fn record(&mut self, step: &'static str, luminance: impl Fn(usize) -> f64) {
         let of_light = |members: &Vec<usize>| members.iter().map(|&at| luminance(at)).collect();
         let values = self.groups().map(of_light).collect();
         self.steps.push((step, values));
     }
 
     /// Records an added sky, and the lights after it.
-    pub(super) fn enter_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
+    pub(super) fn record_sky(&mut self, pixels: Vec<(usize, f64)>, luminance: impl Fn(usize) -> f64) {
         self.sky = Some((self.steps.len(), pixels));
-        self.enter("sky", luminance);
+        self.record("sky", luminance);
     }
 
     /// The lights, and the two groups of pixels that are not lights.
@@ -76,7 +76,7 @@ impl Lights {
     }
 
     /// Warns if exposures darker than the panorama removed light from it.
-    pub(super) fn tell_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
+    pub(super) fn report_darker(&self, pixels: &LinearPixels, fused: &[Fused], notes: &mut Notes) {
         let size = |at: usize| pixel_solid_angle(pixels.width, pixels.height, at / pixels.width);
         let own = |at: usize| luminance_of(pixels, at) * size(at);
         let lost: f64 = self.darker.iter().map(|&at| own(at) - fused[at].luminance * size(at)).sum();
@@ -92,7 +92,7 @@ impl Lights {
     }
 
     /// Warns if light was predicted for pixels that do not count as clipped here.
-    pub(super) fn tell_unused(
+    pub(super) fn report_unused(
         &self,
         threshold: f32,
         pixels: &LinearPixels,

@@ -131,7 +131,7 @@ impl Kind for FuseHdr {
         let mut notes = Notes::none();
         let pixels = linear_pixels(&base.image, params.transfer);
         let brackets = by_own_curve(params, &pixels, brackets, cx)?;
-        tell_broken(&pixels, &mut notes);
+        report_broken(&pixels, &mut notes);
         if matches!(base.image, Picture::Linear(_)) && params.transfer == Transfer::Gamma24 {
             notes.decision("already-linear", "the panorama is linear, so `transfer` has no effect on it");
         }
@@ -143,26 +143,26 @@ impl Kind for FuseHdr {
         let (mut fused, shown): (Vec<Fused>, Vec<f64>) = rows.into_iter().flatten().unzip();
         let predicted = |at: usize| direct(&pixels, &brackets, at).luminance;
         let mut lights = Lights::find(&pixels, &fused, predicted);
-        lights.enter("predicted", predicted);
+        lights.record("predicted", predicted);
         if params.gain == Gain::Brackets {
-            lights.enter("exposures", |at| shown[at]);
+            lights.record("exposures", |at| shown[at]);
         }
         if params.gain == Gain::Brackets && brackets.evs.is_empty() {
             let text = "the prediction has no exposures (`evs` is empty), so the panorama is kept; `gain: Direct` needs none";
             notes.warning("no-exposures", text);
         } else {
-            lights.tell_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
+            lights.report_unused(params.threshold, &pixels, &brackets.log2_gain.samples, &mut notes);
         }
-        lights.tell_darker(&pixels, &fused, &mut notes);
-        lights.enter("blended", |at| fused[at].luminance);
+        lights.report_darker(&pixels, &fused, &mut notes);
+        lights.record("blended", |at| fused[at].luminance);
         drop(shown);
         if params.gain == Gain::Direct && params.blend == Blend::Ramp {
             lights.keep_flux(&pixels, &brackets.log2_gain.samples, &mut fused, &mut notes);
-            lights.enter("flux kept", |at| fused[at].luminance);
+            lights.record("flux kept", |at| fused[at].luminance);
         }
         if params.feather_deg > 0.0 {
             lights.feather(params.feather_deg, &pixels, &mut fused, cx)?;
-            lights.enter("feathered", |at| fused[at].luminance);
+            lights.record("feathered", |at| fused[at].luminance);
         }
         let mut image = Image::<Linear>::new(width, height, 3);
         for ((to, rgb), fused) in image.samples.chunks_exact_mut(3).zip(&pixels.rgb).zip(&fused) {
@@ -197,8 +197,12 @@ impl Kind for FuseHdr {
                 }
             }
         }
-        lights.enter("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
-        notes.count("lights-not-listed", lights.unlisted(), "lights are not listed individually in the report");
+        lights.record("environment", |at| f64::from(luminance(image.rgb(at % width, at / width))));
+        notes.count(
+            "lights-not-listed",
+            lights.unlisted(),
+            "lights are not listed individually in the report",
+        );
         let report = lights.report(base.up, &pixels, &fused, &brackets.evs, params.gain);
         let env = Environment { image, up: base.up, origin: base.origin };
         let image = Arc::new(Images::single("env", env.image.clone()));
@@ -251,7 +255,7 @@ fn by_own_curve(
     Ok(Arc::new(Brackets { log2_gain, ..(*brackets).clone() }))
 }
 
-fn tell_broken(pixels: &LinearPixels, notes: &mut Notes) {
+fn report_broken(pixels: &LinearPixels, notes: &mut Notes) {
     if pixels.broken > 0 {
         notes.warning("not-finite", format!("{} samples are not finite and count as black", pixels.broken));
     }

@@ -167,5 +167,5 @@ pub(super) fn add(
             }
         }
     }
-    lights.enter_sky(changed, |at| fused[at].luminance);
+    lights.record_sky(changed, |at| fused[at].luminance);
 }

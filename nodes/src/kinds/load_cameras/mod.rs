@@ -318,7 +318,9 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     }
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
-        return Err(bad(format!("focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera")));
+        return Err(bad(format!(
+            "focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera"
+        )));
     }
     let size = |pixels: u64| {
         let scaled = (pixels as f64 * p.resolution).round();

@@ -12,7 +12,7 @@ use self::photographs::Photographs;
 use self::spread::Given;
 
 use crate::error::Error;
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::{LinearPixels, Transfer, linear_pixels, max3};
 use crate::light::measure;
 use crate::light::regions::{self, Regions};
@@ -163,10 +163,10 @@ impl Kind for PredictExposure {
         let clipped = mask.iter().filter(|&&m| m).count() as u64;
         cx.check()?;
         cx.count("pixels", mask.len() as u64);
-        tell_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
-        tell_coarse(pixels.width, &mut notes);
+        report_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
+        report_coarse(pixels.width, &mut notes);
         if clipped == 0 {
-            tell_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
+            report_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
         }
         let nothing = || (vec![0.0; mask.len()], Vec::new());
         let unseen = |notes: &mut Notes| {
@@ -178,14 +178,14 @@ impl Kind for PredictExposure {
         let ceiling = ceiling(&pixels, &mask, params.white);
         let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, ceiling));
         let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
-        let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
-        books.enter_panorama("panorama", pixels.width, &own, cx)?;
+        let mut books = EnergyTable::new(pano.up, pixels.width, &own, SPREAD);
+        books.record_panorama("panorama", pixels.width, &own, cx)?;
         let (log2_gain, regions) = match &params.method {
             _ if clipped == 0 && !params.force => nothing(),
             Method::Learned | Method::Region => match on_grid() {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
                 clipped => {
-                    sun::tell_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
+                    sun::report_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
                     match &network {
                         None => region::predict(&clipped, cx)?,
                         Some(network) => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
@@ -221,7 +221,7 @@ impl Kind for PredictExposure {
         };
         let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
         let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
-        books.enter_panorama("predicted", pixels.width, &predicted, cx)?;
+        books.record_panorama("predicted", pixels.width, &predicted, cx)?;
         drop(predicted);
         if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
             let text = "the panorama holds linear light without values above white, so white pixels count as clipped; if they are not, use `method: Skip`";
@@ -232,7 +232,8 @@ impl Kind for PredictExposure {
             notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels are not changed"));
         }
         // With any method, the report lists the regions of the panorama.
-        let regions = if clipped > 0 && regions.is_empty() { on_grid().told(&log2_gain) } else { regions };
+        let regions =
+            if clipped > 0 && regions.is_empty() { on_grid().reported(&log2_gain) } else { regions };
         if regions.iter().any(|region| region.sun) {
             notes.decision(
                 "sun",
@@ -324,7 +325,7 @@ impl<'a> Clipped<'a> {
     }
 
     /// The regions, with the predicted gain.
-    fn told(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
+    fn reported(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         let mut peak = vec![0.0_f64; n];
@@ -394,7 +395,7 @@ fn clip_mask(pano: &Panorama, pixels: &LinearPixels, white: f32) -> Vec<bool> {
 }
 
 /// Reports white pixels that were mostly filled: they do not count as clipped and get no light.
-fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
+fn report_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Notes) {
     let unseen = |(rgb, alpha): &(&[f32; 3], &f32)| **alpha < SEEN && **alpha > 0.0 && max3(**rgb) > white;
     let count = pixels.rgb.iter().zip(alpha).filter(unseen).count();
     if pixels.ceiling && count > 0 {
@@ -407,7 +408,7 @@ fn tell_unseen(pixels: &LinearPixels, alpha: &[f32], white: f32, notes: &mut Not
 
 /// Warns about a coarse panorama: a lamp smaller than a pixel may not clip, and another light then seems to be the
 /// strongest.
-fn tell_coarse(width: usize, notes: &mut Notes) {
+fn report_coarse(width: usize, notes: &mut Notes) {
     if width < COARSE {
         let text = format!(
             "a pixel of the panorama is {:.1} degrees wide; smaller lights may not clip and are then missed: use {COARSE} columns or more",
@@ -417,7 +418,7 @@ fn tell_coarse(width: usize, notes: &mut Notes) {
     }
 }
 
-fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
+fn report_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
     let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {

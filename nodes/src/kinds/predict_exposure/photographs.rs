@@ -5,7 +5,7 @@ use engine::{Context, InputFile, NodeError, Notes};
 use super::SEEN;
 use crate::error::Error;
 use crate::io::picture::{FileEncoding, decode};
-use crate::io::stretch::Stretch;
+use crate::io::progress::Progress;
 use crate::light::exposure::{DARKEST, Shown, WHITE, measured};
 use crate::light::linear::{LinearPixels, Transfer, max3};
 use crate::light::whole_sphere::{premultiplied, straight};
@@ -131,8 +131,8 @@ impl Photographs {
     ) -> Result<Self, NodeError> {
         let mut taken = Vec::with_capacity(files.len());
         for (i, (file, &ev)) in files.iter().zip(evs).enumerate() {
-            let stretch = Stretch::of(cx, 0.0, 0.5).piece(i, files.len());
-            taken.push(read(file, ev, pano, notes, stretch, cx).map_err(|error| error.at("method"))?);
+            let progress = Progress::of(cx, 0.0, 0.5).piece(i, files.len());
+            taken.push(read(file, ev, pano, notes, progress, cx).map_err(|error| error.at("method"))?);
         }
         if let Some(other) = taken.iter().find(|other| other.linear != taken[0].linear) {
             let kind = |linear| if linear { "linear light" } else { "display colours" };
@@ -233,7 +233,7 @@ impl Photographs {
             (y * pixels.width..(y + 1) * pixels.width).map(gain).collect::<Vec<_>>()
         })?;
         let still = rows.iter().flatten().filter(|gain| matches!(gain, Some((_, true)))).count();
-        tell_still(still, notes);
+        report_still(still, notes);
         let unseen = rows.iter().flatten().filter(|gain| gain.is_none()).count();
         if unseen > 0 {
             let text = format!("{unseen} clipped pixels are holes in every photograph and are not changed");
@@ -269,11 +269,11 @@ fn read(
     ev: f64,
     pano: &Panorama,
     notes: &mut Notes,
-    stretch: Stretch<'_>,
+    progress: Progress<'_>,
     cx: &Context,
 ) -> Result<Photograph, NodeError> {
     let bytes = cx.read(file)?;
-    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, stretch)?;
+    let picture = decode(FileEncoding::Auto, "", &file.0, &bytes, notes, progress)?;
     let picture = whole(&file.0, &bytes, picture, notes)?;
     let (width, height, _) = picture.size();
     let (wanted, tall) = (pano.alpha.width, pano.alpha.height);
@@ -300,7 +300,7 @@ fn median(of: &mut [f32]) -> f32 {
 }
 
 /// Warns about pixels that are clipped even in the darkest exposure.
-pub(super) fn tell_still(pixels: usize, notes: &mut Notes) {
+pub(super) fn report_still(pixels: usize, notes: &mut Notes) {
     if pixels > 0 {
         notes.warning(
             "still-clipped",

@@ -1,6 +1,6 @@
 //! `snap`: puts an object on the ground below it.
 
-mod felt;
+mod ground;
 mod level_search;
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::geometry::support::{Foot, Level, triangles};
 use crate::math::equirect::axes;
 use crate::types::frame::world_from_gltf;
 use crate::types::{Cell, Mesh, Object, Placed, Pose, Report, Splats, Table};
-use felt::Felt;
+use ground::Ground;
 use level_search::bearing;
 
 engine::params! {
@@ -90,7 +90,7 @@ impl Kind for Snap {
         };
         let reach = params.reach_metres * metre;
         let mut notes = Notes::none();
-        let felt = inputs.mesh.as_deref().map(|mesh| Felt::new(mesh, &foot, up));
+        let felt = inputs.mesh.as_deref().map(|mesh| Ground::new(mesh, &foot, up));
         let points = match (&felt, &inputs.splats) {
             (Some(felt), None) => felt.ground(&foot, up, reach, cx, &mut notes)?,
             (None, Some(splats)) => on_splats(splats, &foot, up, reach),

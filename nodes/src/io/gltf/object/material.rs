@@ -53,7 +53,7 @@ impl<'a> Materials<'a> {
         for what in &self.ignored {
             notes.degraded("material-ignored", what.clone());
         }
-        self.tell_others(notes);
+        self.report_others(notes);
         if self.occluded {
             let text = "occlusion maps are ignored, since path tracing computes occlusion from the shape";
             notes.decision("occlusion-traced", text);
@@ -62,7 +62,7 @@ impl<'a> Materials<'a> {
     }
 
     /// Reports content outside of materials that is not supported. Lights are reported only if a node has one.
-    fn tell_others(&self, notes: &mut Notes) {
+    fn report_others(&self, notes: &mut Notes) {
         for (what, instead) in
             [("animations", "all parts are placed by their nodes"), ("cameras", "the graph has its own")]
         {
@@ -81,12 +81,12 @@ impl<'a> Materials<'a> {
             notes.degraded("lights-ignored", text);
         }
         let used = self.json["extensionsUsed"].as_array().into_iter().flatten().filter_map(Value::as_str);
-        let told = |name: &str| self.ignored.iter().any(|text| text.split(' ').next() == Some(name));
+        let reported = |name: &str| self.ignored.iter().any(|text| text.split(' ').next() == Some(name));
         let drawn = |name: &&str| SUPPORTED.contains(name) && *name != "KHR_materials_variants";
         for name in used.filter(|name| !drawn(name) && *name != "KHR_lights_punctual") {
             // Extensions of unused materials have no effect.
             let unused = name.starts_with("KHR_materials_") && name != "KHR_materials_variants";
-            if !told(name) && !unused {
+            if !reported(name) && !unused {
                 notes.warning("extension-ignored", format!("{name} is left out: {}", effect(name)));
             }
         }
@@ -371,15 +371,15 @@ mod tests {
         });
         let mut notes = Notes::none();
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
-        let told: Vec<_> = notes.iter().map(|n| (n.id.as_str(), n.text.as_str())).collect();
-        assert_eq!(told[0].0, "lights-ignored");
+        let reported: Vec<_> = notes.iter().map(|n| (n.id.as_str(), n.text.as_str())).collect();
+        assert_eq!(reported[0].0, "lights-ignored");
         assert!(
-            told[0].1.contains("(1 of them)") && told[1].1.starts_with("MSFT_lod is left out"),
-            "{told:?}"
+            reported[0].1.contains("(1 of them)") && reported[1].1.starts_with("MSFT_lod is left out"),
+            "{reported:?}"
         );
-        assert!(told[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
-        assert!(told[3].1.ends_with("the PNG or JPEG fallback"));
-        assert_eq!(told.len(), 4);
+        assert!(reported[2].1.starts_with("KHR_materials_variants is left out: the materials are those"));
+        assert!(reported[3].1.ends_with("the PNG or JPEG fallback"));
+        assert_eq!(reported.len(), 4);
     }
 
     #[test]
@@ -387,12 +387,12 @@ mod tests {
         let json = json!({"animations": [{}, {}], "cameras": [{}]});
         let mut notes = Notes::none();
         assert!(Materials::new("a", &json).read(&mut notes).is_ok());
-        let told: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
+        let reported: Vec<_> = notes.iter().map(|n| n.text.clone()).collect();
         assert!(
-            told[0].starts_with("2 animations of the file") && told[1].starts_with("1 cameras"),
-            "{told:?}"
+            reported[0].starts_with("2 animations of the file") && reported[1].starts_with("1 cameras"),
+            "{reported:?}"
         );
-        assert_eq!(told.len(), 2);
+        assert_eq!(reported.len(), 2);
     }
 
     #[test]

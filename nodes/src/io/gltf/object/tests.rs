@@ -226,8 +226,8 @@ fn an_accessor_without_numbers_is_zeros() {
     // An index of 0 for every corner leaves no triangle with an area.
     json["meshes"][0]["primitives"][0]["indices"] = json!(5);
     push(&mut json, "accessors", json!({"componentType": 5123, "count": 3, "type": "SCALAR"}));
-    let told = load_value(&json, None).err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(told.contains("with an area"), "{told}");
+    let reported = load_value(&json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(reported.contains("with an area"), "{reported}");
 }
 
 #[test]
@@ -239,11 +239,11 @@ fn other_formats_are_named() {
         ("chair.stl", b"\x00\x01", "STL"),
         ("chair.glb", b"ply\nformat ascii 1.0", "PLY"),
     ] {
-        let told = parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(told.contains(&format!("{format}: objects are read from glTF")), "{told}");
+        let reported = parse(name, bytes).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(reported.contains(&format!("{format}: objects are read from glTF")), "{reported}");
     }
-    let told = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(told.contains("JSON does not parse"), "{told}");
+    let reported = parse("a.gltf", b"{").err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(reported.contains("JSON does not parse"), "{reported}");
 }
 
 #[test]
@@ -278,12 +278,12 @@ fn webp_pictures_are_read_and_preferred() {
 #[test]
 fn what_makes_no_triangle_is_reported() {
     let mut json = triangle(json!({"mesh": 0}));
-    let told = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
+    let reported = |json: &Value| load_value(json, None).err().map(|e| e.to_string()).unwrap_or_default();
     json["meshes"][0]["primitives"][0]["mode"] = json!(0);
-    assert!(told(&json).contains("points or lines in 1"), "{}", told(&json));
+    assert!(reported(&json).contains("points or lines in 1"), "{}", reported(&json));
     json["meshes"][0]["primitives"][0]["mode"] = json!(4);
     json["nodes"][0]["scale"] = json!([1.0, 0.0, 0.0]);
-    assert!(told(&json).contains("with an area, of 1"), "{}", told(&json));
+    assert!(reported(&json).contains("with an area, of 1"), "{}", reported(&json));
 }
 
 #[test]

@@ -69,9 +69,7 @@ pub fn encode(
             match turn {
                 Some(matrix) => {
                     let from = up.map_or("", Up::name);
-                    let text = format!(
-                        "rotated from {from} up to +y up, as SPZ defines"
-                    );
+                    let text = format!("rotated from {from} up to +y up, as SPZ defines");
                     notes.decision("frame", text);
                     let turn = Turn::new(matrix, 1.0, DVec3::ZERO);
                     spz::encode(&turned(splats, &turn, cx)?, version, cx, &mut notes)?

@@ -139,18 +139,18 @@ fn centres_are_as_fine_as_the_splats_ask_for() {
         scene.scales.fill([size; 3]);
         let (bytes, notes) = encode(&scene, SaveFormat::Spz, None, &context()).unwrap();
         let (back, _) = from_bytes("a.spz", &bytes, Frame::AsStored, &context()).unwrap();
-        let told = notes.iter().any(|note| note.id == "coarse-centres");
-        (off(back.means.as_flattened(), scene.means.as_flattened()) / size, told)
+        let reported = notes.iter().any(|note| note.id == "coarse-centres");
+        (off(back.means.as_flattened(), scene.means.as_flattened()) / size, reported)
     };
     for (width, size, bar) in
         [(30.0, 0.01, 0.001), (1.0, 1e-3, 0.01), (1.0, 1e-4, 0.032), (1000.0, 0.01, 0.01)]
     {
-        let (moved, told) = coarse(width, size);
-        assert!(moved < bar && !told, "{width} {size}: {moved}");
+        let (moved, reported) = coarse(width, size);
+        assert!(moved < bar && !reported, "{width} {size}: {moved}");
     }
     for (width, size) in [(1e4, 1e-3), (1e6, 0.1)] {
-        let (moved, told) = coarse(width, size);
-        assert!(moved > 0.12 && told, "{width} {size}: {moved}");
+        let (moved, reported) = coarse(width, size);
+        assert!(moved > 0.12 && reported, "{width} {size}: {moved}");
     }
 }
 
@@ -212,9 +212,10 @@ fn every_axis_that_grows_is_reported() {
     scene.scales[3] = [0.1, 1e-6, 0.2];
     scene.scales[7] = [1e-7, 1e-8, 0.2];
     let (_, notes) = encode(&scene, SaveFormat::Spz, Some(Up::PlusY), &context()).unwrap();
-    let told: Vec<_> = notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
+    let reported: Vec<_> =
+        notes.iter().filter(|note| note.id == "splats-grown").map(|note| &note.text).collect();
     assert!(
-        told.len() == 1 && told[0].starts_with("3 of 120 axes") && told[0].contains("1.0e-8"),
-        "{told:?}"
+        reported.len() == 1 && reported[0].starts_with("3 of 120 axes") && reported[0].contains("1.0e-8"),
+        "{reported:?}"
     );
 }

@@ -29,7 +29,7 @@ fn library() -> Result<&'static Library, NodeError> {
 fn refused(error: Error) -> NodeError {
     match error {
         Error::Stopped => NodeError::cancelled(),
-        told => NodeError::new(told.to_string()).at("method").hint("reinstall it, or use `Means`"),
+        reported => NodeError::new(reported.to_string()).at("method").hint("reinstall it, or use `Means`"),
     }
 }
 

@@ -3,7 +3,7 @@
 use engine::{Context, NodeError, Notes, SourceFile, SourceRoot};
 
 use super::{Kontext, WHERE};
-use crate::light::books::Books;
+use crate::light::energy_table::EnergyTable;
 use crate::light::linear::LinearPixels;
 
 impl Kontext<'_> {
@@ -26,7 +26,7 @@ impl Kontext<'_> {
         _pixels: &LinearPixels,
         _mask: &[bool],
         _darkest: f64,
-        _books: &mut Books,
+        _books: &mut EnergyTable,
         _notes: &mut Notes,
         _cx: &Context,
     ) -> Result<Vec<f32>, NodeError> {

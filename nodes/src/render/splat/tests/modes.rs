@@ -166,15 +166,15 @@ fn a_mesh_a_little_under_its_splats_keeps_them() {
 #[test]
 fn an_empty_view_is_reported_with_its_cause() {
     let splats = cloud(300, 5);
-    let told = |camera: &Camera, near: f64| {
+    let reported = |camera: &Camera, near: f64| {
         let mut notes = Notes::none();
         let seen = draw(&splats, camera, Settings { near, ..F64 });
         seen.work.report(splats.len(), &Settings { near, ..F64 }, &context(), &mut notes);
         notes.iter().map(|note| format!("{}: {}", note.id, note.text)).collect::<String>()
     };
     let ahead = camera(40, 30, 70.0);
-    assert_eq!(told(&ahead, 0.2), "");
-    let text = told(&ahead, 50.0);
+    assert_eq!(reported(&ahead, 0.2), "");
+    let text = reported(&ahead, 50.0);
     assert!(
         text.starts_with("few-splats-seen: 0 of 300") && text.contains("than `near`, 50 world"),
         "{text}"
@@ -193,7 +193,7 @@ fn an_empty_view_is_reported_with_its_cause() {
         assert!(few.text.contains(cause), "{}", few.text);
     }
     let aside = DMat4::from_translation(DVec3::new(1e4, 0.0, -1e3)).to_cols_array();
-    let text = told(&Camera { world_from_camera: aside, ..ahead }, 0.2);
+    let text = reported(&Camera { world_from_camera: aside, ..ahead }, 0.2);
     assert!(text.contains("share a frame"), "{text}");
 }
 
@@ -211,7 +211,7 @@ fn a_stopped_run_ends_within_a_tile() {
             .expect("projects");
         let evaluations = || {
             let (mut rgba, mut depth) = ([[0.0; 4]; TILE * TILE], [0.0; TILE * TILE]);
-            let strips = Strip::of(TILE, &mut rgba, &mut depth, &mut []);
+            let strips = Strip::of(TILE, &mut rgba, &mut depth, [&mut [], &mut []]);
             let task = Task {
                 projected: &projected,
                 list: &list,
