@@ -5,8 +5,7 @@ use std::sync::Arc;
 use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
 use glam::DVec3;
 
-use self::ceiling::ceiling;
-use self::enlarged::Enlarged;
+use self::clipping::{Clipping, Prediction};
 use self::grid::Grid;
 use self::photographs::Photographs;
 use self::spread::Given;
@@ -24,6 +23,7 @@ use crate::types::{
 };
 
 mod ceiling;
+mod clipping;
 mod enlarged;
 mod grid;
 mod kontext;
@@ -150,110 +150,29 @@ impl Kind for PredictExposure {
     }
 
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
-        let pano = &inputs.pano;
         let mut notes = Notes::none();
-        let pixels = clipped_light(pano, &mut notes)?;
-        let network = learned(params, &mut notes, cx)?;
-        let mut mask = clip_mask(pano, &pixels, params.white);
-        let photographs = params.method.photographs(&params.evs, pano, &mut notes, cx)?;
-        if let Some(photographs) = &photographs {
-            photographs.compare((&pixels, &pano.alpha.samples), params.white, &mut notes, cx)?;
-            photographs.add_clipped(&pixels, &mut mask, &mut notes, cx)?;
-        }
-        let clipped = mask.iter().filter(|&&m| m).count() as u64;
-        cx.check()?;
-        cx.count("pixels", mask.len() as u64);
-        report_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
-        report_coarse(pixels.width, &mut notes);
-        if clipped == 0 {
-            report_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
-        }
-        let nothing = || (vec![0.0; mask.len()], Vec::new());
-        let unseen = |notes: &mut Notes| {
-            let text =
-                "all pixels are clipped or black: hidden light cannot be estimated without visible light";
-            notes.warning("nothing-visible", text);
-            nothing()
-        };
-        let ceiling = ceiling(&pixels, &mask, params.white);
-        let on_grid = || Clipped::new(pano.up, &pano.alpha.samples, (&pixels, &mask, ceiling));
-        let own: Vec<f64> = pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
-        let mut books = EnergyTable::new(pano.up, pixels.width, &own, SPREAD);
-        books.record_panorama("panorama", pixels.width, &own, cx)?;
-        let (log2_gain, regions) = match &params.method {
-            _ if clipped == 0 && !params.force => nothing(),
-            Method::Learned | Method::Region => match on_grid() {
-                clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
-                clipped => {
-                    sun::report_doubtful(&clipped.grid, clipped.up, &clipped.members, &mut notes);
-                    match &network {
-                        None => region::predict(&clipped, cx)?,
-                        Some(network) => match Enlarged::new(&pixels, &mask, &pano.alpha.samples) {
-                            None => network::predict(network, &clipped, &mut books, cx)?,
-                            Some(large) => {
-                                let clipped = Clipped::new(
-                                    pano.up,
-                                    &large.alpha,
-                                    (&large.pixels, &large.mask, ceiling),
-                                );
-                                let (gain, regions) = network::predict(network, &clipped, &mut books, cx)?;
-                                (large.gathered(&gain), regions)
-                            }
-                        },
-                    }
-                }
-            },
-            Method::Manual { emitters } => {
-                (manual::predict(emitters, (&pixels, &mask), pano.up, &mut notes, cx)?, Vec::new())
-            }
-            Method::Photographs { .. } => {
-                let gain = photographs.as_ref().map(|taken| taken.gains((&pixels, &mask), &mut notes, cx));
-                (gain.transpose()?.unwrap_or_default(), Vec::new())
-            }
-            Method::Skip => nothing(),
-            Method::FluxKontext { .. } => {
-                let darkest = params.evs.iter().copied().fold(0.0, f64::min);
-                let kontext = params.method.kontext();
-                let gain = kontext
-                    .map(|kontext| kontext.predict(&pixels, &mask, darkest, &mut books, &mut notes, cx));
-                (gain.transpose()?.unwrap_or_default(), Vec::new())
-            }
-        };
+        let clipping = Clipping::find(params, &inputs.pano, &mut notes, cx)?;
+        let (width, height) = (clipping.pixels.width, clipping.pixels.height);
+        let own: Vec<f64> = clipping.pixels.rgb.iter().map(|rgb| f64::from(luminance(*rgb))).collect();
+        let mut table = EnergyTable::new(inputs.pano.up, width, &own, SPREAD);
+        table.record_panorama("panorama", width, &own, cx)?;
+        let Prediction { log2_gain, regions } = clipping.predict(&mut table, &mut notes, cx)?;
         let light = |(own, gain): (&f64, &f32)| own * num::f64::exp2(f64::from(*gain));
         let predicted: Vec<f64> = own.iter().zip(&log2_gain).map(light).collect();
-        books.record_panorama("predicted", pixels.width, &predicted, cx)?;
+        table.record_panorama("predicted", width, &predicted, cx)?;
         drop(predicted);
-        if clipped > 0 && matches!(pano.image, Picture::Linear(_)) {
-            let text = "the panorama holds linear light without values above white, so white pixels count as clipped; if they are not, use `method: Skip`";
-            notes.warning("linear-white", text);
-        }
-        let kept = mask.iter().zip(&log2_gain).filter(|(clipped, gain)| **clipped && **gain == 0.0).count();
-        if kept > 0 && matches!(params.method, Method::Skip | Method::Manual { .. }) {
-            notes.warning("clipping-kept", format!("{kept} of {clipped} clipped pixels are not changed"));
-        }
-        // With any method, the report lists the regions of the panorama.
-        let regions =
-            if clipped > 0 && regions.is_empty() { on_grid().reported(&log2_gain) } else { regions };
-        if regions.iter().any(|region| region.sun) {
-            notes.decision(
-                "sun",
-                "a small clipped region above the horizon, in a sky bluer than the ground, counts as the sun",
-            );
-        }
-        notes.count("clipped-regions", regions.len() as u64, "clipped regions");
-        let (width, height) = (pixels.width, pixels.height);
+        let regions = clipping.report(regions, &log2_gain, &mut notes);
         let evs = sorted(&params.evs);
-        let taken = photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
-        let exposures = match &photographs {
-            Some(taken) => taken.pictures(&pixels, &log2_gain, cx)?,
+        let taken = clipping.photographs.as_ref().map_or(Taken::Derived, Photographs::taken);
+        let exposures = match &clipping.photographs {
+            Some(taken) => taken.pictures(&clipping.pixels, &log2_gain, cx)?,
             None => cx.for_each_tile(evs.len(), |i| {
-                Image::from_samples(width, height, 3, expose(&pixels, &log2_gain, evs[i]))
+                Image::from_samples(width, height, 3, expose(&clipping.pixels, &log2_gain, evs[i]))
             })?,
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let chosen = if clipped == 0 && !params.force { &Method::Skip } else { &params.method };
-        let mut report = report(chosen, clipped, mask.len() as u64, &regions);
-        report.tables.extend(books.tables());
+        let mut report = report(clipping.method(), clipping.clipped, clipping.mask.len() as u64, &regions);
+        report.tables.extend(table.tables());
         let named = evs
             .iter()
             .zip(&exposures)
@@ -263,27 +182,6 @@ impl Kind for PredictExposure {
         let brackets = Arc::new(Brackets { log2_gain, evs, exposures, taken, report });
         Ok((Out { brackets, exposures: pictures, report: table }, notes))
     }
-}
-
-/// The networks of `Learned`, built in or from the user's file. The file is read even if nothing is clipped, so
-/// that a wrong file is reported.
-fn learned(
-    params: &PredictExposure,
-    notes: &mut Notes,
-    cx: &Context,
-) -> Result<Option<network::Network>, NodeError> {
-    if !matches!(params.method, Method::Learned) {
-        if let Some(file) = &params.weights {
-            let text = format!("`{}` is ignored: `weights` belong to `method: Learned`", file.0);
-            notes.warning("weights-unused", text);
-        }
-        return Ok(None);
-    }
-    let parsed = match &params.weights {
-        Some(file) => network::parse(&file.0, &cx.read(file)?),
-        None => network::parse(network::FILE, network::WEIGHTS),
-    };
-    Ok(Some(parsed.map_err(|error| NodeError::from(error).at("weights"))?))
 }
 
 /// The clipped parts of a panorama, on the grid.
@@ -325,7 +223,7 @@ impl<'a> Clipped<'a> {
     }
 
     /// The regions, with the predicted gain.
-    fn reported(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
+    fn with_gain(&self, log2_gain: &[f32]) -> Vec<RegionLight> {
         let n = self.labels.count;
         let (mut size, mut before, mut after) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         let mut peak = vec![0.0_f64; n];
