@@ -171,7 +171,7 @@ const SKIPS: [Skip; 8] = [
         force: "`skip_fine: false` of `fit-probe`; without one `width_px` and `size_px` decide",
         kinds: &["fit-probe", "path-trace"],
         judge: |seen| match seen.note("probe-size") {
-            Some(text) => Some((text.contains("in place of"), text.to_owned())),
+            Some(text) => Some((text.contains("instead of"), text.to_owned())),
             None => {
                 let text = seen.note("finer-than-needed").unwrap_or("all of them are needed");
                 Some((false, text.to_owned()))
@@ -317,12 +317,13 @@ mod tests {
     #[test]
     fn a_probe_that_was_fitted_is_reported_beside_advice() {
         let (mut fit, trace) = (node("fit", "fit-probe"), node("trace", "path-trace"));
-        let text = "views of 64 px in place of 512 do: the objects are matte";
+        let text = "views of 64 px are enough, instead of 512: the objects are matte";
         fit.notes.push(note("probe-size", text));
         let rows = judged(&[fit.clone(), trace], &[]);
         assert_eq!(rows[rows.len() - 3], (Some(true), text.to_owned()));
         assert_eq!(rows[rows.len() - 2], (Some(false), "all of them are needed".to_owned()));
-        fit.notes[0].text = "views of 64 px would do, and have 512, as is asked".to_owned();
+        fit.notes[0].text =
+            "views of 64 px would be enough; they keep 512 because of `skip_fine: false`".to_owned();
         let rows = judged(&[fit], &[]);
         assert_eq!(rows[rows.len() - 2].0, Some(false));
     }

@@ -157,10 +157,11 @@ macro_rules! params {
 ///     pub enum Blend { /** At the threshold, as the paper. */ Hard, /** Over a ramp. */ Ramp }
 /// }
 /// assert_eq!(<Blend as engine::ParamType>::describe(), "Hard | Ramp");
+/// assert_eq!(<Blend as engine::ParamType>::choices()[1], ("Ramp", "Over a ramp."));
 /// ```
 #[macro_export]
 macro_rules! choices {
-    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])* $variant:ident),* $(,)? }) => {
+    ($(#[doc = $sdoc:literal])* $vis:vis enum $name:ident { $($(#[doc = $doc:literal])+ $variant:ident),* $(,)? }) => {
         $(#[doc = $sdoc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq, $crate::serde::Serialize, $crate::serde::Deserialize)]
         #[serde(crate = "engine::serde")]

@@ -84,7 +84,7 @@ impl Kind for ContactSheet {
             };
             return Err(NodeError::new(format!("{}, {}", text(first), text(other)))
                 .at("images")
-                .hint("a sheet is of one encoding; gather pictures of one sort"));
+                .hint("a sheet has one encoding; gather pictures of the same encoding"));
         }
         let layout = Layout::new(p, &views);
         let (width, height) = layout.size;

@@ -29,8 +29,8 @@ engine::params! {
         path: InputFile, other("\"b.ply\"");
         /// More files of the same scene, such as the chunks of a capture; appended in this order.
         more: Vec<InputFile> = Vec::new(), other("[\"b.ply\"]");
-        /// Whether to fail at the first row that would be dropped, with an error that names it.
-        strict: bool = false, inert("the output is the same wherever there is one");
+        /// True to fail at the first row that would be dropped, with an error that names it.
+        strict: bool = false, inert("the output does not change unless there is an error");
         /// Splats with a longer axis are dropped: they hide the scene, and usually mean that scales were not stored
         /// as logarithms.
         max_extent: f64 = 1e6, range(1e-12, 1e30), unit("world units"), other("0.2");

@@ -44,9 +44,9 @@ impl Kind for Place {
         let metres = cx.metres_per_unit();
         let world_from_object = inputs.pose.world_from_local * world_from_gltf(cx.up(), metres);
         if !world_from_object.is_finite() {
-            return Err(NodeError::new("the object lands outside of every number")
+            return Err(NodeError::new("the object's transform overflows")
                 .at("pose")
-                .hint("look at the pose's scale and at `metres_per_unit`"));
+                .hint("check the scale of the pose and `metres_per_unit`"));
         }
         let placed = Placed { object: inputs.object, world_from_object };
         Ok((Out { placed: Arc::new(placed) }, Notes::none()))

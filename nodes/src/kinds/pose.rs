@@ -54,7 +54,7 @@ impl Kind for PoseNode {
     fn check(p: &Self) -> Result<(), NodeError> {
         let Some(m) = p.matrix else {
             return if p.scale == 0.0 {
-                Err(NodeError::new("a scale of 0 leaves nothing of the object").at("scale"))
+                Err(NodeError::new("a scale of 0 makes the object vanish").at("scale"))
             } else {
                 Ok(())
             };
@@ -65,16 +65,13 @@ impl Kind for PoseNode {
                 .hint("give either `matrix`, or the others"));
         }
         if m[12..] != [0.0, 0.0, 0.0, 1.0] {
-            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1")
-                .at("matrix")
-                .hint("the matrix is written row after row; the translation ends the first three rows"));
+            return Err(NodeError::new("the last row of `matrix` must be 0, 0, 0, 1").at("matrix").hint(
+                "the matrix is in row-major order; the translation is at the end of the first three rows",
+            ));
         }
         let det = DMat3::from_mat4(row_major(&m)).determinant();
         if det == 0.0 || !det.is_finite() {
-            return Err(NodeError::new(
-                "`matrix` flattens the object, or its numbers are too large: its determinant must be finite, and not 0",
-            )
-            .at("matrix"));
+            return Err(NodeError::new("the determinant of `matrix` must be finite and not 0").at("matrix"));
         }
         Ok(())
     }

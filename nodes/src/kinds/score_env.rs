@@ -80,7 +80,7 @@ impl Kind for ScoreEnv {
             let apart = (a - b).length();
             notes.warning(
                 "other-origin",
-                format!("the two were seen from points {apart:.3} world units apart"),
+                format!("the two environments were captured {apart:.3} world units apart"),
             );
         }
         let scores = score(env, truth, params.normals as usize, cx)?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes};
 
-use crate::light::panorama::{Found, check_width, finish, linear_row};
+use crate::light::panorama::{Unfilled, check_width, finish, linear_row};
 use crate::math::equirect;
 use crate::render::splat::{self, Drawing, MAX_PIXELS, PanoramaCamera, Rendered, Sort, Surface, most_bytes};
 use crate::types::{Data, Image, Images, Mesh, Panorama, Pose, SplatEncoding, Splats};
@@ -167,7 +167,7 @@ impl Kind for SplatPanorama {
             depth.extend(row.depth);
             blends.extend(row.blends);
         }
-        let found = Found { premultiplied, width, encoded, up, origin };
+        let found = Unfilled { premultiplied, width, encoded, up, origin };
         let pano = finish(found, params.holes, params.hole_alpha, &mut notes, cx)?;
         let data = |samples| Images::single("pano", Image::<Data>::from_samples(width, height, 1, samples));
         let out = Out {

@@ -60,7 +60,7 @@ fn limits_of<'a>(rig: &Rig, limits: &'a Images) -> Result<Vec<&'a Image<Data>>, 
         |camera: &Camera| rig.cameras.len() == 1 || limits.0.iter().any(|one| one.name == camera.name);
     let of = |camera: &Camera| match limits.view(&camera.name).filter(|_| known(camera)) {
         Some(Picture::Data(limit)) => Ok(limit),
-        Some(_) => Err(NodeError::new("a depth is no colour").at("limit")),
+        Some(_) => Err(NodeError::new("`limit` must be a depth, not a colour").at("limit")),
         None => Err(NodeError::new(format!("no depth of view `{}`", camera.name)).at("limit")),
     };
     rig.cameras.iter().map(of).collect()
@@ -114,7 +114,7 @@ impl Kind for SplatRender {
             && let [one] = limits.0.as_slice()
             && one.name != camera.name
         {
-            let text = format!("`{}` is taken for the depth that `{}` sees", one.name, camera.name);
+            let text = format!("`{}` is used as the depth for the view `{}`", one.name, camera.name);
             notes.decision("limit-view", text);
         }
         let blocks = (settings.skip_unseen && rig.cameras.len() > 1).then(|| Blocks::of(&splats, cx));

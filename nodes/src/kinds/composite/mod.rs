@@ -96,14 +96,14 @@ impl Layers<'_> {
         let Image { width, height, .. } = *self.background;
         let mut error = Image::new(width, height, 1);
         let Some(variance) = self.variance else { return error };
-        for (index, told) in variance.samples().chunks_exact(4).enumerate() {
+        for (index, reported) in variance.samples().chunks_exact(4).enumerate() {
             let (x, y) = (index % width, index / width);
             let (b, o) = (self.background.pixel(x, y), self.object.pixel(x, y));
             let cover = if self.object.channels == 4 { o[3] } else { 1.0 };
             let (kept, front) = self.in_front(x, y);
             let behind = std::array::from_fn(|c| b[c] - kept[c]);
             let shaded = if self.shadow.is_some() { luminance(behind) * (1.0 - cover) } else { 0.0 };
-            let square = shaded * shaded * told[3] + (1.0 - front) * (1.0 - front) * told[2];
+            let square = shaded * shaded * reported[3] + (1.0 - front) * (1.0 - front) * reported[2];
             error.pixel_mut(x, y)[0] = if square.is_finite() { square.max(0.0).sqrt() } else { 0.0 };
         }
         error
@@ -193,8 +193,8 @@ impl Kind for Composite {
                 None => None,
             };
             if front.as_ref().is_some_and(|image| image.channels != 4) {
-                let error = NodeError::new("what lies in front needs alpha").at("front");
-                return Err(error.hint("wire a splat-render with `limit`"));
+                let error = NodeError::new("`front` needs an alpha channel").at("front");
+                return Err(error.hint("wire the output of a splat-render with `limit`"));
             }
             let variance = match &inputs.variance {
                 Some(images) => Some(matching(images, "variance", &view.name, size)?),
@@ -414,9 +414,9 @@ mod tests {
             )
         };
         let error = |variance| run(variance).expect("runs").0.error.0[0].picture.samples()[0];
-        let told = data(vec![9.0, 9.0, 0.04, 0.09]);
+        let reported = data(vec![9.0, 9.0, 0.04, 0.09]);
         let expected = (0.12_f32 * 0.12 + 0.15 * 0.15).sqrt();
-        assert!((error(Some(told)) - expected).abs() < 1e-6);
+        assert!((error(Some(reported)) - expected).abs() < 1e-6);
         assert_eq!(error(None), 0.0);
         let wrong = run(Some(data(vec![0.0; 3]))).err().expect("channels");
         assert!(wrong.message().contains("3 channels"), "{wrong}");

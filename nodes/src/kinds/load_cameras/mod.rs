@@ -277,7 +277,7 @@ fn range(wish: &str) -> Option<(usize, usize, usize)> {
     Some((start.parse().ok()?, end, step.parse().ok().filter(|step| *step > 0)?))
 }
 
-/// Whether a name matches a pattern with the wildcards `*` and `?`.
+/// True if a name matches a pattern with the wildcards `*` and `?`.
 fn matches(pattern: &str, name: &str) -> bool {
     let (pattern, name): (Vec<char>, Vec<char>) = (pattern.chars().collect(), name.chars().collect());
     let (mut p, mut n, mut retry) = (0, 0, None);
@@ -318,7 +318,9 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     }
     let [fx, fy, cx, cy] = raw.lens;
     if !raw.lens.iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
-        return Err(bad(format!("focal lengths {fx}, {fy} and principal point {cx}, {cy} make no camera")));
+        return Err(bad(format!(
+            "focal lengths {fx}, {fy} and principal point {cx}, {cy} are not valid for a camera"
+        )));
     }
     let size = |pixels: u64| {
         let scaled = (pixels as f64 * p.resolution).round();
@@ -333,7 +335,7 @@ fn finish(p: &LoadCameras, raw: &Raw, name: String, notes: &mut Notes) -> Result
     let (sx, sy) = (f64::from(width_px) / raw.width as f64, f64::from(height_px) / raw.height as f64);
     let eye = raw.world_from_camera.w_axis.truncate();
     let turn = orthonormal(DMat3::from_mat4(raw.world_from_camera)).ok_or_else(|| {
-        bad("its matrix is no rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
+        bad("its matrix is not a rotation".to_owned()).hint("a scaled or mirrored pose cannot be used")
     })?;
     if !eye.is_finite() {
         return Err(bad("its position is not finite".to_owned()));

@@ -200,8 +200,8 @@ fn pictures_of_one_name_keep_their_folders() {
     let days = ["day1/IMG_1.jpg", "day2/IMG_1.jpg"];
     assert_eq!(of(days, &[]).unwrap_or_default(), ["day1_IMG_1", "day2_IMG_1"]);
     assert_eq!(of(days, &["day2/IMG_1"]).unwrap_or_default(), ["day2_IMG_1"]);
-    let told = of(["a.jpg"; 2], &[]).expect_err("are alike");
-    assert!(format!("{told:?}").contains("3..4"), "{told:?}");
+    let reported = of(["a.jpg"; 2], &[]).expect_err("are alike");
+    assert!(format!("{reported:?}").contains("3..4"), "{reported:?}");
     assert_eq!(of(["a.jpg"; 2], &["1..2"]).unwrap_or_default(), ["a"]);
 }
 

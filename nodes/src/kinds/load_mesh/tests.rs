@@ -134,10 +134,10 @@ fn colours_of_faces_are_those_of_their_corners() {
 /// decision is reported.
 #[test]
 fn axes_of_gltf_are_reported() {
-    for (frame, told) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
+    for (frame, reported) in [(MeshFrame::World, true), (MeshFrame::Gltf, false)] {
         let p = LoadMesh { path: InputFile("a.glb".into()), colours: ColourEncoding::Auto, frame };
         let notes = load(&triangle("{}", None), &p).unwrap_or_else(|e| panic!("{e}")).1;
-        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), told);
+        assert_eq!(notes.iter().any(|note| note.id == "mesh-frame"), reported);
     }
     assert!(good(&ascii()).1.iter().all(|note| note.id != "mesh-frame"));
 }

@@ -261,7 +261,7 @@ fn emitters_act_where_the_user_states_them() {
     }
     let (out, notes) =
         stated(vec![[azimuth, elevation, 4.0, 3.0], [azimuth + 180.0, -80.0, 3.0, 5.0]]).expect("runs");
-    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("is told");
+    let idle = notes.iter().find(|note| note.id == "nothing-to-light").expect("a note");
     assert!(idle.text.ends_with("do nothing: 2"), "{}", idle.text);
     // The report lists the window and the lamp of the panorama, whatever lights were given.
     let report = &out.brackets.report;
@@ -273,7 +273,7 @@ fn emitters_act_where_the_user_states_them() {
     let all = mask.iter().filter(|clipped| **clipped).count();
     let kept = |notes: &Notes| notes.iter().find(|n| n.id == "clipping-kept").map(|n| n.text.clone());
     let (_, none) = stated(Vec::new()).expect("runs");
-    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels stay as they are")));
+    assert_eq!(kept(&none), Some(format!("{all} of {all} clipped pixels are not changed")));
     assert_eq!(kept(&stated(vec![[0.0, 0.0, 180.0, 5.0]]).expect("runs").1), None);
     assert!(stated(vec![[1e300, 5.0, 3.0, 5.0]]).is_err());
     assert!(stated(vec![[0.0, 95.0, 3.0, 5.0]]).is_err() && stated(vec![[0.0, 5.0, 0.0, 5.0]]).is_err());

@@ -12,7 +12,7 @@ pub const CORNERS: usize = SIDE as usize + 1;
 /// Corners of a cube.
 const ALL: usize = CORNERS * CORNERS * CORNERS;
 
-/// How far from the surface distances are told apart, in cells.
+/// How far from the surface distances are reported apart, in cells.
 const BAND: f32 = 3.0;
 /// How far behind a surface along a slanting ray it is still taken to be, in bands.
 const BEHIND: f32 = 3.0;

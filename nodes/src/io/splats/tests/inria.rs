@@ -148,7 +148,7 @@ fn sog_meta_of_other_versions_and_wrong_codebooks_are_refused() {
     assert!(says("[").contains("no SOG"));
 }
 
-/// A scene from somebody else reads nothing but what lies beside it. Mutation: the check of names dropped.
+/// An untrusted scene reads files in its own folder only. Mutation: the check of names dropped.
 #[test]
 fn sog_meta_names_only_what_lies_beside_it() {
     let files = build::sog(2);

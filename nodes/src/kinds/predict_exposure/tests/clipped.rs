@@ -26,9 +26,12 @@ fn a_prediction_that_is_forced_where_nothing_is_clipped_changes_no_bit() {
                 let note = notes.iter().find(|note| note.id == "nothing-clipped").map(|n| n.text.clone());
                 (out.brackets, note.unwrap_or_default())
             };
-            let ((left, told), (forced, why)) = (run(false), run(true));
+            let ((left, reported), (forced, why)) = (run(false), run(true));
             assert!(left.log2_gain == forced.log2_gain && left.exposures == forced.exposures, "{method:?}");
-            assert!(told.ends_with("nothing is predicted") && why.ends_with("by `force`"), "{told}; {why}");
+            assert!(
+                reported.ends_with("nothing is predicted") && why.ends_with("because of `force`"),
+                "{reported}; {why}"
+            );
             let name = |brackets: &Brackets| brackets.report.tables[0].rows[0][0].clone();
             assert_eq!(name(&left), Cell::Text("skip".to_owned()));
             assert_ne!(name(&forced), name(&left), "the report says what was asked");
@@ -76,7 +79,7 @@ fn what_fills_a_hole_changes_no_gain() {
     }
 }
 
-// White that is mostly transparent is reported, without a contradiction. Mutation: `tell_unseen` not called.
+// White that is mostly transparent is reported, without a contradiction. Mutation: `report_unseen` not called.
 #[test]
 fn white_that_is_mostly_transparent_is_reported() {
     let mut pano = (*pano(64, |x, y| if (x, y) == (5, 8) { [1.0; 3] } else { [0.5; 3] })).clone();
@@ -107,7 +110,7 @@ fn linear_light_is_clipped_at_white_unless_it_holds_more() {
 }
 
 // Whites may end early: a channel is clipped from `white` on, and given lights for pixels below it are reported.
-// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `tell_nothing_clipped`.
+// Mutation: `CLIPPED` for `white` in `clip_mask`; the warning dropped in `report_nothing_clipped`.
 #[test]
 fn white_is_where_the_user_says() {
     let mut dull = (*room(128)).clone();
@@ -122,6 +125,6 @@ fn white_is_where_the_user_says() {
         (lit, notes.iter().any(|note| note.id == "nothing-to-light"))
     };
     assert_eq!(lit(CLIPPED), (0, true));
-    let (pixels, told) = lit(0.9);
-    assert!(pixels > 0 && !told, "{pixels}");
+    let (pixels, reported) = lit(0.9);
+    assert!(pixels > 0 && !reported, "{pixels}");
 }
