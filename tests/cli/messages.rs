@@ -161,7 +161,7 @@ fn every_setting_that_is_wrong_is_reported_at_once() {
     assert_eq!(reported.matches("error: ").count(), 3, "{reported}");
     let reported = errors(&["bad", "pose.yaw_deg=1", "worse="]);
     assert!(
-        reported.contains("`--set bad` is no setting") && reported.contains("`--set worse=`"),
+        reported.contains("`--set bad` is not a setting") && reported.contains("`--set worse=`"),
         "{reported}"
     );
 }
