@@ -37,7 +37,7 @@ def graph(scene):
         placed: Place(object: "matte", pose: "pose"),
         env:    LoadEnvironment(path: "{FOLDER}/env.exr"),
         trace:  PathTrace(receiver: "plane", objects: ["placed"], rig: "rig", env: "env", samples: 1024,
-                          env_block: Solid, bounce: Solid, contact_metres: 0.0),
+                          surroundings: Open, contact_metres: 0.0),
         save:   WriteExr(layers: ["trace.without", "trace.with", "trace.object"], path: "out.exr"),
         told:   WriteReport(report: "trace.report", path: "out.json"),
     ),

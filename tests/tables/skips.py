@@ -33,7 +33,7 @@ HIGH = ["pose.translation=(0.0, 0.0, 30.0)"]
 # the count that tells.
 ROWS = [
     ("the prediction of clipped light", "none", ["none.force=true"], [], "grey", "pixels"),
-    ("telling the receiver from its light", "trace", ["trace.near_field=On"], [], UPPER, "rays"),
+    ("telling the receiver from its light", "trace", ["trace.surroundings=Projected"], [], UPPER, "rays"),
     ("R1, between walls", "trace", ["trace.crop=0.0"], [], UPPER, "rays"),
     ("R1, on the paving alone", "low", ["low.crop=0.0"], [], UPPER + ",paving", "rays"),
     ("R1, 30 m above it", "low", HIGH + ["low.crop=0.0"], HIGH, UPPER + ",paving", "rays"),

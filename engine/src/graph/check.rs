@@ -171,7 +171,14 @@ impl<'t, 'a> Check<'t, 'a> {
         reads: &mut Vec<(usize, Range<usize>)>,
     ) -> Option<Template<'a, 't>> {
         let before = self.diagnostics.len();
+        let former = former_fields(raw, kind);
+        for (_, former) in &former {
+            self.report(former.clone());
+        }
         for (index, field) in raw.fields.iter().enumerate() {
+            if former.iter().any(|(fields, _)| fields.contains(&field.name)) {
+                continue;
+            }
             let names = || kind.params.iter().map(|p| p.name).chain(kind.inputs.iter().map(|p| p.name));
             if !names().any(|name| name == field.name) {
                 let message = format!("`{}` has no field `{}`", kind.camel_name(), shown(field.name));
@@ -192,6 +199,9 @@ impl<'t, 'a> Check<'t, 'a> {
         let mut own = Vec::new();
         for field in &raw.fields {
             let Some(param) = kind.params.iter().find(|param| param.name == field.name) else {
+                if former.iter().any(|(fields, _)| fields.contains(&field.name)) {
+                    continue;
+                }
                 if let Ok(1..) = axes_read(field.text, &field.span, &self.axes).map(|axes| axes.len()) {
                     self.report(Diagnostic::new(field.span.clone(), "a wire cannot run along an axis"));
                 }
@@ -459,6 +469,29 @@ impl Graph {
             _ => Err(Diagnostics { files, ..Diagnostics::new(source, diagnostics) }),
         }
     }
+}
+
+/// The parameters of former versions among the fields of a node, each group with what to write instead of it.
+fn former_fields(raw: &RawNode<'_>, kind: &KindEntry) -> Vec<(&'static [&'static str], Diagnostic)> {
+    let texts: Vec<(&str, &str)> = raw.fields.iter().map(|field| (field.name, field.text)).collect();
+    let mut found: Vec<(&'static [&'static str], Diagnostic)> = Vec::new();
+    for field in &raw.fields {
+        let known = kind.params.iter().any(|param| param.name == field.name)
+            || found.iter().any(|(fields, _)| fields.contains(&field.name));
+        let Some(former) = (!known).then(|| (kind.former)(field.name, &texts)).flatten() else { continue };
+        let written: Vec<String> = texts
+            .iter()
+            .filter(|(name, _)| former.fields.contains(name))
+            .map(|(name, _)| format!("`{name}`"))
+            .collect();
+        let version = format!("`{}` {}", kind.name, former.last);
+        let message = format!("`{}` no longer has {}", kind.camel_name(), written.join(", "));
+        let mistake = Diagnostic::of(Code::UnknownField, field.name_span.clone(), message)
+            .label(former.instead)
+            .hint(format!("a recipe or bundle that has it runs in a program with {version} or earlier"));
+        found.push((former.fields, mistake));
+    }
+    found
 }
 
 fn wiring_of(node: &Arc<Node>) -> Vec<(usize, Range<usize>)> {

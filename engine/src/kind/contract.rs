@@ -42,6 +42,17 @@ pub enum Keep {
     Cheap,
 }
 
+/// What to write instead of a parameter of a former version.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Former {
+    /// The parameters that went together, reported as one.
+    pub fields: &'static [&'static str],
+    /// The last version of the kind that had them.
+    pub last: u32,
+    /// What to do, as in ``write `surroundings: Open` ``.
+    pub instead: String,
+}
+
 /// How many views a node makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ViewCount {
@@ -119,6 +130,12 @@ pub trait Kind: 'static {
     /// The files that `run` reads, found cheaply (headers only).
     fn sources(_params: &Self::Params, _root: &SourceRoot) -> Result<Vec<SourceFile>, NodeError> {
         Ok(Vec::new())
+    }
+
+    /// What to write instead of the field `name`, if a former version had it. `fields` are all fields of the node as
+    /// written, by name and text.
+    fn former(_name: &str, _fields: &[(&str, &str)]) -> Option<Former> {
+        None
     }
 
     /// Checks that need several parameters at once; ranges are declared with the parameters.

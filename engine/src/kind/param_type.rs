@@ -11,6 +11,10 @@ pub trait ParamType:
 {
     /// What a person writes, as in `number` or `Hard | Ramp`.
     fn describe() -> String;
+    /// The choices of an enumeration with their documentation; empty for other types.
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        Vec::new()
+    }
     /// What the parameter names outside of the graph.
     const ROLE: Role = Role::Value;
     /// True when every number in the value lies in the closed range.
@@ -136,6 +140,9 @@ impl<T: ParamType> ParamType for Option<T> {
     const ROLE: Role = T::ROLE;
     fn describe() -> String {
         format!("{} (optional)", T::describe())
+    }
+    fn choices() -> Vec<(&'static str, &'static str)> {
+        T::choices()
     }
     fn within(&self, low: f64, high: f64) -> bool {
         self.as_ref().is_none_or(|v| v.within(low, high))

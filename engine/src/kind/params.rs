@@ -15,6 +15,8 @@ pub struct ParamSpec {
     pub doc: &'static str,
     /// What a person writes.
     pub describe: fn() -> String,
+    /// The choices of an enumeration with their documentation; empty for other types.
+    pub choices: fn() -> Vec<(&'static str, &'static str)>,
     /// Canonical text of the default, made when asked for; `None` where the parameter must be given.
     pub default: fn() -> Option<String>,
     /// Closed range of every number in it.
@@ -101,6 +103,7 @@ macro_rules! params {
                     let mut spec = $crate::ParamSpec {
                         name: stringify!($field), doc: concat!($($doc, "\n"),*).trim_ascii(),
                         describe: <$type as $crate::ParamType>::describe,
+                        choices: <$type as $crate::ParamType>::choices,
                         default: || $crate::params!(@default $type $(= $default)?)
                             .map(|v| $crate::canonical(&v).expect("a default is a finite value")),
                         range: None, unit: "", other: None, inert: None, knob: None,
@@ -166,6 +169,9 @@ macro_rules! choices {
         $vis enum $name { $($(#[doc = $doc])* $variant,)* }
         impl $crate::ParamType for $name {
             fn describe() -> String { [$(stringify!($variant)),*].join(" | ") }
+            fn choices() -> Vec<(&'static str, &'static str)> {
+                vec![$((stringify!($variant), concat!($($doc, "\n"),*).trim_ascii())),*]
+            }
         }
     };
 }

@@ -1,6 +1,7 @@
 //! Kinds: what a node does, and the table that knows them all.
 
 use crate::kind::contract::Cost;
+use crate::kind::contract::Former;
 use crate::kind::contract::Keep;
 use crate::kind::contract::Kind;
 use crate::kind::contract::Sizes;
@@ -110,6 +111,8 @@ pub struct KindEntry {
     pub(crate) supplied: Option<&'static str>,
     /// Whether a parameter names a file to read.
     pub(crate) reads_files: bool,
+    /// [`Kind::former`].
+    pub(crate) former: fn(&str, &[(&str, &str)]) -> Option<Former>,
     pub(crate) read: fn(&mut Fields<'_, '_>) -> Option<Arc<dyn Step>>,
 }
 
@@ -136,6 +139,7 @@ impl KindEntry {
             coarse: K::COARSE,
             folders: K::FOLDERS,
             supplied: K::SUPPLIED,
+            former: K::former,
             read: |fields| {
                 let step: Arc<dyn Step> = Arc::new(StepOf::<K>(K::Params::read(fields)?));
                 Some(step)

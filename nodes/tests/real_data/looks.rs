@@ -6,7 +6,7 @@ use engine::{Context, InputFile, Kind, Notes, Scene, Up};
 use glam::{DMat4, DVec3};
 use nodes::kinds::load_environment::{self, LoadEnvironment};
 use nodes::kinds::load_object::{self, LoadObject};
-use nodes::kinds::path_trace::visibility::{Bounce, EnvBlock, SpecularSees};
+use nodes::kinds::path_trace::surroundings::Surroundings;
 use nodes::kinds::path_trace::{self, PathTrace};
 use nodes::types::{Camera, Mesh, Placed, Rig};
 
@@ -59,9 +59,7 @@ fn render(path: &str, scale: f64, at: DVec3, rig: Rig, samples: u32) -> (Vec<f32
     let params = PathTrace {
         samples,
         max_bounces: 12,
-        env_block: EnvBlock::Solid,
-        bounce: Bounce::Solid,
-        object_specular_sees: SpecularSees::Receiver,
+        surroundings: Surroundings::OPEN,
         contact_metres: Some(0.0),
         crop: 0.0,
         ..PathTrace::default()

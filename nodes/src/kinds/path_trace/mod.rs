@@ -1,35 +1,42 @@
 //! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
 
 mod auto;
+mod former;
 mod lobes;
 mod output;
 mod reporting;
 mod scale;
+pub mod surroundings;
 mod unseen;
-pub mod visibility;
 
 use std::sync::Arc;
 
-use engine::{Context, ContextField, Cost, Kind, NodeError, Notes, Sizes, ViewCount};
+use engine::{Context, ContextField, Cost, Former, Kind, NodeError, Notes, Sizes, ViewCount};
 use glam::{DVec3, Vec3};
 
 use crate::error::Error;
 use crate::light::env_resolution::EnvResolution;
-use crate::render::transport::ground::capture_point;
+use crate::render::transport::ground::capture_point::{CapturePoint, stand_in};
+use crate::render::transport::ground::light_share::share_past;
+use crate::render::transport::ground::probe::Probe;
 use crate::render::transport::ground::standing::find_ground;
+use crate::render::transport::path::double_count::counted_twice;
+use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::film::{self, CROSS, FIRST_HIT, PAIR, R0};
 use crate::render::transport::picture::prepared::PreparedScene;
 use crate::render::transport::picture::tracing::{Settings, Tracing};
+use crate::render::transport::scene::block::Block;
 use crate::render::transport::scene::frame::in_scene_frame;
 use crate::render::transport::scene::objects::Objects;
 use crate::types::{Camera, Environment, Images, Mesh, Placed, Report, Rig};
+use auto::{Decision, Facts};
 use output::assemble;
 use reporting::{
-    report_coarse_coordinates, report_first_samples, report_inputs, report_standing, report_unseen,
-    report_unseen_places, report_views,
+    report_capture, report_coarse_coordinates, report_first_samples, report_inputs, report_standing,
+    report_unseen, report_unseen_places, report_views,
 };
-use visibility::{Bounce, EnvBlock, NearField, SpecularSees};
+use surroundings::Surroundings;
 
 engine::params! {
     /// Renders the receiver without and with the objects, and the objects themselves.
@@ -37,8 +44,8 @@ engine::params! {
     /// `with` is `without` plus what the objects change of it, so their ratio is exactly 1 where they change
     /// nothing. In `with` the objects are hidden from the camera but from no other ray. `object` is premultiplied; its
     /// alpha is the share of the pixel that it covers, less where the receiver stands in front. In a closed
-    /// room the receiver would keep out the light that the panorama already shows; `env_block`, `bounce` and
-    /// `object_specular_sees` say how it treats each sort of ray, and by default the scene decides.
+    /// room the mesh would keep out the light that the panorama already shows: `surroundings` says how the two go
+    /// together, and by default the scene decides.
     pub struct PathTrace {
         /// Paths per pixel, or with `max_error` the most of them, which is 4 at least.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
@@ -50,15 +57,11 @@ engine::params! {
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
         /// How often light may be scattered after the first time.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
-        /// How the receiver blocks light of the environment.
-        env_block: EnvBlock = EnvBlock::Auto, other("Pass");
-        /// What scattered rays find where they meet the receiver.
-        bounce: Bounce = Bounce::Auto, other("Env");
-        /// What reflections in objects show where they meet the receiver.
-        object_specular_sees: SpecularSees = SpecularSees::Auto, other("Env");
-        /// Whether the receiver is the light that the environment shows of it, so that a lamp on a wall lights
-        /// each point from where it is.
-        near_field: NearField = NearField::Auto, other("Off");
+        /// How the mesh and the panorama together model the place around the objects. `bounces` is whether the mesh
+        /// reflects light that was scattered; where the panorama already shows its walls, that counts them twice.
+        /// Reflections in objects show the panorama where it was captured in the place or the mesh lets its light
+        /// pass, else the mesh.
+        surroundings: Surroundings = Surroundings::Auto, other("Transparent");
         /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
         /// dots of light that a glossy object throws, and some of that light with them.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
@@ -123,6 +126,16 @@ engine::outputs! {
     }
 }
 
+/// What was decided about the surroundings, and what it was decided by.
+struct Decided {
+    /// The choice of `surroundings` that it amounts to.
+    name: String,
+    rules: Rules,
+    probe: Option<Probe>,
+    /// Share of light that bounces of the mesh count twice, or would; `None` for a solid mesh.
+    twice: Option<f64>,
+}
+
 impl PathTrace {
     /// The most samples of a pixel: an error is judged by a first chunk, whatever `samples` says.
     fn most(&self) -> u32 {
@@ -152,12 +165,47 @@ impl PathTrace {
         if inputs.rig.cameras.is_empty() {
             return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
         }
-        if self.near_field == NearField::On && inputs.env.origin.is_none() {
-            let hint = "give `load-environment` its `origin`, or leave `near_field` to `Auto`";
-            let text = "near_field needs an environment with a point of capture";
-            return Err(NodeError::new(text).at("near_field").hint(hint));
+        if self.surroundings == Surroundings::Projected && inputs.env.origin.is_none() {
+            let hint = "give `load-environment` its `origin`, or leave `surroundings` to `Auto`";
+            let text = "`Projected` needs an environment with a point of capture";
+            return Err(NodeError::new(text).at("surroundings").hint(hint));
         }
         Ok(())
+    }
+
+    /// Decides what was left to `Auto`, and reports it. `from` is the point of capture in the frame of the scene.
+    fn decide(
+        &self,
+        inputs: &In,
+        prepared: &PreparedScene<'_>,
+        from: Vec3,
+        (up, metres_per_unit): (DVec3, f64),
+        notes: &mut Notes,
+    ) -> Decided {
+        let (receiver, captured) = (prepared.receiver(), inputs.env.origin.is_some());
+        let mut point = self.surroundings.probes().then(|| CapturePoint::at(receiver, from));
+        if captured && let Some(found) = &mut point {
+            let moves = self.surroundings != Surroundings::Distant;
+            let camera = stand_in(receiver, &inputs.rig.cameras, prepared.origin);
+            let camera = in_scene_frame(camera.eye(), prepared.origin);
+            let (checked, fault) = found.checked((receiver, camera), (up, metres_per_unit), moves);
+            report_capture(fault, metres_per_unit, notes);
+            *found = checked;
+        }
+        let (from, probe) = (point.map_or(from, |point| point.at), point.map(|point| point.probe));
+        let facts = Facts { probe, from, captured, metres_per_unit };
+        let solid_light = || share_past(prepared.sky(), receiver, from, &Block::Solid);
+        let decision = Decision::of(self.surroundings, &facts, solid_light);
+        decision.report(self.surroundings, probe.as_ref(), notes);
+        let rules = decision.rules(from, self.max_bounces, self.clamp_indirect);
+        let twice = (rules.block != Block::Solid)
+            .then(|| counted_twice(receiver, prepared.sky(), prepared.origin, from, &rules));
+        if let Some(twice) = twice.filter(|_| rules.bounce_solid && rules.near.is_none()) {
+            let text = "the panorama already shows the light that the mesh reflects, so it counts twice:";
+            let hint = "set `bounces: false` in `surroundings`";
+            notes.warning("double-count", format!("{text} {:.0} % too much; {hint}", 100.0 * twice));
+        }
+        Decided { name: decision.name(), rules, probe, twice }
     }
 
     /// Where the environment was captured, or the camera that stands for it, which is told where it matters.
@@ -165,7 +213,13 @@ impl PathTrace {
         if let Some(origin) = inputs.env.origin {
             return origin;
         }
-        if matches!(self.env_block, EnvBlock::Auto | EnvBlock::PassBeyond { .. }) {
+        if matches!(
+            self.surroundings,
+            Surroundings::Auto
+                | Surroundings::Distant
+                | Surroundings::Projected
+                | Surroundings::Within { .. }
+        ) {
             let text =
                 format!("the environment has no point of capture; camera `{}` stands for it", camera.name);
             notes.decision("probe-origin", text);
@@ -176,7 +230,7 @@ impl PathTrace {
 
 impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
-    const VERSION: u32 = 19;
+    const VERSION: u32 = 20;
     const READS: &'static [ContextField] =
         &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
@@ -205,15 +259,13 @@ impl Kind for PathTrace {
         sizes.of("rig") * all.min(samples) / (coarse * coarse)
     }
 
+    fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
+        former::former(name, fields)
+    }
+
     fn check(params: &Self) -> Result<(), NodeError> {
-        if params.near_field == NearField::On && params.env_block == EnvBlock::Paper {
-            let text = "the printed visibility has no near field: the camera does not see the receiver";
-            return Err(NodeError::new(text)
-                .at("near_field")
-                .hint("leave `near_field` to `Auto`, or `env_block`"));
-        }
-        match params.env_block.out_of_range() {
-            Some(text) => Err(NodeError::new(text).at("env_block")),
+        match params.surroundings.out_of_range() {
+            Some(text) => Err(NodeError::new(text).at("surroundings")),
             None => Ok(()),
         }
     }
@@ -230,11 +282,11 @@ impl Kind for PathTrace {
         // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
         let origin = cameras[0].eye();
         let prepared = PreparedScene::new(&inputs.receiver, &inputs.env, origin, cx)?;
-        let camera = capture_point::stand_in(prepared.receiver(), cameras, origin);
+        let camera = stand_in(prepared.receiver(), cameras, origin);
         let centre = params.point_of_capture(&inputs, camera, &mut notes);
         let [_, _, up] = crate::math::equirect::axes(cx.up());
         let space = (up, cx.metres_per_unit());
-        let decided = params.decide(&inputs, &prepared, centre, space, &mut notes);
+        let decided = params.decide(&inputs, &prepared, in_scene_frame(centre, origin), space, &mut notes);
         let rules = &decided.rules;
         let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
         objects.every_lobe = !params.skip_lobes;

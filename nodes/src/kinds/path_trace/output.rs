@@ -4,32 +4,17 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::auto::Decided;
 use super::lobes;
-use super::{In, Out};
+use super::{Decided, In, Out};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
-use crate::render::transport::scene::block::Block;
 use crate::types::{Cell, Images, NamedImage, Report, Table};
-
-/// How the receiver blocks the environment, in words.
-fn block_text(block: &Block) -> String {
-    match block {
-        Block::Solid => "Solid".to_owned(),
-        Block::Pass => "Pass".to_owned(),
-        Block::FrontFace { max_layers, flip, .. } => {
-            let side = if *flip { ", normals turned round" } else { "" };
-            format!("FrontFace, {max_layers} layers{side}")
-        }
-        Block::PassBeyond { radius, .. } => format!("PassBeyond {radius} units from the point of capture"),
-    }
-}
 
 /// The rows of what was decided, and what it took.
 fn decisions(
     inputs: &In,
-    Decided { rules, probe, twice }: &Decided,
+    Decided { name, rules, probe, twice }: &Decided,
     centre: DVec3,
     crop: &str,
     rays: &Rays,
@@ -39,10 +24,7 @@ fn decisions(
     let text = |what: &str, value: &str| row(what, Cell::Text(value.to_owned()));
     let capture = format!("{}, {}, {}", centre.x, centre.y, centre.z);
     let mut decisions = vec![
-        text("env_block", &block_text(&rules.block)),
-        text("bounce", if rules.bounce_solid { "Solid" } else { "Env" }),
-        text("object_specular_sees", if rules.specular_env { "Env" } else { "Receiver" }),
-        text("near_field", if rules.near.is_some() { "On" } else { "Off" }),
+        text("surroundings", name),
         text("crop", crop),
         text("point of capture", &capture),
         row("camera rays", Cell::Count(rays.camera)),
@@ -53,6 +35,12 @@ fn decisions(
         row("triangles that a ray is tested with", Cell::Number(triangles)),
         text("lobes that no material has", &lobes::absent(&inputs.objects)),
     ];
+    if rules.near.is_none() {
+        decisions
+            .push(text("the mesh reflects scattered light", if rules.bounce_solid { "yes" } else { "no" }));
+        decisions
+            .push(text("reflections show", if rules.specular_env { "the panorama" } else { "the mesh" }));
+    }
     if let Some(twice) = twice {
         decisions.push(row("light that walls counted twice add", Cell::Number(*twice)));
     }

@@ -8,6 +8,7 @@ use super::scale::{short, why_not_seen};
 use super::unseen::Unseen;
 use crate::geometry::bvh::Ray;
 use crate::geometry::support::Level;
+use crate::render::transport::ground::capture_point::{CaptureFault, NEAREST};
 use crate::render::transport::ground::limits::LARGEST;
 use crate::render::transport::ground::side::Lost;
 use crate::render::transport::ground::standing::Standing;
@@ -92,6 +93,36 @@ pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
     }
 }
 
+/// Reports what is wrong with the point of capture.
+pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, notes: &mut Notes) {
+    let hint =
+        "check that `origin` (or `at` of `cube-rig`) is where the panorama was captured, in world units";
+    match fault {
+        None => {}
+        Some(CaptureFault::Raised(raised)) => {
+            let millimetres = f64::from(raised) * metres_per_unit * 1e3;
+            let text = "the point of capture lies on or under the mesh and sees back faces or nothing; it was moved up by";
+            notes.warning("capture-under-ground", format!("{text} {millimetres:.0} mm"));
+        }
+        Some(CaptureFault::SeesNothing(held)) => {
+            let text = "the point of capture sees nothing of the mesh, which fills";
+            notes.warning(
+                "capture-far-off",
+                format!("{text} {:.0} % of the view of a camera; {hint}", 100.0 * held),
+            );
+        }
+        Some(CaptureFault::SeesBacks(backs)) => {
+            let text = "of the surfaces that the point of capture sees are back faces, so it is inside an object, under \
+                        the ground or outside the room";
+            notes.warning("capture-behind-surfaces", format!("{:.0} % {text}; {hint}", 100.0 * backs));
+        }
+        Some(CaptureFault::TooNear) => {
+            let text = format!("the point of capture is less than {:.0} mm from the mesh", NEAREST * 1e3);
+            notes.warning("capture-on-surface", format!("{text}; {hint}"));
+        }
+    }
+}
+
 /// Tells what is to be known of the pictures.
 pub(crate) fn report_views(
     params: &PathTrace,
@@ -141,8 +172,8 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
         let why = match rules.block {
             _ if power == [0.0; 3] => "the environment is black",
             Block::Solid if rules.near.is_none() => {
-                "the receiver lets no light of the environment in; `env_block: FrontFace` lets it into a closed \
-                             mesh, and `near_field: On` makes the mesh the light"
+                "the mesh keeps out all light of the environment; `surroundings: Room` lets it into a closed mesh, \
+                             and `Projected` makes the mesh emit it"
             }
             _ => "no light of the environment comes to what the camera sees",
         };

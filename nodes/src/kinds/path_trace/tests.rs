@@ -125,8 +125,8 @@ fn rig(eye: DVec3, target: DVec3, size: u32, focal: f64) -> Arc<Rig> {
     })
 }
 
-fn params(samples: u32, env_block: EnvBlock) -> PathTrace {
-    PathTrace { samples, env_block, contact_metres: Some(0.0), crop: 0.0, ..PathTrace::default() }
+fn params(samples: u32, surroundings: Surroundings) -> PathTrace {
+    PathTrace { samples, surroundings, contact_metres: Some(0.0), crop: 0.0, ..PathTrace::default() }
 }
 
 fn render(

@@ -4,7 +4,7 @@ use super::*;
 use crate::types::Cell;
 
 fn until(error: f64, samples: u32) -> PathTrace {
-    PathTrace { max_error: Some(error), ..params(samples, EnvBlock::Solid) }
+    PathTrace { max_error: Some(error), ..params(samples, Surroundings::OPEN) }
 }
 
 /// The scene of [`shadowed`] seen from so far that most of it is not in the shadow.
@@ -34,7 +34,7 @@ fn plan(out: &Out) -> Vec<f64> {
 fn blocks_are_those_of_whole_pictures() {
     let (plane, objects, rig) = far(96);
     let render = |p: &PathTrace| render(p, &plane, &objects, &rig, &sunny());
-    let (few, all) = (render(&params(4, EnvBlock::Solid)).0, render(&params(16, EnvBlock::Solid)).0);
+    let (few, all) = (render(&params(4, Surroundings::OPEN)).0, render(&params(16, Surroundings::OPEN)).0);
     let (never, notes) = render(&until(1e-6, 16));
     let whole = samples(&never.with).chunks(3).zip(samples(&all.with).chunks(3));
     let same = whole.filter(|(a, b)| a == b).count();
@@ -69,7 +69,7 @@ fn fewer_samples_than_the_first_are_raised_to_it() {
         let (out, notes) = render(&until(1e-6, samples));
         assert_eq!(layers(&out), layers(&four));
         assert!(raised(&notes) && notes.is_degraded(), "what 4 do not reach is told");
-        assert!(!raised(&render(&params(samples, EnvBlock::Solid)).1));
+        assert!(!raised(&render(&params(samples, Surroundings::OPEN)).1));
     }
 }
 
@@ -92,7 +92,7 @@ fn the_error_asked_for_is_reached() {
     assert!(blocks == 9.0 && (1.0..9.0).contains(&more), "{more}");
     assert!((4.0..128.0).contains(&mean));
     assert_eq!(layers(&trace(&until(0.05, 256), 1).0), layers(&out));
-    let sixteenth = trace(&params(16, EnvBlock::Solid), 3).2;
+    let sixteenth = trace(&params(16, Surroundings::OPEN), 3).2;
     assert!(rays < 8 * sixteenth, "{rays} {sixteenth}");
 }
 
@@ -122,7 +122,7 @@ fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
 fn variance_is_that_of_many_seeds() {
     for n in [2, 4, 16] {
         for layer in [0, 2, 3] {
-            let outs = seeds(&params(n, EnvBlock::Solid), 20, layer);
+            let outs = seeds(&params(n, Surroundings::OPEN), 20, layer);
             let (mut told, mut is) = (0.0, 0.0);
             for i in 0..32 * 32 {
                 let mean = outs.iter().map(|out| out[i][0]).sum::<f64>() / 20.0;
@@ -149,7 +149,7 @@ fn beyond(a: &[[f64; 2]], b: &[[f64; 2]]) -> ([f64; 2], f64) {
 #[test]
 fn two_seeds_agree_to_their_errors() {
     for layer in [0, 2, 3] {
-        let outs = seeds(&params(16, EnvBlock::Solid), 2, layer);
+        let outs = seeds(&params(16, Surroundings::OPEN), 2, layer);
         let (shares, n) = beyond(&outs[0], &outs[1]);
         for (share, expected) in shares.into_iter().zip([0.0455_f64, 0.0027]) {
             let most = expected + 3.0 * (expected * (1.0 - expected) / n).sqrt();
@@ -165,7 +165,7 @@ fn two_seeds_agree_to_their_errors() {
 #[test]
 fn intervals_cover_where_samples_are_adapted() {
     let outs = seeds(&until(0.03, 64), 20, 3);
-    let truth = seeds(&params(256, EnvBlock::Solid), 4, 3);
+    let truth = seeds(&params(256, Surroundings::OPEN), 4, 3);
     let (mut within, mut all, mut bias) = (0.0, 0.0, 0.0);
     for i in 0..32 * 32 {
         let mean = truth.iter().map(|out| out[i][0]).sum::<f64>() / 4.0;

@@ -99,7 +99,7 @@ fn what_is_said_to_suffice_does() {
         assert!(coarse.image.width <= 256, "{enough:?}");
         let seen = |environment: &Environment| {
             let (out, notes) =
-                render(&params(64, EnvBlock::Solid), &plane(3.0), &objects, &camera, environment);
+                render(&params(64, Surroundings::OPEN), &plane(3.0), &objects, &camera, environment);
             let told = notes.iter().any(|note| note.id == "finer-than-needed");
             assert_eq!(told, environment.image.width >= 2 * enough.columns);
             let ratio = samples(&out.with).iter().zip(samples(&out.without)).map(|(a, b)| f64::from(a / b));

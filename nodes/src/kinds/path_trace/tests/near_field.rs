@@ -53,7 +53,7 @@ fn lambert(point: DVec3, normal: DVec3) -> f64 {
 }
 
 fn near(samples: u32) -> PathTrace {
-    PathTrace { near_field: NearField::On, ..params(samples, EnvBlock::Auto) }
+    params(samples, Surroundings::Projected)
 }
 
 /// Mean of a small view straight down on, or straight at, a point of the room.
@@ -80,7 +80,7 @@ fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
         let expected = 0.5 * lambert(point, normal) / std::f64::consts::PI;
         let got = at(&near(256), &env, point, normal);
         assert!((got / expected - 1.0).abs() < 0.02, "{point}: {got} for {expected}");
-        let far = PathTrace { near_field: NearField::Off, ..near(256) };
+        let far = PathTrace { surroundings: Surroundings::Distant, ..near(256) };
         let distant = at(&far, &env, point, normal);
         assert!((distant / expected - 1.0).abs() > 0.2, "{point}: {distant} for {expected}");
     }
@@ -93,13 +93,12 @@ fn a_lamp_on_a_wall_lights_each_point_from_where_it_is() {
 fn a_white_room_is_half_lit() {
     let mut env = white();
     env.origin = Some(EYE);
-    for (max_bounces, env_block) in [(0, EnvBlock::Auto), (8, EnvBlock::Pass)] {
-        let p = PathTrace { max_bounces, env_block, ..near(256) };
+    for max_bounces in [0, 8] {
+        let p = PathTrace { max_bounces, ..near(256) };
         let (out, notes) = render(&p, &room(), &[], &inside(), &env);
         assert!((mean(&out.without) - 0.5).abs() < 1.5e-3, "{}", mean(&out.without));
-        let told = notes.iter().find(|note| note.id == "near-field").expect("a decision");
-        assert!(told.text.starts_with("On: as set"));
-        assert_eq!(told.text.contains("have no say"), env_block != EnvBlock::Auto);
+        let told = notes.iter().find(|note| note.id == "surroundings").expect("a decision");
+        assert!(told.text.starts_with("Projected: "));
     }
 }
 
@@ -109,14 +108,14 @@ fn a_white_room_is_half_lit() {
 fn auto_is_near_where_the_receiver_is_what_the_panorama_shows() {
     let decided = |floor: f32, origin| {
         let env = Environment { origin, ..white() };
-        let (_, notes) = render(&params(1, EnvBlock::Auto), &plane(floor), &[], &inside(), &env);
-        notes.iter().find(|note| note.id == "near-field").map(|note| note.text.clone()).unwrap_or_default()
+        let (_, notes) = render(&params(1, Surroundings::Auto), &plane(floor), &[], &inside(), &env);
+        notes.iter().find(|note| note.id == "surroundings").map(|note| note.text.clone()).unwrap_or_default()
     };
     let told = decided(400.0, Some(DVec3::Z));
-    assert!(told.starts_with("On: the environment was captured in this place"), "{told}");
+    assert!(told.starts_with("Projected: ") && told.ends_with("captured inside this mesh"), "{told}");
     let told = decided(0.5, Some(DVec3::Z));
-    assert!(told.starts_with("Off: the scene is open, and the receiver is"), "{told}");
-    assert!(decided(400.0, None).starts_with("Off: the environment has no point of capture"));
+    assert!(told.starts_with("Open: ") && told.ends_with("too few probe rays meet the mesh"), "{told}");
+    assert!(decided(400.0, None).ends_with("the environment has no point of capture"));
 }
 
 /// Chi-square of light samples against the density that scattered rays ask for, by the direction in which a point sees
@@ -257,16 +256,15 @@ fn a_near_light_that_is_far_shines_through_bodies_as_a_far_one() {
     let slab = placed(&box_mesh([-0.8, -0.6, 0.1], [0.8, 0.6, 1.1], false), tinted(1.2), DVec3::ZERO);
     let ball = ball(0.3, tinted(1.5), DVec3::new(0.2, 0.0, 0.6));
     for (name, objects) in [("tinted", vec![slab.clone()]), ("nested", vec![slab, ball])] {
-        let light = |near_field| {
-            let block = if near_field == NearField::On { EnvBlock::Auto } else { EnvBlock::Pass };
-            let p = PathTrace { near_field, max_bounces: 16, ..params(256, block) };
+        let light = |surroundings| {
+            let p = PathTrace { max_bounces: 16, ..params(256, surroundings) };
             let (out, _) = render(&p, &hall, &objects, &camera, &env);
             let of = |images: &Images, channels: usize, k: usize| {
                 samples(images).iter().skip(k).step_by(channels).map(|v| f64::from(*v)).sum::<f64>()
             };
             [0, 1, 2].map(|k| [of(&out.without, 3, k), of(&out.with, 3, k), of(&out.object, 4, k)])
         };
-        for (near, far) in light(NearField::On).iter().zip(light(NearField::Off)) {
+        for (near, far) in light(Surroundings::Projected).iter().zip(light(Surroundings::TRANSPARENT)) {
             for (layer, (near, far)) in ["without", "with", "object"].iter().zip(near.iter().zip(far)) {
                 assert!((near / far - 1.0).abs() < 0.01, "{name}, {layer}: {near} for {far}");
             }

@@ -20,10 +20,10 @@ fn looks(
     near: bool,
 ) -> [f64; 4] {
     let mut env = sunny();
-    let mut params = PathTrace { crop: 0.001, ..params(64, EnvBlock::Solid) };
+    let mut params = PathTrace { crop: 0.001, ..params(64, Surroundings::OPEN) };
     if near {
         env.origin = Some(DVec3::new(0.3, -0.4, 1.7));
-        params.near_field = NearField::On;
+        params.surroundings = Surroundings::Projected;
     }
     let (out, _) = render(&params, receiver, &[placed(sheet, material.clone(), at)], rig, &env);
     let [r0, r1, object] = [&out.without, &out.with, &out.object].map(|images| samples(images));
@@ -137,7 +137,7 @@ fn what_lies_on_an_object_looks_as_a_hair_over_it() {
         placed(&plane(0.3), Material { base_colour: [r, g, b, 1.0], ..matte(0.5) }, DVec3::Z * z)
     };
     let seen = |objects: &[Arc<Placed>]| -> [f64; 3] {
-        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), objects, &camera, &sunny());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &plane(3.0), objects, &camera, &sunny());
         [0, 1, 2].map(|k| samples(&out.object).chunks(4).map(|p| f64::from(p[k])).sum())
     };
     let green = [0.05, 0.9, 0.05];
@@ -171,7 +171,7 @@ fn a_rug_under_a_table_stays_on_the_floor() {
         Mesh { triangles: up.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(), ..up }
     };
     let seen = |objects: &[Arc<Placed>]| -> f64 {
-        let (out, _) = render(&params(16, EnvBlock::Solid), &plane(3.0), objects, &camera, &sunny());
+        let (out, _) = render(&params(16, Surroundings::OPEN), &plane(3.0), objects, &camera, &sunny());
         samples(&out.object).chunks(4).map(|p| f64::from(p[0])).sum()
     };
     let rug = |z: f64| seen(&[placed(&plane(0.35), red.clone(), DVec3::Z * z), table.clone(), high.clone()]);
@@ -214,7 +214,7 @@ fn a_picture_in_a_rough_wall_is_told() {
     };
     let told = |noise: f32, y: f64| {
         let (out, notes) =
-            render(&params(4, EnvBlock::Solid), &rough_wall(noise), &picture(y), &camera, &white());
+            render(&params(4, Surroundings::OPEN), &rough_wall(noise), &picture(y), &camera, &white());
         let note = notes.iter().find(|note| note.id == "in-a-surface").map(|note| note.text.clone());
         (note, samples(&out.object).chunks(4).map(|pixel| pixel[3]).sum::<f32>())
     };
@@ -239,7 +239,7 @@ fn what_stands_on_a_floor_lies_in_no_surface() {
     };
     let camera = rig(DVec3::new(2.0, -3.0, 2.0), DVec3::ZERO, 16, 1.5);
     for contact_metres in [None, Some(0.0), Some(0.02)] {
-        let params = PathTrace { contact_metres, ..params(4, EnvBlock::Solid) };
+        let params = PathTrace { contact_metres, ..params(4, Surroundings::OPEN) };
         let told = |z: f64| render(&params, &plane(3.0), &cube(z), &camera, &white()).1;
         assert!(told(0.0).iter().all(|note| note.id != "in-a-surface"), "{contact_metres:?}");
         for (z, id) in [(0.2, "off-the-ground"), (-0.2, "in-the-ground")] {
@@ -274,7 +274,7 @@ fn a_plate_on_a_coaster_keeps_its_shadow() {
     let objects = [slab(0.125, 0.0, 0.04), slab(0.35, 0.04, 0.07)];
     let camera = rig(DVec3::new(0.6, -1.6, 0.25), DVec3::new(0.0, -0.3, 0.0), 32, 3.0);
     let shadow = |noise: f32| {
-        let how = PathTrace { contact_metres: None, ..params(16, EnvBlock::Solid) };
+        let how = PathTrace { contact_metres: None, ..params(16, Surroundings::OPEN) };
         let (out, _) = render(&how, &ground(noise), &objects, &camera, &white());
         let pixels = samples(&out.without).chunks(3).zip(samples(&out.with).chunks(3));
         let seen = pixels.zip(samples(&out.object).chunks(4)).filter(|(_, object)| object[3] == 0.0);

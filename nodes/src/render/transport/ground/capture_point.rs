@@ -3,7 +3,6 @@
 //! One that was written down as the scene's origin, or that lies within the error of the mesh, may be on the floor or
 //! under it, whose lower side sees no light.
 
-use engine::Notes;
 use glam::{DVec3, Vec3};
 
 use super::probe::Probe;
@@ -18,7 +17,7 @@ const BURIED: f64 = 0.1;
 /// How far over the ground it is taken then, in metres.
 const OVER: f64 = 0.01;
 /// No camera is nearer to a surface, in metres.
-const NEAREST: f64 = 0.02;
+pub(crate) const NEAREST: f64 = 0.02;
 /// A point is on a surface that is nearer than this straight above or below it, in metres.
 const ON: f64 = 0.005;
 
@@ -39,54 +38,52 @@ pub(crate) struct CapturePoint {
     pub(crate) probe: Probe,
 }
 
+/// What is wrong with a point of capture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum CaptureFault {
+    /// It lay on or under a surface and was moved up by this, in world units.
+    Raised(f32),
+    /// It sees nothing of the receiver, of which a camera sees this share of its rays.
+    SeesNothing(f64),
+    /// This share of the surfaces that it sees are back faces, where a camera sees front faces.
+    SeesBacks(f64),
+    /// It is nearer than [`NEAREST`] to a surface.
+    TooNear,
+}
+
 /// Whether all but a tenth of what is met shows its back.
 fn sees_backs(probe: &Probe) -> bool {
     probe.escaped < probe.rays && probe.front_share() <= 0.1
 }
 
 impl CapturePoint {
-    /// The same, or where it `mends` the point right over a surface that it is on or under, and what is to be known of that:
-    /// that it was taken higher, sees nothing or backs of surfaces alone where a camera sees fronts, or lies on one.
+    /// A point, with what rays from it meet.
+    pub(crate) fn at(receiver: &Receiver, at: Vec3) -> Self {
+        Self { at, probe: Probe::send(receiver, at) }
+    }
+
+    /// The same, or where it lies on or under a surface and `moves`, the point just above that surface; and what is wrong with
+    /// it. `camera` is the eye of a camera in the place.
     pub(crate) fn checked(
         self,
         (receiver, camera): (&Receiver, Vec3),
         (up, metres_per_unit): (DVec3, f64),
-        mends: bool,
-        notes: &mut Notes,
-    ) -> Self {
+        moves: bool,
+    ) -> (Self, Option<CaptureFault>) {
         let metre = 1.0 / metres_per_unit;
-        if mends && let Some((over, raised)) = self.out_of_the_ground((receiver, camera), up, metre) {
-            let millimetres = f64::from(raised) * metres_per_unit * 1e3;
-            let text = "the point of capture lies on or under a surface of the receiver, of which it sees the back or \
-                        nothing, so it is taken";
-            let text = format!("{text} {millimetres:.0} mm higher, where it sees out");
-            notes.warning("capture-under-ground", text);
-            return over;
+        if moves && let Some((over, raised)) = self.out_of_the_ground((receiver, camera), up, metre) {
+            return (over, Some(CaptureFault::Raised(raised)));
         }
-        let hint = "is the place that it was captured at (`at` of `cube-rig`, or `origin`) the right one, in units of the world?";
         let view = Probe::send(receiver, camera);
         let nothing = self.probe.escaped == self.probe.rays;
-        if nothing && view.held_share() > 0.5 {
-            let held = 100.0 * view.held_share();
-            let text = format!(
-                "the point of capture sees nothing of the receiver, which is {held:.0} % of what is around a camera; {hint}"
-            );
-            notes.warning("capture-far-off", text);
+        let fault = if nothing && view.held_share() > 0.5 {
+            Some(CaptureFault::SeesNothing(view.held_share()))
         } else if sees_backs(&self.probe) && view.front_share() > 0.5 {
-            let backs = 100.0 * (1.0 - self.probe.front_share());
-            let text = format!(
-                "{backs:.0} % of what the point of capture sees are backs of surfaces, of which a camera sees the fronts: \
-                 it lies in a body, under the ground or outside of the room; {hint}"
-            );
-            notes.warning("capture-behind-surfaces", text);
-        } else if self.is_within(receiver, (NEAREST * metre) as f32) {
-            let text = format!(
-                "the point of capture lies less than {:.0} mm off a surface of the receiver; {hint}",
-                NEAREST * 1e3
-            );
-            notes.warning("capture-on-surface", text);
-        }
-        self
+            Some(CaptureFault::SeesBacks(1.0 - self.probe.front_share()))
+        } else {
+            self.is_within(receiver, (NEAREST * metre) as f32).then_some(CaptureFault::TooNear)
+        };
+        (self, fault)
     }
 
     /// The point right over the surface that it is on, or that lies above it by no more than [`BURIED`], and how much

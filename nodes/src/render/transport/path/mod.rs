@@ -2,6 +2,7 @@
 
 pub(crate) mod change;
 pub(crate) mod direct_light;
+pub(crate) mod double_count;
 pub mod integrator;
 pub(crate) mod lamp_light;
 pub(crate) mod light_points;
