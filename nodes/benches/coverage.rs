@@ -78,7 +78,8 @@ impl Place {
 
     /// Ratio and picture of all views, for a seed.
     fn traced(&self, params: &PathTrace, seed: u64) -> [Told; 2] {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed, exhaustive: false }, ".");
         let inputs = path_trace::In {
             receiver: self.receiver.clone(),
             objects: self.objects.clone(),

@@ -20,6 +20,9 @@ pub struct GraphArgs {
     /// Sets one field for this run: node.field=value, as often as needed
     #[arg(long = "set", value_name = "NODE.FIELD=VALUE")]
     pub set: Vec<String>,
+    /// Does all work, also where a check shows that it changes no byte, to measure what the checks save
+    #[arg(long)]
+    pub exhaustive: bool,
     /// Lays a preset over the graph, as often as needed: one of its own, or draft, preview, final, reference, which
     /// set its knobs; `--overlay` and `--set` go over presets
     #[arg(long, value_name = "NAME")]
@@ -185,6 +188,9 @@ impl GraphArgs {
         if !wrong.is_empty() {
             return Err(Error::usage(wrong.join("\n")));
         }
+        if self.exhaustive {
+            settings.extend("scene.exhaustive=true".parse::<Setting>());
+        }
         // Last, since what is laid over may name other files.
         let (source, included) = engine::apply(&source, &settings).including(&root);
         texts.extend(included);
@@ -199,7 +205,8 @@ impl GraphArgs {
     ) -> Result<Loaded, Error> {
         let Origin { source, root, lock, recipe, unpacked } = origin;
         let graph = parse(source, &nodes::registry(), root)?;
-        let as_it_was = self.set.is_empty() && self.preset.is_empty() && self.overlay.is_empty();
+        let as_it_was =
+            self.set.is_empty() && !self.exhaustive && self.preset.is_empty() && self.overlay.is_empty();
         if let Some(recipe) = recipe.filter(|_| as_it_was) {
             let other = recipe.other_sources(&graph, &Store::in_memory())?;
             if !other.is_empty() {

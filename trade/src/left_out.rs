@@ -81,7 +81,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "the prediction of clipped light",
         check: "no seen pixel of the panorama is clipped",
-        force: "`force: true`",
+        force: "`--exhaustive`",
         kinds: &["predict-exposure"],
         judge: |seen| {
             let text = match seen.column("prediction", "clipped pixels").first() {
@@ -130,7 +130,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "directions and harmonics above degree 0",
         check: "the degree of the scene, and `sh_degree`",
-        force: "`skip_harmonics: false`",
+        force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [directed, projected] = ["splats_directed", "splats_projected"].map(|name| seen.count(name));
@@ -141,7 +141,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "lobes that materials lack",
         check: "the strength of each, after its texture",
-        force: "`skip_lobes: false`",
+        force: "`--exhaustive`",
         kinds: TRACE,
         judge: |seen| {
             let absent = seen.value("decisions", "lobes that no material has")?;
@@ -155,7 +155,7 @@ const SKIPS: [Skip; 8] = [
     Skip {
         what: "splats that no picture can see, in blocks",
         check: "a box around their centres and longest axes",
-        force: "`skip_unseen: false`",
+        force: "`--exhaustive`",
         kinds: SPLATS,
         judge: |seen| {
             let [skipped, visited] = ["splats_skipped", "splats_visited"].map(|name| seen.count(name));

@@ -34,7 +34,7 @@ use crate::value::root::InputFile;
 use crate::value::root::SourceRoot;
 
 /// What the `scene` block may hold.
-pub(crate) const SCENE_FIELDS: [&str; 3] = ["up", "metres_per_unit", "seed"];
+pub(crate) const SCENE_FIELDS: [&str; 4] = ["up", "metres_per_unit", "seed", "exhaustive"];
 
 impl<'t, 'a> Check<'t, 'a> {
     /// What stands beside the nodes.
@@ -97,7 +97,7 @@ impl<'t, 'a> Check<'t, 'a> {
                         format!("`scene` has no field `{}`", field.name),
                     )
                     .suggest(field.name, known)
-                    .hint("it has `up`, `metres_per_unit` and `seed`"),
+                    .hint("it has `up`, `metres_per_unit`, `seed` and `exhaustive`"),
                 );
             }
         }
@@ -106,10 +106,11 @@ impl<'t, 'a> Check<'t, 'a> {
         let up: Option<Up> = fields.parameter("up", None, None);
         let metres_per_unit = fields.parameter("metres_per_unit", Some(1.0), Some((1e-9, 1e9)));
         let seed = fields.parameter("seed", Some(0_u64), None);
+        let exhaustive = fields.parameter("exhaustive", Some(false), None);
         if self.diagnostics.len() > before {
             return None;
         }
-        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed? })
+        Some(Scene { up: up?, metres_per_unit: metres_per_unit?, seed: seed?, exhaustive: exhaustive? })
     }
 
     /// The nodes that are right, and which reads which, of all of them.

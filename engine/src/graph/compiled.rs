@@ -105,6 +105,7 @@ fn encode(graph: &Graph) -> Vec<u8> {
     to.str(graph.scene.up.name());
     to.f64(graph.scene.metres_per_unit);
     to.u64(graph.scene.seed);
+    to.u64(graph.scene.exhaustive.into());
     let files = files(graph);
     to.u32(files.len() as u32);
     for (file, stamp) in files {
@@ -154,7 +155,8 @@ fn decode(
 ) -> Result<Parts, Corrupt> {
     let mut from = Decoder::new(bytes);
     let up = Up::try_from(from.str()?).map_err(Corrupt)?;
-    let scene = Scene { up, metres_per_unit: from.f64()?, seed: from.u64()? };
+    let (metres_per_unit, seed, exhaustive) = (from.f64()?, from.u64()?, from.u64()? != 0);
+    let scene = Scene { up, metres_per_unit, seed, exhaustive };
     for _ in 0..from.count(12)? {
         let file = root.file(&InputFile(from.str()?));
         if from.raw()? != stamp(&file) {

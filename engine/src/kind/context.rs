@@ -71,6 +71,8 @@ pub struct Scene {
     pub metres_per_unit: f64,
     /// Seed of every random number in the graph.
     pub seed: u64,
+    /// Whether work is done that checks show to change no byte; see [`Context::exhaustive`].
+    pub exhaustive: bool,
 }
 
 /// A part of the context. A kind declares those it reads, and only those enter its keys.
@@ -82,6 +84,8 @@ pub enum ContextField {
     MetresPerUnit,
     /// [`Scene::seed`].
     Seed,
+    /// [`Scene::exhaustive`].
+    Exhaustive,
     /// The names of the outputs that the wires come from; see [`Context::wired`].
     Wired,
     /// The values of axes at which the nodes above stand; see [`Context::points`].
@@ -91,8 +95,15 @@ pub enum ContextField {
 }
 
 impl ContextField {
-    pub(crate) const ALL: &'static [Self] =
-        &[Self::Up, Self::MetresPerUnit, Self::Seed, Self::Wired, Self::Points, Self::Recipe];
+    pub(crate) const ALL: &'static [Self] = &[
+        Self::Up,
+        Self::MetresPerUnit,
+        Self::Seed,
+        Self::Exhaustive,
+        Self::Wired,
+        Self::Points,
+        Self::Recipe,
+    ];
 }
 
 /// Axes, each with the value at which a node stands, in RON: `[("yaw", "15.0")]`.
@@ -196,6 +207,13 @@ impl Context {
     pub fn seed(&self) -> u64 {
         self.declared(ContextField::Seed);
         self.scene.seed
+    }
+
+    /// Whether to do all work, also where a check shows that it changes no byte, so that what such checks save can be
+    /// measured. The kind must declare [`ContextField::Exhaustive`].
+    pub fn exhaustive(&self) -> bool {
+        self.declared(ContextField::Exhaustive);
+        self.scene.exhaustive
     }
 
     /// The canonical graph above this node, for the metadata of written pictures: nodes renamed in

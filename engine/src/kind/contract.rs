@@ -53,6 +53,14 @@ pub struct Former {
     pub instead: String,
 }
 
+impl Former {
+    /// Parameters that forced work which changes no byte: `--exhaustive` does so for a whole run.
+    pub fn exhaustive(fields: &'static [&'static str], last: u32) -> Self {
+        let instead = "remove it; `--exhaustive` forces all such work in a run".to_owned();
+        Self { fields, last, instead }
+    }
+}
+
 /// How many views a node makes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ViewCount {

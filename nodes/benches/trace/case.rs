@@ -26,7 +26,7 @@ pub struct Case {
 
 /// A context of a seed.
 pub fn context(folder: &Path, seed: u64) -> Context {
-    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed }, folder)
+    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed, exhaustive: false }, folder)
 }
 
 fn matrix(value: &serde_json::Value) -> DMat4 {

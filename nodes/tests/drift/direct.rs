@@ -45,7 +45,8 @@ impl Direct {
             rig: Arc::new(Rig { cameras: vec![camera.clone()] }),
             env: Arc::new(sky.clone()),
         };
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 5 }, ".");
+        let cx =
+            Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 5, exhaustive: false }, ".");
         let out = PathTrace::run(&params, inputs, &cx).unwrap().0;
         let picture = |images: &Images, channels: &[usize]| -> Vec<f64> {
             let picture = &images.0[0].picture;

@@ -28,7 +28,7 @@ struct Case {
 }
 
 fn context() -> Context {
-    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 7 }, data("."))
+    Context::detached(Scene { up: Up::PlusY, metres_per_unit: 1.0, seed: 7, exhaustive: false }, data("."))
 }
 
 fn rows(value: &serde_json::Value) -> [f64; 16] {

@@ -10,11 +10,7 @@ const LAST: u32 = 19;
 /// What to write instead of a field of a former version, given all fields of its node as written.
 pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     if name == "skip_lobes" {
-        return Some(Former {
-            fields: &["skip_lobes"],
-            last: LAST,
-            instead: "remove it; `--exhaustive` evaluates all lobes in a run".to_owned(),
-        });
+        return Some(Former::exhaustive(&["skip_lobes"], LAST));
     }
     VISIBILITY.contains(&name).then(|| {
         let text =

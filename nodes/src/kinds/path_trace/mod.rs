@@ -81,8 +81,6 @@ engine::params! {
         /// `without` and no ray is traced for it. The change is bounded, not estimated, so nothing is left out in
         /// shadow, near bright things, or wherever a wall may reflect their light. 0 traces everywhere.
         crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
-        /// Whether to leave out lobes that a material does not have; evaluating them anyway gives the same bits.
-        skip_lobes: bool = true, inert("what is left out has no strength: only work is saved");
     }
 }
 
@@ -143,7 +141,7 @@ impl PathTrace {
     }
 
     /// What tracing goes by.
-    fn settings(&self) -> Settings {
+    fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
             max_error: self.max_error,
@@ -151,7 +149,7 @@ impl PathTrace {
             crop: self.crop,
             contact_metres: self.contact_metres,
             shadow_only: self.shadow_only,
-            every_lobe: !self.skip_lobes,
+            every_lobe,
         }
     }
 
@@ -232,7 +230,7 @@ impl Kind for PathTrace {
     const NAME: &'static str = "path-trace";
     const VERSION: u32 = 20;
     const READS: &'static [ContextField] =
-        &[ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
+        &[ContextField::Exhaustive, ContextField::MetresPerUnit, ContextField::Seed, ContextField::Up];
     const REFINES: Option<&'static str> = Some("samples");
     const COARSE: Option<&'static str> = Some("coarse_px");
     type Params = Self;
@@ -289,7 +287,7 @@ impl Kind for PathTrace {
         let decided = params.decide(&inputs, &prepared, in_scene_frame(centre, origin), space, &mut notes);
         let rules = &decided.rules;
         let mut objects = Objects::new(Some(prepared.receiver()), &inputs.objects, origin)?;
-        objects.every_lobe = !params.skip_lobes;
+        objects.every_lobe = cx.exhaustive();
         objects.shown = !params.shadow_only;
         report_inputs(&inputs.receiver, &prepared, &objects, &mut notes);
         if !objects.is_empty() {
@@ -308,7 +306,8 @@ impl Kind for PathTrace {
         report_standing(&standing, (cx.metres_per_unit(), params.contact_metres), &mut notes);
         report_first_samples(params.samples, params.most(), &mut notes);
 
-        let tracing = Tracing::new(params.settings(), cx, (&prepared, cameras), &objects, rules)?;
+        let tracing =
+            Tracing::new(params.settings(cx.exhaustive()), cx, (&prepared, cameras), &objects, rules)?;
         let traced = |(number, camera)| tracing.picture(number, camera);
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();

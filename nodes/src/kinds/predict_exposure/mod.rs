@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use engine::{Context, Cost, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up};
+use engine::{
+    Context, ContextField, Cost, Former, InputFile, Kind, NodeError, Notes, SourceFile, SourceRoot, Up,
+};
 use glam::DVec3;
 
 use self::ceiling::ceiling;
@@ -67,9 +69,6 @@ engine::params! {
         white: f32 = CLIPPED, range(0.5, 1.0), other("0.9");
         /// Weights for `Learned` in place of those that ship: a file that `train-exposure` wrote.
         weights: Option<InputFile> = None, other("\"exposure.safetensors\"");
-        /// Whether to run the method even where no pixel is clipped. Only clipped pixels take a gain, so this changes no
-        /// light: it shows that leaving the method out changes nothing, and what that saves.
-        force: bool = false, inert("where no pixel is clipped none takes a gain, whatever is predicted");
     }
 }
 
@@ -106,7 +105,8 @@ const COARSE: usize = 64;
 
 impl Kind for PredictExposure {
     const NAME: &'static str = "predict-exposure";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
+    const READS: &'static [ContextField] = &[ContextField::Exhaustive];
     const DATA: &'static [u8] = network::WEIGHTS;
     const SUPPLIED: Option<&'static str> = kontext::SUPPLIED;
     type Params = Self;
@@ -158,6 +158,10 @@ impl Kind for PredictExposure {
         }
     }
 
+    fn former(name: &str, _: &[(&str, &str)]) -> Option<Former> {
+        (name == "force").then(|| Former::exhaustive(&["force"], 10))
+    }
+
     fn run(params: &Self, inputs: In, cx: &Context) -> Result<(Out, Notes), NodeError> {
         let pano = &inputs.pano;
         let mut notes = Notes::none();
@@ -175,7 +179,7 @@ impl Kind for PredictExposure {
         tell_unseen(&pixels, &pano.alpha.samples, params.white, &mut notes);
         tell_coarse(pixels.width, &mut notes);
         if clipped == 0 {
-            tell_nothing_clipped(&pixels, &pano.alpha.samples, params, &mut notes);
+            tell_nothing_clipped(&pixels, &pano.alpha.samples, (params, cx.exhaustive()), &mut notes);
         }
         let nothing = || (vec![0.0; mask.len()], Vec::new());
         let unseen = |notes: &mut Notes| {
@@ -190,7 +194,7 @@ impl Kind for PredictExposure {
         let mut books = Books::new(pano.up, pixels.width, &own, SPREAD);
         books.enter_panorama("panorama", pixels.width, &own, cx)?;
         let (log2_gain, regions) = match &params.method {
-            _ if clipped == 0 && !params.force => nothing(),
+            _ if clipped == 0 && !cx.exhaustive() => nothing(),
             Method::Learned | Method::Region => match on_grid() {
                 clipped if !clipped.grid.anything_visible() => unseen(&mut notes),
                 clipped => {
@@ -259,7 +263,7 @@ impl Kind for PredictExposure {
             })?,
         };
         let log2_gain = Image::<Data>::from_samples(width, height, 1, log2_gain);
-        let chosen = if clipped == 0 && !params.force { &Method::Skip } else { &params.method };
+        let chosen = if clipped == 0 && !cx.exhaustive() { &Method::Skip } else { &params.method };
         let mut report = report(chosen, clipped, mask.len() as u64, &regions);
         report.tables.extend(books.tables());
         let named = evs
@@ -424,7 +428,12 @@ fn tell_coarse(width: usize, notes: &mut Notes) {
     }
 }
 
-fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictExposure, notes: &mut Notes) {
+fn tell_nothing_clipped(
+    pixels: &LinearPixels,
+    alpha: &[f32],
+    (params, exhaustive): (&PredictExposure, bool),
+    notes: &mut Notes,
+) {
     let seen = pixels.rgb.iter().zip(alpha).filter(|(_, alpha)| **alpha >= SEEN);
     let brightest = seen.map(|(rgb, _)| max3(*rgb)).fold(0.0, f32::max);
     let why = if pixels.ceiling {
@@ -440,7 +449,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
     };
     if let Method::Manual { emitters } = &params.method
         && !emitters.is_empty()
-        && !params.force
+        && !exhaustive
     {
         let text = format!("none of the {} stated lights acts: {why}", emitters.len());
         notes.warning(
@@ -450,7 +459,7 @@ fn tell_nothing_clipped(pixels: &LinearPixels, alpha: &[f32], params: &PredictEx
         return;
     }
     let then =
-        if params.force { "the method is asked all the same, by `force`" } else { "nothing is predicted" };
+        if exhaustive { "the method runs all the same, by `--exhaustive`" } else { "nothing is predicted" };
     notes.decision("nothing-clipped", format!("{why}; {then}"));
 }
 

@@ -1,6 +1,6 @@
 //! How splats are drawn: what every kind that draws them lets its users choose.
 
-use engine::{NodeError, Notes};
+use engine::{Former, NodeError, Notes};
 
 use crate::types::Splats;
 
@@ -67,18 +67,25 @@ engine::params! {
         depth: DepthMode = DepthMode::Expected, other("Median");
         /// Whether to count the splats added to each pixel, for `blends`.
         count_blends: bool = false, other("true");
-        /// Whether to leave out blocks of splats that cannot be in a picture, where there are enough pictures to
-        /// repay finding the blocks; the pictures are the same bits.
-        skip_unseen: bool = true, inert("what is left out is proved to be unseen: only work is saved");
-        /// Whether to leave out harmonics above the degree that the file and `sh_degree` have, and the viewing direction
-        /// where that degree is 0; summing them anyway, with coefficients of 0, gives the same bits.
-        skip_harmonics: bool = true, inert("what is left out is 0: only work is saved");
     }
 }
 
+/// What to write instead of parameters that former versions of the kinds that draw splats had.
+pub(crate) fn former(name: &str, last: u32) -> Option<Former> {
+    let fields: &[&str] = &["skip_unseen", "skip_harmonics"];
+    fields.contains(&name).then(|| Former::exhaustive(fields, last))
+}
+
 impl Drawing {
-    /// The settings for a scene; warns where its file says that it was trained otherwise.
-    pub(crate) fn settings(&self, sort: Sort, splats: &Splats, notes: &mut Notes) -> Settings {
+    /// The settings for a scene, without checks that skip work if `exhaustive`; warns where its file says that it was trained
+    /// otherwise.
+    pub(crate) fn settings(
+        &self,
+        sort: Sort,
+        splats: &Splats,
+        exhaustive: bool,
+        notes: &mut Notes,
+    ) -> Settings {
         let compensate = match self.compensation {
             Compensation::File => splats.antialiased,
             Compensation::On => true,
@@ -105,8 +112,8 @@ impl Drawing {
             stop: self.stop,
             depth: self.depth,
             count_blends: self.count_blends,
-            skip_unseen: self.skip_unseen,
-            skip_harmonics: self.skip_harmonics,
+            skip_unseen: !exhaustive,
+            skip_harmonics: !exhaustive,
             list_bytes: LIST_BYTES,
         }
     }
@@ -208,7 +215,7 @@ mod tests {
             ] {
                 let mut notes = Notes::none();
                 let drawing = Drawing { compensation, ..Drawing::default() };
-                let settings = drawing.settings(Sort::Depth, &splats, &mut notes);
+                let settings = drawing.settings(Sort::Depth, &splats, false, &mut notes);
                 assert_eq!(settings, Settings { compensate: on, ..Settings::default() });
                 assert_eq!(notes.iter().any(|note| note.id == "compensation-mismatch"), told);
             }

@@ -100,7 +100,10 @@ fn the_error_asked_for_is_reached() {
 fn seeds(p: &PathTrace, n: u64, layer: usize) -> Vec<Vec<[f64; 2]>> {
     let (plane, objects, rig) = shadowed();
     let render = |seed| {
-        let cx = Context::detached(Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 100 + seed }, ".");
+        let cx = Context::detached(
+            Scene { up: Up::PlusZ, metres_per_unit: 1.0, seed: 100 + seed, exhaustive: false },
+            ".",
+        );
         let (out, _) = render_in(&cx, p, &plane, &objects, &rig, &sunny());
         let of = |images: &Images, i: usize| {
             let channels = images.0[0].picture.size().2;
