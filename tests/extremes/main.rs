@@ -1,18 +1,18 @@
-//! `docs/evidence/extremes.md`: a row for each extreme, the tests that hold there, and what they measured.
+//! `docs/evidence/extremes.md`: a row for each extreme, the tests that hold there, and the values they measured.
 //!
-//! A test belongs to a row by its name, `row_07_short_name`. `mutations.tsv` has changed expressions that turn them
-//! red, which `tests/extremes/mutate.py` tries. The page is made by `tests/extremes/page`; here is checked that it tells
-//! of the tests that there are, and that what a mutation changes is still there.
+//! `rows.tsv` has the rows and names the tests of each. `mutations.tsv` has changed expressions that turn the tests red,
+//! which `tests/extremes/mutate.py` tries. The page is made by `tests/extremes/page`; the tests of this file check that it
+//! agrees with the table and the sources, and that the expressions of the mutations still exist.
 #![allow(clippy::unwrap_used, reason = "a test may stop at the first surprise")]
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Node, extreme, expectation and the reason of the bound of each row.
+/// Node, extreme, expectation, the reason of the bound, and the names of the tests of each row.
 const ROWS: &str = include_str!("rows.tsv");
 
-/// Test, file, what stands there, and what it becomes. Where `«»` are in it, what lies between is changed.
+/// Test, file, expression, and its replacement. If the expression contains `«»`, only the part between them is replaced.
 const MUTATIONS: &str = include_str!("mutations.tsv");
 
 /// A test of a row.
@@ -41,14 +41,14 @@ impl Mutation {
         })
     }
 
-    /// What of `before` is changed.
+    /// The part of `before` that is replaced.
     fn part(&self) -> &'static str {
         let inner = self.before.split_once('«').and_then(|(_, rest)| rest.split_once('»'));
         inner.map_or(self.before, |(part, _)| part)
     }
 
-    /// As the page has it.
-    fn told(&self) -> String {
+    /// The text of the page.
+    fn described(&self) -> String {
         let file = self.file.rsplit('/').next().unwrap();
         match self.after {
             "" => format!("`{}` left out of `{file}`", self.part()),
@@ -74,34 +74,47 @@ fn sources(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
-/// The rows and name of a test, from the line `fn row_07_short_name() {`; there may be several numbers.
-fn named_rows(line: &str) -> Option<(Vec<usize>, &str)> {
-    let name = line.strip_prefix("fn ")?.split('(').next()?;
-    let numbers = name.strip_prefix("row_")?.split('_').map_while(|word| word.parse().ok());
-    Some((numbers.collect(), name))
-}
-
-/// Every test that is named after a row, by row and then by name.
-fn tests() -> BTreeMap<usize, Vec<Test>> {
+/// The file of each test function of the workspace, by name; the names of several functions have several files.
+fn tests() -> BTreeMap<String, Vec<String>> {
     let mut files = Vec::new();
     for folder in ["cache", "engine", "extras", "nodes", "src", "tests", "trade"] {
         sources(&workspace().join(folder), &mut files);
     }
-    let mut rows: BTreeMap<usize, Vec<Test>> = BTreeMap::new();
+    let mut found: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for path in files {
         let text = std::fs::read_to_string(&path).unwrap();
         let file = path.strip_prefix(workspace()).unwrap().to_string_lossy().into_owned();
-        for (numbers, name) in text.lines().filter_map(|line| named_rows(line.trim())) {
-            for number in numbers {
-                let test = Test { name: name.to_owned(), file: file.clone() };
-                rows.entry(number).or_default().push(test);
+        let mut is_test = false;
+        for line in text.lines().map(str::trim) {
+            match line.strip_prefix("fn ").and_then(|rest| rest.split_once("()")) {
+                Some((name, _)) if is_test => {
+                    found.entry(name.to_owned()).or_default().push(file.clone());
+                    is_test = false;
+                }
+                _ => {
+                    is_test =
+                        line == "#[test]" || (is_test && (line.starts_with("#[") || line.starts_with("//")))
+                }
             }
         }
     }
-    rows
+    found
 }
 
-/// What the tests of a row measured, the largest of each, with its bound.
+/// The tests of each row, from 1, in the order of the table.
+fn tests_of_rows() -> BTreeMap<usize, Vec<Test>> {
+    let found = tests();
+    let test = |name: &str| {
+        let files = found.get(name).map(Vec::as_slice).unwrap_or_default();
+        assert_eq!(files.len(), 1, "rows.tsv names `{name}`, a test of {files:?}: it must be in one file");
+        Test { name: name.to_owned(), file: files[0].clone() }
+    };
+    let names = |line: &'static str| line.split('\t').nth(4).expect("five cells").split(' ');
+    let rows = ROWS.lines().enumerate();
+    rows.map(|(index, line)| (index + 1, names(line).map(test).collect())).collect()
+}
+
+/// The values measured by the tests of a row, the largest of each, with its bound.
 fn measured(folder: &Path, row: usize) -> String {
     let text = std::fs::read_to_string(folder.join(format!("{row:02}.tsv"))).unwrap_or_default();
     let value = |line: &str| -> Option<(String, (f64, f64))> {
@@ -135,14 +148,14 @@ fn number(value: f64) -> String {
 
 fn page(values: impl Fn(usize) -> String) -> String {
     let mut text = "# Numbers at the extremes\n\n\
-        Made by `tests/extremes/page`, which runs the tests and writes down what they measured. A value lies within\n\
-        its bound or the test fails; where none is measured, the test asserts bits, counts, messages or ranges. A\n\
-        mutation is one changed expression that makes a test of the row fail; `tests/extremes/mutate.py` tries all of\n\
-        them (`mutations.tsv`).\n\n\
+        Made by `tests/extremes/page`, which runs the tests and writes down the values they measured. A value lies within\n\
+        its bound or the test fails; a test without a value asserts bits, counts, messages or ranges. A mutation is one\n\
+        changed expression that makes a test of the row fail; `tests/extremes/mutate.py` tries all of them\n\
+        (`mutations.tsv`).\n\n\
         | row | node | extreme | what holds | tests | measured, bound | why this bound | mutation |\n\
         |---|---|---|---|---|---|---|---|\n"
         .to_owned();
-    let tests = tests();
+    let tests = tests_of_rows();
     let cell = |text: &str| text.replace('|', "\\|");
     for (index, row) in ROWS.lines().enumerate() {
         let mut cells = row.split('\t');
@@ -151,7 +164,8 @@ fn page(values: impl Fn(usize) -> String) -> String {
         let of_row = tests.get(&(index + 1)).map(Vec::as_slice).unwrap_or_default();
         let names: Vec<String> = of_row.iter().map(|t| format!("[`{}`](../../{})", t.name, t.file)).collect();
         let of_row_too = |m: &Mutation| of_row.iter().any(|test| test.name == m.test);
-        let mutations: Vec<String> = Mutation::all().filter(of_row_too).map(|m| cell(&m.told())).collect();
+        let mutations: Vec<String> =
+            Mutation::all().filter(of_row_too).map(|m| cell(&m.described())).collect();
         let _ = writeln!(
             text,
             "| {} | {node} | {} | {} | {} | {} | {} | {} |",
@@ -168,27 +182,37 @@ fn page(values: impl Fn(usize) -> String) -> String {
 }
 
 #[test]
-fn every_row_has_a_test_and_every_test_of_a_row_names_one_that_there_is() {
-    let rows = ROWS.lines().count();
-    assert_eq!(rows, 69);
-    let tests_of = tests();
-    let bare: Vec<usize> = (1..=rows).filter(|row| !tests_of.contains_key(row)).collect();
-    assert!(bare.is_empty(), "no test is named after rows {bare:?}");
-    let wrong: Vec<String> = tests().split_off(&(rows + 1)).into_values().flatten().map(|t| t.name).collect();
-    assert!(wrong.is_empty(), "there are {rows} rows, none for {wrong:?}");
+fn every_row_names_tests_that_exist() {
+    assert_eq!(tests_of_rows().len(), 69);
+    let measured = |test: &Test| {
+        let text = std::fs::read_to_string(workspace().join(&test.file)).unwrap();
+        let body = text.split(&format!("fn {}()", test.name)).nth(1).unwrap_or_default().to_owned();
+        let body = body.split("#[test]").next().unwrap_or_default().to_owned();
+        let calls =
+            body.split(" row(").skip(1).map(|rest| rest.split(',').next().unwrap_or_default().to_owned());
+        calls.filter_map(|number| number.trim().parse::<usize>().ok()).collect::<Vec<usize>>()
+    };
+    for (row, tests) in tests_of_rows() {
+        for test in tests {
+            let numbers = measured(&test);
+            let known =
+                |number: &usize| *number == row || ROWS.lines().nth(number - 1).unwrap().contains(&test.name);
+            assert!(numbers.iter().all(known), "`{}` measures for rows {numbers:?}", test.name);
+        }
+    }
 }
 
 #[test]
-fn every_row_has_a_mutation_of_what_stands_in_the_sources() {
+fn every_row_has_a_mutation_of_an_expression_in_the_sources() {
     let bare = |text: &str| text.replace(|c: char| c.is_whitespace() || "«»".contains(c), "");
-    let tests_of = tests();
+    let tests_of = tests_of_rows();
     let named: Vec<&str> = tests_of.values().flatten().map(|test| test.name.as_str()).collect();
     for mutation in Mutation::all() {
         let Mutation { test, file, before, .. } = mutation;
-        assert!(named.contains(&test), "mutations.tsv names {test}, which is no test of a row");
+        assert!(named.contains(&test), "mutations.tsv names {test}, which is not a test of a row");
         let source = bare(&std::fs::read_to_string(workspace().join(file)).unwrap());
         let times = source.matches(&bare(before)).count();
-        assert_eq!(times, 1, "`{before}` of mutations.tsv stands {times} times in {file}: follow the source");
+        assert_eq!(times, 1, "`{before}` of mutations.tsv is {times} times in {file}: follow the source");
     }
     let tried = |tests: &[Test]| tests.iter().any(|test| Mutation::all().any(|m| m.test == test.name));
     let untried: Vec<usize> =
@@ -196,10 +220,10 @@ fn every_row_has_a_mutation_of_what_stands_in_the_sources() {
     assert!(untried.is_empty(), "mutations.tsv has none for rows {untried:?}");
 }
 
-/// With `LIGHTHARMONY_ROWS` set the page is written anew, from what is measured there; with `UPDATE_GOLDEN` with the values
-/// that it has.
+/// With `LIGHTHARMONY_ROWS` set the page is written from the values measured there; with `UPDATE_GOLDEN` from the table,
+/// with the values that the page has.
 #[test]
-fn the_page_tells_of_the_tests_that_there_are() {
+fn the_page_agrees_with_the_table() {
     let path = workspace().join("docs/evidence/extremes.md");
     let old = std::fs::read_to_string(&path).unwrap();
     let kept = |row: usize| {
@@ -216,10 +240,7 @@ fn the_page_tells_of_the_tests_that_there_are() {
         return std::fs::write(path, new).unwrap();
     }
     for (old, new) in old.lines().zip(new.lines()) {
-        assert_eq!(
-            old, new,
-            "run tests/extremes/page, or with UPDATE_GOLDEN=1 where nothing new is measured"
-        );
+        assert_eq!(old, new, "run tests/extremes/page, or with UPDATE_GOLDEN=1 if nothing new is measured");
     }
     assert_eq!(old.lines().count(), new.lines().count());
 }

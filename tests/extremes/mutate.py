@@ -32,17 +32,17 @@ pub fn mutant(number: u32) -> bool {
 
 
 def find(text, wanted):
-    """Where `wanted` stands in a text, but for white space: the places of its characters, which must be once."""
+    """Positions of the characters of `wanted` in a text, ignoring white space; it must occur once."""
     places = [at for at, char in enumerate(text) if not char.isspace()]
     bare = "".join(text[at] for at in places)
     wanted = re.sub(r"\s", "", wanted)
-    assert bare.count(wanted) == 1, f"{wanted} stands there {bare.count(wanted)} times"
+    assert bare.count(wanted) == 1, f"{wanted} occurs {bare.count(wanted)} times"
     first = bare.index(wanted)
     return places[first:first + len(wanted)]
 
 
 def span(text, before):
-    """Where the part of `before` between « and » lies, or all of it."""
+    """Start and end of the part of `before` between « and », or of all of it."""
     head, _, rest = before.partition("«") if "«" in before else ("", "", before)
     part, _, tail = rest.partition("»")
     places = find(text, head + part + tail)
@@ -64,11 +64,16 @@ def switched(text, changes):
 
 
 def target_of(test):
-    """The crate and the set of tests that a test belongs to, by the file that it stands in."""
+    """The crate and the set of tests that a test belongs to, by its file."""
     found = subprocess.run(["git", "grep", "-l", f"fn {test}("], cwd=ROOT, capture_output=True, text=True)
     [file] = found.stdout.split()
-    crate, kind, name, *_ = file.split("/")
+    crate, kind, name, *_ = file.removeprefix("extras/").split("/")
     return crate, ["--lib"] if kind == "src" else ["--test", name.removesuffix(".rs")]
+
+
+def folder(root, crate):
+    """The folder of a crate."""
+    return next(path for path in [pathlib.Path(root, crate), pathlib.Path(root, "extras", crate)] if path.is_dir())
 
 
 def build(copy, crate, which):
@@ -85,7 +90,7 @@ def passes(program, crate, test, number):
     """Whether a test passes while a mutation is on."""
     environment = dict(os.environ, MUTANT=str(number))
     try:
-        done = subprocess.run([program, test], cwd=ROOT / crate, env=environment, capture_output=True, text=True,
+        done = subprocess.run([program, test], cwd=folder(ROOT, crate), env=environment, capture_output=True, text=True,
                               preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (240, 240)), timeout=1800)
     except subprocess.TimeoutExpired:
         return False
@@ -107,8 +112,8 @@ def main():
             path = pathlib.Path(copy, file)
             changes = [(n, before, after) for n, (_, of, before, after) in chosen if of == file]
             path.write_text(switched(path.read_text(), changes))
-        for crate in sorted({file.split("/")[0] for _, (_, file, _, _) in chosen}):
-            with open(pathlib.Path(copy, crate, "src/lib.rs"), "a") as lib:
+        for crate in sorted({file.removeprefix("extras/").split("/")[0] for _, (_, file, _, _) in chosen}):
+            with open(folder(copy, crate) / "src/lib.rs", "a") as lib:
                 lib.write(SWITCH)
         programs = {}
         for test in sorted({test for _, (test, *_) in chosen}):

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Runs what `docs/tour.md` shows, in a new folder and with a new cache, and prints the page.
+"""Runs the commands of `docs/tour.md`, in a new folder and with a new cache, and prints the page.
 
 usage: make.py LIGHTHARMONY WORK > docs/tour.md     takes about two minutes of CPU time
 
-Lines that only repeat are cut, and said to be; nothing else is changed, so times and digests are those of the machine.
+Long outputs are cut, with a mark; nothing else is changed, so times and digests are those of the machine.
 """
 import os, shutil, signal, struct, subprocess, sys, time, zlib
 
@@ -21,7 +21,7 @@ def shown(text, most):
     return "\n".join(line[:150] + (" .." if len(line) > 150 else "") for line in lines)
 
 def run(command, folder="", most=14):
-    """One command of the shell, with both its outputs and, where it is not 0, its exit code."""
+    """One shell command, with both its outputs and its exit code unless that is 0."""
     done = subprocess.run(command, shell=True, cwd=f"{WORK}/{folder}", env=ENV, text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     say(f"$ {command}")
@@ -47,7 +47,7 @@ def replaced(path, old, new):
         f.write(text.replace(old, new, 1))
 
 def watch():
-    """A watch beside which the graph is edited: what it says after each edit."""
+    """A watch during which the graph is edited: its output after each edit."""
     graph, log = f"{WORK}/first/graph.ron", f"{WORK}/watch.txt"
     with open(log, "w") as to:
         process = subprocess.Popen([PROGRAM, "watch", "graph.ron"], cwd=f"{WORK}/first", env=ENV, stdout=to, stderr=to)
@@ -64,7 +64,7 @@ def watch():
                     text = f.read()
                 new, read = text[read:], len(text)
                 return new
-        sys.exit(f"waited in vain for {word}")
+        sys.exit(f"timed out waiting for {word}")
     say("```text\n$ lightharmony watch graph.ron")
     say(shown(until("watching"), 14))
     replaced(graph, "yaw_deg: -24.0", "yaw_deg: 45.0")
@@ -93,7 +93,7 @@ here two cores with nothing else to do.""")
 section("A first picture")
 transcript("lightharmony init first", most=6)
 transcript("lightharmony run graph.ron", "lightharmony run graph.ron", folder="first", most=20)
-section("Watching", "The graph is edited while `watch` runs. Only what the yaw affects runs; a slow graph would show a rough picture first.")
+section("Watching", "The graph is edited while `watch` runs. Only the nodes that the yaw affects run; a slow graph would show a rough picture first.")
 watch()
 section("What would run, and why")
 transcript("lightharmony plan graph.ron --set pose.yaw_deg=35.0", "lightharmony explain graph.ron trace --set pose.yaw_deg=35.0",
@@ -110,8 +110,8 @@ transcript("lightharmony check pair.ron", "lightharmony plan pair.ron | tail -1"
 section("Many pictures", "A node that depends on an axis runs once for each value of it; every other node runs once.")
 os.makedirs(f"{WORK}/many")
 shutil.copy(f"{graphs}/turntable.ron", f"{WORK}/many")
-transcript("lightharmony run turntable.ron --preset draft > told.txt 2>&1; tail -1 told.txt",
-           "grep -o 'ran [a-z]*' told.txt | sort | uniq -c", "ls -R out", folder="many", most=30)
+transcript("lightharmony run turntable.ron --preset draft > log.txt 2>&1; tail -1 log.txt",
+           "grep -o 'ran [a-z]*' log.txt | sort | uniq -c", "ls -R out", folder="many", most=30)
 section("The same bytes elsewhere")
 transcript("lightharmony run graph.ron 2>&1 | tail -1", "lightharmony lock graph.ron", "lightharmony run graph.ron --locked 2>&1 | tail -1", "lightharmony pack graph.ron first.lhb --results all", "ls -s --block-size=k first.lhb", folder="first", most=8)
 say("\nIn another folder, with another cache:")
@@ -175,10 +175,10 @@ photograph(f"{WORK}/pieces/photo.png")
 section("Caches from one place to another")
 transcript("lightharmony cache copy --to elsewhere graph.ron", "lightharmony run graph.ron --cache elsewhere --out out2 2>&1 | tail -1",
            "truncate -s 10 elsewhere/v1/blobs/*/*", "lightharmony cache repair --cache elsewhere", folder="pieces", most=8)
-section("Refused", "What a stranger's graph may not read, and what does not fit into memory.")
-os.makedirs(f"{WORK}/stranger")
-transcript("lightharmony pack graph.ron graph.lhb", "cd ../stranger && lightharmony unpack ../pieces/graph.lhb theirs",
-           "cd ../stranger && sed -i 's|\"photo.png\"|\"../../pieces/photo.png\"|' theirs/*.ron; lightharmony run theirs/graph.ron",
+section("Refused", "Files that an untrusted graph may not read, and a node that does not fit into memory.")
+os.makedirs(f"{WORK}/untrusted")
+transcript("lightharmony pack graph.ron graph.lhb", "cd ../untrusted && lightharmony unpack ../pieces/graph.lhb theirs",
+           "cd ../untrusted && sed -i 's|\"photo.png\"|\"../../pieces/photo.png\"|' theirs/*.ron; lightharmony run theirs/graph.ron",
            "lightharmony run graph.ron --cache fresh --memory 20K", folder="pieces", most=14)
 section("The shell")
 transcript("lightharmony completions bash | wc -l", "lightharmony manual --to man && ls man | head -3", "lightharmony nodes cube-rig")

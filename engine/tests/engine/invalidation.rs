@@ -34,7 +34,7 @@ fn warm() -> Lab {
 
 /// However a number is written it is one value, and -0 is 0; what is no number is a mistake at its place.
 #[test]
-fn row_67_equal_values_have_equal_keys_however_they_are_written() {
+fn equal_values_have_equal_keys_however_they_are_written() {
     let lab = Lab::in_memory();
     let nodes = |value: &str| format!("a: Number(value: {value}), b: Scale(value: \"a\", by: {value})");
     for (first, others) in [("0.1", ["0.10", "1e-1", "10e-2"]), ("0.0", ["-0.0", "0", "-0e7"])] {

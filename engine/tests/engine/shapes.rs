@@ -73,12 +73,12 @@ fn diamonds(count: usize) -> String {
 
 /// A graph of nothing is a mistake, which is told; so nothing runs over no nodes.
 #[test]
-fn row_66_no_nodes_is_a_mistake() {
+fn no_nodes_is_a_mistake() {
     assert!(Lab::in_memory().mistakes(&graph_text("")).contains("the graph has no nodes"));
 }
 
 #[test]
-fn row_66_a_chain_of_a_hundred_thousand_nodes() {
+fn a_chain_of_a_hundred_thousand_nodes() {
     // On a stack of the size that threads have: a walk that recurses overflows it.
     assert_linear(|count| times(&chain(count), count), 10_000);
 }
@@ -89,7 +89,7 @@ fn a_fan_and_a_node_that_reads_it_all() {
 }
 
 #[test]
-fn row_66_diamonds_are_walked_once() {
+fn diamonds_are_walked_once() {
     assert_linear(|count| times(&diamonds(count), count), 1_500);
 }
 

@@ -281,7 +281,7 @@ fn looking_finds_what_listening_would() {
 /// Clocks that jump, saves within one tick, files that are half there: what is shown in the end is what a plain run makes
 /// of what then lies there.
 #[test]
-fn row_69_clocks_that_jump_and_half_files_end_as_a_plain_run() {
+fn clocks_that_jump_and_half_files_end_as_a_plain_run() {
     let watch = Session::of(SUM);
     watch.rest();
     let file = watch.lab.path("five.txt");
@@ -306,7 +306,7 @@ fn row_69_clocks_that_jump_and_half_files_end_as_a_plain_run() {
 }
 
 #[test]
-fn row_69_a_storm_of_saves_ends_as_the_last_one_says() {
+fn a_storm_of_saves_ends_as_the_last_one_says() {
     let watch = Session::of(SUM);
     watch.rest();
     for step in 0..200 {

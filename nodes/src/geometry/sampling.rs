@@ -332,7 +332,7 @@ mod tests {
 
     /// Seeds that are equal but for what 32 bits do not hold, and pixels whose numbers row by row are.
     #[test]
-    fn row_47_nothing_wraps_at_32_bits() {
+    fn nothing_wraps_at_32_bits() {
         let near =
             |of: u64| [of, of ^ 1 << 32, of ^ 1 << 63, of.wrapping_add(u64::from(u32::MAX)), of.swap_bytes()];
         let mut streams: Vec<u32> =
@@ -353,7 +353,7 @@ mod tests {
 
     /// In one dimension.
     #[test]
-    fn row_37_inversion_follows_the_weights() {
+    fn inversion_follows_the_weights() {
         let weights = [1e-9, 1e9, 0.0, 3e8, 1e-9];
         let (distribution, sum) = Discrete::new(&weights);
         assert!((sum - 1.3e9).abs() < 1e-6);

@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn row_62_halves_round_to_nearest_and_never_overflow_silently() {
+    fn halves_round_to_nearest_and_never_overflow_silently() {
         let samples = vec![65_504.0, 65_519.99, 65_520.0, 1e5, 6e-5, 6e-8, -1e9, f32::INFINITY];
         let (bytes, clamped) =
             write(8, 1, vec![(Channel { name: "R".into(), samples }, Depth::Half)], "", None)
@@ -317,7 +317,7 @@ mod tests {
 
     /// Halves and floats in one file, NaN and infinity as they were, and no pixels at all refused.
     #[test]
-    fn row_63_types_mix_and_what_is_no_number_comes_through() {
+    fn types_mix_and_what_is_no_number_comes_through() {
         let odd = vec![f32::NAN, f32::INFINITY, -0.0, 1e-40];
         let channel = |name: &str, samples: &[f32]| Channel { name: name.into(), samples: samples.to_vec() };
         let channels =
@@ -360,7 +360,7 @@ mod tests {
 
     /// Of several parts the first flat one is read, with the channels of each type that it has, and the number is told.
     #[test]
-    fn row_63_the_first_of_several_parts_is_read() {
+    fn the_first_of_several_parts_is_read() {
         let part = |name: &str, size: (usize, usize), channels| {
             let attributes = LayerAttributes::named(name);
             Layer::new(size, attributes, Encoding::UNCOMPRESSED, AnyChannels::sort(channels))
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn row_63_a_cropped_data_window_lands_in_its_place() {
+    fn a_cropped_data_window_lands_in_its_place() {
         let data = [1.0, 2.0, 3.0, 4.0];
         assert_eq!(place(&data, 2, [1, 0], 3, 2), [0.0, 1.0, 2.0, 0.0, 3.0, 4.0]);
         assert_eq!(place(&data, 2, [-1, -1], 2, 2), [4.0, 0.0, 0.0, 0.0]);

@@ -200,7 +200,7 @@ mod tests {
 
     /// 1e-38 and 1e38 lie near the ends of what an exponent of 8 bits tells; 0 is black whatever the mantissas are.
     #[test]
-    fn row_64_rgbe_at_the_ends() {
+    fn rgbe_at_the_ends() {
         let body = [200, 100, 50, 0, 174, 174, 174, 2, 151, 0, 0, 255, 128, 128, 128, 129];
         let picture = read("a.hdr", &file("\n-Y 1 +X 4\n", &body)).unwrap_or_else(|e| panic!("{e}"));
         let off = |at: usize, want: f64| (f64::from(picture.rgb[at]) / want - 1.0).abs();

@@ -199,7 +199,7 @@ mod tests {
 
     /// 8 and 16 bits, grey and alpha.
     #[test]
-    fn row_64_pngs_are_premultiplied_colour_or_data() {
+    fn pngs_are_premultiplied_colour_or_data() {
         let rgba = png_of(4, 255, vec![255, 51, 0, 51]);
         let (picture, _) = load(&rgba, FileEncoding::Auto, "");
         assert_eq!((picture.encoding(), picture.samples()), ("srgb", &[0.2, 0.2 * 0.2, 0.0, 0.2][..]));
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn row_63_layers_of_an_exr_are_found_by_name_and_hold_numbers() {
+    fn layers_of_an_exr_are_found_by_name_and_hold_numbers() {
         let plane =
             |name: &str, v: f32| (exr::Channel { name: name.into(), samples: vec![v] }, exr::Depth::Float);
         let channels = vec![

@@ -284,7 +284,7 @@ mod tests {
     /// Palettes and low depths are widened, a transparent colour is alpha, and what is said of gamma and profiles is passed
     /// over and told.
     #[test]
-    fn row_64_palettes_low_depths_and_what_is_passed_over() {
+    fn palettes_low_depths_and_skipped_chunks() {
         let file = |color, depth, data: &[u8], change: &dyn Fn(&mut png::Info<'_>)| {
             let mut info = png::Info::with_size(4, 1);
             (info.color_type, info.bit_depth) = (color, depth);
@@ -332,7 +332,7 @@ mod tests {
     /// One pixel, prime sizes, 30,000 columns or rows, through every format that is written; sizes of which width times
     /// height times channels does not fit into 64 bits.
     #[test]
-    fn row_65_sizes_are_not_believed_and_do_not_overflow() {
+    fn sizes_are_not_believed_and_do_not_overflow() {
         assert!(believable("a", u64::MAX, u64::MAX, 4, 1000, 10).is_err());
         assert!(believable("a", 1 << 32, 1 << 32, 1, usize::MAX, 1).is_err());
         for (width, height) in [(1, 1), (30_000, 7), (3, 30_011), (127, 61)] {

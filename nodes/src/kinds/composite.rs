@@ -248,7 +248,7 @@ mod tests {
 
     /// And no shadow leaves the background bit for bit.
     #[test]
-    fn row_56_full_and_empty_masks_are_exact() {
+    fn full_and_empty_masks_are_exact() {
         let (b, s) = ([0.1, 0.7, 3.3], [0.25, 0.5, 1.0]);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], s), [0.1 * 0.25, 0.7 * 0.5, 3.3]);
         assert_eq!(run(Some([0.0; 3]), rgb(b), [0.0; 4], [1.0; 3]), b);
@@ -257,13 +257,13 @@ mod tests {
 
     /// Light with no coverage is a glow.
     #[test]
-    fn row_57_glow_is_added() {
+    fn glow_is_added() {
         assert_eq!(run(None, rgb([0.5; 3]), [0.25, 0.0, 0.0, 0.0], [1.0; 3]), [0.75, 0.5, 0.5]);
     }
 
     /// What an object of a colour and a coverage gives, premultiplied or by the formula for straight alpha.
     #[test]
-    fn row_58_premultiplied_is_straight_times_alpha() {
+    fn premultiplied_is_straight_times_alpha() {
         let (b, colour) = (0.4_f32, 0.7_f32);
         let error = (0..=20).map(|k| {
             let alpha = k as f32 / 20.0;
@@ -275,7 +275,7 @@ mod tests {
 
     /// Holes show the backdrop or stay open, and the alpha that leaves is that of "over".
     #[test]
-    fn row_59_holes_show_the_backdrop_or_stay_open() {
+    fn holes_show_the_backdrop_or_stay_open() {
         let half: Picture = Image::<Linear>::from_samples(1, 1, 4, vec![0.2, 0.2, 0.2, 0.5]).into();
         let over = run(Some([1.0, 0.0, 0.0]), half.clone(), [0.0; 4], [0.5; 3]);
         assert_eq!(over, [0.6, 0.1, 0.1]);

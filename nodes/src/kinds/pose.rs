@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn row_68_nothing_flat_and_nothing_said_twice() {
+    fn flat_and_contradictory_poses_are_refused() {
         assert!(PoseNode::check(&PoseNode { scale: 0.0, ..plain() }).is_err());
         let identity = DMat4::IDENTITY.to_cols_array();
         let both = PoseNode { matrix: Some(identity), yaw_deg: 1.0, ..plain() };

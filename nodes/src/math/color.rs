@@ -45,7 +45,7 @@ mod tests {
     use crate::testing::row;
 
     #[test]
-    fn row_60_every_code_survives_the_round_trip() {
+    fn every_code_survives_the_round_trip() {
         let changed = |largest: u32| {
             let back = |code: u32| srgb_from_linear(linear_from_srgb(code as f32 / largest as f32));
             (0..=largest).filter(|&code| (back(code) * largest as f32 + 0.5) as u32 != code).count()
@@ -57,7 +57,7 @@ mod tests {
 
     /// Continuous to the precision of the standard's rounded constants.
     #[test]
-    fn row_61_the_curve_is_odd_and_continuous() {
+    fn the_curve_is_odd_and_continuous() {
         for x in [0.0, 1e-6_f32, 0.003, 0.2, 1.0, 7.5] {
             assert_eq!(srgb_from_linear(-x).to_bits(), (-srgb_from_linear(x)).to_bits());
             assert_eq!(linear_from_srgb(-x).to_bits(), (-linear_from_srgb(x)).to_bits());

@@ -79,7 +79,7 @@ mod tests {
 
     /// With a library loaded before the program that sets the flags by hand, `path-trace` is refused.
     #[test]
-    fn row_48_the_smallest_numbers_are_kept() {
+    fn the_smallest_numbers_are_kept() {
         assert!(keeps_subnormals());
     }
 

@@ -156,7 +156,7 @@ fn off(world: &World, here: &[Step]) -> Vec<(&'static str, f64)> {
 /// Splats, mesh, cropped and stood upon, cameras, probe and object, moved by a million units, or made a million times larger or smaller, with
 /// all that is told in world units: no step gives another picture. It does where the mesh has lost what f32 loses.
 #[test]
-fn row_13_14_42_the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
+fn the_whole_insertion_does_not_depend_on_where_or_how_large_the_world_is() {
     let run = Run::new();
     let world = World {
         splats: run.value("demo.splats"),

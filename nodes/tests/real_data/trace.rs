@@ -304,7 +304,7 @@ fn the_ratio_raw_and_denoised_is_within_its_bars() {
 /// Ten million triangles: all in one place, and a rough ground.
 /// Mutation: `most_in_one_place` of 0 in `Bvh::build`.
 #[test]
-fn row_45_ten_million_triangles_are_built_and_met() {
+fn ten_million_triangles_are_built_and_met() {
     use glam::Vec3;
     use nodes::geometry::bvh::{Bvh, Ray};
     use nodes::geometry::sampling::{mix, unit};

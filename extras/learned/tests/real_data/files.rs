@@ -255,7 +255,7 @@ fn what_is_wrong_with_a_lora_is_named() {
 /// What overflows float32 on its way, or is no number from the start, makes no picture: an error says so.
 /// Mutation: `is_finite` of `Kontext::decode` to `is_sign_positive`.
 #[test]
-fn row_26_a_model_that_overflows_makes_no_picture() {
+fn a_model_that_overflows_makes_no_picture() {
     let folder = tempfile::tempdir().unwrap();
     let transformer = fixture().join("transformer/diffusion_pytorch_model.safetensors");
     let prompt = folder.path().join("extreme.safetensors");

@@ -86,7 +86,7 @@ fn soup(n: usize, size: f32, seed: u32) -> Vec<[Vec3; 3]> {
 /// they cross off an edge is met; an edge on the side of a box may belong to what is beyond.
 /// Mutation: `1e30_f32.copysign(d)` to `0.0` in `Bvh::enter`.
 #[test]
-fn row_44_rays_in_the_planes_of_boxes_find_what_stands_across() {
+fn rays_in_the_planes_of_boxes_find_what_stands_across() {
     // Unit squares across each axis on a lattice, so that all boxes share their planes.
     let mut corners = Vec::new();
     for i in 0..6 * 6 * 6_u32 {
@@ -125,7 +125,7 @@ fn row_44_rays_in_the_planes_of_boxes_find_what_stands_across() {
 
 /// Among them rays along the axes, with components 0 and -0.
 #[test]
-fn row_44_rays_find_what_brute_force_finds() {
+fn rays_find_what_brute_force_finds() {
     for (n, size) in [(1, 1.0), (2, 1.0), (5, 0.7), (500, 0.15)] {
         let corners = soup(n, size, n as u32);
         let bvh = Bvh::build(&corners);
@@ -196,7 +196,7 @@ fn closed_meshes_do_not_leak() {
 }
 
 #[test]
-fn row_41_broken_triangles_are_left_out_and_counted() {
+fn broken_triangles_are_left_out_and_counted() {
     let good = [Vec3::ZERO, Vec3::X, Vec3::Y];
     let line = [Vec3::ZERO, Vec3::X, Vec3::X * 2.0];
     let corners = [[Vec3::NAN, Vec3::X, Vec3::Y], line, good, good, [Vec3::ONE; 3]];
@@ -214,7 +214,7 @@ fn row_41_broken_triangles_are_left_out_and_counted() {
 /// No triangle, one, half a million with equal centroids, and many each half as large as the one before, whose best tree may
 /// be too deep for the stack of a walk.
 #[test]
-fn row_45_identical_triangles_stay_shallow() {
+fn identical_triangles_stay_shallow() {
     let one = Bvh::build(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]);
     assert!(one.closest(Ray::new(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z), |_| true).is_some());
     assert!(!Bvh::build(&[]).any(Ray::new(Vec3::ZERO, Vec3::X), |_| true));

@@ -29,7 +29,7 @@ fn near(a: &[f32], b: &[f32], bar: f32) {
 }
 
 #[test]
-fn row_01_zero_quaternions_are_dropped_and_counted() {
+fn zero_quaternions_are_dropped_and_counted() {
     let mut rows = vec![PlyRow::default(); 5];
     rows[1].rotation = [0.0; 4];
     rows[4].rotation = [0.0; 4];
@@ -40,7 +40,7 @@ fn row_01_zero_quaternions_are_dropped_and_counted() {
 }
 
 #[test]
-fn row_02_quaternions_of_any_length_become_units() {
+fn quaternions_of_any_length_become_units() {
     let rows = [1e-20, 1e20, 3e38, 1e-44].map(|length| PlyRow {
         rotation: [0.5 * length, -0.5 * length, 0.5 * length, 0.5 * length],
         ..PlyRow::default()
@@ -60,7 +60,7 @@ fn row_02_quaternions_of_any_length_become_units() {
 
 /// Every field of its own, dropped, or named when strict.
 #[test]
-fn row_03_what_is_not_finite_is_dropped_or_named() {
+fn what_is_not_finite_is_dropped_or_named() {
     let fields = build::ply(&[PlyRow::default()], 3).len() - build::ply(&[], 3).len();
     for field in 0..fields / 4 {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -97,7 +97,7 @@ fn row_03_what_is_not_finite_is_dropped_or_named() {
 
 /// Beyond `max_extent`, 1e6, a scale is no scale; what is within goes on to the renderer, whose rows 4 bound its work.
 #[test]
-fn row_04_scales_that_overflow_are_dropped_and_counted() {
+fn scales_that_overflow_are_dropped_and_counted() {
     let row = |scale: f32| PlyRow { scale: [-1.0, scale, -1.0], ..PlyRow::default() };
     let (splats, notes) = read(&build::ply(&[88.0, 200.0, 1e30, 13.8].map(row), 0)).unwrap();
     assert_eq!(counts(&notes), [("too-large".to_owned(), "3".to_owned())]);
@@ -106,7 +106,7 @@ fn row_04_scales_that_overflow_are_dropped_and_counted() {
 }
 
 #[test]
-fn row_05_scales_far_below_a_pixel_are_kept() {
+fn scales_far_below_a_pixel_are_kept() {
     let row = PlyRow { scale: [-40.0; 3], ..PlyRow::default() };
     let (splats, notes) = read(&build::ply(&[row], 0)).unwrap();
     assert_eq!(notes.iter().count(), 0);
@@ -116,14 +116,14 @@ fn row_05_scales_far_below_a_pixel_are_kept() {
 }
 
 #[test]
-fn row_06_logits_at_both_ends_are_1_and_0() {
+fn logits_at_both_ends_are_1_and_0() {
     let row = |opacity: f32| PlyRow { opacity, ..PlyRow::default() };
     let (splats, _) = read(&build::ply(&[0.0, 1000.0, -1000.0, f32::MAX, f32::MIN].map(row), 0)).unwrap();
     assert_eq!(splats.opacities, [0.5, 1.0, 0.0, 1.0, 0.0]);
 }
 
 #[test]
-fn row_07_headers_that_lie_are_told_with_numbers() {
+fn wrong_headers_are_reported_with_numbers() {
     let bytes = build::ply(&vec![PlyRow::default(); 3], 0);
     let text = String::from_utf8_lossy(&bytes).into_owned();
     let promise = |n: &str| {
@@ -143,7 +143,7 @@ fn row_07_headers_that_lie_are_told_with_numbers() {
 }
 
 #[test]
-fn row_08_degrees_extra_fields_and_filters() {
+fn degrees_extra_fields_and_filters() {
     for degree in 0..=4 {
         let rest = (0..sh_rest(degree) * 3).map(|i| i as f32 / 64.0).collect();
         let row = PlyRow { rest, ..PlyRow::default() };

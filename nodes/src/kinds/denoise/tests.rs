@@ -270,7 +270,7 @@ fn other_layers_are_refused() {
 
 /// Light of any strength is filtered alike: a power of two changes no bit but the exponents.
 #[test]
-fn row_48_light_of_any_strength_is_filtered_alike() {
+fn light_of_any_strength_is_filtered_alike() {
     let object = |exponent: i32| {
         let scale = f32::from_bits(((127 + exponent) << 23) as u32);
         let mut input = noisy(3);

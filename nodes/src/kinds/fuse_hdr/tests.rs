@@ -124,7 +124,7 @@ fn paper_mode_is_the_papers_equations() {
 
 /// A bracket of known light is recovered to half a code of the exposure that shows it.
 #[test]
-fn row_32_a_true_bracket_is_recovered_within_quantisation() {
+fn a_true_bracket_is_recovered_within_quantisation() {
     for gain in [Gain::Brackets, Gain::Direct] {
         let taken = photograph(&ramp, &[-6.0, -3.0], Transfer::Srgb, Some(255.0));
         let (out, notes) = run(&FuseHdr { gain, ..params() }, taken);
@@ -157,7 +157,7 @@ fn what_is_not_clipped_is_kept_to_the_bit() {
 }
 
 #[test]
-fn row_27_black_is_black_and_broken_samples_are_told() {
+fn black_is_black_and_broken_samples_are_reported() {
     let (base, brackets) = photograph(&|_| [0.0; 3], &[-3.0], Transfer::Srgb, None);
     let (out, _) = run(&paper(), (base.clone(), brackets.clone()));
     assert!(out.env.image.samples.iter().all(|&v| v == 0.0));
@@ -172,7 +172,7 @@ fn row_27_black_is_black_and_broken_samples_are_told() {
 
 /// Near black nothing is divided by, so colour is kept to the bit whatever exposures or gains say.
 #[test]
-fn row_28_the_darkest_values_keep_their_colour() {
+fn the_darkest_values_keep_their_colour() {
     let light = |at: usize| {
         let v = num::f32::exp2(-40.0 + (at % W) as f32 * 0.3);
         [v, 0.5 * v, 0.25 * v]
@@ -193,7 +193,7 @@ fn row_28_the_darkest_values_keep_their_colour() {
 
 /// White in every exposure is a lower bound, and said so.
 #[test]
-fn row_29_saturation_at_the_darkest_exposure_is_told() {
+fn saturation_at_the_darkest_exposure_is_reported() {
     let taken =
         photograph(&|at| if at == 9 { [5000.0; 3] } else { [0.2; 3] }, &[-6.0, -3.0], Transfer::Srgb, None);
     let (out, notes) = run(&FuseHdr { gain: Gain::Brackets, ..params() }, taken);
@@ -204,7 +204,7 @@ fn row_29_saturation_at_the_darkest_exposure_is_told() {
 
 /// A darker picture that disagrees may not make a light darker, and never makes it negative.
 #[test]
-fn row_30_a_wrongly_dark_prediction_changes_nothing() {
+fn a_wrongly_dark_prediction_changes_nothing() {
     let (base, brackets) = photograph(&|_| [1.0; 3], &[-3.0], Transfer::Srgb, None);
     let mut wrong = (*brackets).clone();
     wrong.exposures[0].samples.fill(0.0);
@@ -235,7 +235,7 @@ fn row_30_a_wrongly_dark_prediction_changes_nothing() {
 
 /// Continuous over the ramp, strict at the threshold where it is hard.
 #[test]
-fn row_31_the_ramp_is_continuous_and_the_step_is_strict() {
+fn the_ramp_is_continuous_and_the_step_is_strict() {
     let one = |value: f32, blend: Blend| {
         let own = Fused { luminance: value.into(), source: 1, saturated: false };
         let darker = Fused { luminance: 30.0, source: 0, saturated: false };
@@ -262,7 +262,7 @@ fn row_31_the_ramp_is_continuous_and_the_step_is_strict() {
 
 /// A light of the same energy in one pixel or in five gives the same irradiance.
 #[test]
-fn row_33_energy_does_not_depend_on_how_many_pixels_hold_it() {
+fn energy_does_not_depend_on_how_many_pixels_hold_it() {
     let power = |n: usize| {
         let light =
             move |at: usize| if (at / W == 10) && at % W < n { [1e5 / n as f32; 3] } else { [0.1; 3] };
@@ -470,7 +470,7 @@ fn light_above_white_is_kept_to_the_bit() {
 
 /// One exposure is no bracket: what it shows is the light, to the bit, whatever EVs were asked for.
 #[test]
-fn row_35_one_exposure_is_the_light() {
+fn one_exposure_is_the_light() {
     let dim = |at: usize| ramp(at).map(|v| v.min(0.89));
     for evs in [&[][..], &[-20.0]] {
         let (base, brackets) = photograph(&dim, evs, Transfer::Srgb, Some(255.0));
@@ -484,7 +484,7 @@ fn row_35_one_exposure_is_the_light() {
 
 /// Code 0.5 is 0.189 by the pure power and 0.214 by sRGB.
 #[test]
-fn row_34_transfers_differ_as_published() {
+fn transfers_differ_as_published() {
     assert!((Transfer::Gamma24.linear(0.5) - 0.1895).abs() < 1e-4);
     assert!((Transfer::Srgb.linear(0.5) - 0.2140).abs() < 1e-4);
 }

@@ -194,7 +194,7 @@ fn parameters_change_what_they_say() {
 
 /// Unusable vertices and faces go, and are counted.
 #[test]
-fn row_41_unusable_parts_are_dropped_and_counted() {
+fn unusable_parts_are_dropped_and_counted() {
     let text = String::from_utf8(ascii()).unwrap_or_default();
     let text = text.replace("1 0 0 255", "nan 0 0 255").replace("element face 1", "element face 4");
     let (mesh, notes) = good(format!("{text}3 2 2 3\n3 0 2 3\n3 0 1 3\n").as_bytes());

@@ -93,7 +93,7 @@ fn the_flux_of_a_region_is_what_the_regression_says() {
 
 /// Each exposure is darker than the next and than the panorama, black alone is black, extremes stay finite, and white is the most that an exposure holds.
 #[test]
-fn row_23_flat_panoramas_stay_monotone_and_finite() {
+fn flat_panoramas_stay_monotone_and_finite() {
     for method in METHODS {
         for value in [0.0, 0.5, 1.0, 40.0, f32::NAN, f32::INFINITY, -1.0] {
             let (brackets, notes) = run_by(method.clone(), pano(64, |_, _| [value; 3]), &[-3.0, -9.0, -6.0]);
@@ -135,7 +135,7 @@ fn off_turned(plain: &Brackets, turned: &Brackets, shift: usize) -> f64 {
 
 /// A horizontal roll rolls the prediction, also of one pixel and of a sun on the seam.
 #[test]
-fn row_24_rolling_the_panorama_rolls_the_gain() {
+fn rolling_the_panorama_rolls_the_gain() {
     let dot = |x: usize, y: usize| if (x, y) == (0, 40) { [1.0; 3] } else { [0.4, 0.5, 0.6] };
     for (method, source) in METHODS.into_iter().flat_map(|m| [(m.clone(), room(256)), (m, pano(256, dot))]) {
         let plain = run_by(method.clone(), source.clone(), &[-3.0]).0;
@@ -151,7 +151,7 @@ fn row_24_rolling_the_panorama_rolls_the_gain() {
 
 /// Also of a panorama finer than the grid, by less than a cell.
 #[test]
-fn row_24_turning_by_part_of_a_cell_turns_the_gain() {
+fn turning_by_part_of_a_cell_turns_the_gain() {
     let width = 300;
     let scene = |x: usize, y: usize| match (x, y) {
         (299 | 0, 50) => [1.0; 3],
@@ -191,7 +191,7 @@ fn learned_flux_is_what_the_network_says() {
 }
 
 #[test]
-fn row_35_exposures_are_sorted_and_listed_once() {
+fn exposures_are_sorted_and_listed_once() {
     assert_eq!(run(room(64), &[-3.0, -20.0, -6.0]).0.evs, [-20.0, -6.0, -3.0]);
     assert!(run(room(64), &[-20.0]).0.exposures[0].samples.iter().all(|v| v.is_finite()));
     let params = PredictExposure {

@@ -115,7 +115,7 @@ fn bounds_that_leave_no_shadow_are_told() {
 }
 
 #[test]
-fn row_49_nothing_over_nothing_is_one() {
+fn nothing_over_nothing_is_one() {
     for form in [RatioForm::Stable, RatioForm::Paper, RatioForm::Hybrid] {
         let p = ShadowRatio { form, ..ShadowRatio::default() };
         assert_eq!(ratios(&p, &[0.0; 9], &[0.0; 9]), [1.0; 9]);
@@ -129,7 +129,7 @@ fn row_49_nothing_over_nothing_is_one() {
 }
 
 #[test]
-fn row_52_exposure_does_not_change_the_ratio() {
+fn exposure_does_not_change_the_ratio() {
     for exposure in [1e-6_f32, 1.0, 1e6] {
         let r: Vec<f32> = [0.0, 1e-8, 0.3, 1.0, 7e4].iter().map(|v| v * exposure).collect();
         assert_eq!(ratios(&ShadowRatio::default(), &r, &r), vec![1.0; 5]);
@@ -143,7 +143,7 @@ fn row_52_exposure_does_not_change_the_ratio() {
 
 /// They are counted, and add no light.
 #[test]
-fn row_53_dark_and_broken_samples_cast_no_shadow() {
+fn dark_and_broken_samples_cast_no_shadow() {
     let r0 = [1.0, 1e-8, f32::NAN, f32::INFINITY, 1.0];
     let r1 = [0.5, 1e-3, 0.5, 0.5, f32::NAN];
     let paper = ShadowRatio { form: RatioForm::Paper, ..ShadowRatio::default() };
@@ -171,7 +171,7 @@ fn row_53_dark_and_broken_samples_cast_no_shadow() {
 
 /// Monotone in each shaping parameter, and the ends are exact.
 #[test]
-fn row_54_shaping_follows_the_paper() {
+fn shaping_follows_the_paper() {
     let p = ShadowRatio::default;
     assert_eq!(ShadowRatio { lambda: 0.0, ..p() }.shape(0.1), 1.0);
     assert_eq!(ShadowRatio { s_min: 1.0, ..p() }.shape(0.1), 1.0);
@@ -196,7 +196,7 @@ fn row_54_shaping_follows_the_paper() {
 
 /// Without it, it is cut, and the share of it told.
 #[test]
-fn row_51_added_light_needs_s_max() {
+fn added_light_needs_s_max() {
     let inputs = In { without: image(&[1.0; 4]), with: image(&[1.3, 0.5, 1.0, 0.9]) };
     let (out, notes) = ShadowRatio::run(&ShadowRatio::default(), inputs, &context()).expect("runs");
     assert_eq!(out.shadow.0[0].picture.samples()[..3], [1.0; 3]);
@@ -210,7 +210,7 @@ fn row_51_added_light_needs_s_max() {
 }
 
 #[test]
-fn row_55_parameters_out_of_range_are_named() {
+fn parameters_out_of_range_are_named() {
     for (field, values) in [
         ("epsilon", ["-1e-9", "1.1"]),
         ("min_energy", ["-1.0", "1e7"]),
@@ -235,7 +235,7 @@ fn row_55_parameters_out_of_range_are_named() {
 
 /// As the bound of energy is swept no ratio jumps by more than a part of the sweep.
 #[test]
-fn row_50_the_mask_has_no_edge() {
+fn the_mask_has_no_edge() {
     let at = |least: f64| {
         ratios(&ShadowRatio { min_energy: least, ..ShadowRatio::default() }, &[0.5; 3], &[0.1; 3])[1]
     };

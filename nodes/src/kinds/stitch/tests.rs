@@ -27,7 +27,7 @@ fn stitched(views: Arc<Views>, width_px: u32) -> Arc<Panorama> {
 
 /// Over face sizes down to a pixel, with and without a guard band.
 #[test]
-fn row_18_constant_faces_stay_constant() {
+fn constant_faces_stay_constant() {
     let mut largest = 0.0_f64;
     for (size, guard) in [(1, 0.0), (2, 3.0), (7, 0.0), (33, 3.0), (64, 20.0)] {
         for alpha in [1.0_f32, 0.5] {
@@ -50,7 +50,7 @@ fn row_18_constant_faces_stay_constant() {
 /// The energy of a single lit pixel of each face is its solid angle, also at the poles and at the wrap: `Aligned` puts
 /// face centres there.
 #[test]
-fn row_19_a_single_pixel_keeps_its_energy() {
+fn a_single_pixel_keeps_its_energy() {
     let sphere: f64 = (0..128).map(|y| 256.0 * equirect::pixel_solid_angle(256, 128, y)).sum();
     row(19, "solid angles off 4 pi", (sphere - 4.0 * PI).abs(), 1e-5);
     let size = 24;
@@ -152,7 +152,7 @@ fn views_from_two_points_are_refused() {
 /// A strip of 4096 pixels, one of a single pixel, one of a single column, and a face of 4096 x 4096 among such of one
 /// pixel: every direction of a fine grid is defined, those beyond the views as holes.
 #[test]
-fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
+fn faces_of_any_shape_are_sampled_within_their_edges() {
     for (width, height, focal) in
         [(4096, 3, 600.0), (1, 1, 0.5), (1, 4096, 2000.0), (5, 3, 0.01), (3, 5, 1e6)]
     {
@@ -180,7 +180,7 @@ fn row_20_faces_of_any_shape_are_sampled_within_their_edges() {
 
 /// The wrap is as smooth as any other pair of columns, and the polar rows grow constant.
 #[test]
-fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
+fn the_wrap_is_smooth_and_poles_grow_constant() {
     let sky = |d: DVec3| 0.5 + 0.3 * d.x + 0.2 * d.y * d.z;
     let mut last = f32::INFINITY;
     for width in [32_usize, 64, 128] {
@@ -214,7 +214,7 @@ fn row_21_the_wrap_is_smooth_and_poles_grow_constant() {
 /// No point of a panorama has a direction that is not a unit vector, and no direction, however
 /// short, long or close to an axis, a point outside.
 #[test]
-fn row_22_directions_are_never_degenerate() {
+fn directions_are_never_degenerate() {
     let mut state = 3_u64;
     let mut next = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

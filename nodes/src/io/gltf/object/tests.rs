@@ -88,7 +88,7 @@ fn node_transforms_move_points_and_turn_normals_by_the_inverse_transpose() {
 
 /// A mirror turns the triangles over, so that they still face along their normals.
 #[test]
-fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
+fn mirrors_flip_winding_and_keep_normals_outside() {
     let (object, notes) = good(&triangle(json!({"mesh": 0, "scale": [-1.0, 1.0, 1.0]})));
     let p = &object.primitives[0];
     assert_eq!(
@@ -100,7 +100,7 @@ fn row_68_mirrors_flip_winding_and_keep_normals_outside() {
 
 /// A quaternion of any length turns and does not scale; a matrix may shear, and a normal stays upright on what it shears.
 #[test]
-fn row_68_quaternions_of_any_length_turn_and_normals_stay_upright_under_shear() {
+fn quaternions_of_any_length_turn_and_normals_stay_upright_under_shear() {
     for length in [1e-6, 1.0, 7.0] {
         let turn = [0.0, 0.0, length * 0.5_f64.sqrt(), length * 0.5_f64.sqrt()];
         let (object, _) = good(&triangle(json!({"mesh": 0, "rotation": turn})));

@@ -30,7 +30,7 @@ fn furnace_holds_in_the_scene() {
 
 /// However it is posed: mirrored, with two axes swapped, sheared, mirrored and sheared, flattened to a hundredth.
 #[test]
-fn row_68_a_white_body_is_white_in_every_pose() {
+fn a_white_body_is_white_in_every_pose() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
     let body = ball(0.8, Material { double_sided: false, ..matte(1.0) }, DVec3::ZERO);
     for columns in [
@@ -51,7 +51,7 @@ fn row_68_a_white_body_is_white_in_every_pose() {
 /// A white ball in a white sky is white: what met itself again would be dark. As small as a millionth, and
 /// as large as a million, and with coordinates of some ten thousand sizes.
 #[test]
-fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
+fn far_and_tiny_objects_do_not_shade_themselves() {
     let camera = rig(DVec3::new(0.0, -3.0, 0.0), DVec3::ZERO, 24, 1.5);
     let seen = |scale: f64, at: DVec3, receiver: &Mesh| {
         let ball = ball(0.8, matte(1.0), DVec3::ZERO);
@@ -79,7 +79,7 @@ fn row_42_far_and_tiny_objects_do_not_shade_themselves() {
 /// The shadow of a ball on a floor does not depend on what else there is of the floor: a stray triangle far away, or
 /// two triangles that reach to a horizon.
 #[test]
-fn row_42_a_stray_triangle_and_a_huge_floor_change_nothing() {
+fn a_stray_triangle_and_a_huge_floor_change_nothing() {
     let (_, objects, rig) = shadowed();
     let picture = |receiver: &Mesh| {
         let (out, notes) = render(&params(16, Surroundings::OPEN), receiver, &objects, &rig, &sunny());
@@ -156,7 +156,7 @@ fn a_scene_may_lie_anywhere_and_have_any_size() {
 /// Contact on the plane. The floor under a box is dark whatever the gap is, up to what comes in through it,
 /// and no light leaks at gap 0.
 #[test]
-fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
+fn contact_shadow_is_dark_and_monotone_in_the_gap() {
     let below = rig(DVec3::new(0.0, 0.0, 3.0), DVec3::new(0.0, 0.001, 0.0), 6, 20.0);
     let mut last = 0.0;
     for gap in [0.0, 1e-6, 1e-4, 1e-2, 1e-1] {
@@ -176,7 +176,7 @@ fn row_43_contact_shadow_is_dark_and_monotone_in_the_gap() {
 /// The error of S over a crop falls at least with the root of the samples, for any seed, and one sample is one
 /// too: finite, and right on average.
 #[test]
-fn row_47_errors_fall_with_samples_whatever_the_seed() {
+fn errors_fall_with_samples_whatever_the_seed() {
     let (plane, objects, rig) = shadowed();
     let mut small = (*rig).clone();
     let camera = &mut small.cameras[0];
@@ -210,7 +210,7 @@ fn row_47_errors_fall_with_samples_whatever_the_seed() {
 /// so many independent ones would, or better.
 /// Mutation: `*sum` kept in single precision by `Accumulator::add` (seen red).
 #[test]
-fn row_47_a_million_samples_add_up() {
+fn a_million_samples_add_up() {
     const MOST: u32 = 1 << 20;
     let one = |receiver: &Mesh, env: &Environment, n| {
         let camera = rig(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.0, 1e-3, 0.0), 1, 50.0);
@@ -226,7 +226,7 @@ fn row_47_a_million_samples_add_up() {
 
 /// A power of two is exact; at 1e-40 numbers keep 16 bits, and the ratio what they keep.
 #[test]
-fn row_48_light_of_any_strength_gives_the_same_picture() {
+fn light_of_any_strength_gives_the_same_picture() {
     let (plane, objects, rig) = shadowed();
     let at = |scale: f32| {
         let mut env = sunny();
@@ -254,7 +254,7 @@ fn row_48_light_of_any_strength_gives_the_same_picture() {
 /// The variance of the ratio is that of any light, bit for bit; what variance of light single precision does not hold is
 /// finite, and told.
 #[test]
-fn row_48_the_noise_of_the_ratio_is_that_of_any_light() {
+fn the_noise_of_the_ratio_is_that_of_any_light() {
     let (plane, objects, rig) = shadowed();
     let at = |exponent: i32| {
         let scale = f32::from_bits(((127 + exponent) << 23) as u32);

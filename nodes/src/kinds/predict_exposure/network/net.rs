@@ -188,7 +188,7 @@ mod tests {
 
     /// What is wrong with weights is told by the name of the tensor.
     #[test]
-    fn row_25_wrong_weights_are_refused_by_name() {
+    fn wrong_weights_are_refused_by_name() {
         let shipped = SafeTensors::deserialize(WEIGHTS).expect("is sound");
         for name in shipped.names().into_iter().map(String::from) {
             let said =
@@ -280,7 +280,7 @@ mod tests {
 
     /// The largest weights that f16 holds overflow nothing.
     #[test]
-    fn row_26_the_largest_weights_stay_finite() {
+    fn the_largest_weights_stay_finite() {
         let network = changed(|name, _, bytes| {
             if !name.contains("spread") {
                 bytes.chunks_exact_mut(2).for_each(|b| b.copy_from_slice(&[0xff, 0x7b]));

@@ -37,7 +37,7 @@ fn off_the_formula(sigma: f32, opacity: f32) -> f64 {
 /// What a loader drops is as if it had never been in the file; here, what it cannot drop
 /// because it is only invisible.
 #[test]
-fn row_03_what_cannot_be_seen_changes_no_bit() {
+fn what_cannot_be_seen_changes_no_bit() {
     let splats = cloud(200, 51);
     let mut more = empty(3);
     for i in 0..splats.len() {
@@ -64,7 +64,7 @@ fn row_03_what_cannot_be_seen_changes_no_bit() {
 
 /// A splat as large as a file may hold covers all pixels, once each, at once.
 #[test]
-fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
+fn huge_splats_cost_one_evaluation_a_pixel() {
     let camera = camera(64, 48, 60.0);
     for scale in [1e6_f32, 1e15, f32::MAX] {
         let splat = one([0.0, 0.0, 3.0], [scale; 3], 0.5, [1.0; 3]);
@@ -87,7 +87,7 @@ fn row_04_huge_splats_cost_one_evaluation_a_pixel() {
 
 /// What is far below a pixel, down to nothing at all, shows as the low-pass filter alone.
 #[test]
-fn row_05_scales_of_nothing_show_the_filter() {
+fn scales_of_nothing_show_the_filter() {
     for scale in [num::f64::exp(-40.0) as f32, 1e-30, 1e-45, 0.0] {
         row(5, "alpha off the filter alone", off_the_formula(scale, 0.8), 1e-6);
     }
@@ -95,7 +95,7 @@ fn row_05_scales_of_nothing_show_the_filter() {
 
 /// Opacity 1 is capped at 0.99, exactly; below the cut there is nothing.
 #[test]
-fn row_06_opacities_at_both_ends() {
+fn opacities_at_both_ends() {
     row(6, "alpha off the capped formula", off_the_formula(0.2, 1.0), 1e-6);
     let camera = camera(31, 31, 50.0);
     for settings in [F64, FAST] {
@@ -114,14 +114,14 @@ fn row_06_opacities_at_both_ends() {
 
 /// A file of no rows is an empty scene.
 #[test]
-fn row_07_an_empty_scene_is_background() {
+fn an_empty_scene_is_background() {
     let seen = draw(&empty(0), &camera(8, 8, 60.0), F64);
     assert!(seen.rgba == [0.0; 256] && seen.depth == [f32::INFINITY; 64]);
 }
 
 /// Splats at the eye and behind the near plane are gone, and nothing is infinite.
 #[test]
-fn row_09_the_near_plane_culls() {
+fn the_near_plane_culls() {
     let at = |z: f32| one([0.0, 0.0, z], [0.5; 3], 0.9, [1.0; 3]);
     let camera = camera(20, 20, 90.0);
     let splats = cloud(300, 8);
@@ -141,7 +141,7 @@ fn row_09_the_near_plane_culls() {
 
 /// A needle a million times longer than wide, across the picture, into it and end-on, against the textbook in f64.
 #[test]
-fn row_10_needles_are_exact() {
+fn needles_are_exact() {
     let camera = camera(200, 150, 60.0);
     let (sin, cos) = num::sin_cos(0.5 * 0.7);
     let half = std::f64::consts::FRAC_1_SQRT_2;
@@ -162,7 +162,7 @@ fn row_10_needles_are_exact() {
 /// Stopping early changes a deep pile by less than what it leaves: as in the renderers that captures are trained
 /// with, the splat that would take a pixel from above `stop` to below it is left out.
 #[test]
-fn row_11_stopping_early_costs_what_it_says() {
+fn stopping_early_costs_what_it_says() {
     let mut random = Random(4);
     let mut pile = empty(0);
     for i in 0..100_000 {
@@ -186,7 +186,7 @@ fn row_11_stopping_early_costs_what_it_says() {
 
 /// Equal depths are drawn in file order; different ones whatever the order of the file.
 #[test]
-fn row_12_ties_follow_the_file_and_nothing_else_does() {
+fn ties_follow_the_file_and_nothing_else_does() {
     let red = one([0.0, 0.0, 2.0], [0.3; 3], 0.9, [1.7, -1.7, -1.7]);
     let blue = one([0.05, 0.0, 2.0], [0.3; 3], 0.9, [-1.7, -1.7, 1.7]);
     // At another depth, so that there is something to sort.
@@ -214,7 +214,7 @@ fn row_12_ties_follow_the_file_and_nothing_else_does() {
 
 /// In f64 an offset costs what rounding it costs; the camera is subtracted before anything is rounded further.
 #[test]
-fn row_13_pictures_do_not_depend_on_where_the_world_is() {
+fn pictures_do_not_depend_on_where_the_world_is() {
     let splats = cloud(300, 6);
     let here = camera(64, 48, 70.0);
     let [expected, exact] = [FAST, F64].map(|settings| draw(&splats, &here, settings));
@@ -238,7 +238,7 @@ fn row_13_pictures_do_not_depend_on_where_the_world_is() {
 
 /// `near` is in world units and scales with the scene.
 #[test]
-fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
+fn pictures_do_not_depend_on_how_large_the_world_is() {
     let splats = cloud(300, 6);
     let camera = camera(64, 48, 70.0);
     let expected = draw(&splats, &camera, FAST);
@@ -253,7 +253,7 @@ fn row_14_pictures_do_not_depend_on_how_large_the_world_is() {
 
 /// Nothing is cut above: a coefficient that makes 3 arrives as 3 in the picture and in a file of floats.
 #[test]
-fn row_15_colours_are_cut_at_0_and_nowhere_else() {
+fn colours_are_cut_at_0_and_nowhere_else() {
     let coefficient = |colour: f64| ((colour - 0.5) / 0.282_094_791_773_878_14) as f32;
     let bright =
         one([0.0, 0.0, 1.0], [0.5; 3], 1.0, [coefficient(3.0), coefficient(-2.0), coefficient(0.25)]);
@@ -274,7 +274,7 @@ fn row_15_colours_are_cut_at_0_and_nowhere_else() {
 /// Coefficients of which each is a finite number, and the sum is not: the colour is held, and told. A splat at the edge
 /// of a tile, so that some pixels of a vector see it and others do not.
 #[test]
-fn row_15_colours_that_overflow_are_held_and_told() {
+fn colours_that_overflow_are_capped_and_reported() {
     let mut splats = one([0.0, 0.0, 1.0], [0.03; 3], 0.9, [3.3e38; 3]);
     splats.sh_degree = 2;
     splats.sh.extend([[3.3e38; 3]; 8]);
@@ -294,7 +294,7 @@ fn row_15_colours_that_overflow_are_held_and_told() {
 
 /// The widest and the narrowest angle, one pixel and a strip, against the textbook.
 #[test]
-fn row_16_odd_cameras_are_the_textbook() {
+fn odd_cameras_are_the_textbook() {
     let splats = cloud(200, 61);
     let mut largest = 0.0_f64;
     for camera in [camera(20, 15, 1.0), camera(20, 15, 179.0), camera(1, 1, 60.0), camera(16_384, 1, 100.0)] {
@@ -314,7 +314,7 @@ fn row_16_odd_cameras_are_the_textbook() {
 }
 
 #[test]
-fn row_16_odd_cameras_are_finite_and_match_f64() {
+fn odd_cameras_are_finite_and_match_f64() {
     let splats = cloud(300, 9);
     for camera in [camera(40, 30, 1.0), camera(40, 30, 179.0), camera(1, 1, 60.0), camera(16_384, 1, 100.0)] {
         let seen = draw(&splats, &camera, Settings { precision: Precision::F32, ..F64 });
@@ -328,7 +328,7 @@ fn row_16_odd_cameras_are_finite_and_match_f64() {
 
 /// Coverage is a share, no colour is brighter than a splat's times it, and what is farther only adds to it.
 #[test]
-fn row_17_coverage_grows_and_colours_are_convex_sums() {
+fn coverage_grows_and_colours_are_convex_sums() {
     for seed in 0..4 {
         let splats = cloud(2000, 20 + seed);
         let seen = draw(&splats, &camera(60, 60, 80.0), Settings { precision: Precision::F32, ..F64 });

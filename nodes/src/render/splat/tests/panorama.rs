@@ -132,7 +132,7 @@ fn exact_bounds_lose_nothing_around_the_seam() {
 
 /// The world turned about up by a number of columns is the picture moved by as many: there is no seam.
 #[test]
-fn row_21_turning_the_world_rolls_the_picture() {
+fn turning_the_world_rolls_the_picture() {
     let (width, height) = (96_usize, 48);
     let mut splats = shell(300, 7);
     // Harmonics would have to be turned too.
@@ -231,7 +231,7 @@ fn poles_show_what_a_camera_sees() {
 
 /// A splat on the axis through the poles, and beside it, and one that looks at the seam.
 #[test]
-fn row_21_poles_and_the_seam_are_where_they_belong() {
+fn poles_and_the_seam_are_where_they_belong() {
     for up in UPS {
         let [_, forward, above] = equirect::axes(up);
         for d in [above, -above, above + forward * 1e-9, above - forward * 1e-3, -forward] {

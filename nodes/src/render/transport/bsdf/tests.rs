@@ -75,7 +75,7 @@ fn bases() -> Vec<(String, BsdfParams)> {
 /// 4 standard errors. What is left is the interpolation of the tables. Brushed surfaces are seen from along the brush,
 /// from across it and in between.
 #[test]
-fn row_38_white_surfaces_keep_all_light() {
+fn white_surfaces_keep_all_light() {
     let mut worst = [0.0_f64; 2];
     let mut check = |name: &str, params: &BsdfParams| {
         let sides: &[[f32; 2]] =
@@ -155,7 +155,7 @@ fn cosine_towards(out: Vec3, d: Vec3) -> Vec3 {
 }
 
 #[test]
-fn row_39_black_surfaces_reflect_only_the_interface() {
+fn black_surfaces_reflect_only_the_interface() {
     let black = BsdfParams { base: Vec3::ZERO, roughness: 0.5, ..BsdfParams::default() };
     assert_eq!(furnace(&BsdfParams { ior: 1.0, ..black }, 0.5), 0.0);
     assert!(furnace(&black, 1.0) < 0.06);
@@ -226,7 +226,7 @@ fn bodies_bend_light_by_their_index() {
 /// Extremes stay finite and no sample carries more than its lobe's albedo over its share.
 /// Also seen along the surface and, as a normal map may have it, from behind.
 #[test]
-fn row_40_extremes_are_finite() {
+fn extremes_are_finite() {
     for roughness in [0.0, 1e-4, 1e-2, 1.0] {
         for cosine in [-1e-3, 0.0, 1.745e-4, 1e-2, 1.0] {
             let everything = BsdfParams {

@@ -80,7 +80,7 @@ mod tests {
 
     /// Every ray by every rule: what a scattered ray and a shadow ray find at the receiver.
     #[test]
-    fn row_46_each_ray_sees_the_receiver_by_its_rule() {
+    fn each_ray_sees_the_receiver_by_its_rule() {
         let rules = |block, bounce_solid, specular_env, printed| Rules {
             block,
             bounce_solid,

@@ -111,7 +111,7 @@ mod tests {
 
     /// Every way to block against everything that a ray may meet. Rows are those of docs/light-transport.md.
     #[test]
-    fn row_46_what_lets_the_environment_through() {
+    fn what_lets_the_environment_through() {
         let nothing = squares(&[]);
         let shell = squares(&[2.0]);
         let furniture = squares(&[1.0, -1.5, 2.0]);

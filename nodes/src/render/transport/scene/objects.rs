@@ -283,7 +283,7 @@ mod tests {
 
     /// A mirror keeps the outside outside.
     #[test]
-    fn row_68_mirrored_objects_keep_their_front() {
+    fn mirrored_objects_keep_their_front() {
         let object = Object {
             primitives: vec![Primitive {
                 positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],

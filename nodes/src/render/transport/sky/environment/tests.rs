@@ -128,7 +128,7 @@ fn the_picture_behind_is_smooth() {
 }
 
 #[test]
-fn row_36_a_black_sky_is_sampled_evenly() {
+fn a_black_sky_is_sampled_evenly() {
     let black = EnvironmentLight::new(&constant(Up::PlusZ, [0.0; 3], 16));
     assert_eq!(black.power, [0.0; 3]);
     for normal in [None, Some(Vec3::X), Some(Vec3::NEG_Z)] {
@@ -142,7 +142,7 @@ fn row_36_a_black_sky_is_sampled_evenly() {
 
 /// Towards the hot texel it is chosen, from behind it never is; its light is found in full either way.
 #[test]
-fn row_37_one_texel_may_outshine_all_others() {
+fn one_texel_may_outshine_all_others() {
     let mut environment = constant(Up::PlusZ, [1e-9; 3], 32);
     environment.image.pixel_mut(7, 5).fill(1e9);
     environment.image.pixel_mut(3, 3)[0] = f32::NAN;
