@@ -90,8 +90,8 @@ def main():
     for asked in ASKED:
         planes, told, spent = trace(f"asked_{asked}", max_error=asked)
         worst, mean = off(planes, truth)
-        print(f"| {asked} | {told['error that the first samples promise']:.3f} | {told['error reached']:.4f} | {worst:.4f} | {mean:.4f} | "
-              f"{told['samples a pixel']:.0f} | {spent - start:.1f} |", flush=True)
+        print(f"| {asked} | {told['error predicted from the first samples']:.3f} | {told['error reached']:.4f} | {worst:.4f} | {mean:.4f} | "
+              f"{told['samples per pixel']:.0f} | {spent - start:.1f} |", flush=True)
     for samples in PLAIN:
         planes, _, spent = trace(f"plain_{samples}", samples=samples)
         worst, mean = off(planes, truth)

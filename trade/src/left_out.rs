@@ -119,7 +119,7 @@ const SKIPS: [Skip; 8] = [
         force: "none: the mean is the same wherever samples go",
         kinds: TRACE,
         judge: |seen| {
-            let shares = seen.column("views", "share of chunks that no object touches").into_iter();
+            let shares = seen.column("views", "share of chunks that no object changes").into_iter();
             let shares = shares.filter_map(|cell| if let Cell::Number(n) = cell { Some(*n) } else { None });
             let shares: Vec<f64> = shares.collect();
             let texts: Vec<String> = shares.iter().map(|share| format!("{:.0} %", 100.0 * share)).collect();

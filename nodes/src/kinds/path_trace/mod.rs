@@ -156,16 +156,16 @@ impl PathTrace {
     /// Refuses what no picture can be traced of.
     fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
         if !crate::math::num::keeps_subnormals() {
-            let hint = "start the program without the library that asks for it, perhaps one in LD_PRELOAD";
-            let text = "this process takes the smallest numbers for 0, so that its pictures would be those of no other";
+            let hint = "run without the library that sets this mode (check LD_PRELOAD)";
+            let text = "this process flushes subnormal numbers to zero, which would change the output";
             return Err(NodeError::new(text).hint(hint));
         }
         if inputs.rig.cameras.is_empty() {
             return Err(NodeError::from(Error::Mismatch("the rig has no camera".to_owned())).at("rig"));
         }
         if self.surroundings == Surroundings::Projected && inputs.env.origin.is_none() {
-            let hint = "give `load-environment` its `origin`, or leave `surroundings` to `Auto`";
-            let text = "`Projected` needs an environment with a point of capture";
+            let hint = "set `origin` of `load-environment`, or leave `surroundings` at `Auto`";
+            let text = "`Projected` needs an environment that carries its point of capture";
             return Err(NodeError::new(text).at("surroundings").hint(hint));
         }
         Ok(())
@@ -199,9 +199,9 @@ impl PathTrace {
         let twice = (rules.block != Block::Solid)
             .then(|| counted_twice(receiver, prepared.sky(), prepared.origin, from, &rules));
         if let Some(twice) = twice.filter(|_| rules.bounce_solid && rules.near.is_none()) {
-            let text = "the panorama already shows the light that the mesh reflects, so it counts twice:";
+            let text = "light reflected by the mesh is already in the panorama and counts twice:";
             let hint = "set `bounces: false` in `surroundings`";
-            notes.warning("double-count", format!("{text} {:.0} % too much; {hint}", 100.0 * twice));
+            notes.warning("double-count", format!("{text} {:.0} % too bright; {hint}", 100.0 * twice));
         }
         Decided { name: decision.name(), rules, probe, twice }
     }
@@ -218,8 +218,10 @@ impl PathTrace {
                 | Surroundings::Projected
                 | Surroundings::Within { .. }
         ) {
-            let text =
-                format!("the environment has no point of capture; camera `{}` stands for it", camera.name);
+            let text = format!(
+                "the environment carries no point of capture; camera `{}` is used instead",
+                camera.name
+            );
             notes.decision("probe-origin", text);
         }
         camera.eye()
@@ -318,8 +320,8 @@ impl Kind for PathTrace {
             report_unseen(&unseen::of(&tracing, &views)?, &mut notes);
         }
         let crop = match tracing.crop() {
-            Ok(_) => format!("what changes at most {} of the light", params.crop),
-            Err(why) => format!("nothing: {why}"),
+            Ok(_) => format!("tiles where at most {} of the light changes", params.crop),
+            Err(why) => format!("off: {why}"),
         };
         Ok((assemble(&inputs, views, &decided, centre, crop), notes))
     }

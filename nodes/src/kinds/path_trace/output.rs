@@ -31,8 +31,8 @@ fn decisions(
         row("shadow rays", Cell::Count(rays.shadow)),
         row("scattered rays", Cell::Count(rays.scattered)),
         row("rays", Cell::Count(rays.all())),
-        row("nodes of trees that a ray meets", Cell::Number(nodes)),
-        row("triangles that a ray is tested with", Cell::Number(triangles)),
+        row("BVH nodes visited per ray", Cell::Number(nodes)),
+        row("triangles tested per ray", Cell::Number(triangles)),
         text("lobes that no material has", &lobes::absent(&inputs.objects)),
     ];
     if rules.near.is_none() {
@@ -42,11 +42,11 @@ fn decisions(
             .push(text("reflections show", if rules.specular_env { "the panorama" } else { "the mesh" }));
     }
     if let Some(twice) = twice {
-        decisions.push(row("light that walls counted twice add", Cell::Number(*twice)));
+        decisions.push(row("light counted twice by mesh bounces", Cell::Number(*twice)));
     }
     if let Some(probe) = probe {
-        decisions.push(row("probe rays that leave", Cell::Number(probe.escaped_share())));
-        decisions.push(row("front faces among the others", Cell::Number(probe.front_share())));
+        decisions.push(row("probe rays that miss the mesh", Cell::Number(probe.escaped_share())));
+        decisions.push(row("front faces among the hits", Cell::Number(probe.front_share())));
     }
     decisions
 }
@@ -99,14 +99,14 @@ pub(crate) fn assemble(
                 [
                     "view",
                     "mean luminance of without",
-                    "standard error of a pixel of without",
+                    "standard error per pixel of without",
                     "mean luminance of with",
-                    "standard error of a pixel of with",
+                    "standard error per pixel of with",
                     "mean luminance of object",
-                    "standard error of a pixel of object",
+                    "standard error per pixel of object",
                     "rays",
-                    "share of chunks that no object touches",
-                    "share of chunks that objects are too far from",
+                    "share of chunks that no object changes",
+                    "share of chunks cropped",
                 ],
                 rows,
             ),
@@ -117,13 +117,13 @@ pub(crate) fn assemble(
             "samples",
             [
                 "view",
-                "error asked for",
-                "error that the first samples promise",
+                "target error",
+                "error predicted from the first samples",
                 "error reached",
                 "blocks",
                 "blocks with more than the first samples",
-                "blocks short of the error",
-                "samples a pixel",
+                "blocks above the target",
+                "samples per pixel",
             ],
             plans,
         ));

@@ -19,12 +19,12 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
         if size > TOO_LARGE * place {
             let metres = f64::from(size) * metres_per_unit;
             let text = format!(
-                "object {index} is {} units ({} m) large and the whole receiver {}",
+                "object {index} is {} units ({} m) large, and the whole receiver mesh {} units",
                 short(size),
                 short(metres as f32),
                 short(place)
             );
-            let hint = "`metres_per_unit` of the scene says how long a unit is, `scale` of the pose how large the object is";
+            let hint = "check `metres_per_unit` of the scene and `scale` of the pose";
             notes.warning("object-too-large", format!("{text}; {hint}"));
         }
     }
@@ -34,8 +34,8 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
 pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(
-            "`{camera}` is within the box around object {around} and sees no object, since single-sided surfaces are not seen from \
-             behind; is the object too large, or the camera too near?"
+            "`{camera}` is inside the bounding box of object {around} and sees no object, since single-sided surfaces are invisible \
+             from behind; check the size of the object and the position of the camera"
         );
     }
     let mut all: Vec<_> = boxes
@@ -47,12 +47,12 @@ pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let near = all.first().map_or(String::new(), |&(distance, index)| {
         format!(
-            "; object {index}, {} units large, is {} units away",
+            "; object {index} ({} units large) is {} units away",
             short(boxes[index].size()),
             short(distance)
         )
     });
-    format!("`{camera}` sees no object{near}: do pose, rig and mesh share a frame and a scale?")
+    format!("`{camera}` sees no object{near}; check that pose, rig and mesh share axes and scale")
 }
 
 /// A length as people read it.
@@ -88,7 +88,9 @@ mod tests {
         assert_eq!(told(&receiver, 4.0), [""; 0]);
         let text = &told(&receiver, 50.0)[0];
         assert!(
-            text.starts_with("object 2 is 173.21 units (1.73 m) large and the whole receiver 8.49;"),
+            text.starts_with(
+                "object 2 is 173.21 units (1.73 m) large, and the whole receiver mesh 8.49 units;"
+            ),
             "{text}"
         );
         assert_eq!(told(&Receiver::default(), 50.0), [""; 0]);
@@ -99,11 +101,11 @@ mod tests {
         let boxes = [cube(9.0, 1.0), Aabb::EMPTY, cube(5.0, 1.0)];
         let text = why_not_seen("a", Vec3::new(5.0, 5.0, 2.0), &boxes);
         assert!(
-            text.starts_with("`a` sees no object; object 2, 3.46 units large, is 2.00 units away:"),
+            text.starts_with("`a` sees no object; object 2 (3.46 units large) is 2.00 units away;"),
             "{text}"
         );
         let text = why_not_seen("a", Vec3::splat(8.5), &boxes);
-        assert!(text.starts_with("`a` is within the box around object 0"), "{text}");
-        assert!(why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY]).starts_with("`a` sees no object: do"));
+        assert!(text.starts_with("`a` is inside the bounding box of object 0"), "{text}");
+        assert!(why_not_seen("a", Vec3::ZERO, &[Aabb::EMPTY]).starts_with("`a` sees no object; check"));
     }
 }

@@ -195,9 +195,7 @@ fn what_would_reach_the_error_is_told() {
         notes.iter().find(|n| n.id == "error-not-reached").map(|n| n.text.clone()).expect("a note")
     };
     let text = told(0.01, 0.051);
-    assert!(
-        text.contains("16 samples a pixel leave 2 of 4 blocks") && text.contains("above the 0.01 asked for")
-    );
-    assert!(text.contains("about 420 `samples`") && text.contains("`max_error` of 5.10e-2"), "{text}");
-    assert!(told(1e-6, 0.05).contains("more `samples` than may be asked for"));
+    assert!(text.contains("after 16 samples per pixel, 2 of 4 blocks") && text.contains("above 0.01"));
+    assert!(text.contains("`samples` to about 420") && text.contains("`max_error` to 5.10e-2"), "{text}");
+    assert!(told(1e-6, 0.05).contains("more `samples` than the maximum"));
 }

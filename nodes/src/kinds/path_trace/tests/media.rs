@@ -305,7 +305,7 @@ fn bodies_beyond_the_deepest_are_told() {
     };
     assert_eq!(told(4), None);
     let text = told(6).expect("a note");
-    assert!(text.starts_with("6 bodies lie in one another"), "{text}");
+    assert!(text.starts_with("6 transparent bodies are nested"), "{text}");
     // Side by side they do not.
     let aside: Vec<_> = (0..6).map(|k| ball(0.2, tinted(1.1), DVec3::new(f64::from(k), 0.0, 1.0))).collect();
     let (_, notes) = render(&params(1, Surroundings::OPEN), &plane(4.0), &aside, &above(4.0), &white());

@@ -55,9 +55,9 @@ struct NearCrop {
 impl Crop {
     /// For a scene; `Err` tells why nothing can be shown.
     pub fn new(scene: &Scene<'_>, limit: f64) -> Result<Self, &'static str> {
-        let objects = scene.objects.bvh.bounds().ok_or("there is no object")?;
+        let objects = scene.objects.bvh.bounds().ok_or("there are no objects")?;
         if !scene.objects.emitters.is_empty() {
-            return Err("objects shine");
+            return Err("an object emits light");
         }
         if let Some(eye) = scene.rules.near {
             let albedo = matte_albedo(scene).map(|albedo| albedo.max(scene.receiver.albedo()));

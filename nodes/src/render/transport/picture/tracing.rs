@@ -109,7 +109,7 @@ impl<'a> Tracing<'a> {
 
     /// Where the objects change nothing, or why that is not asked.
     pub(crate) fn crop(&self) -> Result<&Crop, &'static str> {
-        let new = || Crop::new(&self.scene(), self.limit().ok_or("as set")?);
+        let new = || Crop::new(&self.scene(), self.limit().ok_or("`crop` is 0")?);
         self.crop.get_or_init(new).as_ref().map_err(|why| *why)
     }
 
@@ -230,5 +230,9 @@ impl<'a> Tracing<'a> {
 
 fn expect_size(sums: &Sums, area: Area, channels: usize) -> Result<(), NodeError> {
     let expected = area.pixels() * channels;
-    if sums.sums.len() == expected { Ok(()) } else { Err(NodeError::new("a stored part has another size")) }
+    if sums.sums.len() == expected {
+        Ok(())
+    } else {
+        Err(NodeError::new("a stored part has the wrong size; clear the cache"))
+    }
 }

@@ -144,7 +144,8 @@ impl Objects {
         for (number, primitive) in one.object.primitives.iter().enumerate() {
             let material = one.object.materials.get(primitive.material as usize);
             let (Some(material), true) = (material, primitive.is_consistent()) else {
-                let what = format!("part {number} of object {index} names what it does not have");
+                let what =
+                    format!("primitive {number} of object {index} refers to a missing material or vertex");
                 return Err(NodeError::from(Error::Mismatch(what)).at("objects"));
             };
             let opaque = material.alpha_mode == AlphaMode::Opaque;
