@@ -1,4 +1,4 @@
-//! The receiver and the objects: geometry, materials, what light is in and what it meets.
+//! The receiver mesh and the objects: geometry, textures, materials, media, and what they rest on.
 
 pub(crate) mod aabb;
 pub mod attributes;
