@@ -1,4 +1,4 @@
-//! How objects and the point of capture stand to the receiver: what is found before any picture is traced.
+//! Analysis before any pixel is traced: supports of the objects, and the point of capture.
 
 pub(crate) mod capture_point;
 pub mod contact;

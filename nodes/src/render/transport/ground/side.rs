@@ -1,4 +1,4 @@
-//! Sides of objects that may rest on the receiver: the foot, and the flat sides of the box around an object in its own axes.
+//! Sides of objects that may rest on the receiver: the foot, and flat sides of the oriented bounding box.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -9,25 +9,25 @@ use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::supports::STEEPEST;
 use crate::types::Placed;
 
-/// Rays a side of the grid that feels the receiver at a side of an object.
+/// Rays per side of the grid that samples the receiver near a side of an object.
 const GRID: u32 = 16;
-/// Share of those rays that must find ground for an object to stand on it.
+/// Minimum share of those rays that must find ground for an object to stand on it.
 const FOUND: f64 = 0.25;
-/// Share of those right at a flat side that must find what it rests on.
+/// Minimum share of the rays within a flat side that must find its support.
 const AGAINST: f64 = 0.5;
-/// Share of the box's side that a flat side spans at least, both ways: a drum that lies along a wall spans 0.28.
+/// Minimum share of the box that a flat side spans, in both directions: a drum that lies along a wall spans 0.28.
 const FLAT: f64 = 1.0 / 3.0;
-/// Cosine of how far a flat side is from level at least, to be no foot.
+/// Maximum cosine between a flat side and straight down; beyond it the side is the foot.
 const LEVEL: f64 = 0.98;
-/// The steepest that a mesh lies to a flat side that rests on it.
+/// Maximum slope of the mesh against a flat side that rests on it.
 const SLANT: f64 = 0.1;
 
-/// Why an object has nothing of the receiver under it.
+/// Why an object has no receiver below it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Lost {
     /// It is over a hole of the mesh, or beyond its edge.
     OverNothing,
-    /// The ground is over it.
+    /// The ground is above it.
     Buried,
 }
 
@@ -40,17 +40,17 @@ pub(crate) struct Side {
     pub(crate) axes: [DVec3; 2],
     /// Its height along `out`.
     pub(crate) height: f64,
-    /// A point over its middle.
+    /// A point above its centre.
     middle: DVec3,
-    /// Half the size of the region to look at along the axes: the side, and half as much around it.
+    /// Half the size of the sampled region along the axes: the side, extended by half.
     pub(crate) half: [f64; 2],
-    /// The box around the object.
+    /// Bounding box of the object.
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
 }
 
 impl Side {
-    /// The foot of an object; none of one without triangles.
+    /// The foot of an object; `None` without triangles.
     pub(crate) fn foot(placed: &Placed, up: DVec3) -> Option<Self> {
         let Foot { low, high, base, middle, half } = Foot::of(placed, up)?;
         let axes = Foot::axes(up);
@@ -58,7 +58,7 @@ impl Side {
         Some(Self { out: up, axes, height: base, middle, half, low, high })
     }
 
-    /// The flat sides of the box around an object in its own axes, but for one that looks straight down.
+    /// The flat sides of the oriented bounding box, except one that faces straight down.
     pub(crate) fn flat(placed: &Placed, up: DVec3) -> Vec<Self> {
         let points: Vec<DVec3> = corners(placed).collect();
         let linear = DMat3::from_mat4(placed.world_from_object);
@@ -75,7 +75,7 @@ impl Side {
         sides
     }
 
-    /// That towards which `out` points away, if it is flat.
+    /// The side opposite to `out`, if it is flat.
     fn along(points: &[DVec3], out: DVec3, axes: [DVec3; 2]) -> Option<Self> {
         let place = |p: &DVec3| DVec3::new(p.dot(axes[0]), p.dot(axes[1]), p.dot(out));
         let around = |points: &mut dyn Iterator<Item = DVec3>| {
@@ -83,7 +83,7 @@ impl Side {
         };
         let (low, high) = around(&mut points.iter().map(place))?;
         let size = high - low;
-        // A sheet is flat to rounding.
+        // A sheet is flat up to rounding.
         let slice = low.z + f64::max(0.02 * size.z, 1e-5 * size.x.max(size.y));
         let (a, b) = around(&mut points.iter().map(place).filter(|p| p.z <= slice))?;
         let span = b - a;
@@ -108,7 +108,8 @@ impl Side {
         self.half.map(|half| half / 1.5)
     }
 
-    /// Rays straight against `out` over a grid, from so far above the side to as far below, and where on it they are.
+    /// Rays against `out` over a grid, from `largest` above the side to `largest` below, and their positions on the
+    /// side.
     pub(crate) fn feelers(&self, origin: DVec3, largest: f64) -> impl Iterator<Item = ([f64; 2], Ray)> {
         let Self { out, axes, height, middle, half, .. } = *self;
         (0..GRID * GRID).map(move |k| {
@@ -120,7 +121,7 @@ impl Side {
         })
     }
 
-    /// Heights of the mesh over the side, where it lies along it, and whether it faces the object.
+    /// Heights of the mesh over the side, where it is parallel to it, and whether it faces the object.
     fn felt(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -136,7 +137,7 @@ impl Side {
         self.feelers(origin, largest).filter_map(height).collect()
     }
 
-    /// The level of the mesh over a foot. What looks down above it is no ground but a ceiling.
+    /// The level of the mesh over a foot. A surface above that faces down is a ceiling and does not count.
     pub(crate) fn ground(&self, receiver: (&Receiver, bool), origin: DVec3, largest: f64) -> Option<Level> {
         let felt = self.felt(receiver, origin, largest).into_iter();
         let heights: Vec<_> = felt.filter(|(at, faces)| *faces || at[2] <= 0.0).map(|(at, _)| at).collect();
@@ -144,7 +145,7 @@ impl Side {
         if enough { Level::of(&heights) } else { None }
     }
 
-    /// What most of it has under it, however far down, and if that is nothing, whether the ground is over it.
+    /// Whether most of the side has nothing below it at any distance, and if so, whether the ground is above it.
     pub(crate) fn lost(
         &self,
         (receiver, inverted): (&Receiver, bool),
@@ -158,7 +159,7 @@ impl Side {
                 let (down, up) = (Ray { t_max: f32::INFINITY, ..ray }, Ray::new(ray.origin, -ray.direction));
                 all += 1;
                 under += u32::from(receiver.bvh.any(down, |_| true));
-                // From below ground shows its back, a ceiling its front.
+                // From below, ground shows its back face, a ceiling its front face.
                 over += u32::from(receiver.bvh.closest(up, |_| true).is_some_and(|hit| hit.back != inverted));
             }
         }
@@ -169,9 +170,10 @@ impl Side {
         }
     }
 
-    /// The level of the mesh at a flat side that rests on it, and how far it tilts the ends of the side. An object may well be
-    /// near a wall, so a gap counts as an error of the mesh only within its noise; it is in no wall, so what covers the side
-    /// does as on the ground. `fixed` is an error that is known better, in metres.
+    /// The level of the mesh at a flat side that rests on it, and the height by which it tilts the ends of the
+    /// side. An object may well stand near a wall, so a gap counts as an error of the mesh only within its noise;
+    /// it cannot be inside a wall, so a covered side counts as on the ground. `fixed` is the error of the mesh in
+    /// metres if known.
     pub(crate) fn rests(
         &self,
         receiver: (&Receiver, bool),

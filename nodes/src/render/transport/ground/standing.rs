@@ -1,4 +1,4 @@
-//! What the objects stand on: the receiver, one another, or nothing.
+//! How the objects stand: on the receiver, on each other, or on nothing.
 
 use glam::{DVec3, Vec3};
 
@@ -14,27 +14,27 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::Placed;
 
-/// How much farther down one reaches at least on which an object rests, in metres.
+/// Minimum height by which a supporting object reaches farther down, in metres.
 const LOWER: f64 = 0.005;
 
-/// How the objects stand: for each what was found.
+/// How the objects stand, one entry per object.
 pub(crate) struct Standing {
-    /// The level of the ground under it, be it too far off.
+    /// Level of the ground below it, even if too far away.
     pub(crate) ground: Vec<Option<Level>>,
-    /// The levels of what its flat sides rest on.
+    /// Levels of the surfaces that its flat sides rest on.
     pub(crate) sides: Vec<Vec<Level>>,
-    /// Whether it stands on another one.
+    /// Whether it stands on another object.
     pub(crate) carried: Vec<bool>,
-    /// How far up it reaches from its base, in world units.
+    /// Height above its base, in world units.
     pub(crate) tall: Vec<f64>,
-    /// Why it has nothing under it.
+    /// Why there is no ground below it.
     pub(crate) lost: Vec<Option<Lost>>,
-    /// How it lies in a surface that it does not stand on.
+    /// How it is embedded in a surface that it does not stand on.
     pub(crate) sunk: Vec<Option<Sunk>>,
 }
 
-/// Finds the ground of the objects and where they lie on it. `eye` is that of a camera in the place, `contact_metres` how
-/// far the receiver may be wrong, where that is told.
+/// Finds the supports of the objects and stores them in `objects`. `eye` is the position of a camera in the place,
+/// `contact_metres` the error of the mesh if known.
 pub(crate) fn find_ground(
     objects: &mut Objects,
     receiver: &Receiver,
@@ -47,7 +47,7 @@ pub(crate) fn find_ground(
     let metre = 1.0 / metres_per_unit;
     let view = Probe::send(receiver, eye);
     let inverted = view.escaped < view.rays && view.front_share() < 0.5;
-    // What rests on another object has that for its ground.
+    // An object on another one does not rest on the receiver.
     let on_others = on_others(objects, &placed, origin, up, metre);
     let each: Vec<_> = placed.iter().zip(&on_others).map(|(one, on)| (one.clone(), !on)).collect();
     let (ground, found) = contact::measure((receiver, inverted), &each, origin, up, metre, contact_metres);
@@ -73,7 +73,7 @@ pub(crate) fn find_ground(
     Standing { ground: measured, sides, carried, tall, lost, sunk }
 }
 
-/// Whether each object stands on another one: some of what is under its foot, as far as a mesh may be wrong.
+/// Whether each object stands on another one: part of its foot, within the error of a mesh.
 fn carried(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],
@@ -87,13 +87,13 @@ fn carried(
         let others = |hit: &Hit| objects.part(hit.triangle).0.placed != index;
         foot.feelers(origin, largest).any(|(_, ray)| objects.bvh.any(ray, others))
     };
-    // One alone stands on none.
+    // A single object stands on no other.
     let alone = placed.len() < 2;
     placed.iter().map(AsRef::as_ref).enumerate().map(|one| !alone && stands(one)).collect()
 }
 
-/// Whether each object rests on one that reaches farther down, such as a plate on a coaster: what lies below the plate
-/// beside the coaster is no ground of it.
+/// Whether each object rests on one that reaches farther down, such as a plate on a coaster: the receiver below the
+/// plate's rim is not its ground.
 fn on_others(
     objects: &Objects,
     placed: &[impl AsRef<Placed>],
