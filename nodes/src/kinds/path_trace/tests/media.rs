@@ -6,7 +6,7 @@ use super::*;
 use crate::geometry::sampling::{Points, hash, stream};
 use crate::math::num::f32::{exp, ln};
 use crate::render::transport::bsdf::{Bsdf, Lobe};
-use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
 use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::scene::surface::Surface;
@@ -261,22 +261,22 @@ fn light_samples_and_scattered_rays_agree_through_bodies() {
                 bed: None,
                 lift: Vec3::ZERO,
             };
-            let around = Integrator::new(scene, Points::new(0, 0), 0, true).around(seen.upright());
+            let around = Integrator::new(scene, 0, Pass::new(Points::new(0, 0), true)).around(seen.upright());
             let surface = Surface { media: [around; 2], ..seen };
             let path = |i: u32| (Points::new(stream(8, i, 0), 0), hash(i, 9));
             let [light, light_error] = estimate(20_000, |i| {
                 let (points, key) = path(i);
                 let sample = sky.sample_one(Some(normal), points.bits(0)).expect("light");
                 let ray = surface.spawn_ray(sample.direction);
-                let passed =
-                    Integrator::new(scene, points, key, true).object_transmittance(ray, key, None, around);
+                let passed = Integrator::new(scene, key, Pass::new(points, true))
+                    .object_transmittance(ray, key, None, around);
                 passed[0] * surface.bsdf.eval(sample.direction)[0].value * sample.radiance / sample.pdf
             });
             let [scattered, scattered_error] = estimate(60_000, |i| {
                 let (points, key) = path(i);
                 let (_, direction, scatter) = surface.bsdf.sample(&points, 2).expect("a direction");
                 let (ray, mut integrator) =
-                    (surface.spawn_ray(direction), Integrator::new(scene, points, key, true));
+                    (surface.spawn_ray(direction), Integrator::new(scene, key, Pass::new(points, true)));
                 let object = integrator.object(ray, key, Lobe::Diffuse);
                 let (passed, _) = integrator.along(ray, key, Lobe::Diffuse, object.as_ref(), around);
                 let seen = if object.is_none() { sky.radiance(direction) } else { Vec3::ZERO };

@@ -4,7 +4,7 @@
 use super::*;
 use crate::geometry::bvh::Ray;
 use crate::geometry::sampling::{Points, hash, stream};
-use crate::render::transport::path::integrator::{Integrator, Scene as Traced};
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene as Traced};
 use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::picture::camera_rays::CameraRays;
 use crate::render::transport::scene::block::Block;
@@ -73,7 +73,7 @@ fn russian_roulette_keeps_what_paths_bring() {
         let throughput = Vec3::new(0.25, 1.0, 0.5) * throughput;
         let left = |i: u32, bounce: u32| {
             let points = Points::new(stream(6, i, 0), 0);
-            Integrator::new(scene, points, 0, false).russian_roulette(bounce, throughput, 1.0)
+            Integrator::new(scene, 0, Pass::new(points, false)).russian_roulette(bounce, throughput, 1.0)
         };
         expect_share("survival", survival, |i| left(i, 3).is_some());
         for i in 0..100 {

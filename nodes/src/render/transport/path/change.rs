@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::integrator::{Integrator, Scene};
+use super::integrator::{Integrator, Pass, Scene};
 use super::path::{PathState, ShadingPoint, Vertex};
 use crate::geometry::bvh::{Hit, Ray};
 use crate::geometry::sampling::{Points, unit};
@@ -48,12 +48,12 @@ fn towards(sampling: &ChangeSampling<'_>) -> Towards {
     Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
 }
 
-impl Integrator<'_> {
+impl<'a> Integrator<'a> {
     /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
             self.paired_estimate(hit, ray, sampling)
-        } else if asks(&self.points, sampling.probability) {
+        } else if asks(&self.pass.points, sampling.probability) {
             self.separate_estimate(hit, sampling) / sampling.probability
         } else {
             Vec3::ZERO
@@ -96,21 +96,20 @@ impl Integrator<'_> {
             light += rules.clamped(bounce, throughput * lamps);
 
             // and what they scatter, by rays to where they are
-            let points = branch(self.points, bounce);
+            let points = branch(self.pass.points, bounce);
             if let Some(ray) = towards.ray(&points) {
                 let seen = surface.bsdf.eval(ray)[Lobe::Diffuse as usize];
                 if seen.pdf > 0.0 {
                     let pdf = seen.pdf + towards.pdf;
                     let share = if lamps_in_it { seen.pdf / pdf } else { 1.0 };
                     let how = (throughput * seen.value / pdf, share, pdf);
-                    let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
-                    light += self.difference(&at, ray, how, at.key ^ 3, true).0;
-                    self.points = own;
+                    let pass = Pass { points: points.branch(TOWARDS), ..self.pass };
+                    light += self.with(pass, |own| own.difference(&at, ray, how, at.key ^ 3, true).0);
                 }
             }
 
             // and by rays in all directions, which find how the rest of the receiver changes too.
-            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else { break };
+            let Some((_, ray, scatter)) = surface.bsdf.sample(&self.pass.points, at.pair + 1) else { break };
             let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
             let own = if lamps_in_it { share } else { 1.0 };
             let how = (throughput * scatter_weight * share, own, scatter.pdf + towards.pdf(ray));
@@ -138,16 +137,15 @@ impl Integrator<'_> {
     /// The same by whole paths with and without the objects, which share their random numbers: where the
     /// receiver is the light, objects also take from what its places give.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
-        self.lift = sampling.lift;
-        if !self.scene.objects.emitters.is_empty() {
-            self.towards = towards(sampling);
-        }
-        let with = self.radiance(Vertex::Receiver(hit), ray);
-        if !self.touched {
+        let lamps = !self.scene.objects.emitters.is_empty();
+        let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
+        let pass = Pass { lift: sampling.lift, towards, ..self.pass };
+        let with = self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray));
+        if !self.tally.touched {
             return Vec3::ZERO;
         }
-        self.objects = false;
-        with - self.radiance(Vertex::Receiver(hit), ray)
+        let pass = Pass { objects: false, ..pass };
+        with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
     }
 
     /// Rays from a later vertex on the receiver to where the objects are, if these shine: see [`Integrator::towards`].
@@ -171,7 +169,7 @@ impl Integrator<'_> {
         onwards: fn(&mut Self, Vertex, PathState) -> Vec3,
     ) -> Vec3 {
         let (surface, bounce, key) = (&at.surface, at.bounce, at.key ^ 3);
-        let points = branch(self.points, bounce);
+        let points = branch(self.pass.points, bounce);
         let Some(direction) = towards.ray(&points) else { return Vec3::ZERO };
         let seen = surface.bsdf.eval(direction)[Lobe::Diffuse as usize];
         if seen.pdf <= 0.0 {
@@ -191,10 +189,8 @@ impl Integrator<'_> {
         let mis_weight = self.mis_weight(&hit, ray, pdf);
         let share = share * seen.pdf / pdf;
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight, media };
-        let own = std::mem::replace(&mut self.points, points.branch(TOWARDS));
-        let light = onwards(self, vertex, state);
-        self.points = own;
-        light
+        let pass = Pass { points: points.branch(TOWARDS), ..self.pass };
+        self.with(pass, |own| onwards(own, vertex, state))
     }
 
     /// What the objects take of the light that a light sample brings. How much that is asked last, since most
@@ -269,15 +265,14 @@ impl Integrator<'_> {
                 self.path_radiance(vertex, PathState { throughput: throughput * passed, mis_weight, ..way });
         }
         if let Some(hit) = landed {
-            self.objects = false;
-            change -= self.path_radiance(Vertex::Receiver(hit), way);
-            self.objects = true;
+            let without = Pass { objects: false, ..self.pass };
+            change -= self.with(without, |own| own.path_radiance(Vertex::Receiver(hit), way));
         }
         (change, None)
     }
 
     fn receiver_hit(&mut self, ray: Ray) -> Option<Hit> {
-        self.rays.scattered += 1;
+        self.tally.rays.scattered += 1;
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 }

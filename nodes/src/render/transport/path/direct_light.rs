@@ -68,7 +68,7 @@ impl<'a> Integrator<'a> {
     /// Where a vertex looks for light of the sky.
     pub(crate) fn sky_distributions(&self, at: &ShadingPoint) -> Distributions<'a> {
         let usual = || self.scene.sky.distributions(at.surface.bsdf.lit_side());
-        self.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
+        self.pass.distributions.filter(|_| at.is_first()).unwrap_or_else(usual)
     }
 
     /// How many light samples of each tier of the sky a vertex takes, if not one in all.
@@ -88,8 +88,8 @@ impl<'a> Integrator<'a> {
         let (surface, lights) = (&at.surface, near_lights(at));
         let mut lit = Vec3::ZERO;
         for number in 0..lights {
-            let points = self.points.twig(number, lights);
-            self.rays.shadow += 1;
+            let points = self.pass.points.twig(number, lights);
+            self.tally.rays.shadow += 1;
             let side = surface.bsdf.lit_side();
             let Some(mut arriving) = near.sample(surface.looks_from(), side, points.bits(at.pair)) else {
                 continue;
@@ -104,7 +104,7 @@ impl<'a> Integrator<'a> {
     fn lit_by_sky(&mut self, at: &ShadingPoint) -> Vec3 {
         let (sky, surface) = (self.scene.sky, &at.surface);
         let own;
-        let drawn = match self.drawn.filter(|_| at.is_first()) {
+        let drawn = match self.pass.drawn.filter(|_| at.is_first()) {
             Some(drawn) => drawn,
             None => {
                 own = self.lights(self.sky_distributions(at), at.pair, self.several(at));
@@ -129,11 +129,11 @@ impl<'a> Integrator<'a> {
     /// The receiver hides it like any body.
     pub(crate) fn sample_emitters(&mut self, at: &ShadingPoint, towards: &Towards) -> Vec3 {
         let (objects, surface) = (self.scene.objects, &at.surface);
-        if !self.lamps || !self.objects || objects.emitters.is_empty() {
+        if !self.pass.lamps || !self.pass.objects || objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let pair = LAMPS + 2 * at.bounce;
-        let emitter = objects.sample_emitter(self.points.bits(pair)[0], self.points.bits(pair + 1));
+        let emitter = objects.sample_emitter(self.pass.points.bits(pair)[0], self.pass.points.bits(pair + 1));
         let to = emitter.position - (surface.position + surface.lift);
         let distance = to.length();
         let direction = to / distance;
@@ -151,7 +151,7 @@ impl<'a> Integrator<'a> {
         if coverage == 0.0 || !self.passes(Block::Solid, ray) {
             return Vec3::ZERO;
         }
-        self.touched = true;
+        self.tally.touched = true;
         let ray = emitter.way(surface.ray_to_objects(direction).origin);
         let (except, media) = (Some(emitter.hit.triangle), surface.medium(direction));
         let unshaded = self.object_transmittance(ray, at.key ^ 2, except, media);
@@ -188,7 +188,7 @@ impl<'a> Integrator<'a> {
         let mut found = FewDraws::default();
         match several {
             Some(lights) => {
-                let mut rest = wanted(distributions, lights, self.points, pair);
+                let mut rest = wanted(distributions, lights, self.pass.points, pair);
                 if let Some(first) = rest.next() {
                     let mut all = [first; MANY];
                     let count = all[1..].iter_mut().zip(rest).map(|(slot, next)| *slot = next).count();
@@ -196,7 +196,7 @@ impl<'a> Integrator<'a> {
                 }
             }
             None if distributions.iter().any(|distribution| distribution.power > 0.0) => {
-                let (tier, point) = sky.tier(distributions, self.points.bits(pair));
+                let (tier, point) = sky.tier(distributions, self.pass.points.bits(pair));
                 let numbers = sky.numbers(distributions, None);
                 found.push(sky.draw_one(tier, distributions[tier], numbers[tier], point));
             }
@@ -214,7 +214,7 @@ impl<'a> Integrator<'a> {
         (points, pair): (Points, u32),
         key: u32,
     ) -> Vec3 {
-        let Some(place) = place.filter(|_| self.objects && !near.is_lamp(light.radiance)) else {
+        let Some(place) = place.filter(|_| self.pass.objects && !near.is_lamp(light.radiance)) else {
             return Vec3::ONE;
         };
         let (choice, within) = (points.bits(DIMMING + pair), points.pair(DIMMING_PIECE + pair));
@@ -289,7 +289,7 @@ impl<'a> Integrator<'a> {
                 (Some((b, passes)), _) if b == block => passes,
                 (_, None) => self.passes(block, ray),
                 (_, Some((near, _))) => {
-                    self.rays.shadow += 1;
+                    self.tally.rays.shadow += 1;
                     near.reaches(ray, place.as_ref())
                 }
             };

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::integrator::{Integrator, Scene};
+use super::integrator::{Integrator, Pass, Scene};
 use super::path::Vertex;
 use super::visibility::Rules;
 use crate::geometry::sampling::Points;
@@ -28,7 +28,7 @@ pub(crate) fn counted_twice(
         let scene = Scene { receiver, objects: &objects, sky, rules: &rules, light_points: None };
         let seen = Probe::rays(from).zip(0..).filter_map(|(ray, i)| {
             let hit = scene.receiver.bvh.closest(ray, |_| true)?;
-            let mut integrator = Integrator::new(scene, Points::new(1, i), i, false);
+            let mut integrator = Integrator::new(scene, i, Pass::new(Points::new(1, i), false));
             Some(luminance(integrator.radiance(Vertex::Receiver(hit), ray).to_array()))
         });
         num::ordered_sum(seen)

@@ -36,33 +36,64 @@ pub struct Scene<'a> {
     pub light_points: Option<&'a LightPoints>,
 }
 
-/// The paths of one sample of one pixel. The random numbers depend on the sample and the vertex alone, so
-/// that paths with and without objects stay the same until an object comes in the way.
-#[derive(Debug)]
-pub struct Integrator<'a> {
-    pub(crate) scene: Scene<'a>,
-    pub(crate) points: Points,
-    pub(crate) key: u32,
-    /// Whether the objects are there.
-    pub(crate) objects: bool,
-    /// Whether what shines of them does.
-    pub(crate) lamps: bool,
-    /// Where the first vertex looks for light of the sky, if that is known better than by its normal.
+/// What the paths of a sample include and how the first vertex is sampled. A sub-path that differs gets a changed copy, by
+/// [`Integrator::with`].
+#[derive(Debug, Clone, Copy)]
+pub struct Pass<'a> {
+    /// Random numbers.
+    pub points: Points,
+    /// Whether the objects are present.
+    pub objects: bool,
+    /// Whether the objects emit light.
+    pub lamps: bool,
+    /// Light distributions of the first vertex, if better ones than those for its normal are known.
     pub distributions: Option<Distributions<'a>>,
-    /// The light samples of the first vertex, if they are drawn.
+    /// Light samples of the first vertex, if already drawn.
     pub drawn: Option<&'a [DrawnDirection]>,
-    /// Added to the start of rays to objects from the first vertex: see [`crate::render::transport::ground::contact`].
+    /// Offset added to the origin of rays to objects from the first vertex: see [`Surface::lift`].
     pub lift: Vec3,
-    /// Rays from the first vertex to where the objects are, beside others.
+    /// Rays from the first vertex towards the objects, in addition to scattered ones.
     pub(crate) towards: Towards,
-    /// Width of the camera's ray for each unit of its length, for the textures of objects.
+    /// Footprint of the camera ray per unit of length, for textures of objects.
     pub spread: f32,
-    /// Rays cast so far.
+}
+
+impl Pass<'_> {
+    /// Paths with or without the objects, with no special sampling of the first vertex.
+    pub fn new(points: Points, objects: bool) -> Self {
+        Self {
+            points,
+            objects,
+            lamps: true,
+            distributions: None,
+            drawn: None,
+            lift: Vec3::ZERO,
+            towards: Towards::NOWHERE,
+            spread: 0.0,
+        }
+    }
+}
+
+/// What the paths of a sample met.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tally {
+    /// Rays cast.
     pub rays: Rays,
     /// Whether a ray met an object.
     pub touched: bool,
-    /// Whether a path ended on an object, for it was too long, with over half of its light to come.
+    /// Whether a path ended on an object by its length, with over half of its light to come.
     pub cut: bool,
+}
+
+/// The paths of one sample of one pixel. Random numbers depend only on the sample and the vertex, so paths with and
+/// without objects are identical until they meet an object.
+#[derive(Debug)]
+pub struct Integrator<'a> {
+    pub(crate) scene: Scene<'a>,
+    pub(crate) key: u32,
+    pub(crate) pass: Pass<'a>,
+    /// What the paths met so far.
+    pub tally: Tally,
 }
 
 impl<'a> Scene<'a> {
@@ -75,31 +106,25 @@ impl<'a> Scene<'a> {
 }
 
 impl<'a> Integrator<'a> {
-    /// The paths of a sample, with or without the objects.
-    pub fn new(scene: Scene<'a>, points: Points, key: u32, objects: bool) -> Self {
-        let objects = objects && !scene.objects.is_empty();
-        Self {
-            scene,
-            points,
-            key,
-            objects,
-            lamps: true,
-            distributions: None,
-            drawn: None,
-            lift: Vec3::ZERO,
-            towards: Towards::NOWHERE,
-            spread: 0.0,
-            rays: Rays::default(),
-            touched: false,
-            cut: false,
-        }
+    /// The paths of a sample with hash key `key`.
+    pub fn new(scene: Scene<'a>, key: u32, pass: Pass<'a>) -> Self {
+        let objects = pass.objects && !scene.objects.is_empty();
+        Self { scene, key, pass: Pass { objects, ..pass }, tally: Tally::default() }
+    }
+
+    /// The result of `trace` for another pass, with what it met added to the tally.
+    pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
+        let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
+        let result = trace(&mut sub);
+        self.tally = sub.tally;
+        result
     }
 
     /// The surface of the receiver at a hit, moved by `lift` for objects, in no body.
     pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
         let surface = self.scene.receiver.surface(hit);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
-        let cover = if self.objects { covers() } else { None };
+        let cover = if self.pass.objects { covers() } else { None };
         Surface { cover, lift, ..surface }
     }
 
@@ -136,9 +161,9 @@ impl<'a> Integrator<'a> {
         let (mut throughput, mut media) = (Vec3::ONE, Media::default());
         let objects = self.scene.objects;
         match &first {
-            _ if !self.objects || objects.bodies.is_empty() => {}
+            _ if !self.pass.objects || objects.bodies.is_empty() => {}
             Vertex::Receiver(hit) => {
-                let surface = self.receiver_surface(hit, self.lift);
+                let surface = self.receiver_surface(hit, self.pass.lift);
                 media = self.around(surface.upright());
             }
             Vertex::Object(hit) | Vertex::Straight(hit) => {
@@ -156,7 +181,7 @@ impl<'a> Integrator<'a> {
 
     /// Radiance that a vertex sends back along a path in some state.
     pub(crate) fn path_radiance(&mut self, vertex: Vertex, state: PathState) -> Vec3 {
-        let spread = if state.bounce == 0 { self.spread } else { BLUR };
+        let spread = if state.bounce == 0 { self.pass.spread } else { BLUR };
         let mut path = Path { vertex, state, width: 0.0, spread, touches: false, light: Vec3::ZERO };
         while self.step(&mut path).is_some() {}
         path.light
@@ -167,14 +192,14 @@ impl<'a> Integrator<'a> {
         let rules = self.scene.rules;
         let PathState { bounce, throughput, share, mis_weight, media, direction } = path.state;
         path.width += path.spread * path.vertex.distance();
-        let lift = if bounce == 0 { self.lift } else { Vec3::ZERO };
+        let lift = if bounce == 0 { self.pass.lift } else { Vec3::ZERO };
         let surface = self.surface(&path.vertex, (-direction, path.width), lift, media);
         let at = ShadingPoint::new(surface, bounce, self.key);
         // What a ray finds shining is light of the vertex before.
         let emitted = self.emitted(&path.vertex, &at, -direction);
         path.light += rules.clamped(bounce.saturating_sub(1), throughput * emitted * mis_weight);
         if bounce > rules.max_bounces {
-            self.cut |= path.vertex.on_object().is_some() && throughput.max_element() > 0.5;
+            self.tally.cut |= path.vertex.on_object().is_some() && throughput.max_element() > 0.5;
             return None;
         }
         path.light += rules.clamped(bounce, throughput * self.lit(&at));
@@ -190,7 +215,7 @@ impl<'a> Integrator<'a> {
     fn emitted(&self, vertex: &Vertex, at: &ShadingPoint, out: Vec3) -> Vec3 {
         let objects = self.scene.objects;
         match vertex.on_object() {
-            _ if !self.lamps => Vec3::ZERO,
+            _ if !self.pass.lamps => Vec3::ZERO,
             // Light samples see a lamp as it is; so do the rays that they are weighed against, or a small one would shine
             // twice.
             Some(hit) if !at.is_first() && !objects.emitters.is_empty() => objects.emission_towards(hit, out),
@@ -201,8 +226,8 @@ impl<'a> Integrator<'a> {
     /// Rays from a vertex to where the objects are, beside scattered ones.
     fn towards_objects(&self, vertex: &Vertex, at: &ShadingPoint) -> Towards {
         match vertex {
-            _ if !at.is_first() || !self.objects => Towards::NOWHERE,
-            Vertex::Receiver(_) if at.surface.cover.is_none() => self.towards,
+            _ if !at.is_first() || !self.pass.objects => Towards::NOWHERE,
+            Vertex::Receiver(_) if at.surface.cover.is_none() => self.pass.towards,
             Vertex::Receiver(_) => Towards::NOWHERE,
             Vertex::Object(_) | Vertex::Straight(_) => self.scene.objects.shades.towards(at.surface.position),
         }
@@ -215,6 +240,6 @@ impl<'a> Integrator<'a> {
             return Some(throughput);
         }
         let survival = (throughput.max_element() / share).clamp(0.05, 0.95);
-        (unit(self.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
+        (unit(self.pass.points.bits(first_pair(bounce) + 3)[0]) < survival).then(|| throughput / survival)
     }
 }

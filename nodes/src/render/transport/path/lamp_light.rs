@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::integrator::Integrator;
+use super::integrator::{Integrator, Pass};
 use super::near_field::ArrivingLight;
 use super::path::{PathState, ShadingPoint, Vertex};
 use crate::geometry::bvh::{Hit, Ray};
@@ -18,10 +18,10 @@ use crate::render::transport::sky::cone::Towards;
 impl Integrator<'_> {
     /// Where a ray meets a receiver that it would pass, if objects shine on it.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
-        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
+        if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;
         }
-        self.rays.scattered += 1;
+        self.tally.rays.scattered += 1;
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 
@@ -35,7 +35,7 @@ impl Integrator<'_> {
         media: Media,
     ) -> Vec3 {
         let Some(hit) = landed.filter(|_| bounce < self.scene.rules.max_bounces) else { return Vec3::ZERO };
-        if !self.objects || !self.lamps || self.scene.objects.emitters.is_empty() {
+        if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
@@ -58,13 +58,15 @@ impl Integrator<'_> {
         let (Some(hit), Some(place), Some(light_points)) = (landed, place, self.scene.light_points) else {
             return Vec3::ZERO;
         };
-        if !self.objects || bounce > self.scene.rules.max_bounces {
+        if !self.pass.objects || bounce > self.scene.rules.max_bounces {
             return Vec3::ZERO;
         }
         let surface = self.surface(&Vertex::Receiver(hit), (-direction, 0.0), Vec3::ZERO, media);
         let at = ShadingPoint::new(surface, bounce, self.key);
         let white = Bsdf::matte(place.normal, Vec3::ONE);
-        let Some((lobe, direction, _)) = white.sample(&self.points, at.pair + 1) else { return Vec3::ZERO };
+        let Some((lobe, direction, _)) = white.sample(&self.pass.points, at.pair + 1) else {
+            return Vec3::ZERO;
+        };
         let to_objects = at.surface.ray_to_objects(direction);
         let found = self.object(to_objects, at.key ^ 1, lobe);
         let Some((vertex, hit)) = found.and_then(|vertex| Some((vertex, *vertex.on_object()?))) else {
@@ -80,10 +82,8 @@ impl Integrator<'_> {
         let throughput = throughput * passed * albedo;
         let Some(throughput) = self.russian_roulette(bounce, throughput, share) else { return Vec3::ZERO };
         let state = PathState { direction, bounce: bounce + 1, throughput, share, mis_weight: 1.0, media };
-        let lamps = std::mem::replace(&mut self.lamps, false);
-        let light = self.path_radiance(vertex, state);
-        self.lamps = lamps;
-        light
+        let pass = Pass { lamps: false, ..self.pass };
+        self.with(pass, |own| own.path_radiance(vertex, state))
     }
 
     /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the
@@ -108,7 +108,7 @@ impl Integrator<'_> {
             light += rules.clamped(bounce, throughput * lamps);
             let onwards = |own: &mut Self, vertex, state| own.lamp_radiance(vertex, state, false);
             light += self.sent(&at, &towards, (throughput, share), onwards);
-            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.points, at.pair + 1) else {
+            let Some((lobe, direction, scatter)) = surface.bsdf.sample(&self.pass.points, at.pair + 1) else {
                 break;
             };
             let ray = surface.ray_to_receiver(direction);
@@ -118,7 +118,7 @@ impl Integrator<'_> {
                 .as_ref()
                 .and_then(Vertex::on_object)
                 .map_or(ray.t_max, |hit| objects.reach(hit, direction));
-            self.rays.scattered += 1;
+            self.tally.rays.scattered += 1;
             let landed = receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true);
             let Some(found) = landed.map(Vertex::Receiver).or(object) else { break };
             let passed;
@@ -137,7 +137,7 @@ impl Integrator<'_> {
             let Some(left) = self.russian_roulette(bounce, throughput, share) else { break };
             throughput = left;
         }
-        self.touched |= light != Vec3::ZERO;
+        self.tally.touched |= light != Vec3::ZERO;
         light
     }
 }

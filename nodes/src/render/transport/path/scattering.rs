@@ -47,10 +47,10 @@ impl Integrator<'_> {
     pub(crate) fn scatter(&mut self, path: &Path, at: &ShadingPoint) -> Option<Scattered> {
         let (rules, surface) = (self.scene.rules, &at.surface);
         let (go_on, matte) = (at.bounce < rules.max_bounces, self.is_matte(at));
-        if matte && !self.objects && !(go_on && rules.visibility(Lobe::Diffuse).lands) {
+        if matte && !self.pass.objects && !(go_on && rules.visibility(Lobe::Diffuse).lands) {
             return None;
         }
-        let (lobe, direction, scatter) = surface.bsdf.sample(&self.points, at.pair + 1)?;
+        let (lobe, direction, scatter) = surface.bsdf.sample(&self.pass.points, at.pair + 1)?;
         let visibility = rules.visibility(lobe);
         let ray = surface.ray_to_receiver(direction);
         let mut to_objects = surface.ray_to_objects(direction);
@@ -60,7 +60,7 @@ impl Integrator<'_> {
                     && self.scene.objects.parts.len() > 1
                     && direction.dot(surface.normal) < 0.0 =>
             {
-                self.rays.scattered += 1;
+                self.tally.rays.scattered += 1;
                 self.scene.objects.touching(hit, surface, direction, at.key ^ 1).map(Vertex::Object)
             }
             _ => None,
@@ -71,7 +71,7 @@ impl Integrator<'_> {
             (object, to_objects.t_max) = self.before_the_light(object, ray, visibility.block);
         }
         let landed = if visibility.lands && (go_on || (!matte && visibility.block == Block::Solid)) {
-            self.rays.scattered += 1;
+            self.tally.rays.scattered += 1;
             let on_object = object.as_ref().and_then(Vertex::on_object);
             let reach = on_object.map_or(f32::INFINITY, |hit| self.scene.objects.reach(hit, direction));
             self.scene.receiver.bvh.closest(Ray { t_max: reach, ..ray }, |_| true)
@@ -97,10 +97,10 @@ impl Integrator<'_> {
         let carried = (path.state.throughput * weight, path.state.share);
         match self.scene.near() {
             Some(near) if landed.is_some() || object.is_none() => {
-                self.rays.scattered += 1;
+                self.tally.rays.scattered += 1;
                 let side = at.surface.bsdf.lit_side();
                 if let Some(arriving) = near.eval(ray, side, landed.as_ref(), scattered.glossy_pdf()) {
-                    let dimming = self.dimming(&near, &arriving, (self.points, at.pair + 1), at.key);
+                    let dimming = self.dimming(&near, &arriving, (self.pass.points, at.pair + 1), at.key);
                     let pdf = near_lights(at) as f32 * arriving.0.pdf;
                     let arrived = arriving.0.radiance * power_heuristic(scattered.pdf, pdf);
                     path.light += rules.clamped(bounce, carried.0 * dimming * arrived);

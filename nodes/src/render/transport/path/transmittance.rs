@@ -12,10 +12,10 @@ use crate::render::transport::scene::media::Media;
 impl Integrator<'_> {
     /// The bodies around the start of a ray of which nothing is known.
     pub(crate) fn around(&mut self, ray: Ray) -> Media {
-        if !self.objects || !self.scene.objects.may_hold(ray.origin) {
+        if !self.pass.objects || !self.scene.objects.may_hold(ray.origin) {
             return Media::default();
         }
-        self.rays.shadow += 1;
+        self.tally.rays.shadow += 1;
         self.scene.objects.around(ray, self.key, false)
     }
 
@@ -26,10 +26,10 @@ impl Integrator<'_> {
 
     /// The nearest object along a ray that left by a lobe.
     pub(crate) fn object(&mut self, ray: Ray, key: u32, lobe: Lobe) -> Option<Vertex> {
-        if !self.objects {
+        if !self.pass.objects {
             return None;
         }
-        self.rays.scattered += 1;
+        self.tally.rays.scattered += 1;
         let objects = self.scene.objects;
         if self.straight(lobe) {
             return objects.closest_straight(ray, key).map(Vertex::Straight);
@@ -46,7 +46,7 @@ impl Integrator<'_> {
         end: Option<&Vertex>,
         media: Media,
     ) -> (Vec3, Media) {
-        if !self.objects {
+        if !self.pass.objects {
             return (Vec3::ONE, media);
         }
         ray.t_max = end.map_or(ray.t_max, Vertex::distance);
@@ -55,7 +55,7 @@ impl Integrator<'_> {
             true => self.scene.objects.along_straight(ray, key, hit, media),
             false => self.scene.objects.within(media, hit, ray.t_max),
         };
-        self.touched |= hit.is_some() || weight != Vec3::ONE;
+        self.tally.touched |= hit.is_some() || weight != Vec3::ONE;
         (weight, media)
     }
 
@@ -68,10 +68,17 @@ impl Integrator<'_> {
         except: Option<u32>,
         media: Media,
     ) -> [Vec3; 2] {
-        if !self.objects {
-            return [Vec3::ONE; 2];
+        let (left, touched) = self.objects_along(ray, key, except, media);
+        self.tally.touched |= touched;
+        left
+    }
+
+    /// The same, and whether an object was met, which is not recorded.
+    fn objects_along(&mut self, ray: Ray, key: u32, except: Option<u32>, media: Media) -> ([Vec3; 2], bool) {
+        if !self.pass.objects {
+            return ([Vec3::ONE; 2], false);
         }
-        self.rays.shadow += 1;
+        self.tally.rays.shadow += 1;
         let objects = self.scene.objects;
         // What blended surfaces leave of it is known, and needs no chance.
         let (mut left, mut is_clear) = (1.0, false);
@@ -84,18 +91,18 @@ impl Integrator<'_> {
             left == 0.0
         });
         let plain = if left > 0.0 { left * objects.within(media, None, ray.t_max).0 } else { Vec3::ZERO };
-        self.touched |= plain != Vec3::ONE;
-        if is_clear || (left == 0.0 && objects.clear) {
+        let left = if is_clear || (left == 0.0 && objects.clear) {
             [objects.transmittance(ray, key, except, media), plain]
         } else {
             [plain; 2]
-        }
+        };
+        (left, plain != Vec3::ONE)
     }
 
     /// How far along a ray from a surface light starts that passes the receiver: it shows what is there, so what lies
     /// behind hides none of it. What is nearer than a mesh may be wrong is in its own way.
     fn start_of_light(&mut self, ray: Ray) -> f32 {
-        self.rays.shadow += 1;
+        self.tally.rays.shadow += 1;
         let Scene { receiver, objects, .. } = self.scene;
         let beyond = objects.ground.error();
         let Some(hit) = receiver.bvh.closest(ray, |hit| hit.t > beyond) else { return ray.t_max };
@@ -111,17 +118,19 @@ impl Integrator<'_> {
         key: u32,
         media: Media,
     ) -> [Vec3; 2] {
-        let touched = self.touched;
-        let all = self.object_transmittance(to_objects, key, None, media);
-        if solid || all == [Vec3::ONE; 2] {
-            return all;
+        let (all, touched) = self.objects_along(to_objects, key, None, media);
+        let behind = if solid || all == [Vec3::ONE; 2] {
+            None
+        } else {
+            Some(self.start_of_light(to_receiver)).filter(|start| *start < to_objects.t_max)
+        };
+        match behind {
+            Some(t_max) => self.object_transmittance(Ray { t_max, ..to_objects }, key, None, media),
+            None => {
+                self.tally.touched |= touched;
+                all
+            }
         }
-        let t_max = self.start_of_light(to_receiver);
-        if t_max >= to_objects.t_max {
-            return all;
-        }
-        self.touched = touched;
-        self.object_transmittance(Ray { t_max, ..to_objects }, key, None, media)
     }
 
     /// An object that a ray of a lobe found, if it is not behind a receiver that lets light of the sky pass, and how far the
@@ -134,7 +143,7 @@ impl Integrator<'_> {
     ) -> (Option<Vertex>, f32) {
         let objects = self.scene.objects;
         let solid = block == Block::Solid || self.scene.rules.printed;
-        if solid || !self.objects || !(object.is_some() || objects.clear) {
+        if solid || !self.pass.objects || !(object.is_some() || objects.clear) {
             return (object, ray.t_max);
         }
         let end = self.start_of_light(ray);
@@ -145,7 +154,7 @@ impl Integrator<'_> {
     }
 
     pub(crate) fn passes(&mut self, block: Block, ray: Ray) -> bool {
-        self.rays.shadow += u64::from(block != Block::Pass);
+        self.tally.rays.shadow += u64::from(block != Block::Pass);
         block.passes(self.scene.receiver, ray)
     }
 }

@@ -13,7 +13,7 @@ use super::tile_bounds::TileBounds;
 use crate::geometry::bvh::{Hit, Ray};
 use crate::math::color::luminance;
 use crate::render::transport::path::change::{ChangeSampling, asks, rays_towards};
-use crate::render::transport::path::integrator::{Integrator, Scene};
+use crate::render::transport::path::integrator::{Integrator, Pass, Scene};
 use crate::render::transport::path::path::{Vertex, first_pair};
 use crate::render::transport::path::rays::Rays;
 use crate::render::transport::sky::light_draws::LightDraws;
@@ -64,16 +64,13 @@ pub(crate) fn trace_r0(
         let mut sums = [0.0; R0];
         for sample in samples {
             let drawn = Some(draws.next_vertex()).filter(|_| far);
-            let mut integrator = Integrator {
-                distributions,
-                drawn,
-                ..Integrator::new(scene, sample.points, sample.key, false)
-            };
+            let pass = Pass { distributions, drawn, ..Pass::new(sample.points, false) };
+            let mut integrator = Integrator::new(scene, sample.key, pass);
             let light = match sample.hit {
                 Some(hit) => integrator.radiance(Vertex::Receiver(hit), sample.ray),
                 None => scene.sky.background(sample.ray.direction),
             };
-            sums_of_tile.rays += integrator.rays;
+            sums_of_tile.rays += integrator.tally.rays;
             sums_of_tile.rays.camera += 1;
             if add(&mut sums, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
@@ -153,11 +150,11 @@ pub(crate) fn trace_pair(
                 show(scene, camera_rays, sample, |_| reach, &mut sums, &mut sums_of_tile);
             }
             let Some((start, hit, shift)) = landed else { continue };
-            let mut integrator = Integrator::new(scene, sample.points, sample.key, true);
+            let mut integrator = Integrator::new(scene, sample.key, Pass::new(sample.points, true));
             let lift = ray.direction * shift;
             let reach = ChangeSampling { drawn, probability, start, objects: [low, high], rays, lift };
             let light = integrator.change(hit, ray, &reach);
-            sums_of_tile.rays += integrator.rays;
+            sums_of_tile.rays += integrator.tally.rays;
             touched |= light != Vec3::ZERO;
             if add(&mut change, light, &mut sums_of_tile.broken) {
                 sums[3] += squared_luminance(light);
@@ -219,11 +216,11 @@ fn show(
     let front = objects.front(ray, sample.points.bits(BLENDED)[0], &mut of_tile.rays.camera);
     let before = |front: &Hit| front.t - objects.slack(front, ray.direction);
     let Some(front) = front.filter(|front| before(front) <= reach(&mut of_tile.rays)) else { return };
-    let mut integrator =
-        Integrator { spread: camera_rays.spread, ..Integrator::new(scene, sample.points, sample.key, true) };
+    let pass = Pass { spread: camera_rays.spread, ..Pass::new(sample.points, true) };
+    let mut integrator = Integrator::new(scene, sample.key, pass);
     let light = integrator.radiance(Vertex::Object(front), ray);
-    of_tile.rays += integrator.rays;
-    of_tile.cut += u64::from(integrator.cut);
+    of_tile.rays += integrator.tally.rays;
+    of_tile.cut += u64::from(integrator.tally.cut);
     if add(&mut sums[4..], light, &mut of_tile.broken) {
         sums[7] += 1.0;
         sums[8] += squared_luminance(light);
