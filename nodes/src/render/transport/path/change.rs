@@ -1,8 +1,8 @@
-//! What the objects change of the light that leaves a point of the receiver.
+//! The change by the objects of the light that leaves a point of the receiver.
 //!
-//! The light without the objects is known from samples of its own, so only the difference is estimated, and
-//! only where there is one: light samples go to the part of the sky that the objects can hide, scattered rays
-//! to the objects themselves. Where no ray meets an object the difference is 0, bit for bit.
+//! The light without objects is known from samples of its own, so only the difference is estimated, and only where
+//! there is one: light samples go to the part of the sky that the objects can block, scattered rays to the objects
+//! themselves. Where no ray hits an object the difference is 0, bit for bit.
 
 use glam::Vec3;
 
@@ -18,38 +18,38 @@ use crate::render::transport::sky::cone::Cone;
 use crate::render::transport::sky::cone::{TOWARDS, Towards};
 use crate::render::transport::sky::environment::DrawnDirection;
 
-/// Rays to the objects for each steradian in which they are seen and shine no more than the sky does.
+/// Rays per steradian towards objects that emit no more than the sky.
 const RAYS: f32 = 1.0;
 
-/// Where the objects are for the first vertex.
+/// Sampling of the change at the first vertex.
 #[derive(Debug, Clone, Copy)]
 pub struct ChangeSampling<'a> {
-    /// Directions of the part of the sky that they can hide.
+    /// Sampled directions of the part of the sky that the objects can block.
     pub drawn: &'a [DrawnDirection],
-    /// Probability that the sample asks for a change: see [`asks`].
+    /// Probability that the sample estimates the change: see [`asks`].
     pub probability: f32,
-    /// Where rays to them start.
+    /// Start of rays to the objects.
     pub start: Vec3,
-    /// The box around them.
+    /// Bounding box of the objects.
     pub objects: [Vec3; 2],
     /// See [`rays_towards`].
     pub rays: f32,
-    /// Added to the start of rays to them: see [`crate::render::transport::ground::contact`].
+    /// Offset added to the start of rays to objects: see [`Surface::lift`].
     pub lift: Vec3,
 }
 
-/// Whether a sample asks for a change, of which samples do so with a probability.
+/// Whether a sample estimates the change, with the given probability.
 pub fn asks(points: &Points, probability: f32) -> bool {
     probability >= 1.0 || unit(points.bits(TOWARDS + 2)[0]) < probability
 }
 
-/// Rays from a first vertex to where the objects are.
+/// Rays from a first vertex towards the objects.
 fn towards(sampling: &ChangeSampling<'_>) -> Towards {
     Towards::within(Cone::between([sampling.start; 2], sampling.objects), sampling.rays)
 }
 
 impl<'a> Integrator<'a> {
-    /// Radiance with the objects less radiance without, at a hit of the receiver by a ray of the camera.
+    /// Radiance with objects minus radiance without, at a receiver hit of a camera ray.
     pub fn change(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         if self.scene.rules.near.is_some() {
             self.paired_estimate(hit, ray, sampling)
@@ -60,7 +60,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// What the objects take and give, each by samples of its own.
+    /// The change as blocked light and added light, each by samples of its own.
     fn separate_estimate(&mut self, mut hit: Hit, sampling: &ChangeSampling<'_>) -> Vec3 {
         let (sky, rules) = (self.scene.sky, self.scene.rules);
         let (mut light, mut throughput) = (Vec3::ZERO, Vec3::ONE);
@@ -72,7 +72,7 @@ impl<'a> Integrator<'a> {
             let at = ShadingPoint::new(surface, bounce, self.key);
             let surface = &at.surface;
 
-            // Light of the sky that they take away.
+            // Light of the sky that the objects block.
             let own;
             let drawn = if at.is_first() {
                 sampling.drawn
@@ -86,7 +86,7 @@ impl<'a> Integrator<'a> {
             }
             light -= rules.clamped(bounce, throughput * taken);
 
-            // Light that they give: their own, by samples of it,
+            // Light that they add: their emission, by light samples,
             let towards = match (at.is_first(), &surface.cover) {
                 (true, None) => towards(sampling),
                 (true, Some(_)) => Towards::NOWHERE,
@@ -95,7 +95,7 @@ impl<'a> Integrator<'a> {
             let lamps = self.sample_emitters(&at, &towards);
             light += rules.clamped(bounce, throughput * lamps);
 
-            // and what they scatter, by rays to where they are
+            // the light that they scatter, by rays towards them,
             let points = branch(self.pass.points, bounce);
             if let Some(ray) = towards.ray(&points) {
                 let seen = surface.bsdf.eval(ray)[Lobe::Diffuse as usize];
@@ -108,7 +108,7 @@ impl<'a> Integrator<'a> {
                 }
             }
 
-            // and by rays in all directions, which find how the rest of the receiver changes too.
+            // and by rays in all directions, which also find changes of the rest of the receiver.
             let Some((_, ray, scatter)) = surface.bsdf.sample(&self.pass.points, at.pair + 1) else { break };
             let (scatter_weight, share) = (scatter.value / scatter.pdf, towards.share(ray, scatter.pdf));
             let own = if lamps_in_it { share } else { 1.0 };
@@ -134,8 +134,8 @@ impl<'a> Integrator<'a> {
         light
     }
 
-    /// The same by whole paths with and without the objects, which share their random numbers: where the
-    /// receiver is the light, objects also take from what its places give.
+    /// The change by whole paths with and without the objects, which share their random numbers: under near light,
+    /// objects also block the light of receiver points.
     fn paired_estimate(&mut self, hit: Hit, ray: Ray, sampling: &ChangeSampling<'_>) -> Vec3 {
         let lamps = !self.scene.objects.emitters.is_empty();
         let towards = if lamps { towards(sampling) } else { Towards::NOWHERE };
@@ -148,7 +148,7 @@ impl<'a> Integrator<'a> {
         with - self.with(pass, |own| own.radiance(Vertex::Receiver(hit), ray))
     }
 
-    /// Rays from a later vertex on the receiver to where the objects are, if these shine: see [`Integrator::towards`].
+    /// Rays from a later receiver vertex towards the objects, if these emit: see [`Pass::towards`].
     pub(crate) fn towards_lamps(&self, surface: &Surface) -> Towards {
         let objects = self.scene.objects;
         match objects.bvh.bounds() {
@@ -160,7 +160,7 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// What the objects send along a ray to where they are to a vertex on the receiver; that goes on by `onwards`.
+    /// Light along a ray towards the objects; the path continues by `onwards`.
     pub(crate) fn sent(
         &mut self,
         at: &ShadingPoint,
@@ -193,8 +193,8 @@ impl<'a> Integrator<'a> {
         self.with(pass, |own| onwards(own, vertex, state))
     }
 
-    /// What the objects take of the light that a light sample brings. How much that is asked last, since most
-    /// samples meet no object.
+    /// The part of a light sample that the objects block. Its radiance is fetched last, since most samples hit no
+    /// object.
     fn blocked_light(&mut self, surface: &Surface, drawn: &DrawnDirection, key: u32) -> Vec3 {
         let scatter = surface.bsdf.eval(drawn.direction)[Lobe::Diffuse as usize];
         if scatter.value == Vec3::ZERO {
@@ -212,9 +212,9 @@ impl<'a> Integrator<'a> {
         (Vec3::ONE - straight) * scatter.value * light.radiance / light.pdf
     }
 
-    /// What comes along a scattered ray with the objects, less what comes without, where they come in its way;
-    /// where they do not, the receiver that it lands on, unless `only` they are asked for. `how` is the weight of what is
-    /// found, and the density of the ray.
+    /// Radiance along a scattered ray with objects minus that without, where objects are in its way; otherwise the
+    /// receiver hit of the ray, unless `only` objects are asked for. The tuple is the throughput, its share (see
+    /// [`PathState::share`]) and the density of the ray.
     fn difference(
         &mut self,
         at: &ShadingPoint,
@@ -226,7 +226,7 @@ impl<'a> Integrator<'a> {
         let (rules, surface, bounce) = (self.scene.rules, &at.surface, at.bounce);
         let ray = surface.spawn_ray(direction);
         let to_objects = surface.ray_to_objects(direction);
-        // Most rays that look for objects alone meet none, wherever the receiver is.
+        // Most rays towards objects miss them, wherever the receiver is.
         let plain = !self.scene.objects.clear && surface.medium(direction).is_empty();
         let sought = (only && plain).then(|| self.object(to_objects, key, Lobe::Diffuse));
         if let Some(None) = sought {
@@ -277,8 +277,8 @@ impl<'a> Integrator<'a> {
     }
 }
 
-/// Rays to the objects for each steradian in which they are seen: more where they shine, by how much brighter the box
-/// around them is for it, on the mean, than the sky. A lamp under a shade has one for each sample.
+/// Rays per steradian towards the objects: more where these emit, by the ratio of the mean radiance of their
+/// bounding box to that of the sky. A lamp below a shade gets one per sample.
 pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     let (power, bounds) = (scene.objects.emitters.power, scene.objects.bvh.bounds());
     let Some((low, high)) = bounds.filter(|_| power > 0.0) else { return RAYS };
@@ -288,7 +288,7 @@ pub fn rays_towards(scene: &Scene<'_>) -> f32 {
     RAYS * (1.0 + own / sky) as f32
 }
 
-/// The points of rays to the objects after some bounces.
+/// Random numbers of rays towards the objects after some bounces.
 fn branch(points: Points, bounce: u32) -> Points {
     if bounce == 0 { points } else { points.branch(TOWARDS + bounce) }
 }

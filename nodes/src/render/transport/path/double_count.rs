@@ -1,4 +1,4 @@
-//! How much light would count twice where the mesh reflects light that the panorama already shows.
+//! The error of counting light twice, where the mesh reflects light that the panorama already shows.
 
 use glam::{DVec3, Vec3};
 
@@ -13,7 +13,7 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::render::transport::sky::environment::EnvironmentLight;
 
-/// The light that bounces of the receiver add at the places that a point sees, as a share of the light there without
+/// Light added by bounces of the receiver at the points seen from a point, as a share of the light there without
 /// bounces.
 pub(crate) fn counted_twice(
     receiver: &Receiver,

@@ -1,4 +1,4 @@
-//! The estimator: light that arrives along a camera ray.
+//! The estimator of radiance along a camera ray.
 
 use glam::Vec3;
 
@@ -16,28 +16,28 @@ use crate::render::transport::scene::surface::Surface;
 use crate::render::transport::sky::cone::Towards;
 use crate::render::transport::sky::environment::{Distributions, DrawnDirection, EnvironmentLight};
 
-/// Width of rays of a matte surface for each unit of their length: its many rays blur what they see anyway.
+/// Footprint growth per unit of length of rays from matte surfaces, whose many rays blur the result anyway.
 pub(crate) const BLUR: f32 = 0.05;
-/// Paths this long or longer may end at random.
+/// Number of vertices from which Russian roulette applies.
 const ROULETTE_FROM: u32 = 3;
 
-/// What all rays share.
+/// The scene that all rays share.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
-    /// The place.
+    /// The receiver mesh.
     pub receiver: &'a Receiver,
-    /// What was inserted.
+    /// The inserted objects.
     pub objects: &'a Objects,
-    /// The light.
+    /// The environment.
     pub sky: &'a EnvironmentLight,
-    /// How the receiver treats each sort of ray.
+    /// How the receiver appears to each kind of ray.
     pub rules: &'a Rules,
-    /// The light as points of the receiver, if that is the light and there are objects.
+    /// Virtual lights, under near light with objects.
     pub light_points: Option<&'a LightPoints>,
 }
 
-/// What the paths of a sample include and how the first vertex is sampled. A sub-path that differs gets a changed copy, by
-/// [`Integrator::with`].
+/// The contents of the paths of a sample and the sampling of their first vertex. A sub-path that differs gets a
+/// changed copy, by [`Integrator::with`].
 #[derive(Debug, Clone, Copy)]
 pub struct Pass<'a> {
     /// Random numbers.
@@ -74,7 +74,7 @@ impl Pass<'_> {
     }
 }
 
-/// What the paths of a sample met.
+/// Events along the paths of a sample.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Tally {
     /// Rays cast.
@@ -92,12 +92,12 @@ pub struct Integrator<'a> {
     pub(crate) scene: Scene<'a>,
     pub(crate) key: u32,
     pub(crate) pass: Pass<'a>,
-    /// What the paths met so far.
+    /// Events along the paths so far.
     pub tally: Tally,
 }
 
 impl<'a> Scene<'a> {
-    /// The receiver as the light, if it is.
+    /// Near light, if used.
     pub(crate) fn near(&self) -> Option<NearFieldLight<'a>> {
         let near =
             |eye| NearFieldLight { receiver: self.receiver, sky: self.sky, eye: Vec3::from_array(eye) };
@@ -112,7 +112,7 @@ impl<'a> Integrator<'a> {
         Self { scene, key, pass: Pass { objects, ..pass }, tally: Tally::default() }
     }
 
-    /// The result of `trace` for another pass, with what it met added to the tally.
+    /// The result of `trace` with another pass; its events are added to the tally.
     pub(crate) fn with<T>(&mut self, pass: Pass<'a>, trace: impl FnOnce(&mut Self) -> T) -> T {
         let mut sub = Self { scene: self.scene, key: self.key, pass, tally: self.tally };
         let result = trace(&mut sub);
@@ -120,7 +120,7 @@ impl<'a> Integrator<'a> {
         result
     }
 
-    /// The surface of the receiver at a hit, moved by `lift` for objects, in no body.
+    /// The receiver surface at a hit, lifted by `lift` for objects, outside all bodies.
     pub(crate) fn receiver_surface(&self, hit: &Hit, lift: Vec3) -> Surface {
         let surface = self.scene.receiver.surface(hit);
         let covers = || self.scene.objects.covers(surface.position + lift, surface.normal);
@@ -149,14 +149,13 @@ impl<'a> Integrator<'a> {
         }
         let [near, far] = surface.media;
         if !near.is_empty() && far.is_deeper(&near) {
-            // Where two bodies touch, the path sees one of the two surfaces, and may be out of the first body.
+            // Where two bodies touch, the path sees one of the two surfaces and may be outside the first body.
             surface.media[1] = self.around(surface.spawn_ray(-surface.normal));
         }
         surface
     }
 
-    /// Radiance that comes back along a ray of the camera, of unit direction, from the vertex that it found. What
-    /// is before the receiver is left out, be it a body around it.
+    /// Radiance along a camera ray of unit direction from its first vertex. Media before the receiver are ignored.
     pub fn radiance(&mut self, first: Vertex, ray: Ray) -> Vec3 {
         let (mut throughput, mut media) = (Vec3::ONE, Media::default());
         let objects = self.scene.objects;
@@ -179,7 +178,7 @@ impl<'a> Integrator<'a> {
         )
     }
 
-    /// Radiance that a vertex sends back along a path in some state.
+    /// Radiance that a vertex sends back along a path.
     pub(crate) fn path_radiance(&mut self, vertex: Vertex, state: PathState) -> Vec3 {
         let spread = if state.bounce == 0 { self.pass.spread } else { BLUR };
         let mut path = Path { vertex, state, width: 0.0, spread, touches: false, light: Vec3::ZERO };
@@ -187,7 +186,7 @@ impl<'a> Integrator<'a> {
         path.light
     }
 
-    /// Adds the light of the vertex that a path is at, and takes it to the next; none where it ends.
+    /// Adds the light of the current vertex and advances the path; `None` where it ends.
     fn step(&mut self, path: &mut Path) -> Option<()> {
         let rules = self.scene.rules;
         let PathState { bounce, throughput, share, mis_weight, media, direction } = path.state;
@@ -195,7 +194,7 @@ impl<'a> Integrator<'a> {
         let lift = if bounce == 0 { self.pass.lift } else { Vec3::ZERO };
         let surface = self.surface(&path.vertex, (-direction, path.width), lift, media);
         let at = ShadingPoint::new(surface, bounce, self.key);
-        // What a ray finds shining is light of the vertex before.
+        // Emission found by a ray is light of the previous vertex.
         let emitted = self.emitted(&path.vertex, &at, -direction);
         path.light += rules.clamped(bounce.saturating_sub(1), throughput * emitted * mis_weight);
         if bounce > rules.max_bounces {
@@ -211,19 +210,19 @@ impl<'a> Integrator<'a> {
         self.go_on(path, &towards, scattered)
     }
 
-    /// What a vertex emits towards `out`.
+    /// Emission of a vertex towards `out`.
     fn emitted(&self, vertex: &Vertex, at: &ShadingPoint, out: Vec3) -> Vec3 {
         let objects = self.scene.objects;
         match vertex.on_object() {
             _ if !self.pass.lamps => Vec3::ZERO,
-            // Light samples see a lamp as it is; so do the rays that they are weighed against, or a small one would shine
-            // twice.
+            // Light samples use the emission of the material under its layers; so must the rays that they are
+            // weighted against, or small lamps would count twice.
             Some(hit) if !at.is_first() && !objects.emitters.is_empty() => objects.emission_towards(hit, out),
             _ => at.surface.emission,
         }
     }
 
-    /// Rays from a vertex to where the objects are, beside scattered ones.
+    /// Rays from a vertex towards the objects, in addition to scattered ones.
     fn towards_objects(&self, vertex: &Vertex, at: &ShadingPoint) -> Towards {
         match vertex {
             _ if !at.is_first() || !self.pass.objects => Towards::NOWHERE,
@@ -233,8 +232,8 @@ impl<'a> Integrator<'a> {
         }
     }
 
-    /// The throughput of a path after some bounces if it goes on, by Russian roulette; those that bring little may end at random,
-    /// but for a share that says nothing of that: see [`PathState::share`].
+    /// The throughput after Russian roulette, or `None` if the path ends. [`PathState::share`] is excluded from the
+    /// survival probability.
     pub(crate) fn russian_roulette(&self, bounce: u32, throughput: Vec3, share: f32) -> Option<Vec3> {
         if bounce + 1 < ROULETTE_FROM {
             return Some(throughput);

@@ -1,8 +1,9 @@
-//! Light that objects add to a receiver that is the light or lets it through.
+//! Light that objects add to a receiver under near light, or to one that lets environment light pass.
 //!
-//! There a path ends where it meets the receiver, since the panorama shows the place with all that its walls throw back.
-//! It does not show what the objects add. Light of their lamps goes on from wall to wall, in a place that is lit by nothing
-//! else. Light that they scatter goes back to the places around them: what a mirror shows of the ground before it is as bright as that ground.
+//! There a path ends where it hits the receiver, since the panorama shows the place with all of its
+//! interreflections. It does not show the light that objects add. Light of their emitters is traced on from surface
+//! to surface, in a scene without any other light. Light that they scatter returns to the surfaces around them: the
+//! ground in a mirror is as bright as the ground itself.
 
 use glam::Vec3;
 
@@ -16,7 +17,7 @@ use crate::render::transport::scene::media::Media;
 use crate::render::transport::sky::cone::Towards;
 
 impl Integrator<'_> {
-    /// Where a ray meets a receiver that it would pass, if objects shine on it.
+    /// The hit of a ray on a receiver that it would pass, if objects emit.
     pub(crate) fn unlit(&mut self, ray: Ray) -> Option<Hit> {
         if !self.pass.objects || !self.pass.lamps || self.scene.objects.emitters.is_empty() {
             return None;
@@ -25,7 +26,7 @@ impl Integrator<'_> {
         self.scene.receiver.bvh.closest(ray, |_| true)
     }
 
-    /// Light of lamps from where a ray that left a vertex after some bounces has met the receiver, if it has.
+    /// Light of emitters from the receiver hit of a ray that left a vertex, if it hit.
     pub(crate) fn lamps_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -42,9 +43,9 @@ impl Integrator<'_> {
         self.lamp_radiance(Vertex::Receiver(hit), state, true)
     }
 
-    /// Light that is not of lamps and that objects scatter to where a ray that left a vertex after some bounces has met a
-    /// receiver that is the light, if it has. The place throws back as much of it as it is seen to do of other light: its
-    /// share of what it sends is that of the light it gets, as in the ratio, whatever the receiver's albedo.
+    /// Light without emission that objects scatter to the receiver hit of a ray, under near light. The point
+    /// reflects as much of it as it is seen to reflect of all light that falls on it, independent of the receiver's
+    /// albedo, as in the ratio.
     pub(crate) fn objects_beyond(
         &mut self,
         landed: Option<Hit>,
@@ -86,8 +87,8 @@ impl Integrator<'_> {
         self.with(pass, |own| own.path_radiance(vertex, state))
     }
 
-    /// Radiance that a vertex sends back along a path in some state where lamps are all the light there is and the
-    /// receiver is solid. Where it `sends` them, rays from the receiver to the objects find what lies around lamps.
+    /// Radiance of a path in a scene with no light but emitters and a solid receiver. If it `sends` them, rays from
+    /// the receiver towards the objects find translucent surfaces around emitters.
     fn lamp_radiance(&mut self, mut vertex: Vertex, state: PathState, sends: bool) -> Vec3 {
         let (objects, receiver, rules) = (self.scene.objects, self.scene.receiver, self.scene.rules);
         let PathState { bounce: start, mut throughput, mut share, mut mis_weight, mut media, .. } = state;

@@ -1,4 +1,4 @@
-//! Paths: the light that one sample of one pixel finds, and what the objects change of it.
+//! Paths: the light along the rays of one sample of one pixel, and its change by the objects.
 
 pub(crate) mod change;
 pub(crate) mod direct_light;
