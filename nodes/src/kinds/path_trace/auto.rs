@@ -1,4 +1,4 @@
-//! What `surroundings: Auto` becomes: a decision by what probe rays meet, and its report.
+//! The decision that `surroundings: Auto` stands for, and its report.
 
 use engine::Notes;
 use glam::Vec3;
@@ -9,20 +9,20 @@ use crate::render::transport::path::visibility::Rules;
 use crate::render::transport::scene::block::{Block, EVERYWHERE};
 use crate::render::transport::scene::frame::scene_units;
 
-/// Share of the probe rays that must meet the mesh for `Auto` to become `Projected`: half of a ground plane. The bound is
-/// judgement. With less, most of what the panorama shows near by is missing in the mesh.
+/// Minimum share of the probe rays that must hit the mesh for `Auto` to become `Projected`: half of a ground plane.
+/// The bound is judgement. With less, most of the nearby surfaces that the panorama shows are missing in the mesh.
 const LEAST_HELD: f64 = 0.25;
 
-/// What a decision is made by.
+/// The facts that a decision is based on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Facts {
-    /// What probe rays from the point of capture met, where `surroundings` asks for them.
+    /// Hits of probe rays from the point of capture, if `surroundings` needs them.
     pub(super) probe: Option<Probe>,
-    /// The point of capture, or of the camera that stands for it, in the frame of the scene.
+    /// The point of capture, or of the camera that stands in for it, in the frame of the scene.
     pub(super) from: Vec3,
     /// Whether the environment carries its point of capture.
     pub(super) captured: bool,
-    /// Length of a unit in metres.
+    /// Metres per world unit.
     pub(super) metres_per_unit: f64,
 }
 
@@ -39,10 +39,10 @@ pub(super) enum Reason {
     CapturedInside,
 }
 
-/// What `surroundings` became.
+/// The decision.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Decision {
-    /// How the mesh blocks light of the environment, where that comes from infinitely far away.
+    /// How the mesh blocks light of a distant panorama.
     pub(super) block: Block,
     /// Whether the mesh reflects light.
     pub(super) bounces: bool,
@@ -52,12 +52,13 @@ pub(super) struct Decision {
     pub(super) printed: bool,
     /// Whether the panorama is projected onto the mesh, and why.
     pub(super) projected: (bool, Reason),
-    /// Share of the light that a solid mesh would let in, where that was computed.
+    /// Share of the light that a solid mesh would let in, if it was computed.
     pub(super) solid_light: Option<f64>,
 }
 
 impl Decision {
-    /// Decides. `solid_light` computes the share of the light that a solid mesh would let in to the point of capture.
+    /// Makes the decision. `solid_light` computes the share of the light that a solid mesh would let in to the
+    /// point of capture.
     pub(super) fn of(surroundings: Surroundings, facts: &Facts, solid_light: impl FnOnce() -> f64) -> Self {
         let probe = facts.probe.unwrap_or_default();
         let mut light = None;
@@ -95,7 +96,7 @@ impl Decision {
         }
     }
 
-    /// The choice of `surroundings` that it amounts to.
+    /// The choice of `surroundings` that it is equivalent to.
     pub(super) fn name(&self) -> String {
         let extra = |usual: bool| match self.bounces {
             bounces if bounces == usual => "",
@@ -117,7 +118,7 @@ impl Decision {
         }
     }
 
-    /// The rules for rays that follow from it.
+    /// The rules for rays.
     pub(super) fn rules(&self, from: Vec3, max_bounces: u32, clamp_indirect: f64) -> Rules {
         Rules {
             block: self.block,
@@ -126,12 +127,12 @@ impl Decision {
             printed: self.printed,
             near: self.projected.0.then(|| from.to_array()),
             max_bounces,
-            // The key takes no infinity.
+            // Keys cannot hold infinity.
             clamp: if clamp_indirect > 0.0 { clamp_indirect as f32 } else { f32::MAX },
         }
     }
 
-    /// Reports what was decided and by what.
+    /// Reports the decision and the facts.
     pub(super) fn report(&self, surroundings: Surroundings, probe: Option<&Probe>, notes: &mut Notes) {
         if let (Surroundings::Room { .. }, Some(probe)) = (surroundings, probe) {
             if probe.escaped < probe.rays && probe.front_share() <= 0.1 {
@@ -161,7 +162,7 @@ impl Decision {
     }
 }
 
-/// What probe rays met, in words.
+/// The facts in words.
 fn seen(probe: &Probe) -> String {
     format!(
         "{:.1} % of {} probe rays miss the mesh, {:.1} % of the others hit a front face",
@@ -175,13 +176,13 @@ fn seen(probe: &Probe) -> String {
 mod tests {
     use super::*;
 
-    /// Probe rays of which some escape, some hit fronts, and some would be lit in a room.
+    /// Probe rays of which `escaped` miss, `front` hit front faces, and `lit` would be lit in a room.
     fn probe(escaped: u32, front: u32, lit: u32) -> Probe {
         Probe { rays: 256, escaped, front, lit, room: EVERYWHERE }
     }
 
-    /// Each row of the decision. Mutation: `LEAST_HELD` 0.0; `captured` not asked; the bounds in `Probe::decide` (each seen
-    /// red).
+    /// Each row of the decision. Mutation: `LEAST_HELD` 0.0; `captured` ignored; the bounds in `Probe::decide`
+    /// (each seen red).
     #[test]
     fn each_place_is_decided() {
         use Surroundings::{Auto, Distant, Paper, Projected};

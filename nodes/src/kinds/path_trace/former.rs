@@ -1,13 +1,13 @@
-//! Parameters of former versions, and what to write instead of them.
+//! Parameters of former versions, and their replacements.
 
 use engine::Former;
 
-/// The four that [`super::surroundings`] stands for.
+/// The four parameters that [`super::surroundings`] replaces.
 const VISIBILITY: [&str; 4] = ["env_block", "bounce", "object_specular_sees", "near_field"];
 /// The last version that had them.
 const LAST: u32 = 19;
 
-/// What to write instead of a field of a former version, given all fields of its node as written.
+/// The replacement of a field of a former version, given all fields of its node as written.
 pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     if name == "skip_lobes" {
         return Some(Former::exhaustive(&["skip_lobes"], LAST));
@@ -26,7 +26,7 @@ pub(super) fn former(name: &str, fields: &[(&str, &str)]) -> Option<Former> {
     })
 }
 
-/// The choice of `surroundings` that stands for four former values.
+/// The choice of `surroundings` that replaces four former values.
 fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option<String> {
     let plain = |text: &str| text.chars().filter(|c| !c.is_whitespace()).collect::<String>();
     let [block, bounce, specular, near] = [block, bounce, specular, near].map(plain);
@@ -39,7 +39,7 @@ fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option
         "Env" => Some(false),
         _ => return None,
     };
-    // Reflections show the panorama past a mesh that lets its light through, and of a solid one what its capture decides.
+    // Reflections show the panorama past a transparent mesh; for a solid one the point of capture decides.
     let implied = match name {
         "Solid" | "Paper" => true,
         _ => specular != "Receiver",
@@ -74,7 +74,7 @@ fn surroundings(block: &str, bounce: &str, specular: &str, near: &str) -> Option
 mod tests {
     use super::*;
 
-    /// Each value that was allowed, and a few that were not.
+    /// Each former value, and combinations that have no replacement.
     #[test]
     fn former_visibility_is_spelled_anew() {
         for (fields, choice) in [

@@ -1,4 +1,4 @@
-//! `path-trace`: the receiver with and without the objects, and the objects, by path tracing.
+//! `path-trace`: path tracing of the receiver without and with the objects, and of the objects.
 
 mod auto;
 mod former;
@@ -39,47 +39,46 @@ use reporting::{
 use surroundings::Surroundings;
 
 engine::params! {
-    /// Renders the receiver without and with the objects, and the objects themselves.
+    /// Path-traces the receiver without and with the objects, and the objects themselves.
     ///
-    /// `with` is `without` plus what the objects change of it, so their ratio is exactly 1 where they change
-    /// nothing. In `with` the objects are hidden from the camera but from no other ray. `object` is premultiplied; its
-    /// alpha is the share of the pixel that it covers, less where the receiver stands in front. In a closed
-    /// room the mesh would keep out the light that the panorama already shows: `surroundings` says how the two go
-    /// together, and by default the scene decides.
+    /// `with` is `without` plus the change by the objects, so their ratio is exactly 1 where nothing changes. In
+    /// `with` the objects are hidden from the camera only. `object` is premultiplied; its alpha is the share of the
+    /// pixel that it covers, less where the receiver is in front. In a closed room the mesh would keep out the
+    /// light that the panorama already shows: `surroundings` sets how mesh and panorama go together, by default
+    /// automatically.
     pub struct PathTrace {
-        /// Paths per pixel, or with `max_error` the most of them, which is 4 at least.
+        /// Paths per pixel; with `max_error`, the maximum number, at least 4.
         samples: u32 = 256, range(1, 1_048_576), other("3"), knob(Samples, "4", "16", "64", "1024");
-        /// Standard error to reach in every tile of 8 by 8 pixels, as root mean square over the pixels that have one: of
-        /// the ratio `with / without` where it is seen (relative to it where it is surely above 1, and left out where
-        /// `without` is below a thousandth of its median), and of `object` relative to its mean. 4 samples of the
-        /// whole picture show which blocks of 32 by 32 pixels need more; each takes them, in chunks, until the error
-        /// or `samples` is reached, which is reported. None takes `samples` everywhere.
+        /// Target standard error per tile of 8 by 8 pixels, as root mean square over its pixels with error: of the
+        /// ratio `with / without` where it is visible (relative to it where it is certainly above 1; pixels of
+        /// `without` below a thousandth of the median are ignored), and of `object` relative to its mean. Blocks of
+        /// 32 by 32 pixels take more chunks of samples, after the first 4, until they reach the target or
+        /// `samples`, which is reported. `None` takes `samples` everywhere.
         max_error: Option<f64> = None, range(1e-6, 1.0), other("0.5"), knob(Cutoff, "", "", "", "None");
-        /// How often light may be scattered after the first time.
+        /// Maximum number of bounces after the first; 0 is direct light only.
         max_bounces: u32 = 8, range(0, 64), other("0"), knob(Depth, "2", "4", "8", "32");
-        /// How the mesh and the panorama together model the place around the objects. `bounces` is whether the mesh
-        /// reflects light that was scattered; where the panorama already shows its walls, that counts them twice.
-        /// Reflections in objects show the panorama where it was captured in the place or the mesh lets its light
-        /// pass, else the mesh.
+        /// How the receiver mesh and the panorama together model the place around the objects. `bounces` sets
+        /// whether the mesh reflects light; where the panorama already shows the reflected light, it would count
+        /// twice. Reflections in objects show the panorama if it carries its point of capture or the mesh lets its
+        /// light pass, otherwise the mesh.
         surroundings: Surroundings = Surroundings::Auto, other("Transparent");
-        /// Largest radiance that one path may bring after its first vertex, 0 for no limit. Removes the bright
-        /// dots of light that a glossy object throws, and some of that light with them.
+        /// Maximum radiance of a contribution after the first vertex of a path; 0 for no limit. Removes bright
+        /// outliers of glossy reflections, and some of their light.
         clamp_indirect: f64 = 0.0, range(0.0, 1e9), other("0.01"), knob(Limit, "", "", "", "0.0");
-        /// How far the receiver may be wrong where an object stands or hangs: where the camera sees the receiver within
-        /// this distance of the height of the object's base, or of a flat side that rests on a wall, it is taken to be level
-        /// with that. Otherwise a mesh that lies too low would show a black gap under the object, and one too high would
-        /// hide its foot, or a picture on the wall. `None` measures the mesh's roughness at each object and takes a smooth
-        /// one as it is; 0 takes any as it is.
+        /// Error of the mesh in metres where objects rest: camera hits on the mesh within this distance of the base
+        /// of an object, or of a flat side on a wall, count as level with it. Otherwise a mesh that is too low
+        /// shows a black gap under the object, and one that is too high hides its foot. `None` measures the
+        /// roughness of the mesh at each object and leaves smooth meshes unchanged; 0 leaves any mesh unchanged.
         contact_metres: Option<f64> = None, range(0.0, 10.0), unit("m"), other("0.5");
-        /// Whether to trace only what the objects change of the receiver: for a graph that wants only the shadow, and takes
-        /// the objects from elsewhere or not at all. `object` stays empty; depth and normals are those of the receiver.
+        /// Traces only the change of the receiver, for graphs that need only the shadow. `object` is empty; depth
+        /// and normals are those of the receiver.
         shadow_only: bool = false, other("true");
-        /// Side of the blocks of which one pixel is traced and shown for all: the preview that `watch` shows before
-        /// all pixels are traced. 1 traces every pixel.
+        /// Side of the blocks of which one pixel is traced and shown for all: the first preview of `watch`. 1
+        /// traces every pixel.
         coarse_px: u32 = 1, range(1, 64), unit("px"), other("2");
-        /// Where the objects provably change no more than this share of the light of a tile of 8 by 8 pixels, `with` is
-        /// `without` and no ray is traced for it. The change is bounded, not estimated, so nothing is left out in
-        /// shadow, near bright things, or wherever a wall may reflect their light. 0 traces everywhere.
+        /// Maximum relative change of the light of a tile of 8 by 8 pixels below which no ray is traced for the
+        /// objects and `with` equals `without`. The change is an upper bound, not an estimate, so shadows, surfaces
+        /// near bright objects and reflections off walls are kept. 0 traces everywhere.
         crop: f64 = 0.001, range(0.0, 0.1), other("0.1"), knob(Cutoff, "0.004", "0.002", "0.001", "0.0");
     }
 }
@@ -87,13 +86,13 @@ engine::params! {
 engine::inputs! {
     /// Inputs of [`PathTrace`].
     pub struct In {
-        /// The mesh that stands for the place; matte, of its vertex colours.
+        /// The mesh of the captured place; matte, with its vertex colours as albedo.
         receiver: Arc<Mesh>,
-        /// The objects.
+        /// The inserted objects.
         objects: Vec<Arc<Placed>>,
         /// The cameras.
         rig: Arc<Rig>,
-        /// The light.
+        /// The environment light.
         env: Arc<Environment>,
     }
 }
@@ -101,32 +100,32 @@ engine::inputs! {
 engine::outputs! {
     /// Outputs of [`PathTrace`].
     pub struct Out {
-        /// The receiver without the objects (R0); where the camera sees none, the environment.
+        /// The receiver without objects (R0); the environment where there is no receiver.
         without: Arc<Images>,
-        /// The receiver in the presence of the objects, which the camera does not see (R1).
+        /// The receiver with the objects, which are hidden from the camera (R1).
         with: Arc<Images>,
-        /// The objects: linear, premultiplied, alpha.
+        /// The objects: linear RGB, premultiplied, and alpha.
         object: Arc<Images>,
-        /// Planar depth of what is in front, object or receiver, at the centre of each pixel; +inf for none. Of
-        /// what is blended, where it covers more than half.
+        /// Planar depth of the front surface, object or receiver, at the centre of each pixel; +inf where there is
+        /// none. Blended surfaces count where they cover more than half.
         depth: Arc<Images>,
-        /// Planar depth of the nearest of the objects that is seen anywhere in the pixel, however little it covers; where
-        /// there is none, `depth`. For `splat-render(limit:)`: what lies before it is in front of the objects.
+        /// Planar depth of the nearest object visible anywhere in the pixel, however little it covers; `depth`
+        /// where there is none. For `splat-render(limit:)`: splats before it are in front of the objects.
         nearest: Arc<Images>,
-        /// Unit normal of the same point in world axes, towards the camera; 0 for none.
+        /// Unit normal of the front surface in world axes, towards the camera; 0 where there is none.
         normal: Arc<Images>,
-        /// Variance of the mean over samples: of the luminance of `without`, `with` and `object`, and of the ratio
-        /// of luminance `with / without`. As if samples were independent: stratified points do better, so these are
-        /// upper estimates. One sample tells none: then all are 0.
+        /// Variance of the mean over samples, of the luminance of `without`, `with` and `object` and of the ratio
+        /// of luminance `with / without`. Computed as for independent samples, so an upper estimate for stratified
+        /// ones; 0 for a single sample.
         variance: Arc<Images>,
-        /// Decisions, means, standard errors, rays.
+        /// Decisions, means, standard errors and ray counts.
         report: Arc<Report>,
     }
 }
 
-/// What was decided about the surroundings, and what it was decided by.
+/// The decision about the surroundings, and the facts that it is based on.
 struct Decided {
-    /// The choice of `surroundings` that it amounts to.
+    /// The choice of `surroundings` that it is equivalent to.
     name: String,
     rules: Rules,
     probe: Option<Probe>,
@@ -135,12 +134,12 @@ struct Decided {
 }
 
 impl PathTrace {
-    /// The most samples of a pixel: an error is judged by a first chunk, whatever `samples` says.
+    /// Maximum samples per pixel: errors are estimated from a first chunk, even if `samples` is less.
     fn most(&self) -> u32 {
         if self.max_error.is_some() { self.samples.max(film::FIRST) } else { self.samples }
     }
 
-    /// What tracing goes by.
+    /// The settings of tracing.
     fn settings(&self, every_lobe: bool) -> Settings {
         Settings {
             most: self.most(),
@@ -153,7 +152,7 @@ impl PathTrace {
         }
     }
 
-    /// Refuses what no picture can be traced of.
+    /// Rejects inputs that cannot be traced.
     fn check_inputs(&self, inputs: &In) -> Result<(), NodeError> {
         if !crate::math::num::keeps_subnormals() {
             let hint = "run without the library that sets this mode (check LD_PRELOAD)";
@@ -171,7 +170,7 @@ impl PathTrace {
         Ok(())
     }
 
-    /// Decides what was left to `Auto`, and reports it. `from` is the point of capture in the frame of the scene.
+    /// Decides about the surroundings and reports it. `from` is the point of capture in the frame of the scene.
     fn decide(
         &self,
         inputs: &In,
@@ -206,7 +205,8 @@ impl PathTrace {
         Decided { name: decision.name(), rules, probe, twice }
     }
 
-    /// Where the environment was captured, or the camera that stands for it, which is told where it matters.
+    /// The point of capture of the environment, or of the camera that stands in for it, which is reported where it
+    /// matters.
     fn point_of_capture(&self, inputs: &In, camera: &Camera, notes: &mut Notes) -> DVec3 {
         if let Some(origin) = inputs.env.origin {
             return origin;
@@ -244,7 +244,7 @@ impl Kind for PathTrace {
             inputs.rig.cameras.iter().map(|c| u64::from(c.width_px) * u64::from(c.height_px)).sum();
         let triangles: usize =
             inputs.objects.iter().flat_map(|o| &o.object.primitives).map(|p| p.triangles.len()).sum();
-        // Running sums in f64, one chunk and its tiles in f32, and the finished pictures.
+        // Running sums in f64, one chunk and its tiles in f32, and the finished images.
         let pixel_bytes = ((R0 + PAIR + CROSS) * 8 + (R0 + PAIR + FIRST_HIT) * 4 * 2 + 20 * 4) as u64;
         let scene = (inputs.receiver.triangles.len() * 300 + triangles * 300) as u64;
         let sky = inputs.env.image.samples.len() as u64 * 12;
@@ -253,7 +253,7 @@ impl Kind for PathTrace {
 
     fn work(params: &Self, sizes: &Sizes) -> f64 {
         let samples = f64::from(params.most());
-        // A guess: at the edge of a shadow one sample is off by 0.2, and such tiles are a tenth of the picture.
+        // A guess: at the edge of a shadow one sample has an error of 0.2, and such tiles are a tenth of the image.
         let all = params.max_error.map_or(samples, |error| 4.0 + 0.1 * (0.2 / error) * (0.2 / error));
         let coarse = f64::from(params.coarse_px);
         sizes.of("rig") * all.min(samples) / (coarse * coarse)
@@ -278,8 +278,8 @@ impl Kind for PathTrace {
         params.check_inputs(&inputs)?;
         let mut notes = Notes::none();
         let cameras = &inputs.rig.cameras;
-        // Coordinates start at the first camera: what single precision loses grows with the distance from it, as
-        // what a pixel covers does. No stray triangle moves it, nor the pose of an object.
+        // The origin is the first camera: the loss of single precision grows with the distance from it, as pixel
+        // footprints do. It does not depend on stray triangles or on the poses of objects.
         let origin = cameras[0].eye();
         let prepared = PreparedScene::new(&inputs.receiver, &inputs.env, origin, cx)?;
         let camera = stand_in(prepared.receiver(), cameras, origin);
@@ -314,7 +314,7 @@ impl Kind for PathTrace {
         let views = cameras.iter().enumerate().map(traced).collect::<Result<Vec<_>, _>>()?;
         let boxes = objects.boxes();
         report_views(params, cameras, &prepared, rules, (&views, &boxes), &mut notes);
-        // A coarse look may miss what is there.
+        // A coarse preview may miss small objects.
         let looks = params.coarse_px == 1 && !params.shadow_only;
         if looks && inputs.objects.len() > 1 && views.iter().any(FinishedView::shows_objects) {
             report_unseen(&unseen::of(&tracing, &views)?, &mut notes);

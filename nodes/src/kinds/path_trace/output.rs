@@ -1,4 +1,4 @@
-//! The outputs: the pictures of all cameras, and the report.
+//! The outputs: the images of all cameras, and the report.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::render::transport::picture::accumulator::FinishedView;
 use crate::render::transport::picture::accumulator::ReachedError;
 use crate::types::{Cell, Images, NamedImage, Report, Table};
 
-/// The rows of what was decided, and what it took.
+/// Rows of decisions and ray counts.
 fn decisions(
     inputs: &In,
     Decided { name, rules, probe, twice }: &Decided,
@@ -51,7 +51,7 @@ fn decisions(
     decisions
 }
 
-/// The outputs, of finished pictures; `crop` tells what was cropped.
+/// Assembles the outputs from finished images; `crop` describes the cropping.
 pub(crate) fn assemble(
     inputs: &In,
     views: Vec<FinishedView>,

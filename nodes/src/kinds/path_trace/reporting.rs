@@ -1,4 +1,4 @@
-//! What is told beside the pictures, in notes.
+//! Notes about inputs and results.
 
 use engine::Notes;
 use glam::Vec3;
@@ -27,13 +27,13 @@ use crate::render::transport::scene::objects::Objects;
 use crate::render::transport::scene::receiver::Receiver;
 use crate::types::{Camera, Image, Linear, Mesh};
 
-/// Rays may leave surfaces from this share of the size of an object off without a word.
+/// Ray offset, as a share of the size of an object, up to which no warning is given.
 const COARSE: f32 = 1.0 / 512.0;
 
-/// An object that stands deeper in the ground than this share of its height was hardly put there on purpose.
+/// An object deeper in the ground than this share of its height was hardly placed there on purpose.
 const DEEP: f64 = 0.2;
 
-/// Tells what the inputs made the node leave out or assume.
+/// Reports parts of the inputs that were ignored, changed or assumed.
 pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     if mesh.colours.is_empty() && !mesh.triangles.is_empty() {
         notes.decision("grey-receiver", "the receiver mesh has no vertex colours, so its albedo is 0.5");
@@ -77,15 +77,15 @@ pub(crate) fn report_inputs(mesh: &Mesh, prepared: &PreparedScene<'_>, objects: 
     }
 }
 
-/// Tells which objects, by the boxes around them, stand where a point of capture does not see, for what light they have
-/// there the panorama does not show.
+/// Warns of objects whose bounding box cannot be seen from the point of capture, so that the panorama does not show
+/// their light.
 pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb], notes: &mut Notes) {
     let hidden = |one: &Aabb| {
         !one.is_empty()
             && (0..27).all(|i| {
                 let share = [i % 3, i / 3 % 3, i / 9].map(|k| [0.05, 0.5, 0.95][k]);
                 let way = one.low + (one.high - one.low) * Vec3::from_array(share) - eye;
-                // A mesh may be in its own way.
+                // Meshes may occlude their own surface.
                 let reach = 0.95 * way.length();
                 receiver.bvh.any(Ray { t_max: reach, ..Ray::new(eye, way.normalize_or_zero()) }, |_| true)
             })
@@ -102,7 +102,7 @@ pub(crate) fn report_unseen_places(receiver: &Receiver, eye: Vec3, boxes: &[Aabb
     }
 }
 
-/// Reports what is wrong with the point of capture.
+/// Reports problems of the point of capture.
 pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, notes: &mut Notes) {
     let hint =
         "check that `origin` (or `at` of `cube-rig`) is where the panorama was captured, in world units";
@@ -132,7 +132,7 @@ pub(crate) fn report_capture(fault: Option<CaptureFault>, metres_per_unit: f64, 
     }
 }
 
-/// Tells what is to be known of the pictures.
+/// Reports problems of the images.
 pub(crate) fn report_views(
     params: &PathTrace,
     cameras: &[Camera],
@@ -147,7 +147,7 @@ pub(crate) fn report_views(
         notes.warning("not-finite", format!("{broken} samples were not finite and count as black"));
     }
     report_variance(most, views.iter().map(|view| view.beyond).sum(), notes);
-    // A coarse look may miss what is there.
+    // A coarse preview may miss small objects.
     let looks = params.coarse_px == 1 && !params.shadow_only;
     for (camera, view) in cameras.iter().zip(views) {
         if let Some(reached) = &view.reached {
@@ -170,7 +170,7 @@ pub(crate) fn report_views(
     }
 }
 
-/// Tells of a picture that is all black, and why.
+/// Warns of an image that is all black, with the reason.
 fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rules, notes: &mut Notes) {
     let black = |image: &Image<Linear>| {
         image.samples.chunks_exact(image.channels).all(|pixel| pixel[..3].iter().all(|v| *v == 0.0))
@@ -188,8 +188,8 @@ fn report_darkness(view: &FinishedView, name: &str, power: [f64; 3], rules: &Rul
     }
 }
 
-/// Tells where single precision is too coarse for an object, by where it stands: a shadow that starts so far off a
-/// surface has lost what lies nearer.
+/// Warns where single precision is too coarse for an object at its distance: shadows and detail below the ray
+/// offset are lost.
 pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &Objects, notes: &mut Notes) {
     for (index, Aabb { low, high }) in objects.boxes().into_iter().enumerate() {
         let (size, distance) = ((high - low).max_element(), ((low + high) * 0.5).length());
@@ -206,7 +206,7 @@ pub(crate) fn report_coarse_coordinates(prepared: &PreparedScene<'_>, objects: &
     }
 }
 
-/// Tells how the objects stand, and which of them miss the receiver.
+/// Reports how the objects stand, and which of them miss the receiver.
 pub(crate) fn report_standing(
     standing: &Standing,
     (metres_per_unit, contact_metres): (f64, Option<f64>),
@@ -221,7 +221,7 @@ pub(crate) fn report_standing(
     report_sunk(sunk, metres_per_unit, notes);
 }
 
-/// Tells of objects that lie in the receiver and do not stand on it.
+/// Warns of objects partly embedded in a surface that they do not stand on.
 fn report_sunk(sunk: &[Option<Sunk>], metres_per_unit: f64, notes: &mut Notes) {
     for (index, sunk) in sunk.iter().enumerate() {
         let Some(Sunk { share, depth }) = *sunk else { continue };
@@ -234,9 +234,8 @@ fn report_sunk(sunk: &[Option<Sunk>], metres_per_unit: f64, notes: &mut Notes) {
     }
 }
 
-/// Tells how far the mesh misses the bases of objects that stand on it, and of those that do not how far they are off, or how
-/// deep they stand in it. Objects reach so far up from their bases, in world units. Where the user says how far the mesh may be wrong,
-/// what is within that needs no word.
+/// Reports the offset of the mesh from the bases of objects on it, and warns of objects above or below it. `tall`
+/// has the heights of the objects in world units. Offsets within `contact_metres` are not reported.
 fn report_contact(
     measured: &[Option<Level>],
     carried: &[bool],
@@ -244,7 +243,7 @@ fn report_contact(
     (metres_per_unit, contact_metres): (f64, Option<f64>),
     notes: &mut Notes,
 ) {
-    // A tenth is shown, and never less than nothing of one.
+    // Rounded to a tenth, without negative zero.
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let mut on_it = Vec::new();
     for (index, level) in measured.iter().enumerate() {
@@ -263,7 +262,7 @@ fn report_contact(
     }
 }
 
-/// Tells which objects rest on the receiver by a side that is no foot.
+/// Reports objects that rest on the receiver by a side other than the foot.
 fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f64, notes: &mut Notes) {
     let millimetres = |v: f64| (v * metres_per_unit * 1e4).round() / 10.0 + 0.0;
     let named: Vec<String> = sides
@@ -279,7 +278,7 @@ fn report_sides<'a>(sides: impl Iterator<Item = &'a [Level]>, metres_per_unit: f
     }
 }
 
-/// Tells of objects under which the receiver has nothing at all, and why.
+/// Warns of objects without any receiver below them.
 fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Notes) {
     let named: Vec<String> = objects.map(|index| index.to_string()).collect();
     if named.is_empty() {
@@ -302,7 +301,7 @@ fn report_lost(objects: impl Iterator<Item = usize>, why: Lost, notes: &mut Note
     }
 }
 
-/// Tells of an object of some height that the ground over or under its base is far from.
+/// Warns of an object whose base is far from the ground.
 fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64, notes: &mut Notes) {
     if ground > 0.0 && ground < tall {
         let text = format!("object {index} reaches {millimetres:.0} mm into the receiver mesh");
@@ -322,7 +321,7 @@ fn report_off_the_ground(index: usize, ground: f64, tall: f64, millimetres: f64,
     notes.warning("off-the-ground", format!("{text}; {hint}"));
 }
 
-/// Tells where `variance` is not what it should be.
+/// Warns where `variance` is unavailable or out of range.
 fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
     if samples == 1 {
         let text = "variance needs 2 samples: with 1, `variance` is 0, standard errors are not computed and `denoise` does nothing; \
@@ -335,7 +334,7 @@ fn report_variance(samples: u32, beyond: u64, notes: &mut Notes) {
     }
 }
 
-/// Tells that an error that was asked for takes more samples than `samples` says.
+/// Reports that `max_error` needs more samples than `samples`.
 pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     if most > samples {
         let text = format!(
@@ -345,7 +344,7 @@ pub(crate) fn report_first_samples(samples: u32, most: u32, notes: &mut Notes) {
     }
 }
 
-/// Tells how many samples an error that was asked for took.
+/// Reports the samples taken for a target error.
 pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: &mut Notes) {
     let ReachedError { asked, worst, blocks: [all, more, short], samples, .. } = *reached;
     let text = format!(
@@ -357,7 +356,7 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
             "`{view}`: after {most} samples per pixel, {short} of {all} blocks have a standard error above {asked}, up to \
              {worst:.4}"
         );
-        // Errors fall with the root of the samples.
+        // Errors fall with the square root of the samples.
         let ratio = worst / asked;
         let mut hint = match round_up(f64::from(most) * ratio * ratio) {
             needed if needed <= MOST_SAMPLES => format!("set `samples` to about {needed}"),
@@ -370,9 +369,9 @@ pub(crate) fn report_plan(view: &str, reached: &ReachedError, most: u32, notes: 
     }
 }
 
-/// The largest error that may be asked for: see the range of `max_error`.
+/// Maximum of the range of `max_error`.
 const LARGEST_ERROR: f64 = 1.0;
-/// The most samples that may be asked for: see the range of `samples`.
+/// Maximum of the range of `samples`.
 const MOST_SAMPLES: u64 = 1 << 20;
 
 /// A number of samples rounded up to two digits.
@@ -385,7 +384,7 @@ fn round_up(samples: f64) -> u64 {
     samples.div_ceil(step).saturating_mul(step)
 }
 
-/// Tells that paths through objects were too long.
+/// Warns of paths cut by `max_bounces`.
 fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes) {
     if share > 0.01 {
         let text = format!(
@@ -398,7 +397,7 @@ fn report_cut_paths(view: &str, share: f64, max_bounces: u32, notes: &mut Notes)
     }
 }
 
-/// Tells which of several objects no picture shows, where others are seen.
+/// Reports which of several objects no view shows, while others are visible.
 pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     let of = |wanted: Unseen| {
         let found = unseen.iter().enumerate().filter(move |(_, one)| **one == Some(wanted));
@@ -422,12 +421,12 @@ pub(crate) fn report_unseen(unseen: &[Option<Unseen>], notes: &mut Notes) {
     }
 }
 
-/// A share as people read it.
+/// A share for display.
 fn percent(share: f64) -> String {
     if share < 0.01 { "less than 1 %".to_owned() } else { format!("{:.0} %", 100.0 * share) }
 }
 
-/// Tells where objects were not asked what they change.
+/// Reports where objects were cropped.
 fn report_cropped(view: &str, (share, bound): (f64, f64), notes: &mut Notes) {
     if share > 0.0 {
         let text = format!(

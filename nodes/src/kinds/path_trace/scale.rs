@@ -1,5 +1,4 @@
-//! Whether the objects are as large as the place asks and where a camera looks: a wrong `metres_per_unit`, `scale` or frame shows
-//! here first.
+//! Plausibility of sizes and views: a wrong `metres_per_unit`, `scale` or axis shows here first.
 
 use engine::Notes;
 use glam::Vec3;
@@ -7,10 +6,10 @@ use glam::Vec3;
 use crate::render::transport::scene::aabb::Aabb;
 use crate::render::transport::scene::receiver::Receiver;
 
-/// An object this many times larger than the whole receiver does not belong in it.
+/// Ratio of object size to receiver size above which a warning is given.
 const TOO_LARGE: f32 = 2.0;
 
-/// Tells which objects, by the boxes around them, are larger than the receiver.
+/// Warns of objects larger than the receiver, by their bounding boxes.
 pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: f64, notes: &mut Notes) {
     let Some((low, high)) = receiver.bvh.bounds() else { return };
     let place = (high - low).length();
@@ -30,7 +29,7 @@ pub(crate) fn report_size(receiver: &Receiver, boxes: &[Aabb], metres_per_unit: 
     }
 }
 
-/// Why a camera of some eye may see none of the objects, of which these are the boxes.
+/// Why a camera may see none of the objects, by their bounding boxes.
 pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     if let Some(around) = boxes.iter().position(|one| one.holds(eye)) {
         return format!(
@@ -55,7 +54,7 @@ pub(crate) fn why_not_seen(camera: &str, eye: Vec3, boxes: &[Aabb]) -> String {
     format!("`{camera}` sees no object{near}; check that pose, rig and mesh share axes and scale")
 }
 
-/// A length as people read it.
+/// A length for display.
 pub(crate) fn short(length: f32) -> String {
     if (0.01..100_000.0).contains(&length) { format!("{length:.2}") } else { format!("{length:.1e}") }
 }

@@ -8,19 +8,19 @@ use crate::render::transport::scene::block::{LAYERS, MOST_LAYERS};
 /// How the mesh and the panorama together model the place around the objects.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Surroundings {
-    /// See [`Surroundings::CHOICES`].
+    /// Chosen by probe rays from the point of capture.
     Auto,
-    /// See [`Surroundings::CHOICES`].
+    /// As `Auto`, but the panorama is always infinitely far away.
     Distant,
-    /// See [`Surroundings::CHOICES`].
+    /// The panorama is projected from its point of capture onto the mesh, which emits it (near-field light).
     Projected,
-    /// See [`Surroundings::CHOICES`].
+    /// An open scene: the mesh blocks and reflects light, as any solid object.
     Open {
         /// Whether scattered light is reflected by the mesh.
         #[serde(default = "yes")]
         bounces: bool,
     },
-    /// See [`Surroundings::CHOICES`].
+    /// A closed room: light enters through front faces and is blocked by back faces.
     Room {
         /// Number of front faces after which a ray counts as outside, 1 to [`MOST_LAYERS`].
         #[serde(default = "layers")]
@@ -29,13 +29,13 @@ pub enum Surroundings {
         #[serde(default)]
         bounces: bool,
     },
-    /// See [`Surroundings::CHOICES`].
+    /// The mesh does not block the light of the panorama.
     Transparent {
         /// Whether scattered light is reflected by the mesh.
         #[serde(default)]
         bounces: bool,
     },
-    /// See [`Surroundings::CHOICES`].
+    /// Only mesh within a distance of the point of capture blocks the light of the panorama.
     Within {
         /// Distance from the point of capture in metres, at least 0.
         metres: f64,
@@ -43,7 +43,7 @@ pub enum Surroundings {
         #[serde(default)]
         bounces: bool,
     },
-    /// See [`Surroundings::CHOICES`].
+    /// Visibility as printed in the paper, for comparison.
     Paper,
 }
 
